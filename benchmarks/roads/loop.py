@@ -12,7 +12,6 @@ from benchmarks.common.parts import part
 from benchmarks.roads.coarse import coarse_starts
 from benchmarks.roads.row import Outcome, outcome_of_log, outcome_of_samples
 from contract.arrays import Array
-from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.controller.interface import FORCES, TERMS, Controller, ControlStep, RunnableController
 from contract.release.bundle import Bundle
@@ -139,19 +138,17 @@ def through_can(
     config: Config,
     start: State,
     controller: RunnableController | None = None,
-    weights: CostWeights | None = None,
     spans: Spans = SPANS,
 ) -> Outcome:
     """A run as `stillwake run` makes it, from that flow.
 
     Args:
         controller: in place of the bundle's own.
-        weights: in place of the bundle's.
     """
     wake = TruckWake(config.flow, body=config.body)
     wake.reset(start)
     fitting = replace(config, mpc=bundle.manifest.mpc)
-    return outcome_of_log(simulate(bundle, fitting, spans=spans, wake=wake, controller=controller, weights=weights))
+    return outcome_of_log(simulate(bundle, fitting, spans=spans, wake=wake, controller=controller))
 
 
 class SteppedPlant(Protocol):

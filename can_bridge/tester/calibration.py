@@ -1,15 +1,14 @@
 """Calibrating an ECU by diagnosis, as steps over an open client: read, change, read back, store."""
 
-import struct
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.tester.asking import Asking
 from can_bridge.tester.messages import NotNowError, RefusedError
 from can_bridge.uds.services import Did, Nrc, Session
-from contract.controller.calibration import NAMES, PACKED_BYTES, WEIGHTS, Calibration, CalibrationLimits
+from contract.controller.calibration import NAMES, PACKED_BYTES, Calibration, CalibrationLimits
 from contract.errors import ConfigError, FlashError
 
 _STORE: Final = b"\x01"
@@ -70,9 +69,9 @@ def changed(found: Calibrated, values: Mapping[str, float]) -> Calibration:
             raise ConfigError(f"calibration: {name!r} is none of {', '.join(NAMES)}")
         if name == "delay_steps" and not value.is_integer():
             raise ConfigError(f"calibration: delay_steps = {value:g}: must be a whole number of control periods")
-    wanted = Calibration.of([values.get(name, now) for name, now in zip(NAMES, found.in_force.values, strict=True)])
-    found.limits.check(wanted)
-    return wanted
+    wanted = [values.get(name, now) for name, now in zip(NAMES, found.in_force.values, strict=True)]
+    found.limits.check_values(wanted)
+    return Calibration.of(wanted)
 
 
 def unlock(asking: Asking) -> None:

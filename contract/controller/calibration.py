@@ -33,6 +33,12 @@ def as_float32(value: float) -> float:
         return float(str(np.float32(value)))
 
 
+def _kept(name: str, value: float) -> float:
+    if not isfinite(rounded := as_float32(value)):
+        raise ConfigError(f"calibration: {name} = {value:g}: must be a finite float32")
+    return rounded
+
+
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
     """One set of values, each of them a float32 from here on, as over the bus, in C and in the controller's input.
@@ -56,11 +62,7 @@ class Calibration:
     delay_steps: int
 
     def __post_init__(self) -> None:
-        given = dict(zip(NAMES[:-1], self.values, strict=False))
-        rounded = {name: as_float32(value) for name, value in given.items()}
-        for name, value in rounded.items():
-            if not isfinite(value):
-                raise ConfigError(f"calibration: {name} = {given[name]:g}: must be a finite float32")
+        rounded = {name: _kept(name, value) for name, value in zip(NAMES[:-1], self.values, strict=False)}
         if not 0 <= self.delay_steps <= _MOST_STEPS:
             raise ConfigError(f"calibration: delay_steps = {self.delay_steps}: must be in 0..{_MOST_STEPS}")
         object.__setattr__(self, "weights", CostWeights(**{name: rounded[name] for name in WEIGHTS}))
@@ -75,12 +77,13 @@ class Calibration:
     @classmethod
     def of(cls, values: Sequence[float]) -> "Calibration":
         """Of `values`; raises ConfigError for one that has no place in its 4 bytes."""
-        *weights, action_limit, command_step, delay_steps = values
+        # A weight that is no number is refused under its name here, before `CostWeights` sees it.
+        *weights, action_limit, command_step = map(_kept, NAMES, values[:-1])
         return cls(
             weights=CostWeights(**dict(zip(WEIGHTS, weights, strict=True))),
             action_limit=action_limit,
             command_step=command_step,
-            delay_steps=int(delay_steps),
+            delay_steps=int(values[-1]),
         )
 
     def pack(self) -> bytes:
@@ -104,7 +107,11 @@ class CalibrationLimits:
 
     def check(self, calibration: Calibration) -> None:
         """Raises ConfigError for a value that is out of range; the message names it and the range."""
-        rows = zip(NAMES, calibration.values, self.least.values, self.greatest.values, strict=True)
+        self.check_values(calibration.values)
+
+    def check_values(self, values: Sequence[float]) -> None:
+        """The same for what is to become a calibration, in the order of `NAMES`."""
+        rows = zip(NAMES, values, self.least.values, self.greatest.values, strict=True)
         for name, value, least, greatest in rows:
             if not least <= value <= greatest:
                 raise ConfigError(f"calibration: {name} = {value:g}: must be in {least:g}..{greatest:g}")

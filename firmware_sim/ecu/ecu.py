@@ -31,7 +31,7 @@ from firmware_sim.ecu.calibrating import limits_of, release_calibration, with_ca
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.fit import check_vehicle
-from firmware_sim.ecu.other_ecu import is_of_another_ecu
+from firmware_sim.ecu.other_ecu import heard_of_another_ecu
 from firmware_sim.ecu.pressure_reception import PressureReception
 from firmware_sim.ecu.sensor_check import SensorCheck, SensorCheckState
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode, PeriodInputs
@@ -224,6 +224,8 @@ class Ecu:
         """The same from any state, without keeping it: a function of its arguments if the controller is one."""
         config = self._config.ecu
         timing = state.timing.next(now_ns, self._period_ns, config)
+        heard = heard_of_another_ecu(frames, self._messages, self._key)
+        other_ecu = state.other_ecu.next(heard, timing.step_ns or 0)
         received = self._reception.of(frames, now_ns, verifier=state.verifier, receiver=state.pressures)
         usable = received.cp is not None
         pressure_ns = received.sampled_ns if usable else state.pressure_ns
@@ -235,7 +237,7 @@ class Ecu:
             enable_request=received.enable_request,
             unusable_because=received.unusable_because,
             window_full=memory.is_full,
-            fault=timing.fault or _bus_fault(state.health, health) or self._other_ecu(frames) or sensor_fault or fault,
+            fault=timing.fault or _bus_fault(state.health, health) or other_ecu.fault or sensor_fault or fault,
             updating=updating,
         )
         fail_safe = state.fail_safe.next(inputs, config)
@@ -266,6 +268,7 @@ class Ecu:
             missed=state.missed + (not usable),
             sensors=sensors,
             health=health,
+            other_ecu=other_ecu,
             verifier=received.verifier,
             freshness=state.freshness.next(),
         )
@@ -339,11 +342,6 @@ class Ecu:
             )
             for sender, spec, data in messages
         ]
-
-    def _other_ecu(self, frames: Sequence[Frame]) -> Reason | None:
-        """OTHER_ECU if one is on the bus."""
-        heard = any(is_of_another_ecu(frame, self._messages, self._key) for frame in frames)
-        return Reason.OTHER_ECU if heard else None
 
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
         """What to do in a period of this mode, with this period's row in the memory."""

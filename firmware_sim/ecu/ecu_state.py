@@ -14,6 +14,7 @@ from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.receiver import VerifierState
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus
 from firmware_sim.ecu.controller_memory import ControllerMemory
+from firmware_sim.ecu.other_ecu import OtherEcu
 from firmware_sim.ecu.sensor_check import SensorCheckState
 from firmware_sim.ecu.state_machine import FailSafe
 from firmware_sim.ecu.timing import Timing
@@ -36,6 +37,7 @@ class EcuState:
         health: of the CAN controller, as of the latest step.
         verifier: what authentication refused of the Pressure message, and accepted last.
         freshness: of the next JetCommand and the next EcuStatus.
+        other_ecu: whether another ECU is on the bus.
         sensors: whether the pressures are to be believed.
     """
 
@@ -51,6 +53,7 @@ class EcuState:
     missed: int
     sensors: SensorCheckState
     health: BusHealth = HEALTHY
+    other_ecu: OtherEcu = field(default_factory=OtherEcu)
     verifier: VerifierState = field(default_factory=VerifierState)
     freshness: Freshness = field(default_factory=Freshness)
 

@@ -1,14 +1,53 @@
 """Frames that only another ECU can have sent: a node does not hear its own.
 
-Two ECUs on one bus would take turns in driving the jets. With a key the frame must be authentic, so that a forgery does
-not shut the jets; an old frame of ours that somebody repeats does.
+Two ECUs on one bus would take turns in driving the jets, so both keep them shut until the other one has been silent for
+a while. With a key the frame must be authentic, so that a forgery does not shut the jets; an old frame of ours that
+is repeated does.
 """
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
 
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.securing import verify
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import MessageSet
+from can_bridge.wire.messages import Reason
+
+SILENCE_NS: Final = 1_000_000_000
+"""Without its frames after which another ECU counts as gone."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OtherEcu:
+    """After a control period.
+
+    Attributes:
+        frames: of another ECU so far.
+        until_ns: until when it counts as there; None if there is none.
+    """
+
+    frames: int = 0
+    until_ns: int | None = None
+
+    @property
+    def fault(self) -> Reason | None:
+        """For which the ECU must switch itself off."""
+        return None if self.until_ns is None else Reason.OTHER_ECU
+
+    def next(self, heard: int, step_ns: int) -> "OtherEcu":
+        """After a step in which so many of its frames were heard."""
+        if heard:
+            return OtherEcu(frames=self.frames + heard, until_ns=step_ns + SILENCE_NS)
+        is_gone = self.until_ns is not None and step_ns > self.until_ns
+        return replace(self, until_ns=None) if is_gone else self
+
+
+def heard_of_another_ecu(frames: Sequence[Frame], messages: MessageSet, key: Key | None) -> int:
+    """How many of the frames received are another ECU's."""
+    return sum(is_of_another_ecu(frame, messages, key) for frame in frames)
 
 
 def is_of_another_ecu(frame: Frame, messages: MessageSet, key: Key | None) -> bool:

@@ -6,7 +6,7 @@ cffi in its ABI mode: the functions and structs are read from the library's head
 
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -14,10 +14,10 @@ from typing import Any, Final
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus, Reason
-from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.controller.c_folder import library_sources, read_sources
-from contract.errors import LibraryError
+from contract.controller.calibration import NAMES, Calibration
+from contract.errors import ConfigError, LibraryError
 from contract.release.bundle import Bundle
 from firmware_sim.ecu.ecu import Trace
 from firmware_sim.ecu.ecu_state import EcuState
@@ -42,14 +42,15 @@ class CEcuState:
         structs: of its library.
         ecu: pointer to its `sw_ecu`, or to a mirror of it.
         bundle_hash: that its status carries.
+        calibrate: has `sw_ecu_calibrate` run with an `sw_calibration`; what it returns.
 
     Attributes:
         structs: as given.
     """
 
-    def __init__(self, structs: Structs, ecu: Any, bundle_hash: int) -> None:
+    def __init__(self, structs: Structs, ecu: Any, bundle_hash: int, calibrate: Callable[[bytes], int]) -> None:
         self.structs = structs
-        self._ecu, self._bundle_hash = ecu, bundle_hash
+        self._ecu, self._bundle_hash, self._calibrate = ecu, bundle_hash, calibrate
 
     @property
     def state(self) -> EcuState:
@@ -70,24 +71,40 @@ class CEcuState:
         """Health counters as of the latest step."""
         return self.state.status(self._bundle_hash)
 
-    def weigh(self, weights: CostWeights) -> None:
-        """Have other weights of the cost from the next step on."""
-        self._ecu.weights = list(weights.as_tuple())
+    @property
+    def calibration(self) -> Calibration:
+        """The values in force."""
+        return Calibration.unpack(bytes(self.structs.ffi.buffer(self.structs.ffi.addressof(self._ecu.calibration))))
+
+    def calibrate(self, calibration: Calibration) -> None:
+        """As `Ecu.calibrate`; C judges."""
+        if (number := self._calibrate(calibration.pack())) != 0:
+            name, value = NAMES[number - 1], calibration.values[number - 1]
+            raise ConfigError(f"calibration: {name} = {value:g}: out of the limits of this release and vehicle")
 
     def saved(self) -> bytes:
         """The state as it stands in memory."""
         return bytes(self.structs.ffi.buffer(self.structs.ffi.addressof(self._ecu.state)))
 
     def restore(self, state: EcuState | bytes) -> None:
-        """Go on from a state: one that was `saved`, or one of any ECU of the same release and settings."""
-        ffi, place = self.structs.ffi, self.structs.ffi.addressof(self._ecu.state)
+        """Go on from a state: one that was `saved`, or one of any ECU of the same release, settings and calibration.
+
+        Raises:
+            ValueError: if the state is of another delay.
+        """
+        ffi, place = self.structs.ffi, self.structs.ffi.new("sw_ecu_state *")
         if isinstance(state, bytes):
             ffi.buffer(place)[:] = state
         else:
             self.structs.set_state(place, state)
-        memory = self._ecu.state.memory
+        if (frozen := place.memory.frozen) != self._ecu.state.memory.frozen:
+            raise ValueError(
+                f"state with {frozen} frozen actions: this ECU has {self._ecu.state.memory.frozen}; give both the same "
+                "calibration"
+            )
+        self._ecu.state = place[0]
         ffi.buffer(ffi.addressof(self._ecu.trace))[:] = bytes(ffi.sizeof("sw_trace"))
-        self._ecu.trace.action = memory.under_way[len(memory.under_way) - 1]
+        self._ecu.trace.action = self._ecu.state.memory.under_way[frozen]
 
 
 class CEcu(CEcuState):
@@ -98,7 +115,6 @@ class CEcu(CEcuState):
             beside them, are for the caller to put in: a stub controller, a fault that is planted.
         compiler: command that compiles C; the one found here if None.
         flags: of the compiler.
-        weights: of the cost, in place of the release's.
         library: a file to keep the compiled library in; a temporary one if None.
 
     Attributes:
@@ -114,7 +130,6 @@ class CEcu(CEcuState):
         *,
         compiler: Sequence[str] | None = None,
         flags: Sequence[str] = EXACT,
-        weights: CostWeights | None = None,
         library: Path | None = None,
     ) -> None:
         command = host_compiler() if compiler is None else list(compiler)
@@ -127,7 +142,7 @@ class CEcu(CEcuState):
                 sizes = self._library.sw_ecu_state_bytes(), self._library.sw_ecu_bytes()
                 self._run = self._library.sw_ecu_step
             except (OSError, AttributeError) as error:
-                raise LibraryError(f"the compiled library does not load: {_why(error)}; export it anew") from error
+                raise LibraryError(f"the compiled library does not load: {_why(error)}; export it again") from error
         expected = structs.size("sw_ecu_state")
         if sizes[0] != expected:
             raise LibraryError(f"sw_ecu_state has {sizes[0]} bytes in the library, and {expected} by its header")
@@ -135,11 +150,14 @@ class CEcu(CEcuState):
         ffi = structs.ffi
         self._room = ffi.new("char[]", sizes[1] + _ALIGNMENT)
         start = -int(ffi.cast("uintptr_t", self._room)) % _ALIGNMENT
-        super().__init__(structs, ffi.cast("sw_ecu *", self._room + start), bundle_hash)
+        ecu = ffi.cast("sw_ecu *", self._room + start)
+        self._library.sw_ecu_init(ecu)
+
+        def calibrate(packed: bytes) -> int:
+            return int(self._library.sw_ecu_calibrate(ecu, ffi.from_buffer("sw_calibration *", packed)))
+
+        super().__init__(structs, ecu, bundle_hash, calibrate)
         self._answers = ffi.new("sw_frame[2]")
-        self._library.sw_ecu_init(self._ecu)
-        if weights is not None:
-            self.weigh(weights)
         self.restore(self.saved())
 
     @property

@@ -23,10 +23,13 @@ from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, Mo
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller.c_folder import ECU_SETTINGS
+from contract.controller.calibration import Calibration
 from contract.errors import ConfigError, LibraryError
 from contract.release.bundle import Bundle
 from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS
+from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.fit import check_vehicle
+from firmware_sim.ecu.other_ecu import SILENCE_NS
 from firmware_sim.ecu.sensor_check import MOVING, NOISE_ALLOWED, SCORE_PERIODS
 from firmware_sim.ecu.timing import LATEST_NS
 
@@ -43,7 +46,6 @@ _MOST: Final = {
     "ecu.sensor_check.flat_periods": 2**29,
 }
 """Most periods that the C ECU's state has room for; those that are added have room in an int together."""
-_MOST_FROZEN: Final = 15
 _LONGEST_PERIOD_NS: Final = 2**53
 """Times up to it are exact in double, so that the command gate's share of a period is the same in both languages."""
 
@@ -75,9 +77,6 @@ def _check(config: Config) -> None:
             raise ConfigError(f"{name} = {value}: the ECU in C takes at most {most}")
     if config.period_ns > _LONGEST_PERIOD_NS:
         raise ConfigError(f"a control period of {config.period_ns} ns: the ECU in C takes at most {_LONGEST_PERIOD_NS}")
-    if config.ecu.frozen_actions > _MOST_FROZEN:
-        most = _MOST_FROZEN - config.ecu.plan_ahead
-        raise ConfigError(f"ecu.delay_steps = {config.ecu.delay_steps}: the ECU in C takes at most {most}")
     held_ns = GateLimits.from_config(config).held_age_ns
     if held_ns > LATEST_NS:
         raise ConfigError(
@@ -91,6 +90,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
     estimator = manifest.sensor_estimator if check.enabled else None
     if check.enabled and estimator is None:
         raise LibraryError("the release has no sensor estimator: set ecu.sensor_check.enabled=false")
+    calibration_limits = limits_of(bundle, config)
     specs = {"PRESSURE": messages.pressure.spec, "COMMAND": messages.command.spec, "STATUS": messages.status.spec}
     found: dict[str, int | float | str] = {}
     for name, spec in specs.items():
@@ -117,7 +117,9 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         **{f"SW_MODE_{item.name}": item.value for item in Mode},
         **{f"SW_REASON_{item.name}": item.value for item in Reason},
         "SW_BUNDLE_HASH": f"UINT32_C({bundle.short_hash:#010x})",
-        "SW_COST_WEIGHTS": _floats(np.array(manifest.mpc.weights.as_tuple())),
+        "SW_CALIBRATION": _calibration(release_calibration(bundle, config)),
+        "SW_LEAST_CALIBRATION": _calibration(calibration_limits.least),
+        "SW_GREATEST_CALIBRATION": _calibration(calibration_limits.greatest),
         "SW_E2E_MAX_DELTA": e2e.max_delta,
         "SW_E2E_WINDOW": e2e.window,
         "SW_E2E_MIN_OK": e2e.min_ok,
@@ -132,7 +134,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         "SW_DEADLINE_MISSES": ecu.deadline_misses,
         "SW_DEADLINE_WINDOW": ecu.deadline_window,
         "SW_PLAN_AHEAD": int(ecu.plan_ahead),
-        "SW_FROZEN_ACTIONS": ecu.frozen_actions,
+        "SW_SILENCE_NS": f"INT64_C({SILENCE_NS})",
         "SW_FLOW_SCALE": config.operating_point.flow_rate_scale,
         "SW_DYNAMIC_PRESSURE": config.operating_point.dynamic_pressure,
         "SW_GATE_FLOW": limits.flow_m2_per_s,
@@ -166,8 +168,12 @@ def _literal(value: int | float | str) -> str:
     return repr(value) if isinstance(value, float) else str(value)
 
 
-def _floats(values: Array) -> str:
-    return "{" + ", ".join(f"{np.format_float_scientific(np.float32(value), trim='0')}f" for value in values) + "}"
+def _calibration(values: Calibration) -> str:
+    """Initialises an `sw_calibration`."""
+    *weights, action_limit, command_step = (
+        f"{np.format_float_scientific(np.float32(value), trim='0')}f" for value in values.values[:-1]
+    )
+    return f"{{{{{', '.join(weights)}}}, {action_limit}, {command_step}, {values.delay_steps}u}}"
 
 
 def _rows(table: Array) -> str:

@@ -26,6 +26,7 @@ from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.delay_line import DelayLine
 from firmware_sim.ecu.ecu import Trace
 from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.other_ecu import OtherEcu
 from firmware_sim.ecu.sensor_check import SensorCheckState
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode
 from firmware_sim.ecu.timing import Timing
@@ -124,7 +125,7 @@ class Structs:
                 rows=memory.rows,
                 gap=memory.gap,
                 plan=self._array(memory.plan, np.float32),
-                under_way=DelayLine(tuple(memory.under_way)),
+                under_way=DelayLine(tuple(memory.under_way)[: memory.frozen + 1]),
             ),
             fail_safe=FailSafe(
                 mode=_MODES[fail_safe.mode],
@@ -148,6 +149,10 @@ class Structs:
                 off_time=timing.off_time,
                 skipped=timing.skipped,
                 fault=Reason(timing.fault) or None,
+            ),
+            other_ecu=OtherEcu(
+                frames=state.other_ecu.frames,
+                until_ns=state.other_ecu.until_ns if state.other_ecu.is_there else None,
             ),
             pressure_ns=state.pressure_ns if state.has_pressures else None,
             pressure_counter=state.pressure_counter if state.has_pressures else None,
@@ -194,6 +199,9 @@ class Structs:
         timing.has_step, timing.step_ns = timed.step_ns is not None, _time(timed.step_ns or 0)
         timing.fault = Reason.NONE if timed.fault is None else timed.fault
         timing.off_time, timing.lag_ns, timing.skipped = timed.off_time, _time(timed.lag_ns), _time(timed.skipped)
+        other, heard = state.other_ecu, value.other_ecu
+        other.is_there, other.frames = heard.until_ns is not None, _count(heard.frames)
+        other.until_ns = _time(heard.until_ns or 0)
         state.command_counter, state.status_counter = value.commands.counter, value.statuses.counter
         state.has_pressures = value.pressure_ns is not None
         state.pressure_counter, state.pressure_ns = value.pressure_counter or 0, _time(value.pressure_ns or 0)
@@ -204,7 +212,7 @@ class Structs:
         memory.rows, memory.gap = value.rows, _count(value.gap)
         self._copy(memory.window, value.window)
         self._copy(memory.plan, value.plan.astype(np.float32))
-        memory.under_way = list(value.under_way.values)
+        memory.frozen, memory.under_way = len(value.under_way.pending), list(value.under_way.values)
 
     def _set_sensors(self, sensors: Any, value: SensorCheckState) -> None:
         sensors.set_aside = -1 if value.set_aside is None else value.set_aside
@@ -275,7 +283,7 @@ def as_c_has_it(state: EcuState) -> dict[str, Any]:
 
 
 _COUNTED: Final = (
-    "memory.gap", "fail_safe.misses", "fail_safe.good", "overruns", "missed", "sensors.doubt",
+    "memory.gap", "other_ecu.frames", "fail_safe.misses", "fail_safe.good", "overruns", "missed", "sensors.doubt",
     "health.tx_errors", "health.rx_errors", "health.bus_off",
 )  # fmt: skip
 

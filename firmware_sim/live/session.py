@@ -289,9 +289,7 @@ class LiveSession:
             bundle=self._bundle,
             config=self._config,
             wake=wake,
-            ecu=self._ecus.powered_on(
-                CONTROLLERS[0] if is_off else settings.controller, self._calibration(settings)
-            ),
+            ecu=self._ecus.powered_on(CONTROLLERS[0] if is_off else settings.controller, self._calibration(settings)),
             seed=self._seed,
             lead_in=self._lead_in,
             kept=self._kept,

@@ -11,9 +11,7 @@ from typing import Final
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Reason
-from contract.config.controller import CostWeights
 from contract.errors import McuError
-from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.in_c.c_ecu import CEcuState, bundle_hash_of
 from firmware_sim.in_c.c_structs import Structs, c_time
 from firmware_sim.in_c.compiler import zig_compiler
@@ -30,7 +28,6 @@ class McuEcu(CEcuState):
     Args:
         sources: the library's files by name, `sw_ecu_settings.h` among them.
         clock_mhz: of the core.
-        weights: of the cost, in place of the release's.
 
     Attributes:
         description: what computes the step, for people.
@@ -41,23 +38,19 @@ class McuEcu(CEcuState):
         McuError: it does not compile, or the compiler is missing.
     """
 
-    def __init__(
-        self, sources: Mapping[str, bytes], *, clock_mhz: float = CLOCK_MHZ, weights: CostWeights | None = None
-    ) -> None:
+    def __init__(self, sources: Mapping[str, bytes], *, clock_mhz: float = CLOCK_MHZ) -> None:
         compiler = zig_compiler()
         if compiler is None:
             raise McuError(MISSING)
         structs = Structs(sources, compiler)
         ecu = structs.ffi.new("sw_ecu *")
-        super().__init__(structs, ecu, bundle_hash_of(sources))
+        super().__init__(structs, ecu, bundle_hash_of(sources), self._calibrated)
         self._clock_mhz = clock_mhz
         self._frame_bytes = structs.size("sw_frame")
         self._machine = Machine(read_elf(compile_for_cortex_m7(sources, main=ECU)))
         self._counter = self._machine.block_counter()
         self._machine.call("mcu_reset")
         self._load()
-        if weights is not None:
-            self.weigh(weights)
         self.instructions = self.cycles = 0
         self.description = f"emulated Cortex-M7 at {clock_mhz:g} MHz"
         self.restore(self.saved())
@@ -74,11 +67,6 @@ class McuEcu(CEcuState):
     def stack_depth(self) -> int:
         """Bytes of the core's stack that were touched since then."""
         return self._machine.stack_depth()
-
-    def restore(self, state: EcuState | bytes) -> None:
-        """As `CEcuState.restore`."""
-        super().restore(state)
-        self._store()
 
     def step(
         self,
@@ -111,6 +99,14 @@ class McuEcu(CEcuState):
         if count > 0:
             answers = ffi.from_buffer("sw_frame[]", machine.read("mcu_frames_out", count * self._frame_bytes))
         return [self.structs.frame(answers[i]) for i in range(count)]
+
+    def _calibrated(self, packed: bytes) -> int:
+        """What the core answers to an `sw_calibration`."""
+        self._store()
+        self._machine.write("mcu_calibration", packed)
+        answer = self._machine.call("mcu_ecu_calibrate")
+        self._load()
+        return answer
 
     def _load(self) -> None:
         """The core's memory, but for the workspace, into the mirror of it."""

@@ -1,7 +1,7 @@
 """`stillwake ecu`: the ECU on a real bus, and what belongs to one that can be flashed."""
 
 import sys
-from dataclasses import fields, replace
+from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal

@@ -8,9 +8,8 @@ import gc
 import resource
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Protocol
+from typing import Final
 
-from can_bridge.bus.interface import BusHealth
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
@@ -20,65 +19,22 @@ from contract.errors import ConfigError
 from firmware_sim.ecu.daemon.connection import Back, Connection, Lost
 from firmware_sim.ecu.daemon.counters import Counters
 from firmware_sim.ecu.daemon.reception import Reception
-from firmware_sim.ecu.ecu import Trace
-from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.other_ecu import OtherEcu
 from firmware_sim.ecu.real_time import clock
 from firmware_sim.ecu.real_time.deadlines import Arrivals, Deadlines
 from firmware_sim.ecu.real_time.stage_times import NOTHING, EcuStage, StageTimes
+from firmware_sim.ecu.real_time.timed_controller import PlanTimes
 from firmware_sim.ecu.state_machine import FailSafe
+from firmware_sim.ecu.stepped import SteppedEcu
 
 GRACE: Final = 4
 """A step is still begun late by up to a period divided by this; a later one is left out."""
 SHUT_FRAMES: Final = 3
 """Periods in which the jets are shut on the bus at the end: one frame may be lost, and another."""
-OTHER_ECU_S: Final = 1.0
-"""Without its commands after which another ECU counts as gone."""
 _PASSING: Final = (Mode.HOLD, Mode.DECAY)
 """Modes too short-lived for a line."""
 
 Tell = Callable[..., None]
-
-
-class SteppedInTime(Protocol):
-    """The control: `firmware_sim.ecu.ecu.Ecu`, or the one of an ECU that can be flashed."""
-
-    @property
-    def state(self) -> EcuState:
-        """After the latest step."""
-        ...
-
-    @property
-    def trace(self) -> Trace:
-        """Of the latest step."""
-        ...
-
-    def restore(self, state: EcuState) -> None:
-        """Go on from a state."""
-        ...
-
-    def step(
-        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ..., *, fault: Reason | None = None
-    ) -> list[Frame]:
-        """One control period."""
-        ...
-
-
-class PlanTimes(Protocol):
-    """When the latest plan was made: `firmware_sim.ecu.real_time.timed_controller.TimedController`."""
-
-    @property
-    def began_ns(self) -> int:
-        """0 where there was none."""
-        ...
-
-    @property
-    def ended_ns(self) -> int:
-        """0 where there was none."""
-        ...
-
-    def forget(self) -> None:
-        """Before a period in which there may be none."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +50,7 @@ class ControlLoop:
 
     Args:
         ecu: steps.
-        controller: tells when it planned.
+        times: when it planned.
         connection: open.
         reception: filled by the connection.
         config: of the ECU.
@@ -112,8 +68,8 @@ class ControlLoop:
 
     def __init__(
         self,
-        ecu: SteppedInTime,
-        controller: PlanTimes,
+        ecu: SteppedEcu,
+        times: PlanTimes,
         connection: Connection,
         reception: Reception,
         config: Config,
@@ -123,7 +79,7 @@ class ControlLoop:
         stage_times: StageTimes | None = None,
         real_time: RealTime = RealTime(),
     ) -> None:
-        self._ecu, self._controller, self._connection, self._reception = ecu, controller, connection, reception
+        self._ecu, self._times, self._connection, self._reception = ecu, times, connection, reception
         self._tell, self._after_step, self._stages, self._clock = tell, after_step, stage_times, real_time
         self._pressure = message_set(config.bus).pressure.spec
         self._offset_ns = check_offset(config)
@@ -132,7 +88,6 @@ class ControlLoop:
             period_ns=period_ns, due_ns=real_time.now_ns() + period_ns, grace_ns=period_ns // GRACE
         )
         self._arrivals = Arrivals(period_ns=period_ns)
-        self._other_until_ns: int | None = None
         self._told: tuple[Mode, Reason] | None = None
         self._usage = _usage()
         self.counters = Counters(state=ecu.state)
@@ -148,23 +103,23 @@ class ControlLoop:
         self._clock.sleep_until(due_ns)
         woke_ns = self._clock.now_ns()
         self._look_at_bus()
-        frames, foreign = self._reception.take()
-        fault = self._other_ecu(woke_ns, foreign)
-        missed_before = self._ecu.state.missed
-        self._controller.forget()
+        pressures, others = self._reception.take()
+        before = self._ecu.state
+        self._times.forget()
         began_ns = self._clock.now_ns()
-        answers = self._ecu.step(began_ns, frames, self._connection.health(), fault=fault)
+        answers = self._ecu.step(began_ns, others + pressures, self._connection.health())
         ended_ns = self._clock.now_ns()
         sent = self._connection.send(answers)
         sent_ns = self._clock.now_ns()
         if self._stages is not None:
-            self._note(self._stages, frames, due_ns, woke_ns, began_ns, ended_ns, sent_ns if sent else 0)
-        if self._ecu.state.missed == missed_before:
+            self._note(self._stages, pressures, due_ns, woke_ns, began_ns, ended_ns, sent_ns if sent else 0)
+        if self._ecu.state.missed == before.missed:
             # Only what was used leads the deadlines: a stranger's frames do not draw them away.
-            counters = [self._counter(frame) for frame in frames]
+            counters = [self._counter(frame) for frame in pressures]
             if (used := self._ecu.state.pressure_counter) in counters:
-                self._arrivals = self._arrivals.seen(frames[counters.index(used)].timestamp_ns)
+                self._arrivals = self._arrivals.seen(pressures[counters.index(used)].timestamp_ns)
         self._count(due_ns, woke_ns, sent_ns)
+        self._tell_other_ecu(before.other_ecu)
         self._tell_mode()
         self._after_step(sent_ns, self.counters)
         self._deadlines = self._deadlines.after(self._clock.now_ns())
@@ -187,20 +142,16 @@ class ControlLoop:
                 self._arrivals = self._arrivals.forgotten()
                 self._tell(
                     "bus_back",
-                    f"bus back after {after_s:.1f} s; control needs the enable request raised anew",
+                    f"bus back after {after_s:.1f} s; control needs the enable request raised again",
                     after_s=after_s,
                 )
 
-    def _other_ecu(self, now_ns: int, foreign: int) -> Reason | None:
-        """OTHER_ECU while another ECU commands on this bus: chance would say whose command the jets follow."""
-        if foreign:
-            if self._other_until_ns is None:
-                self._tell("other_ecu", "another ECU is on this bus: jets shut", frames=foreign)
-            self._other_until_ns = now_ns + round(OTHER_ECU_S * 1e9)
-        elif self._other_until_ns is not None and now_ns > self._other_until_ns:
-            self._other_until_ns = None
-            self._tell("other_ecu_gone", "the other ECU is silent; control needs the enable request raised anew")
-        return None if self._other_until_ns is None else Reason.OTHER_ECU
+    def _tell_other_ecu(self, before: OtherEcu) -> None:
+        now = self._ecu.state.other_ecu
+        if before.fault is None and now.fault is not None:
+            self._tell("other_ecu", "another ECU is on this bus: jets shut", frames=now.frames - before.frames)
+        elif before.fault is not None and now.fault is None:
+            self._tell("other_ecu_gone", "the other ECU is silent; control needs the enable request raised again")
 
     def _tell_mode(self) -> None:
         state = self._ecu.state.fail_safe
@@ -221,7 +172,7 @@ class ControlLoop:
             dropped=self._reception.dropped,
             not_sent=self._connection.not_sent,
             losses=self._connection.losses,
-            other_ecu=self._reception.foreign,
+            other_ecu=self._ecu.state.other_ecu.frames,
             action=self._ecu.trace.action,
             busy_ns=before.busy_ns + sent_ns - woke_ns,
             longest_ns=max(before.longest_ns, sent_ns - woke_ns),
@@ -256,8 +207,8 @@ class ControlLoop:
             (EcuStage.PRESSURE_COUNTER, NOTHING if newest is None else self._counter(newest)),
             (EcuStage.FRAME_ARRIVED, 0 if newest is None else newest.timestamp_ns),
             (EcuStage.STEP_BEGAN, began_ns),
-            (EcuStage.PLAN_BEGAN, self._controller.began_ns),
-            (EcuStage.PLAN_ENDED, self._controller.ended_ns),
+            (EcuStage.PLAN_BEGAN, self._times.began_ns),
+            (EcuStage.PLAN_ENDED, self._times.ended_ns),
             (EcuStage.STEP_ENDED, ended_ns),
             (EcuStage.SENT, sent_ns),
             (EcuStage.COLLECTIONS, since[0]),

@@ -8,22 +8,22 @@ from functools import partial
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.secoc.freshness_store import FreshnessStore
-from can_bridge.secoc.key import Key
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from contract.atomic import check_writable
 from contract.config.tree import Config
 from firmware_sim.ecu.daemon.connection import Connection
-from firmware_sim.ecu.daemon.control_loop import ControlLoop, PlanTimes, RealTime, SteppedInTime, check_offset
+from firmware_sim.ecu.daemon.control_loop import ControlLoop, RealTime, check_offset
 from firmware_sim.ecu.daemon.counters import Counters
 from firmware_sim.ecu.daemon.options import Options
 from firmware_sim.ecu.daemon.reception import Reception
 from firmware_sim.ecu.daemon.reporter import Reporter
 from firmware_sim.ecu.daemon.systemd import Notifier
-from firmware_sim.ecu.other_ecu import is_of_another_ecu
 from firmware_sim.ecu.real_time import clock
 from firmware_sim.ecu.real_time.privileges import in_words, taken
 from firmware_sim.ecu.real_time.stage_times import LONGEST, EcuStage, StageTimes
+from firmware_sim.ecu.real_time.timed_controller import PlanTimes
+from firmware_sim.ecu.stepped import SteppedEcu
 
 Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
 
@@ -42,7 +42,7 @@ class Served:
         beside: runs while the bus is open, beside the control.
     """
 
-    ecu: SteppedInTime
+    ecu: SteppedEcu
     times: PlanTimes
     name: str
     line: str
@@ -66,7 +66,6 @@ def run(
     *,
     is_stopped: Callable[[], bool],
     write: Callable[[str], object],
-    key: Key | None,
     freshness: FreshnessStore | None,
     open_bus: Callable[[], PythonCanBus] | None = None,
 ) -> Counters:
@@ -75,7 +74,6 @@ def run(
     Args:
         is_stopped: looked at once a period.
         write: one line of the log.
-        key: of the bus, if it has one.
         freshness: where its values are kept.
         open_bus: opens it; by the settings without.
 
@@ -84,11 +82,7 @@ def run(
     """
     messages = message_set(config.bus)
     pressure = messages.pressure.spec
-    reception = Reception(
-        pressure=pressure,
-        of_another_ecu=lambda frame: is_of_another_ecu(frame, messages, key),
-        interface=config.bus.interface,
-    )
+    reception = Reception(messages=messages, interface=config.bus.interface)
     stages = None
     if options.stage_times is not None:
         stages = StageTimes(EcuStage, LONGEST if options.periods is None else options.periods)

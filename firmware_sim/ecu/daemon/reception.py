@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import MessageSpec
+from can_bridge.wire.message_sets import MessageSet
 from firmware_sim.ecu.real_time.inbox import Inbox
 
 LONGEST_AGE_NS: Final = 1_000_000_000
@@ -27,12 +27,12 @@ class Taken(NamedTuple):
     """What came since the last step.
 
     Attributes:
-        frames: pressures, oldest first, stamped in the ECU's clock.
-        foreign: frames of another ECU on the bus.
+        pressures: oldest first, stamped in the ECU's clock.
+        others: by the names of what the ECU sends, likewise: only another ECU can have sent sound ones.
     """
 
-    frames: list[Frame]
-    foreign: int
+    pressures: list[Frame]
+    others: list[Frame]
 
 
 def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
@@ -47,38 +47,31 @@ def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
 
 
 class Reception:
-    """Pressures for the control step, and a count of what only another ECU can have sent.
+    """Frames of the ECU's messages for the control step.
 
     Args:
-        pressure: the message that the ECU reads.
-        of_another_ecu: whether a frame can only be another ECU's (`firmware_sim.ecu.other_ecu`).
+        messages: that the ECU reads and sends.
         interface: python-can's name of the bus.
         monotonic_ns, date_ns: the two clocks.
-
-    Attributes:
-        foreign: frames of another ECU so far.
     """
 
     def __init__(
         self,
         *,
-        pressure: MessageSpec,
-        of_another_ecu: Callable[[Frame], bool],
+        messages: MessageSet,
         interface: str,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
         date_ns: Callable[[], int] = time.time_ns,
     ) -> None:
-        self._pressure, self._of_another_ecu = pressure, of_another_ecu
+        self._pressure, self._own = messages.pressure.spec, (messages.command.spec, messages.status.spec)
         self._believes_stamps = interface in STAMPED_WITH_THE_DATE
         self._monotonic_ns, self._date_ns = monotonic_ns, date_ns
-        self._pressures = Inbox(self._stamp, room=ROOM)
-        self._foreign_taken = 0
-        self.foreign = 0
+        self._pressures, self._others = Inbox(self._stamp, room=ROOM), Inbox(self._stamp, room=ROOM)
 
     @property
     def received(self) -> int:
-        """Pressures, and frames of another ECU, so far."""
-        return self._pressures.received + self.foreign
+        """Frames of the ECU's messages so far."""
+        return self._pressures.received + self._others.received
 
     @property
     def dropped(self) -> int:
@@ -89,14 +82,12 @@ class Reception:
         """Leave a frame; called where the bus is read, by one thread at a time."""
         if self._pressure.names(frame):
             self._pressures.put(frame)
-        elif self._of_another_ecu(frame):
-            self.foreign += 1
+        elif any(spec.names(frame) for spec in self._own):
+            self._others.put(frame)
 
     def take(self) -> Taken:
         """Everything, once."""
-        foreign, before = self.foreign, self._foreign_taken
-        self._foreign_taken = foreign
-        return Taken(self._pressures.take(), foreign - before)
+        return Taken(self._pressures.take(), self._others.take())
 
     def _stamp(self, frame: Frame) -> int:
         monotonic_ns = self._monotonic_ns()

@@ -64,7 +64,7 @@ def serve(
     name = f"{release.manifest.name} {release.digest[:12]}"
     served = Served(
         ecu=ecu,
-        times=timed,
+        times=timed.times,
         name=name,
         line=f"runs bundle {name} ({signature}) by {controller.description}",
         fields={
@@ -80,7 +80,6 @@ def serve(
         options,
         is_stopped=is_stopped,
         write=write,
-        key=None if authentication is None else authentication.key,
         freshness=freshness,
         open_bus=open_bus,
     )

@@ -19,7 +19,6 @@ from contract.controller.interface import Controller
 from contract.release.bundle import Bundle
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.daemon.connection import Connection
-from firmware_sim.ecu.daemon.control_side import ControlSide
 from firmware_sim.ecu.daemon.counters import Counters
 from firmware_sim.ecu.daemon.diagnosis_thread import DiagnosisThread
 from firmware_sim.ecu.daemon.options import Options, authentication_of
@@ -115,7 +114,7 @@ def serve_store(
     )
     with held(folder.folder), _switching():
         freshness, authentication = authentication_of(config, options)
-        ecu = FlashableEcu(folder.backing(), config, supplies, authentication=authentication)
+        ecu = FlashableEcu(folder.backing(), config, supplies, authentication=authentication, serviced_apart=True)
         connections: list[Connection] = []
         fatal: list[BaseException] = []
 
@@ -142,7 +141,7 @@ def serve_store(
                 yield
 
         served = Served(
-            ecu=ControlSide(ecu),
+            ecu=ecu,
             times=times,
             name=log.release,
             line=f"runs ECU {folder.serial} ({folder.hardware}) from {folder.folder}, release {log.release},",
@@ -156,7 +155,6 @@ def serve_store(
             options,
             is_stopped=lambda: bool(fatal) or is_stopped(),
             write=write,
-            key=None if authentication is None else authentication.key,
             freshness=freshness,
             open_bus=open_bus,
         )

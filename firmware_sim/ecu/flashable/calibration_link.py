@@ -11,24 +11,33 @@ from can_bridge.uds.refused import Refused
 from can_bridge.uds.services import Nrc
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
-from contract.controller.calibration import Calibration
 from contract.release.bundle import Bundle
-from firmware_sim.ecu.calibrating import limits_of, release_calibration
+from firmware_sim.ecu.calibrating import limits_of
 from firmware_sim.ecu.flashable.supplies import Supplies
+from firmware_sim.ecu.stepped import CalibratedEcu
 
 
 class CalibrationLink:
-    """Of one release, from its boot on.
+    """Calibrates the ECU of one release, from its boot on, whatever computes it.
 
     Args:
         bundle: that runs.
+        ecu: that runs it.
         refusal: why nothing may be stored now; values in force can always be changed.
     """
 
     def __init__(
-        self, bundle: Bundle, store: Store, config: Config, supplies: Supplies, *, refusal: Callable[[], Nrc | None]
+        self,
+        bundle: Bundle,
+        ecu: CalibratedEcu,
+        store: Store,
+        config: Config,
+        supplies: Supplies,
+        *,
+        refusal: Callable[[], Nrc | None],
     ) -> None:
-        self._segment = Segment(release_calibration(bundle, config), limits_of(bundle, config))
+        self._ecu = ecu
+        self._segment = Segment(ecu.calibration, limits_of(bundle, config))
         self._is_fd = config.bus.frames == "fd"
         self._xcp = XcpSlave(self._segment, supplies.access, supplies.random_bytes)
         self.service = CalibrationService(
@@ -40,9 +49,10 @@ class CalibrationLink:
         if (error := self.service.restore()) is not None:
             supplies.tell("calibration_dropped", f"stored calibration not used: {error}")
 
-    def take(self) -> Calibration | None:
-        """For the beginning of a control period: other values than before, once."""
-        return self._segment.take()
+    def hand_over(self) -> None:
+        """At the beginning of a control period: give the ECU other values, if others are in force now."""
+        if (calibration := self._segment.take()) is not None:
+            self._ecu.calibrate(calibration)
 
     def xcp(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         """Take the tool's frames; those to it. Storing that is asked for waits until it is allowed."""

@@ -18,7 +18,7 @@ from can_bridge.uds.services import REQUEST_ID
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus, Reason
 from contract.config.tree import Config
-from firmware_sim.ecu.ecu import Ecu, Trace
+from firmware_sim.ecu.ecu import Trace
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.flashable.calibration_link import is_for_xcp
 from firmware_sim.ecu.flashable.diagnostic_link import MOST_FRAMES
@@ -27,6 +27,7 @@ from firmware_sim.ecu.flashable.shut_ecu import ShutEcu
 from firmware_sim.ecu.flashable.supplies import Supplies
 from firmware_sim.ecu.flashable.telling import Access, tell_access
 from firmware_sim.ecu.flashable.vehicle_request import VehicleRequest
+from firmware_sim.ecu.stepped import CalibratedEcu
 
 
 class FlashableEcu:
@@ -38,6 +39,7 @@ class FlashableEcu:
         supplies: what it was given at production.
         authentication: with `bus.key`, what the ECU needs of it.
         boot_ns: for which it hears and sends nothing after a reset. In real time booting takes what it takes.
+        serviced_apart: `step` is a control period alone; another thread calls `service`.
 
     Attributes:
         resets: since power-on.
@@ -54,9 +56,10 @@ class FlashableEcu:
         *,
         authentication: Authentication | None = None,
         boot_ns: int = 0,
+        serviced_apart: bool = False,
     ) -> None:
         self._backing, self._config, self._supplies = backing, config, supplies
-        self._authentication, self._boot_ns = authentication, boot_ns
+        self._authentication, self._boot_ns, self._serviced_apart = authentication, boot_ns, serviced_apart
         self._request = VehicleRequest()
         self._silent_until_ns: int | None = None
         self._service_ns = 0
@@ -64,7 +67,10 @@ class FlashableEcu:
         self.resets = 0
         # The service works in a new cycle as soon as it is booted, the control from its next period on.
         self._serviced = self._controlled = self._power_on()
-        self._ecu: Ecu | ShutEcu = self._controlled.ecu
+
+    @property
+    def _ecu(self) -> CalibratedEcu | ShutEcu:
+        return self._controlled.ecu
 
     @property
     def state(self) -> EcuState:
@@ -114,36 +120,32 @@ class FlashableEcu:
         """Health counters as of the latest step."""
         return self._ecu.status()
 
-    def step(
-        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, *, fault: Reason | None = None
-    ) -> list[Frame]:
-        """One control period, and one call of `service`.
+    def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
+        """One control period, and one call of `service` unless that is done apart.
 
         Args:
             now_ns: time of the step, in the clock of the frames' timestamps.
             frames: everything received since the last step, oldest first.
             health: of the CAN controller, for the status.
-            fault: for which the ECU must switch itself off, found by what is around it.
 
         Returns:
             A JetCommand and an EcuStatus, and what diagnosis sends. Nothing while it boots.
         """
+        if self._serviced_apart:
+            return self.control(now_ns, frames, health)
         for_service = [frame for frame in frames if is_diagnostic(frame)]
         for_control = [frame for frame in frames if not is_diagnostic(frame)] if for_service else frames
-        sent = self.control(now_ns, for_control, health, fault=fault)
-        return sent + self.service(now_ns, for_service)
+        return self.control(now_ns, for_control, health) + self.service(now_ns, for_service)
 
-    def control(
-        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, *, fault: Reason | None = None
-    ) -> list[Frame]:
+    def control(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
         """One control period, without diagnosis; arguments as for `step`."""
         if self._is_silent(now_ns):
             return []
         self._take_over()
-        self._calibrate()
-        if self._wants_reset:
-            # What is booted next knows nothing of the jets that run now.
-            fault = Reason.UPDATING
+        if self._controlled.calibration is not None:
+            self._controlled.calibration.hand_over()
+        # What is booted next knows nothing of the jets that run now.
+        fault = Reason.UPDATING if self._wants_reset else None
         before = self._ecu.state
         sent = self._ecu.step(now_ns, frames, health, fault=fault, updating=self._controlled.is_updating)
         self._request = self._request.seen(before, self._ecu.state, now_ns)
@@ -196,16 +198,9 @@ class FlashableEcu:
             return
         before = self._ecu.state
         cycle.ecu.restore(replace(cycle.ecu.state, verifier=before.verifier, freshness=before.freshness))
-        self._ecu, self._request = cycle.ecu, VehicleRequest()
+        self._request = VehicleRequest()
         self._wants_reset = False
         self._controlled = cycle
-
-    def _calibrate(self) -> None:
-        """Other values from this period on."""
-        calibration = self._controlled.calibration
-        if calibration is None or (values := calibration.take()) is None or isinstance(self._ecu, ShutEcu):
-            return
-        self._ecu = self._ecu.calibrated(values)
 
 
 def is_diagnostic(frame: Frame) -> bool:

@@ -11,9 +11,6 @@ from can_bridge.secoc.node import Authentication
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Nrc
 from contract.config.tree import Config
-from contract.controller.interface import Controller
-from contract.release.bundle import Bundle
-from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.flashable.calibration_link import CalibrationLink
 from firmware_sim.ecu.flashable.diagnostic_link import DiagnosticLink
 from firmware_sim.ecu.flashable.facts import facts
@@ -24,6 +21,7 @@ from firmware_sim.ecu.flashable.shut_ecu import ShutEcu
 from firmware_sim.ecu.flashable.supplies import Supplies
 from firmware_sim.ecu.flashable.telling import Access, tell_boot
 from firmware_sim.ecu.flashable.vehicle_request import VehicleRequest
+from firmware_sim.ecu.stepped import CalibratedEcu
 
 
 class PowerCycle:
@@ -61,11 +59,14 @@ class PowerCycle:
         tell_boot(supplies.tell, self.boot)
         bundle = self.boot.bundle
         controller = None if bundle is None else fitting.controller(bundle)
-        self.ecu = _control(bundle, controller, config, authentication)
+        self.ecu: CalibratedEcu | ShutEcu
         self.calibration: CalibrationLink | None = None
-        if bundle is not None:
+        if bundle is None or controller is None:
+            self.ecu = ShutEcu(config, authentication=authentication)
+        else:
+            self.ecu = ecu = supplies.ecu_of(bundle, controller, config, authentication)
             jets = lambda: Nrc.CONDITIONS_NOT_CORRECT if request().drives_jets else None  # noqa: E731
-            self.calibration = CalibrationLink(bundle, self.store, config, supplies, refusal=jets)
+            self.calibration = CalibrationLink(bundle, ecu, self.store, config, supplies, refusal=jets)
         inside = Inside(
             facts(supplies, config),
             calibration=None if self.calibration is None else self.calibration.service,
@@ -93,11 +94,3 @@ class PowerCycle:
         """Where the tester stands."""
         attempts = {level: self.store.failed_attempts(level) for level in Level}
         return Access(self._server.session, self._server.unlocked, attempts)
-
-
-def _control(
-    bundle: Bundle | None, controller: Controller | None, config: Config, authentication: Authentication | None
-) -> Ecu | ShutEcu:
-    if bundle is None or controller is None:
-        return ShutEcu(config, authentication=authentication)
-    return Ecu(bundle, controller, config, authentication=authentication)

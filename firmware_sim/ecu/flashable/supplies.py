@@ -3,15 +3,25 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from can_bridge.secoc.node import Authentication
 from can_bridge.uds.access_key import AccessKey
+from contract.config.tree import Config
 from contract.controller.interface import Controller
 from contract.release.bundle import Bundle
 from contract.release.signing import PublicKey
 from contract.runtime.onnx_session import OnnxController
+from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.ecu.stepped import CalibratedEcu
 
 
 def nobody(event: str, line: str, **fields: str | int | float) -> None:
     """Tells nobody."""
+
+
+def _in_python(
+    bundle: Bundle, controller: Controller, config: Config, authentication: Authentication | None
+) -> CalibratedEcu:
+    return Ecu(bundle, controller, config, authentication=authentication)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +36,7 @@ class Supplies:
         serial: number of this one.
         software: version of stillwake.
         controller_of: makes a bundle's controller; raises BundleError for one that does not run here.
+        ecu_of: makes the ECU around it, with what it needs of `bus.key`.
         tell: called with an event's name, its line, and its fields.
     """
 
@@ -36,4 +47,5 @@ class Supplies:
     serial: str = "0"
     software: str = ""
     controller_of: Callable[[Bundle], Controller] = OnnxController.of
+    ecu_of: Callable[[Bundle, Controller, Config, Authentication | None], CalibratedEcu] = _in_python
     tell: Callable[..., None] = nobody

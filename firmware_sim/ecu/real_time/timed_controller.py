@@ -27,31 +27,20 @@ class TimedController:
     Args:
         now_ns: the clock.
         times: where the times are noted.
+
+    Attributes:
+        times: as given.
     """
 
     def __init__(self, controller: Controller, now_ns: Callable[[], int], times: PlanTimes | None = None) -> None:
         self._controller = controller
         self._now_ns = now_ns
-        self._times = PlanTimes() if times is None else times
-
-    @property
-    def began_ns(self) -> int:
-        """Of the latest control step, whether it had an answer or not; 0 after `forget`."""
-        return self._times.began_ns
-
-    @property
-    def ended_ns(self) -> int:
-        """Of the latest control step, likewise."""
-        return self._times.ended_ns
-
-    def forget(self) -> None:
-        """Before a period in which there may be no control step."""
-        self._times.forget()
+        self.times = PlanTimes() if times is None else times
 
     def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> ControlStep:
         """The other's."""
-        self._times.began_ns = self._now_ns()
+        self.times.began_ns = self._now_ns()
         try:
             return self._controller.control_step(window, plan, free, weights)
         finally:
-            self._times.ended_ns = self._now_ns()
+            self.times.ended_ns = self._now_ns()

@@ -22,7 +22,7 @@ def float_bytes(value: float) -> bytes:
 
 
 def test_values_are_taken_together_and_once(segment):
-    assert segment.working is REFERENCE
+    assert segment.working == REFERENCE
     assert not segment.is_pending and segment.take() is None
     segment.write(OFFSETS["effort"], float_bytes(0.5))
     segment.write(OFFSETS["delay_steps"], (3).to_bytes(4, "little"))
@@ -91,13 +91,13 @@ def test_what_is_not_allowed_is_refused_as_a_whole(segment):
         too_great = (7).to_bytes(4, "little") if name == "delay_steps" else float_bytes(1000.001)
         with pytest.raises(ConfigError, match=f"calibration: {name} = .*: must be in 0"):
             segment.write(OFFSETS[name], too_great)
-        assert segment.working is REFERENCE, name
+        assert segment.working == REFERENCE, name
     for value in (nan, inf, -inf, -1.0, -1e-30):
         with pytest.raises(ConfigError):
             segment.write(OFFSETS["drag_mean"], float_bytes(value))
         with pytest.raises(ConfigError):
             segment.write(OFFSETS["effort"], float_bytes(1.0) + float_bytes(value))
-        assert segment.working is REFERENCE, value
+        assert segment.working == REFERENCE, value
     for offset, length in ((-1, 1), (40, 1), (37, 4), (0, 41), (0, -1)):
         with pytest.raises(ConfigError, match=r"must lie in 0\.\.40"):
             segment.read(Page.WORKING, offset, length)
@@ -123,7 +123,7 @@ def test_the_releases_own_values_come_back_as_they_were(segment):
     segment.write(OFFSETS["action_limit"], float_bytes(0.05))
     segment.take()
     segment.write(0, REFERENCE.pack())
-    assert segment.take() is REFERENCE
+    assert segment.take() == REFERENCE
 
 
 def test_set_and_revert(segment):
@@ -132,24 +132,19 @@ def test_set_and_revert(segment):
     assert segment.take().weights.effort == 0.25
     segment.select(Page.REFERENCE)
     segment.revert()
-    assert segment.take() is REFERENCE
+    assert segment.take() == REFERENCE
     assert segment.page is Page.WORKING
-    assert segment.reference is REFERENCE
-    for values, message in (
-        ({"delay_steps": 7}, "delay_steps = 7"),
-        ({"delay_steps": -1}, "no place in its 4 bytes"),
-        ({"effort": 1e300}, "no place in its 4 bytes"),
-    ):
-        with pytest.raises(ConfigError, match=message):
-            segment.set(changed(**values))
-    assert segment.in_force is REFERENCE
+    assert segment.reference == REFERENCE
+    with pytest.raises(ConfigError, match="delay_steps = 7"):
+        segment.set(changed(delay_steps=7))
+    assert segment.in_force == REFERENCE
 
 
 def test_the_page_in_force_is_selected(segment):
     segment.write(OFFSETS["effort"], float_bytes(0.5))
     segment.take()
     segment.select(Page.REFERENCE)
-    assert segment.take() is REFERENCE
+    assert segment.take() == REFERENCE
     segment.write(OFFSETS["rate"], float_bytes(0.5))
     assert segment.take() is None
     segment.select(Page.WORKING)

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from can_bridge.tester import calibration
@@ -39,8 +38,8 @@ def asking(ecu) -> Asking:
 def test_values_are_read_without_a_key_written_with_one_and_taken_at_once(ecu, asking):
     read = calibration.read(asking)
     assert ecu.server.session is Session.DEFAULT
-    assert read.in_force == read.release == OWN.as_kept()
-    assert (read.limits.greatest.delay_steps, read.limits.least.action_limit) == (3, float(np.float32(0.01)))
+    assert read.in_force == read.release == OWN
+    assert (read.limits.greatest.delay_steps, read.limits.least.action_limit) == (3, 0.01)
     assert not read.is_stored
     wanted = calibration.changed(read, {"lift": 0.3, "command_step": 0.02, "delay_steps": 2.0})
     calibration.unlock(asking)
@@ -48,7 +47,7 @@ def test_values_are_read_without_a_key_written_with_one_and_taken_at_once(ecu, a
     taken = ecu.segment.take()
     assert taken is not None
     assert taken.weights.as_tuple() == pytest.approx((1.0, 0.1, 0.3, 0.0, 8.0, 0.0, 0.0))
-    assert (taken.command_step, taken.delay_steps) == (np.float32(0.02), 2)
+    assert (taken.command_step, taken.delay_steps) == (0.02, 2)
     assert calibration.read(asking).in_force == wanted
 
 
@@ -64,7 +63,7 @@ def test_stored_values_outlive_power_and_reverted_ones_do_not(ecu, asking):
     calibration.revert(asking, read.release)
     ecu.power_on()
     read = calibration.read(asking)
-    assert (read.in_force, read.is_stored) == (OWN.as_kept(), False)
+    assert (read.in_force, read.is_stored) == (OWN, False)
 
 
 def test_while_the_jets_run_values_change_and_are_not_stored(ecu, asking):

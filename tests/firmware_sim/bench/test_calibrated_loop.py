@@ -62,7 +62,7 @@ class CalibratedEcu:
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
         if (calibration := self.segment.take()) is not None:
-            self.ecu = self.ecu.calibrated(calibration)
+            self.ecu.calibrate(calibration)
         return self.ecu.step(now_ns, frames, health)
 
     def status(self) -> EcuStatus:

@@ -185,9 +185,8 @@ def test_the_core_drives_the_live_wake_as_the_host_would(release, sources, tmp_p
 
 def test_lockstep_finds_another_ecu(release, sources):
     """One whose controller plans for other weights: its states and its commands differ, and the fields are named."""
-    other = CEcu(
-        sources, compiler=zig_compiler(), flags=ZIG, weights=replace(release.bundle.manifest.mpc.weights, lift=9.0)
-    )
+    other = CEcu(sources, compiler=zig_compiler(), flags=ZIG)
+    other.calibrate(replace(other.calibration, weights=replace(other.calibration.weights, lift=9.0)))
     both = Lockstep(host(sources).ecu, other)
     run(release, LoopEcu(ecu=both, kind=C, computed_by="a test"))
     assert both.differing_states > 0

@@ -18,7 +18,7 @@ from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
-from contract.controller.calibration import NAMES, WEIGHTS, Calibration
+from contract.controller.calibration import NAMES, WEIGHTS, Calibration, CalibrationLimits
 from contract.errors import ConfigError
 from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.ecu import Ecu
@@ -52,7 +52,7 @@ def calibration_of(bench, **changes) -> Calibration:
 
 
 def calibrate(bench, **changes) -> None:
-    bench.ecu = bench.ecu.calibrated(calibration_of(bench, **changes))
+    bench.ecu.calibrate(calibration_of(bench, **changes))
 
 
 def numbered(recording_controller):
@@ -70,7 +70,7 @@ def test_the_releases_own_values_change_no_bit(bench_of, recording_controller, d
     for k in range(30):
         frames = [bench.pressure((0.1 * k, -0.02 * k, 0.3, 0.4)) for bench in (plain, other)]
         if k % 3 == 0:
-            other.ecu = other.ecu.calibrated(calibration_of(other).as_kept())
+            other.ecu.calibrate(Calibration.unpack(calibration_of(other).pack()))
         elif k % 7 == 0:
             calibrate(other)
         now_ns = plain.now_ns
@@ -89,15 +89,6 @@ def test_the_weights_are_those_of_the_period(bench_of, recording_controller):
     bench.good(2)
     before, after = CostWeights(), CostWeights(lift=0.5, effort=2.0)
     assert controller.weights == [before.as_tuple(), *[after.as_tuple()] * 2]
-
-
-def test_the_ecu_before_goes_on_with_its_own_values(bench_of, recording_controller):
-    bench = bench_of(recording_controller(lambda i: LIMIT))
-    bench.into_control()
-    first, narrowed = bench.ecu, bench.ecu.calibrated(calibration_of(bench, action_limit=0.02))
-    state, frame = first.state, bench.pressure()
-    assert first.next(state, bench.now_ns, [frame]).trace.action == pytest.approx(LIMIT, abs=QUANTUM)
-    assert narrowed.next(state, bench.now_ns, [frame]).trace.action == pytest.approx(0.02, abs=QUANTUM)
 
 
 bounds = st.fixed_dictionaries(
@@ -160,10 +151,10 @@ def test_a_narrower_range_bounds_the_very_next_command(bench_of, recording_contr
 def test_values_out_of_the_limits_are_refused_and_change_nothing(bench_of, changes, message):
     bench = bench_of()
     bench.into_control()
-    before = bench.ecu
+    before = bench.ecu.state, bench.ecu.calibration
     with pytest.raises(ConfigError, match=message):
         calibrate(bench, **changes)
-    assert bench.ecu is before
+    assert (bench.ecu.state, bench.ecu.calibration) == before
 
 
 @examples(100)
@@ -178,8 +169,8 @@ def test_what_the_segment_takes_the_ecu_takes(data, limit, step):
     *values, delay_steps = (data.draw(st.one_of(st.sampled_from(row), st.floats(*row))) for row in rows)
     wanted = struct.pack("<9fI", *values, int(delay_steps))
     segment.set(Calibration.unpack(wanted))
-    after = ecu.calibrated(segment.in_force)
-    assert after.state.memory.sizes[-1] == int(delay_steps) + config.ecu.plan_ahead
+    ecu.calibrate(segment.in_force)
+    assert ecu.state.memory.sizes[-1] == int(delay_steps) + config.ecu.plan_ahead
     assert segment.read(Page.WORKING, 0, 40) == wanted
 
 
@@ -206,7 +197,7 @@ def test_the_gate_is_never_wider_than_the_vehicle(bundle_of):
 def test_the_gate_holds_the_vehicles_bounds_though_the_limits_fail(bench_of, recording_controller, monkeypatch):
     bench = bench_of(recording_controller(lambda i: 1.0))
     bench.into_control()
-    monkeypatch.setattr("firmware_sim.ecu.ecu.checked", lambda calibration, own, limits: calibration)
+    monkeypatch.setattr(CalibrationLimits, "check", lambda limits, calibration: None)
     calibrate(bench, action_limit=1.2 * LIMIT, command_step=1.2 * LIMIT)
     assert [command.flow_m2_per_s <= LIMIT * SCALE for command in bench.good(3)] == [True] * 3
 
@@ -240,8 +231,7 @@ def test_a_state_goes_with_its_calibration(bench_of, recording_controller):
     calibrate(bench, delay_steps=2)
     with pytest.raises(ValueError, match="calibration"):
         bench.ecu.restore(state)
-    fresh = Ecu(bench.bundle, numbered(recording_controller), bench.config).calibrated(
-        calibration_of(bench, delay_steps=2)
-    )
+    fresh = Ecu(bench.bundle, numbered(recording_controller), bench.config)
+    fresh.calibrate(calibration_of(bench, delay_steps=2))
     fresh.restore(bench.ecu.state)
     assert fresh.state == bench.ecu.state

@@ -1,5 +1,7 @@
 """One control step at a time: window, plan, command on the wire, fail-safe and counters."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -186,7 +188,9 @@ def test_weights_reach_the_controller_in_the_order_of_its_input(bundle_of, recor
             return step(window, plan, free, weights)
 
         controller.control_step = kept
-        ecu = Ecu(bundle_of(), controller, config, weights=weights)
+        ecu = Ecu(bundle_of(), controller, config)
+        if weights is not None:
+            ecu.calibrate(replace(ecu.calibration, weights=weights))
         for k in range(6):
             message = Pressure(pressure_pa=(0.0,) * 4, valid=(True,) * 4, enable_request=k > 0, age_ns=0)
             now_ns = k * config.period_ns

@@ -13,7 +13,6 @@ from contract.controller.c_folder import ECU_SETTINGS, library_sources
 from contract.errors import ConfigError, LibraryError
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
-from firmware_sim.in_c.c_settings import ecu_settings
 from firmware_sim.in_c.c_structs import differing
 from firmware_sim.in_c.compiler import host_compiler
 from firmware_sim.in_c.host_library import CController
@@ -105,17 +104,28 @@ def test_it_goes_on_from_a_state_in_bytes_and_from_one_of_the_ecu_in_python(c, p
     assert differing(by_bytes.state, python.state) == differing(by_value.state, python.state) == []
 
 
-def test_weights_are_taken_at_the_start_or_while_it_runs(c, sources):
+def test_every_value_is_calibrated_while_it_runs_as_in_python(c, python):
+    """The values are read back as they were given; one that is out of the limits is named and changes nothing."""
+    own = c.calibration
+    assert own == python.calibration
     weights = CostWeights(drag_mean=0.0, lift=5.0, smoothness=0.0)
-    other, weighed = CEcu(sources, flags=FLAGS, weights=weights), CEcu(sources, flags=FLAGS)
-    actions = []
-    for period, (now_ns, frames) in enumerate(Feed().periods(INTO_CONTROL + 3)):
-        if period == 2:
-            weighed.weigh(weights)
-        for one in (c, other, weighed):
-            one.step(now_ns, frames)
-        actions.append((c.trace.action, other.trace.action, weighed.trace.action))
-    assert actions[-1][0] != actions[-1][1] == actions[-1][2]
+    changes = {
+        INTO_CONTROL: replace(own, weights=weights),
+        INTO_CONTROL + 3: replace(own, action_limit=0.03, command_step=0.01, delay_steps=2),
+        INTO_CONTROL + 6: replace(own, weights=weights, delay_steps=1),
+        INTO_CONTROL + 9: own,
+    }
+    for period, (now_ns, frames) in enumerate(Feed().periods(INTO_CONTROL + 12)):
+        if period in changes:
+            for one in (c, python):
+                one.calibrate(changes[period])
+                with pytest.raises(ConfigError, match=r"action_limit = 0\.5"):
+                    one.calibrate(replace(own, action_limit=0.5))
+                assert one.calibration == changes[period]
+        assert c.step(now_ns, frames) == python.step(now_ns, frames)
+        assert differing(c.state, python.state) == [], period
+    with pytest.raises(ValueError, match="calibration"):
+        CEcu.restore(c, replace(python.state, memory=python.state.memory.with_delay(3)))
 
 
 def test_settings_of_the_vehicle_are_compiled_in(release):
@@ -152,20 +162,6 @@ def test_what_c_cannot_do_is_refused(release):
     with pytest.raises(ConfigError, match=r"ecu\.sensor_check\.doubt_periods"):
         check = replace(CONFIG.ecu.sensor_check, doubt_periods=2**30)
         ecu_sources(release.folder, release.bundle, replace(CONFIG, ecu=replace(CONFIG.ecu, sensor_check=check)))
-
-
-@each("plan_ahead, most", [(True, 14), (False, 15)])
-def test_the_longest_delay_is_named_as_it_is(release, plan_ahead, most):
-    manifest = release.bundle.manifest
-    longer = replace(release.bundle, manifest=replace(manifest, mpc=replace(manifest.mpc, horizon=25)))
-
-    def settings(delay_steps: int) -> bytes:
-        ecu = replace(CONFIG.ecu, plan_ahead=plan_ahead, delay_steps=delay_steps)
-        return ecu_settings(longer, replace(CONFIG, ecu=ecu))
-
-    assert b"#define SW_FROZEN_ACTIONS 15\n" in settings(most)
-    with pytest.raises(ConfigError, match=f"takes at most {most}$"):
-        settings(most + 1)
 
 
 def test_the_largest_settings_that_are_taken_compile(release):

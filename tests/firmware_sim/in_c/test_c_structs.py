@@ -25,7 +25,7 @@ pytestmark = pytest.mark.compiler
 
 PLACES = (
     ("sw_ecu", "surroundings"),
-    ("sw_ecu", "weights"),
+    ("sw_ecu", "calibration"),
     ("sw_ecu", "trace"),
     ("sw_ecu", "input"),
     ("sw_ecu", "output"),

@@ -7,7 +7,7 @@ resolution comes on top: two actions on either side of a rounding boundary part 
 import html
 import json
 import shutil
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -128,11 +128,13 @@ def commands(
     release: Exported, controller: Controller, weights: CostWeights | None = None, periods: int = 25
 ) -> np.ndarray:
     """What the ECU sends once its window is full, over the bus and with all its delays, U_inf W."""
-    bus = SimulatedBus(CONFIG.bus)
+    bus, ecu = SimulatedBus(CONFIG.bus), Ecu(release.bundle, controller, CONFIG)
+    if weights is not None:
+        ecu.calibrate(replace(ecu.calibration, weights=weights))
     loop = VirtualLoop(
         Swing(),
         VehicleNode(release.bundle.manifest.sensors, CONFIG),
-        Ecu(release.bundle, controller, CONFIG, weights=weights),
+        ecu,
         bus,
         BusPorts(vehicle=bus.port(), ecu=bus.port()),
         CONFIG,

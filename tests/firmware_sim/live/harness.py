@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.errors import LibraryError
 from firmware_sim.ecu.ecu import Ecu
@@ -52,8 +51,7 @@ class Live:
         **more: Any,
     ) -> None:
         self.bundle = make_bundle()
-        self.made: list[tuple[str, CostWeights | None]] = []
-        self.weighed: list[CostWeights] = []
+        self.made: dict[str, Ecu] = {}
         self.refused: set[str] = set()
         self.controller = Waves()
         self.session = LiveSession(
@@ -75,13 +73,12 @@ class Live:
         self.events: list[str] = []
         self.pictures: list[bytes] = []
 
-    def _ecu(self, name: str, weights: CostWeights | None) -> LoopEcu:
+    def _ecu(self, name: str) -> LoopEcu:
         if name in self.refused:
             raise LibraryError(f"no compiler\nfor {name}")
-        self.made.append((name, weights))
-        ecu = Ecu(self.bundle, self.controller, CONFIG, weights=weights)
-        weigh = self.weighed.append if name == "c" else None
-        return LoopEcu(ecu=ecu, kind="python", computed_by=f"waves by {name}", weigh=weigh)
+        assert name not in self.made
+        ecu = self.made[name] = Ecu(self.bundle, self.controller, CONFIG)
+        return LoopEcu(ecu=ecu, kind="python", computed_by=f"waves by {name}")
 
     def run(self, periods: int) -> "Live":
         for _ in range(periods):

@@ -3,9 +3,13 @@
 import json
 from dataclasses import replace
 from datetime import date
+from typing import Any
+
+import pytest
 
 from contract.config.loading import load_config
 from contract.release import bundle
+from firmware_sim.ecu.calibrating import release_calibration
 from firmware_sim.runs.metadata import RunEcu, RunMetadata, RunOrigin
 
 
@@ -15,7 +19,14 @@ def test_metadata_survive_json(run_metadata):
 
 
 def made(release, run_metadata, **changes) -> RunMetadata:
-    given = {"settle": 1.5, "averages": False, "plant": "a", "computed_by": "b", "origin": RunOrigin(day="2026-03-04")}
+    given: dict[str, Any] = {
+        "settle": 1.5,
+        "averages": False,
+        "plant": "a",
+        "computed_by": "b",
+        "origin": RunOrigin(day="2026-03-04"),
+    }
+    given["calibration"] = release_calibration(release, run_metadata.config)
     return RunMetadata.of(release, run_metadata.config, status=run_metadata.status, **{**given, **changes})
 
 
@@ -36,10 +47,11 @@ def test_weights_that_are_not_the_bundles_are_named(random_release, run_metadata
     release = bundle.load(random_release)
     weights = release.manifest.mpc.weights
     assert made(release, run_metadata).changed_weights == {}
-    assert made(release, run_metadata, weights=weights).changed_weights == {}
-    found = made(release, run_metadata, weights=replace(weights, lift=9.0))
+    own = release_calibration(release, run_metadata.config)
+    found = made(release, run_metadata, calibration=replace(own, weights=replace(weights, lift=9.0), action_limit=0.05))
     assert found.changed_weights == {"lift": (9.0, weights.lift)}
     assert found.mpc.weights == weights
+    assert found.config.flow.action_limit == pytest.approx(0.05)
 
 
 def test_the_start_is_named():

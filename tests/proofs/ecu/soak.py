@@ -203,7 +203,7 @@ class _Loop:
         self._node = VehicleNode(release.manifest.sensors, config, dataset.layout)
         self._plant = ReplayedPlant(episode, config.flow.control_period)
         connected = BusPorts(vehicle=self._for_vehicle, ecu=self._for_ecu, ecu_health=self._ports["ECU"].health)
-        ecu = Ecu(release, controller, config, weights=release.manifest.mpc.weights)
+        ecu = Ecu(release, controller, config)
         self._loop = VirtualLoop(self._plant, self._node, ecu, bus, connected, config)
         self._low_until = 1
         self._in_control = 0

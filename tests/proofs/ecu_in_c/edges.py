@@ -17,6 +17,7 @@ from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
 from firmware_sim.ecu.delay_line import DelayLine
 from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.other_ecu import SILENCE_NS, OtherEcu
 from firmware_sim.ecu.state_machine import OperatingMode
 from firmware_sim.ecu.timing import LATEST_NS
 
@@ -42,7 +43,15 @@ class Edges:
         """A state like this one before a step at `now_ns`, some of its parts moved."""
         if self._rng.random() < 0.3:
             return self._held(state, now_ns)
-        moves = (self._fail_safe, self._receiver, self._timing, self._memory, self._pressures, self._counts)
+        moves = (
+            self._fail_safe,
+            self._receiver,
+            self._timing,
+            self._memory,
+            self._pressures,
+            self._counts,
+            self._company,
+        )
         for move in self._rng.sample(moves, self._rng.randrange(1, 4)):
             state = move(state, now_ns)
         return state
@@ -99,6 +108,12 @@ class Edges:
         )
         return replace(state, timing=changed)
 
+    def _company(self, state: EcuState, now_ns: int) -> EcuState:
+        """Another ECU that has been silent for just long enough to be gone, or not."""
+        until_ns = max(0, min(LATEST_NS, now_ns)) + self._rng.choice((-1, 0, 1, SILENCE_NS))
+        frames = self._rng.choice((1, LARGEST - 1, LARGEST))
+        return replace(state, other_ecu=OtherEcu(frames=frames, until_ns=until_ns))
+
     def _held(self, state: EcuState, now_ns: int) -> EcuState:
         """On time and in control up to now, by pressures at one of their largest ages."""
         rng, ecu = self._rng, self._config.ecu
@@ -113,7 +128,7 @@ class Edges:
         timing = replace(
             state.timing, step_ns=max(-1, min(LATEST_NS, now_ns - elapsed)), lag_ns=0, off_time=0, fault=None
         )
-        moved = replace(state, fail_safe=fail_safe, timing=timing)
+        moved = replace(state, fail_safe=fail_safe, timing=timing, other_ecu=OtherEcu())
         return self._memory(self._pressures(moved, now_ns), now_ns)
 
     def _memory(self, state: EcuState, now_ns: int) -> EcuState:

@@ -11,15 +11,16 @@ from contract.config.tree import Config
 DECLARATION: Final = """
 typedef struct { double flow_m2_per_s; uint8_t enable; uint8_t interventions; } sw_gated;
 sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int has_previous, int64_t previous_ns,
-                 int has_pressures, int64_t pressure_ns, int64_t now_ns);
+                 int has_pressures, int64_t pressure_ns, int64_t now_ns, const sw_gate_limits *limits);
 """
 _WILD: Final = (math.nan, math.inf, -math.inf, 1.7976931348623157e308, -1.7976931348623157e308, 0.0, -0.0)
 
 
 class Case(NamedTuple):
-    """Arguments of `sw_gate` in their order, and its answer: the flow's bits, enable, interventions."""
+    """Arguments of `sw_gate` in their order, its limits, and its answer: the flow's bits, enable, interventions."""
 
     arguments: tuple[float, int, float, int, int, int, int, int]
+    limits: tuple[float, float]
     answer: tuple[bytes, int, int]
 
 
@@ -29,9 +30,12 @@ def cases(config: Config, count: int, seed: int = 0) -> list[Case]:
     return [_case(_arguments(rng, limits), limits) for _ in range(count)]
 
 
-def is_passed(library: Any, wanted: list[Case]) -> bool:
+def is_passed(ffi: Any, library: Any, wanted: list[Case]) -> bool:
     """Whether C answers all of them alike."""
-    return all(_answer(library.sw_gate(*case.arguments)) == case.answer for case in wanted)
+    return all(
+        _answer(library.sw_gate(*case.arguments, ffi.new("sw_gate_limits *", case.limits))) == case.answer
+        for case in wanted
+    )
 
 
 def _answer(gated: Any) -> tuple[bytes, int, int]:
@@ -72,4 +76,4 @@ def _case(arguments: tuple[float, int, float, int, int, int, int, int], limits: 
         limits=limits,
     )
     answer = struct.pack("<d", passed.flow_m2_per_s), int(passed.enable), passed.interventions.value
-    return Case(arguments, answer)
+    return Case(arguments, (limits.flow_m2_per_s, limits.step_m2_per_s), answer)

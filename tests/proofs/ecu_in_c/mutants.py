@@ -184,7 +184,7 @@ def _goes_unnoticed(c: Any, mutation: Mutation, arrays: Sequence[tuple[Any, int]
     ecu = ffi.cast("sw_ecu *", room)
     c.sw_mutant = number
     c.sw_mutate()
-    if not gate_cases.is_passed(c, mutation.calls):
+    if not gate_cases.is_passed(mutation.layout.ffi, c, mutation.calls):
         return False
     for array, count in arrays:
         for start in range(0, count, slice_of):

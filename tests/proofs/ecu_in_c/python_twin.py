@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pytest
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
@@ -11,8 +12,11 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Reason
 from contract.arrays import Array
 from contract.config.tree import Config
+from contract.controller.calibration import NAMES, Calibration
 from contract.controller.estimator import Hypotheses
 from contract.controller.interface import FORCES, TERMS, ControllerError, ControlStep
+from contract.errors import ConfigError
+from firmware_sim.ecu.calibrating import limits_of
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.sensor_check import SensorCheck
@@ -51,6 +55,7 @@ class Period:
         answers: of the networks.
         restarts: power-on before it.
         loads: a state to start from instead.
+        calibration: other values before it, within the limits or not.
     """
 
     now_ns: int
@@ -61,6 +66,7 @@ class Period:
     updating: bool = False
     restarts: bool = False
     loads: EcuState | None = None
+    calibration: Calibration | None = None
 
 
 @dataclass
@@ -105,24 +111,40 @@ class PythonTwin:
         if config.ecu.sensor_check.enabled and figures is not None:
             # The bundle has figures and no graph: what answers in its place is here.
             self.ecu._sensor_check = SensorCheck.of(figures, self.networks, config.ecu.sensor_check)
-        self.power_on = self.ecu.state
-        self.ecu.restore(self.power_on)
+        self.power_on, self._own, self.limits = self.ecu.state, self.ecu.calibration, limits_of(bundle, config)
 
     def live_through(self, period: Period, place: Any) -> None:
         """One period: the stimulus as it comes to C, and the response that is expected of it, into a `twin_period`."""
         self._tell(period, place.stimulus)
         if period.restarts:
+            self.ecu.calibrate(self._own)
             self.ecu.restore(self.power_on)
         if period.loads is not None:
             self.ecu.restore(period.loads)
+        place.response.refused = 0 if period.calibration is None else self._calibrate(period.calibration)
+        ffi = self.layout.ffi
+        ffi.buffer(ffi.addressof(place.response, "calibration"))[:] = self.ecu.calibration.pack()
         self.networks.prepare(period.answers)
         sent = self.ecu.step(period.now_ns, period.frames, period.health, fault=period.fault, updating=period.updating)
         self._expect(sent, place.response)
 
+    def _calibrate(self, values: Calibration) -> int:
+        """The number of the first value that is refused; 0 if all are taken."""
+        rows = zip(values.values, self.limits.least.values, self.limits.greatest.values, strict=True)
+        beyond = (number for number, (value, low, high) in enumerate(rows, 1) if not low <= value <= high)
+        if (first := next(beyond, 0)) == 0:
+            self.ecu.calibrate(values)
+        else:
+            with pytest.raises(ConfigError, match=NAMES[first - 1]):
+                self.ecu.calibrate(values)
+        return first
+
     def _tell(self, period: Period, place: Any) -> None:
         structs, ffi, answers = self.layout.structs, self.layout.ffi, period.answers
         place.now_ns, place.loads = c_time(period.now_ns), period.loads is not None
-        place.restarts = period.restarts and period.loads is None
+        place.restarts, place.calibrates = period.restarts, period.calibration is not None
+        if period.calibration is not None:
+            ffi.buffer(ffi.addressof(place, "calibration"))[:] = period.calibration.pack()
         structs.surround(place.surroundings, period.health, period.fault, updating=period.updating)
         place.count = len(period.frames)
         for item, frame in zip(place.frames, period.frames, strict=False):
@@ -134,10 +156,8 @@ class PythonTwin:
         copy(ffi, told.plan, answers.plan.astype(np.float32))
         copy(ffi, told.forces, answers.forces.astype(np.float32))
         copy(ffi, told.estimates, answers.estimates[HYPOTHESES.view, np.arange(4)])
-        if period.restarts and period.loads is None:
-            structs.set_state(ffi.addressof(place, "before"), self.power_on)
-        elif period.loads is not None:
-            structs.set_state(ffi.addressof(place, "before"), period.loads)
+        if period.restarts or period.loads is not None:
+            structs.set_state(ffi.addressof(place, "before"), period.loads or self.power_on)
 
     def _expect(self, sent: list[Frame], place: Any) -> None:
         ffi, trace, networks = self.layout.ffi, self.ecu.trace, self.networks

@@ -20,11 +20,13 @@ from can_bridge.wire.message_specs import MessageSpec
 from can_bridge.wire.messages import Pressure, Reason
 from contract.arrays import Array
 from contract.config.tree import Config
+from contract.controller.calibration import Calibration
+from firmware_sim.ecu.calibrating import limits_of
 from tests.proofs.ecu.hostile_world import START_NS, Path, RandomEvents
 from tests.proofs.ecu.promises import Delivered
 from tests.proofs.ecu_in_c.library import FRAMES
 from tests.proofs.ecu_in_c.python_twin import Answers, Period
-from tests.proofs.ecu_in_c.variants import DEVIATION
+from tests.proofs.ecu_in_c.variants import DEVIATION, bundle_of
 
 VIEWS: Final = 34
 """Of four sensors (`contract.controller.estimator.views`)."""
@@ -56,7 +58,7 @@ class Traffic:
         self._spec: MessageSpec = self._messages.pressure.spec
         self._profile: Any = profile_of(self._spec)
         self._pascal, self._limit = config.operating_point.dynamic_pressure, self._messages.pressure_limit_pa
-        self._horizon = horizon
+        self._horizon, self._limits = horizon, limits_of(bundle_of(config), config)
         self._path, self._counter, self._number = Path(), 0, 0
         self._now_ns, self._stands = START_NS, 0
         self._health, self._inbox = BusHealth(), list[Frame]()
@@ -97,7 +99,17 @@ class Traffic:
             updating=self._updating > 0,
             answers=self._answers(events.deed, events.value, estimates, odd),
             restarts=restarts,
+            calibration=self._calibration() if rng.random() < odd / 10 else None,
         )
+
+    def _calibration(self) -> Calibration:
+        """Within the limits of release and vehicle, at them, or just beyond."""
+        rng, (least, greatest) = self._rng, (self._limits.least.values, self._limits.greatest.values)
+        values = [rng.choice((low, high, rng.uniform(low, high))) for low, high in zip(least, greatest, strict=True)]
+        if rng.random() < 0.3:
+            place = rng.randrange(len(values))
+            values[place] = rng.choice((least[place] * 0.9, greatest[place] * 1.1 + (place == len(values) - 1)))
+        return Calibration.of(values)
 
     def _time(self, elapsed_ns: int, odd: float) -> int:
         rng = self._rng

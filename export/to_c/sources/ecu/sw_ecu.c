@@ -9,16 +9,13 @@
 /* Periods without pressures that the window may bridge, and the jets. */
 #define LONGEST_GAP (SW_HOLD_PERIODS + SW_DECAY_PERIODS)
 
-/* More silent periods than these change nothing: the window is empty and the jets follow the last command. */
-#define MOST_SILENT ((LONGEST_GAP > SW_FROZEN_ACTIONS ? LONGEST_GAP : SW_FROZEN_ACTIONS) + 1)
-
 /* What the ECU asks of the command gate in one period. */
 typedef struct {
     double action; /* before the gate, in U_inf W */
     uint8_t fault; /* why there is none although one was due, or SW_REASON_NONE */
 } decision;
 
-static double newest(const sw_memory *memory) { return memory->under_way[SW_FROZEN_ACTIONS]; }
+static double newest(const sw_memory *memory) { return memory->under_way[memory->frozen]; }
 
 static void with_row(sw_memory *memory, const double *cp)
 {
@@ -38,7 +35,9 @@ static void after_silence(sw_memory *memory, const sw_timing *timing)
         sw_memory_emptied(memory);
         return;
     }
-    for (int k = 0; k < MOST_SILENT && k < timing->skipped; k++) {
+    /* More silent periods than these change nothing: the window is empty and the jets follow the last command. */
+    const int most = LONGEST_GAP > (int)memory->frozen ? LONGEST_GAP : (int)memory->frozen;
+    for (int k = 0; k <= most && k < timing->skipped; k++) {
         sw_memory_bridged(memory);
         sw_memory_commanded(memory, newest(memory));
     }
@@ -98,12 +97,12 @@ static int are_finite(const float *values, int count)
 static decision planned(sw_ecu *ecu)
 {
     decision due = {0.0, SW_REASON_INTERNAL};
-    sw_memory_input(&ecu->state.memory, ecu->weights, &ecu->input);
+    sw_memory_input(&ecu->state.memory, ecu->calibration.weights, &ecu->input);
     const sw_status status = sw_control_step(&ecu->work.control, &ecu->input, &ecu->output);
     const int finite = are_finite(ecu->output.plan, SW_HORIZON) & are_finite(&ecu->output.forces[0][0], 2 * SW_HORIZON);
     if (status == SW_OK && finite) {
         for (int k = 0; k < SW_HORIZON; k++) ecu->state.memory.plan[k] = ecu->output.plan[k];
-        due.action = (double)ecu->output.plan[SW_FROZEN_ACTIONS];
+        due.action = (double)ecu->output.plan[ecu->state.memory.frozen];
         due.fault = SW_REASON_NONE;
         ecu->trace.planned = 1;
     }
@@ -200,11 +199,12 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
     } else {
         state->missed = sw_counted(state->missed, 1);
     }
+    sw_other_ecu_next(&state->other_ecu, frames, count, state->timing.step_ns);
     after_silence(&state->memory, &state->timing);
     with_row(&state->memory, cp);
     const uint8_t sensor_fault = check_sensors(ecu, cp);
     const uint8_t faults[] = {state->timing.fault, bus_fault(&state->health, &ecu->surroundings.health),
-                              (uint8_t)(sw_hears_other_ecu(frames, count) ? SW_REASON_OTHER_ECU : SW_REASON_NONE),
+                              (uint8_t)(state->other_ecu.is_there ? SW_REASON_OTHER_ECU : SW_REASON_NONE),
                               sensor_fault, ecu->surroundings.fault};
     inputs->usable = received.usable;
     inputs->has_request = received.has_request;
@@ -223,22 +223,33 @@ static sw_gated act(sw_ecu *ecu, const sw_timing *before, int64_t now_ns)
     if (due.fault != SW_REASON_NONE) sw_fail_safe_latch(&state->fail_safe, due.fault);
     const sw_gated passed = sw_gate(due.action * SW_FLOW_SCALE, sw_drives_jets(state->fail_safe.mode),
                                     newest(&state->memory) * SW_FLOW_SCALE, before->has_step, before->step_ns,
-                                    state->has_pressures, state->pressure_ns, now_ns);
+                                    state->has_pressures, state->pressure_ns, now_ns, &ecu->limits);
     told_by_the_gate(&state->fail_safe, passed.interventions);
     return passed;
 }
 
 void sw_ecu_init(sw_ecu *ecu)
 {
-    static const float weights[SW_TERMS] = SW_COST_WEIGHTS;
+    static const sw_calibration own = SW_CALIBRATION;
     unsigned char *bytes = (unsigned char *)ecu;
     for (size_t i = 0; i < sizeof *ecu; i++) bytes[i] = 0; /* padding as well: states are compared as bytes */
-    for (int i = 0; i < SW_TERMS; i++) ecu->weights[i] = weights[i];
+    (void)sw_ecu_calibrate(ecu, &own);
     ecu->surroundings.fault = SW_REASON_NONE;
     ecu->state.timing.fault = SW_REASON_NONE;
     ecu->state.pressures.stream = SW_NODATA;
     sw_fail_safe_start(&ecu->state.fail_safe);
     sw_sensors_start(&ecu->state.sensors);
+}
+
+int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values)
+{
+    const int beyond = sw_calibration_beyond(values);
+    if (beyond == 0) {
+        ecu->calibration = *values;
+        ecu->limits = sw_calibration_limits(values);
+        sw_memory_freeze(&ecu->state.memory, (int)values->delay_steps + SW_PLAN_AHEAD);
+    }
+    return beyond;
 }
 
 int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int count, sw_frame frames_out[SW_FRAMES_OUT])

@@ -132,7 +132,8 @@ typedef struct {
     uint32_t gap;  /* periods in a row without pressures */
     double window[SW_WINDOW][SW_COLUMNS];
     float plan[SW_HORIZON];
-    double under_way[SW_FROZEN_ACTIONS + 1]; /* actions sent, oldest first */
+    uint32_t frozen; /* actions at the head of a plan that are under way, by the actuator's delay */
+    double under_way[SW_HORIZON]; /* actions sent, oldest first, `frozen` + 1 of them; zeros behind */
 } sw_memory;
 
 /* The sensor check; rows of the arrays are hypotheses. */
@@ -152,6 +153,13 @@ typedef struct {
     double estimates[SW_WINDOW][SW_SENSORS];
 } sw_sensors;
 
+/* Whether another ECU is on the bus. */
+typedef struct {
+    uint8_t is_there;
+    uint32_t frames;  /* of it so far */
+    int64_t until_ns; /* when it counts as gone */
+} sw_other_ecu;
+
 /* Everything that is remembered from one control period to the next. */
 typedef struct {
     sw_memory memory;
@@ -159,6 +167,7 @@ typedef struct {
     sw_receiver pressures;
     sw_fail_safe fail_safe;
     sw_timing timing;
+    sw_other_ecu other_ecu;
     uint8_t command_counter; /* what the next frame will carry */
     uint8_t status_counter;
     uint8_t has_pressures; /* whether usable ones have come */
@@ -168,6 +177,20 @@ typedef struct {
     uint32_t missed;     /* steps without usable pressures */
     sw_bus_health health;
 } sw_ecu_state;
+
+/* What may be changed of a release on the vehicle, in the layout in which UDS and XCP carry it. */
+typedef struct {
+    float weights[SW_TERMS]; /* of the cost terms */
+    float action_limit;      /* largest magnitude that the command gate lets pass, in U_inf W */
+    float command_step;      /* largest change in a control period, in U_inf W */
+    uint32_t delay_steps;    /* actuator delay in control periods that is compensated */
+} sw_calibration;
+
+/* Bounds of the command gate, in m2/s. */
+typedef struct {
+    double flow_m2_per_s;
+    double step_m2_per_s;
+} sw_gate_limits;
 
 /* What happened in the latest step, for observers. */
 typedef struct {
@@ -187,17 +210,25 @@ typedef union {
 typedef struct {
     sw_ecu_state state; /* first, so that it can be saved and compared by itself */
     sw_surroundings surroundings;
-    float weights[SW_TERMS]; /* of the cost terms */
+    sw_calibration calibration; /* in force; sw_ecu_calibrate alone changes it */
+    sw_gate_limits limits;      /* by it */
     sw_trace trace;
     sw_input input;
     sw_output output;
     sw_ecu_work work;
 } sw_ecu;
 
-/* Power-on: nothing received, nothing sent, jets shut, the release's cost weights. Memory of zeros is no substitute: it
- * would hold a request for control that was seen low, and a sensor set aside.
+/* Power-on: nothing received, nothing sent, jets shut, the release's own calibration. Memory of zeros is no substitute:
+ * it would hold a request for control that was seen low, and a sensor set aside.
  */
 void sw_ecu_init(sw_ecu *ecu);
+
+/* Other values from the next step on; call it between two steps. Returns 0, or the number of the first value that is
+ * out of the limits of release and vehicle, counted from 1 in the order of the structure; nothing is changed then. What
+ * was sent stays as it was sent, and a narrower range bounds the very next command. A state that is loaded must be of
+ * the same delay.
+ */
+int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values);
 
 /* One control period that begins at now_ns. frames_in has everything received since the last step, oldest first; with a
  * count of 0 it may be NULL. Writes the frames to be sent, over frames_in if that is the same memory, and returns how

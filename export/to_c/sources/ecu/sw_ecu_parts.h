@@ -106,8 +106,8 @@ typedef struct {
 
 void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *frames, int count, int64_t now_ns);
 
-/* Whether another ECU's command or status is among the frames. */
-int sw_hears_other_ecu(const sw_frame *frames, int count);
+/* After the step at step_ns with these frames: commands and statuses among them are another ECU's. */
+void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count, int64_t step_ns);
 
 /* --- sw_memory.c: window, plan and actions under way --- */
 
@@ -116,6 +116,9 @@ void sw_memory_bridged(sw_memory *memory);
 void sw_memory_emptied(sw_memory *memory);
 void sw_memory_commanded(sw_memory *memory, double action);
 void sw_memory_without_plan(sw_memory *memory);
+
+/* With so many frozen actions, fewer than SW_HORIZON: another delay of the actuator. */
+void sw_memory_freeze(sw_memory *memory, int frozen);
 
 /* Other pressures of one sensor in the rows that have come; values has a row a row of the window. */
 void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW_WINDOW][SW_SENSORS]);
@@ -166,6 +169,14 @@ void sw_fail_safe_latch(sw_fail_safe *fail_safe, uint8_t reason);
 int sw_drives_jets(uint8_t mode);
 uint8_t sw_mode_on_wire(uint8_t mode);
 
+/* --- sw_calibration.c --- */
+
+/* The number of the first value that is out of its limits, from 1; 0 if there is none. */
+int sw_calibration_beyond(const sw_calibration *values);
+
+/* The gate's bounds by values within their limits, never wider than the vehicle's. */
+sw_gate_limits sw_calibration_limits(const sw_calibration *values);
+
 /* --- sw_gate.c --- */
 
 typedef struct {
@@ -176,7 +187,7 @@ typedef struct {
 
 /* has_previous and has_pressures say whether the times beside them are any. */
 sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int has_previous, int64_t previous_ns,
-                 int has_pressures, int64_t pressure_ns, int64_t now_ns);
+                 int has_pressures, int64_t pressure_ns, int64_t now_ns, const sw_gate_limits *limits);
 
 #ifdef __cplusplus
 }

@@ -26,14 +26,14 @@ static sw_gated shut(uint8_t why)
 }
 
 /* Largest change from the command before: in a shorter time than a period it is smaller in proportion. */
-static double largest_change(int has_previous, int64_t previous_ns, int64_t now_ns)
+static double largest_change(double step_m2_per_s, int has_previous, int64_t previous_ns, int64_t now_ns)
 {
     double share = 1.0;
     if (has_previous) {
         const uint64_t elapsed = elapsed_ns(previous_ns, now_ns);
         if (elapsed < (uint64_t)SW_PERIOD_NS) share = (double)elapsed / (double)SW_PERIOD_NS;
     }
-    return SW_GATE_STEP * share;
+    return step_m2_per_s * share;
 }
 
 /* Pressures that are too old for a new command may still bear one that leads from the one before it towards zero. */
@@ -47,22 +47,23 @@ static int is_fresh(double flow_m2_per_s, double previous_m2_per_s, int64_t pres
 }
 
 sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int has_previous, int64_t previous_ns,
-                 int has_pressures, int64_t pressure_ns, int64_t now_ns)
+                 int has_pressures, int64_t pressure_ns, int64_t now_ns, const sw_gate_limits *limits)
 {
+    const double range = limits->flow_m2_per_s;
     if (!enable) return shut(SW_GATED_NOT_ENABLED);
     if (!is_finite(flow_m2_per_s)) return shut(SW_GATED_NOT_FINITE);
     if (has_previous && now_ns <= previous_ns) return shut(SW_GATED_CLOCK);
     if (!has_pressures || !is_fresh(flow_m2_per_s, previous_m2_per_s, pressure_ns, now_ns)) {
         return shut(SW_GATED_STALE);
     }
-    const double in_range = clamp(flow_m2_per_s, -SW_GATE_FLOW, SW_GATE_FLOW);
-    const double step = largest_change(has_previous, previous_ns, now_ns);
+    const double in_range = clamp(flow_m2_per_s, -range, range);
+    const double step = largest_change(limits->step_m2_per_s, has_previous, previous_ns, now_ns);
     sw_gated gated = {clamp(in_range, previous_m2_per_s - step, previous_m2_per_s + step), 1, 0};
     if (in_range != flow_m2_per_s) gated.interventions = SW_GATED_RANGE;
     if (gated.flow_m2_per_s != in_range) {
         gated.interventions = (uint8_t)(gated.interventions | SW_GATED_RATE);
         /* The range has the last word, whatever the command before was. */
-        gated.flow_m2_per_s = clamp(gated.flow_m2_per_s, -SW_GATE_FLOW, SW_GATE_FLOW);
+        gated.flow_m2_per_s = clamp(gated.flow_m2_per_s, -range, range);
     }
     return gated;
 }

@@ -5,12 +5,15 @@
  */
 #include "sw_ecu_parts.h"
 
-#if SW_FROZEN_ACTIONS >= SW_HORIZON
-#error "SW_FROZEN_ACTIONS: must be less than SW_HORIZON, or no action is left to be planned"
-#endif
-
 /* Periods without pressures that the window may bridge. */
 #define LONGEST_GAP (SW_HOLD_PERIODS + SW_DECAY_PERIODS)
+
+/* To 0 .. last. */
+static int clipped(int index, int last)
+{
+    if (index < 0) return 0;
+    return index > last ? last : index;
+}
 
 static void extended(sw_memory *memory, const double cp[SW_SENSORS])
 {
@@ -53,8 +56,33 @@ void sw_memory_emptied(sw_memory *memory)
 
 void sw_memory_commanded(sw_memory *memory, double action)
 {
-    for (int k = 0; k < SW_FROZEN_ACTIONS; k++) memory->under_way[k] = memory->under_way[k + 1];
-    memory->under_way[SW_FROZEN_ACTIONS] = action;
+    const int frozen = (int)memory->frozen;
+    for (int k = 0; k < frozen; k++) memory->under_way[k] = memory->under_way[k + 1];
+    memory->under_way[frozen] = action;
+}
+
+/* What was sent stays as it was sent. What moves is when it is taken to act: under way are the latest actions, and a row
+ * of the window has the action that was in force by the new delay. An action from before the oldest row is taken for
+ * that row's. The plan moves along: the action that it has for the next period is the same as before.
+ */
+void sw_memory_freeze(sw_memory *memory, int frozen)
+{
+    double sent[SW_WINDOW + SW_HORIZON]; /* by the rows, and on the line: without a gap */
+    float plan[SW_HORIZON];
+    const int later = frozen - (int)memory->frozen;
+    for (int k = 0; k < SW_WINDOW; k++) sent[k] = memory->window[k][SW_SENSORS];
+    for (int k = 0; k < SW_HORIZON; k++) {
+        sent[SW_WINDOW + k] = memory->under_way[k];
+        plan[k] = memory->plan[k];
+    }
+    for (int k = SW_WINDOW - (int)memory->rows; k < SW_WINDOW; k++) {
+        memory->window[k][SW_SENSORS] = sent[clipped(k - later, SW_WINDOW + SW_HORIZON - 1)];
+    }
+    for (int k = 0; k < SW_HORIZON; k++) {
+        memory->under_way[k] = k <= frozen ? sent[clipped(SW_WINDOW + k - later, SW_WINDOW + SW_HORIZON - 1)] : 0.0;
+        memory->plan[k] = plan[clipped(k - later, SW_HORIZON - 1)];
+    }
+    memory->frozen = (uint32_t)frozen;
 }
 
 void sw_memory_without_plan(sw_memory *memory)
@@ -69,16 +97,17 @@ void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW
 
 void sw_memory_input(const sw_memory *memory, const float weights[SW_TERMS], sw_input *input)
 {
+    const int frozen = (int)memory->frozen;
     for (int k = 0; k < SW_WINDOW; k++) {
         for (int c = 0; c < SW_COLUMNS; c++) input->window[k][c] = (float)memory->window[k][c];
     }
     for (int k = 0; k < SW_HORIZON; k++) {
         input->plan[k] = memory->plan[k];
-        input->free[k] = k < SW_FROZEN_ACTIONS ? 0.0f : 1.0f;
+        input->free[k] = k < frozen ? 0.0f : 1.0f;
     }
     /* The control step shifts the plan by a step. What comes first then is under way to a late actuator: as sent,
      * whatever the gate, a hold or the wire made of the plan.
      */
-    for (int k = 1; k <= SW_FROZEN_ACTIONS; k++) input->plan[k] = (float)memory->under_way[k];
+    for (int k = 1; k <= frozen; k++) input->plan[k] = (float)memory->under_way[k];
     for (int i = 0; i < SW_TERMS; i++) input->weights[i] = weights[i];
 }

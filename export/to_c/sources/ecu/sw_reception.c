@@ -1,6 +1,7 @@
 /* From one control period's frames to pressures that may be planned on, or why there are none. In this order: the
  * end-to-end check, the age, the sensors' own diagnosis. And whether another ECU is on the bus.
  */
+#include "sw_counts.h"
 #include "sw_ecu_parts.h"
 
 #define ALL_VALID ((1u << SW_SENSORS) - 1u)
@@ -56,13 +57,29 @@ static int is_sound(const sw_frame *frame, int bytes, uint16_t data_id)
 }
 
 /* A node does not hear its own frames. */
-int sw_hears_other_ecu(const sw_frame *frames, int count)
+static uint32_t heard_of_other(const sw_frame *frames, int count)
 {
-    int heard = 0;
+    uint32_t heard = 0;
     for (int i = 0; i < count; i++) {
         if (frames[i].is_extended) continue;
-        if (frames[i].id == SW_COMMAND_ID) heard |= is_sound(&frames[i], SW_COMMAND_BYTES, SW_COMMAND_DATA_ID);
-        if (frames[i].id == SW_STATUS_ID) heard |= is_sound(&frames[i], SW_STATUS_BYTES, SW_STATUS_DATA_ID);
+        if (frames[i].id == SW_COMMAND_ID && is_sound(&frames[i], SW_COMMAND_BYTES, SW_COMMAND_DATA_ID)) heard++;
+        if (frames[i].id == SW_STATUS_ID && is_sound(&frames[i], SW_STATUS_BYTES, SW_STATUS_DATA_ID)) heard++;
     }
     return heard;
+}
+
+/* Both ECUs keep the jets shut until the other one has been silent for a while. */
+void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count, int64_t step_ns)
+{
+    const uint32_t heard = heard_of_other(frames, count);
+    other->frames = sw_counted(other->frames, heard);
+    if (heard > 0u) {
+        other->is_there = 1;
+        other->until_ns = step_ns + SW_SILENCE_NS;
+    } else if (step_ns > other->until_ns) {
+        other->is_there = 0;
+        other->until_ns = 0;
+    } else {
+        /* It may only have lost the bus. */
+    }
 }

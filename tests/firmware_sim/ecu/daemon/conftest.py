@@ -21,7 +21,6 @@ from firmware_sim.ecu.daemon.connection import Connection
 from firmware_sim.ecu.daemon.control_loop import ControlLoop, RealTime
 from firmware_sim.ecu.daemon.reception import Reception
 from firmware_sim.ecu.ecu import Ecu
-from firmware_sim.ecu.other_ecu import is_of_another_ecu
 from firmware_sim.ecu.real_time.stage_times import EcuStage, StageTimes
 from firmware_sim.ecu.real_time.timed_controller import TimedController
 
@@ -58,12 +57,7 @@ class Rig:
         self.controller = controller
         self.timed = TimedController(controller, lambda: self.now)
         self.ecu = Ecu(bundle, self.timed, self.config)
-        self.inbox = Reception(
-            pressure=PRESSURE,
-            of_another_ecu=lambda frame: is_of_another_ecu(frame, FD, None),
-            interface="virtual",
-            monotonic_ns=lambda: self.now,
-        )
+        self.inbox = Reception(messages=FD, interface="virtual", monotonic_ns=lambda: self.now)
         self.opened: list[can.BusABC] = []
         self.connection = Connection(self.open_bus, self.inbox.put, first_pause_s=0.01)
         self.connection.__enter__()
@@ -72,7 +66,7 @@ class Rig:
         self.lines: list[str] = []
         self.loop = ControlLoop(
             self.ecu,
-            self.timed,
+            self.timed.times,
             self.connection,
             self.inbox,
             self.config,

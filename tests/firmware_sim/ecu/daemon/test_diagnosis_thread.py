@@ -15,7 +15,6 @@ from can_bridge.isotp.settings import IsoTpSettings
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
-from firmware_sim.ecu.daemon.control_side import ControlSide
 from firmware_sim.ecu.daemon.diagnosis_thread import DiagnosisThread
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
 from firmware_sim.ecu.real_time import clock
@@ -92,7 +91,6 @@ def test_a_disk_that_hangs_does_not_come_into_a_control_period(tmp_path: Path) -
         return disks[-1]
 
     with served(tmp_path, slow) as (ecu, tester):
-        control = ControlSide(ecu)
         tester.ask(b"\x10\x02")
         seed = tester.ask(b"\x27\x01")[2:]
         # The attempt is written before the answer.
@@ -100,7 +98,7 @@ def test_a_disk_that_hangs_does_not_come_into_a_control_period(tmp_path: Path) -
         tester.send(b"\x27\x02" + KEY.answer(Level.PROGRAMMING, seed))
         assert disks[-1].waits.wait(10.0)
         for step in range(50):
-            assert len(control.step(10**9 + step * CONFIG.period_ns, [])) == 2
+            assert len(ecu.control(10**9 + step * CONFIG.period_ns, [])) == 2
         assert tester.answers == []
         disks[-1].let.set()
         wait_for(lambda: tester.answers == [b"\x67\x02"])
@@ -108,18 +106,18 @@ def test_a_disk_that_hangs_does_not_come_into_a_control_period(tmp_path: Path) -
 
 def test_the_control_goes_on_while_a_reset_boots_and_then_with_what_was_booted(tmp_path: Path) -> None:
     with served(tmp_path) as (ecu, tester):
-        control, now_ns = ControlSide(ecu), clock.now_ns() - CONFIG.period_ns * 4
-        before = control.state.commands.counter
+        now_ns = clock.now_ns() - CONFIG.period_ns * 4
+        before = ecu.state.commands.counter
         for _ in range(3):
-            control.step(now_ns := now_ns + CONFIG.period_ns, [])
-        assert control.state.commands.counter == before + 3
+            ecu.control(now_ns := now_ns + CONFIG.period_ns, [])
+        assert ecu.state.commands.counter == before + 3
         tester.ask(b"\x10\x02")
         assert tester.ask(b"\x11\x01") == b"\x51\x01"
         wait_for(lambda: ecu.resets == 1)
         # Until the control has taken over there is no one to ask.
-        assert control.state.commands.counter == before + 3
-        control.step(clock.now_ns(), [])
-        assert control.state.commands.counter == 1
+        assert ecu.state.commands.counter == before + 3
+        ecu.control(clock.now_ns(), [])
+        assert ecu.state.commands.counter == 1
         assert tester.ask(b"\x22\xf1\x86") == b"\x62\xf1\x86\x01"
 
 

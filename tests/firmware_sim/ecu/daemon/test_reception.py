@@ -10,7 +10,6 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import FD
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from firmware_sim.ecu.daemon.reception import LONGEST_AGE_NS, ROOM, Reception, received_ns
-from firmware_sim.ecu.other_ecu import is_of_another_ecu
 from tests.each import each
 from tests.examples import examples
 
@@ -19,13 +18,7 @@ NOW, DATE = 50 * HOUR, 20_000 * 24 * HOUR
 
 
 def inbox(interface: str, *, date=lambda: DATE, monotonic=lambda: NOW) -> Reception:
-    return Reception(
-        pressure=PRESSURE,
-        of_another_ecu=lambda frame: is_of_another_ecu(frame, FD, None),
-        interface=interface,
-        monotonic_ns=monotonic,
-        date_ns=date,
-    )
+    return Reception(messages=FD, interface=interface, monotonic_ns=monotonic, date_ns=date)
 
 
 def pressure(stamp_ns: int = 0) -> Frame:
@@ -52,7 +45,7 @@ def test_a_date_that_is_set_between_stamp_and_look_does_bounded_harm(age, step):
 def test_a_frame_that_waited_in_the_kernel_is_as_old_as_it_is(interface):
     box = inbox(interface)
     box.put(pressure(DATE - 7_000_000))
-    (frame,) = box.take().frames
+    (frame,) = box.take().pressures
     assert frame.timestamp_ns == NOW - 7_000_000
 
 
@@ -61,7 +54,7 @@ def test_a_stamp_of_an_unknown_clock_is_not_looked_at(interface):
     box = inbox(interface)
     for stamp in (0, DATE, 10**19):
         box.put(pressure(stamp))
-    assert {frame.timestamp_ns for frame in box.take().frames} == {NOW}
+    assert {frame.timestamp_ns for frame in box.take().pressures} == {NOW}
 
 
 def test_a_step_of_the_date_between_two_frames_does_not_reach_the_ecu():
@@ -75,7 +68,7 @@ def test_a_step_of_the_date_between_two_frames_does_not_reach_the_ecu():
         date = DATE + now - NOW + date_is_off
         box = inbox("socketcan", date=lambda date=date: date, monotonic=lambda now=now: now)
         box.put(pressure(date - 100_000))
-        arrivals.append(box.take().frames[0].timestamp_ns)
+        arrivals.append(box.take().pressures[0].timestamp_ns)
     assert {after - before for before, after in pairwise(arrivals)} == {20_000_000}
 
 
@@ -84,20 +77,16 @@ def test_a_flood_takes_bounded_room_and_the_newest_stay():
     for age in range(ROOM + 10, 0, -1):
         box.put(pressure(DATE - age))
     taken = box.take()
-    assert [NOW - frame.timestamp_ns for frame in taken.frames] == list(range(ROOM, 0, -1))
+    assert [NOW - frame.timestamp_ns for frame in taken.pressures] == list(range(ROOM, 0, -1))
     assert (box.received, box.dropped) == (ROOM + 10, 10)
 
 
-def test_sound_frames_of_another_ecu_are_counted_and_other_frames_are_not():
+def test_frames_by_the_ecus_own_names_are_kept_for_the_step_that_judges_them():
     box = inbox("virtual")
     for spec, times in ((JET_COMMAND, 3), (ECU_STATUS, 2), (PRESSURE, 1)):
-        sender = E2eSender(spec)
         for _ in range(times):
-            box.put(sender.frame(bytes(spec.protected), now_ns=0))
+            box.put(E2eSender(spec).frame(bytes(spec.protected), now_ns=0))
+    box.put(Frame(frame_id=0x55, data=b""))
     taken = box.take()
-    assert (len(taken.frames), taken.foreign) == (1, 5)
-    # Anybody can make these, without being an ECU.
-    for data in (b"", bytes(JET_COMMAND.length), bytes(JET_COMMAND.length - 1)):
-        box.put(Frame(frame_id=JET_COMMAND.frame_id, data=data))
-    assert box.take() == ([], 0)
-    assert (box.foreign, box.received) == (5, 6)
+    assert (len(taken.pressures), len(taken.others), box.received) == (1, 5, 6)
+    assert box.take() == ([], [])

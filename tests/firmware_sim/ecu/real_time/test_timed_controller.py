@@ -26,14 +26,14 @@ class Failing:
 def test_it_passes_everything_on_and_notes_before_and_after():
     ticks, asked = count(10), Asked()
     timed = TimedController(asked, lambda: next(ticks))
-    assert (timed.began_ns, timed.ended_ns) == (0, 0)
+    assert (timed.times.began_ns, timed.times.ended_ns) == (0, 0)
     given = tuple(np.full(1, value) for value in range(4))
     answer = timed.control_step(*given)
     assert answer.plan is given[1]
     assert all(a is b for a, b in zip(asked.with_what[0], given, strict=True))
-    assert (timed.began_ns, timed.ended_ns) == (10, 11)
-    timed.forget()
-    assert (timed.began_ns, timed.ended_ns) == (0, 0)
+    assert (timed.times.began_ns, timed.times.ended_ns) == (10, 11)
+    timed.times.forget()
+    assert (timed.times.began_ns, timed.times.ended_ns) == (0, 0)
 
 
 def test_a_failure_has_an_end_too():
@@ -41,4 +41,4 @@ def test_a_failure_has_an_end_too():
     timed = TimedController(Failing(), lambda: next(ticks))
     with pytest.raises(ControllerError):
         timed.control_step(*(np.zeros(1),) * 3)
-    assert (timed.began_ns, timed.ended_ns) == (1, 2)
+    assert (timed.times.began_ns, timed.times.ended_ns) == (1, 2)

@@ -44,9 +44,11 @@ void twin_step(sw_ecu *ecu, const twin_stimulus *stimulus, twin_response *respon
     if (stimulus->restarts) {
         memset(ecu, 0xA5, sizeof *ecu); /* memory at power-on holds anything */
         sw_ecu_init(ecu);
-        response->starts_otherwise = memcmp(&ecu->state, &stimulus->before, sizeof ecu->state) != 0;
+        response->starts_otherwise = !stimulus->loads && memcmp(&ecu->state, &stimulus->before, sizeof ecu->state) != 0;
     }
     if (stimulus->loads) ecu->state = stimulus->before;
+    if (stimulus->calibrates) response->refused = sw_ecu_calibrate(ecu, &stimulus->calibration);
+    response->calibration = ecu->calibration;
     ecu->surroundings = stimulus->surroundings;
     response->sent = sw_ecu_step(ecu, stimulus->now_ns, stimulus->frames, (int)stimulus->count, sent);
     for (int i = 0; i < response->sent && i < SW_FRAMES_OUT; i++) {

@@ -18,6 +18,8 @@ typedef struct {
     int64_t now_ns;
     uint8_t restarts; /* power-on before it; the state is then `before` */
     uint8_t loads;    /* it starts from `before`, whatever was */
+    uint8_t calibrates;
+    sw_calibration calibration; /* before the step */
     sw_surroundings surroundings;
     int32_t count;
     sw_frame not_first; /* none that came, but looks like it; so does the one behind the last */
@@ -29,6 +31,8 @@ typedef struct {
 /* All bytes that no field names are zero; so is the input of a network that was not asked. */
 typedef struct {
     uint8_t starts_otherwise; /* than `before`, at power-on */
+    int32_t refused; /* of the calibration: the number of the first value that is out of its limits */
+    sw_calibration calibration;
     int32_t sent;
     sw_frame frames[SW_FRAMES_OUT];
     sw_trace trace;

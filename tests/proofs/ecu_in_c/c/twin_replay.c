@@ -19,11 +19,28 @@ static int is_shut(sw_gated gated, int why)
 static int gate_is_sound(void)
 {
     const double wrong[] = {NAN, INFINITY, -INFINITY};
+    const sw_gate_limits limits = {SW_GATE_FLOW, SW_GATE_STEP};
     int sound = 1;
-    for (int i = 0; i < 3; i++) sound &= is_shut(sw_gate(wrong[i], 1, 0.0, 1, 0, 1, 1, 1), SW_GATED_NOT_FINITE);
-    sound &= is_shut(sw_gate(0.0, 1, 0.0, 1, 5, 1, 5, 5), SW_GATED_CLOCK);
-    sound &= is_shut(sw_gate(0.0, 1, 0.0, 1, 6, 1, 5, 5), SW_GATED_CLOCK);
-    sound &= is_shut(sw_gate(0.0, 1, 0.0, 1, 0, 0, 0, 5), SW_GATED_STALE);
+    for (int i = 0; i < 3; i++) sound &= is_shut(sw_gate(wrong[i], 1, 0.0, 1, 0, 1, 1, 1, &limits), SW_GATED_NOT_FINITE);
+    sound &= is_shut(sw_gate(0.0, 1, 0.0, 1, 5, 1, 5, 5, &limits), SW_GATED_CLOCK);
+    sound &= is_shut(sw_gate(0.0, 1, 0.0, 1, 6, 1, 5, 5, &limits), SW_GATED_CLOCK);
+    sound &= is_shut(sw_gate(0.0, 1, 0.0, 1, 0, 0, 0, 5, &limits), SW_GATED_STALE);
+    return sound;
+}
+
+/* Values that no `Calibration` of Python can have: they are refused, and change nothing. */
+static int calibration_is_sound(sw_ecu *ecu)
+{
+    sw_ecu before;
+    int sound = 1;
+    sw_ecu_init(ecu);
+    for (int i = 0; i < SW_TERMS + 2; i++) {
+        sw_calibration wrong = ecu->calibration;
+        float *values[] = {&wrong.weights[i % SW_TERMS], &wrong.action_limit, &wrong.command_step};
+        *values[i < SW_TERMS ? 0 : i - SW_TERMS + 1] = NAN;
+        memcpy(&before, ecu, sizeof before);
+        sound &= sw_ecu_calibrate(ecu, &wrong) == i + 1 && memcmp(&before, ecu, sizeof before) == 0;
+    }
     return sound;
 }
 
@@ -53,8 +70,8 @@ int main(int argc, char **argv)
     static twin_response found;
     static uint8_t compared[sizeof(twin_response)];
     long number = 0;
-    if (!gate_is_sound() || !reception_is_sound()) {
-        fprintf(stderr, "the gate or the reception by itself\n");
+    if (!gate_is_sound() || !reception_is_sound() || !calibration_is_sound(&ecu)) {
+        fprintf(stderr, "the gate, the reception or the calibration by itself\n");
         return EXIT_FAILURE;
     }
     FILE *file = argc == 3 ? fopen(argv[1], "rb") : NULL;

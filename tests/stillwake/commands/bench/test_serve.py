@@ -7,11 +7,8 @@ import subprocess
 import sys
 import urllib.request
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import psutil
 import pytest
@@ -62,13 +59,6 @@ def test_without_compiler_there_is_no_ecu_in_c_on_this_machine(monkeypatch):
     assert "compiler" in str(missing_of(controllers(open_release(None, None), None), "c"))
 
 
-@dataclass
-class Weighed:
-    """An ECU in C as far as it is used here: the weights that it was given."""
-
-    weights: object = None
-
-
 @pytest.fixture
 def told(monkeypatch) -> list[str]:
     """What viewers are told while ECUs in C are made, without making any."""
@@ -78,8 +68,7 @@ def told(monkeypatch) -> list[str]:
         yield given
 
     def loop_ecu(name, sources):
-        ecu = Weighed()
-        return LoopEcu(ecu=ecu, kind=name, computed_by="", weigh=partial(setattr, ecu, "weights"))  # type: ignore[arg-type]
+        return LoopEcu(ecu=SimpleNamespace(), kind=name, computed_by="")
 
     monkeypatch.setattr(live_parts, "library_folder", library_folder)
     monkeypatch.setattr("firmware_sim.in_c.c_ecu.ecu_sources", lambda *_: {})
@@ -90,11 +79,8 @@ def told(monkeypatch) -> list[str]:
 def test_an_ecu_in_c_is_made_once_and_each_wait_is_told(told):
     release = open_release(None, None)
     ecus = Ecus(release, load_config(), None, told.append)
-    heavy = replace(release.manifest.mpc.weights, effort=40.0)
-    made: Any = ecus("c", heavy)
-    assert made.ecu.weights == heavy
-    assert ecus("c", heavy) is made
-    ecus("cortex-m7", None)
+    assert ecus("c") is ecus("c")
+    ecus("cortex-m7")
     assert told == [MAKING, COMPILING["c"], COMPILING["cortex-m7"]]
 
 
@@ -117,7 +103,7 @@ def test_the_loop_goes_on_while_an_ecu_in_c_is_made_and_waits_for_nothing_else(t
         assert work is not None, asked
         work()
         assert loop.before(asked) is None, asked
-        assert ecus("c", None).kind == "c", asked
+        assert ecus("c").kind == "c", asked
         assert len(told) == 2, asked
     others: tuple[dict[str, Any], ...] = (
         *({"set": {"controller": name}} for name in ("int8", ["c"], "cortex-m7")),
