@@ -85,11 +85,11 @@ def test_a_master_connects_reads_writes_and_stores(master, slave, segment):
 
     assert master.getCalPage(1, 0) == 0
     master.setCalPage(0x83, 0, 1)
-    assert segment.take() is REFERENCE
+    assert segment.take() == REFERENCE
     assert master.shortUpload(4, EFFORT) == bytes(4)
     master.setCalPage(0x83, 0, 0)
     master.copyCalPage(0, 1, 0, 0)
-    assert segment.in_force is REFERENCE
+    assert segment.in_force == REFERENCE
     master.setRequest(1, 0)
     assert slave.wants_store
     assert master.getStatus().sessionStatus.storeCalRequest

@@ -213,7 +213,7 @@ def test_pages(unlocked, segment):
     assert ask(unlocked, "EA 01 00") == "FF 00 00 00"
     assert ask(unlocked, "EB 01 00 01") == "FF"
     assert segment.take() is None
-    assert segment.in_force is REFERENCE
+    assert segment.in_force == REFERENCE
     assert ask(unlocked, "EA 01 00") == "FF 00 00 01"
     assert ask(unlocked, "EA 02 00") == "FF 00 00 00"
     assert ask(unlocked, "EB 02 00 01") == "FF"
@@ -300,4 +300,4 @@ def test_whatever_comes_over_the_wire_nothing_is_raised_and_the_limits_hold(unlo
         assert all(0 < len(answer) <= 8 and answer[0] in (0xFF, 0xFE) for answer in answers)
         LIMITS.check(segment.in_force)
         if not unlocks:
-            assert segment.in_force is REFERENCE
+            assert segment.in_force == REFERENCE
