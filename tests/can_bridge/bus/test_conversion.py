@@ -67,10 +67,3 @@ def test_message_of_any_values_is_classified(fields, data):
     if isinstance(found, Frame):
         message.error_state_indicator = False
         message._check()
-
-
-def test_lengths_are_those_of_the_format():
-    for is_fd, lengths in ((False, CLASSIC_LENGTHS), (True, FD_LENGTHS)):
-        for length in range(66):
-            message = can.Message(arbitration_id=1, is_extended_id=False, is_fd=is_fd, data=bytes(length))
-            assert isinstance(classified(message), Frame) == (length in lengths), length

@@ -1,5 +1,3 @@
-from threading import Thread
-
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,24 +18,3 @@ def test_latest_value_once_and_every_lost_one_counted(actions):
             waiting = [action]
             mailbox.put(action)
         assert mailbox.overwritten == lost
-
-
-def test_no_value_vanishes_between_threads():
-    mailbox: Mailbox[int] = Mailbox()
-    values, taken = range(1, 2001), []
-
-    def write() -> None:
-        for value in values:
-            mailbox.put(value)
-
-    writer = Thread(target=write)
-    writer.start()
-    while writer.is_alive():
-        if (value := mailbox.take()) is not None:
-            taken.append(value)
-    if (value := mailbox.take()) is not None:
-        taken.append(value)
-    writer.join()
-    assert taken == sorted(set(taken))
-    assert taken[-1] == values[-1]
-    assert len(taken) + mailbox.overwritten == len(values)

@@ -73,6 +73,13 @@ def test_several_frames_in_a_period_are_all_checked_and_the_newest_good_one_coun
     assert reception.live == good(11, time_ns=1)
 
 
+def test_rejected_are_the_frames_that_came_and_were_not_good():
+    made = valid_receiver(last=9)
+    for frames in ([corrupt(10)], [good(10), good(10)], [], [good(12)], [good(50)]):
+        made.tick(frames)
+    assert (made.state.frames_rejected, made.state.count(Check.ERROR)) == (3, 1)
+
+
 def test_a_state_is_a_value():
     """Every mixture of frames leads on from a saved state as from the receiver itself."""
     made = receiver()

@@ -1,13 +1,10 @@
 """Counts, rates and the load of logs that were made up."""
 
 import can
-import pytest
 
 from can_bridge.tools.signals import decode
 from can_bridge.tools.summary import summarise
-from can_bridge.wire.message_specs import JET_COMMAND
 from contract.config.vehicle import BusConfig
-from tests.can_bridge.tools.test_traffic import frame
 
 
 def test_load_of_a_known_frame():
@@ -40,24 +37,3 @@ def test_a_frame_without_bit_rate_switch_takes_longer():
         loads.append(found.load)
     # 64 bytes and their stuff bits at 500 kbit/s in place of 2 Mbit/s.
     assert 2.5 * loads[0] < loads[1] < 4.0 * loads[0]
-
-
-def test_kinds_are_counted_apart():
-    good = frame(JET_COMMAND, 0)
-    log = [
-        can.Message(timestamp=1.0, arbitration_id=0x130, is_extended_id=False, is_fd=True, data=good.data),
-        can.Message(timestamp=1.5, is_error_frame=True),
-        can.Message(timestamp=2.0, arbitration_id=5, is_remote_frame=True),
-        can.Message(timestamp=2.5, arbitration_id=0x130, is_extended_id=False, is_fd=True, data=bytes(8)),
-        can.Message(timestamp=3.0, arbitration_id=0x130, is_extended_id=False, is_fd=True, data=bytes(9)),
-    ]
-    seen = []
-    found = summarise(log, decoder=decode, config=BusConfig(), seen=lambda one: seen.append(one.count))
-    assert (found.frames, found.errors, found.remote, found.unsound, found.span_s) == (2, 1, 1, 1, 2.0)
-    assert seen == [1, 2]
-    (traffic,) = found.messages.values()
-    assert traffic.verdicts == {"OK": 1, "CRC wrong": 1}
-    (message,) = found.figures()["messages"]
-    assert message["message"] == "JetCommand"
-    assert message["rate_hz"] == pytest.approx(1 / 1.5)
-    assert (message["lost"], message["checks"], message["mac_checked"]) == (0, {"OK": 1, "CRC wrong": 1}, None)

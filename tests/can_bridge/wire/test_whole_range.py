@@ -10,8 +10,8 @@ from tests.can_bridge.wire.described import DBC
 
 BEHIND = ("E2E_CRC", "E2E_Counter", "Freshness", "MAC")
 """Not the codec's: filled in by the protection around it."""
-WIDE = 12
-"""Bits up to which every value is tried; of a wider signal every 13th, the powers of two and their neighbours."""
+WIDE = 10
+"""Bits up to which every value is tried; of a wider signal every 61st, the powers of two and their neighbours."""
 SCALED = ("Pressure0", "Flow", "Age")
 """Signals whose values are rounded: every value of each."""
 TABLES = {"Mode": len(Mode), "State": len(Mode), "Reason": len(Reason)}
@@ -24,7 +24,7 @@ def raw_values(signal):
     if signal.length <= WIDE or signal.name in SCALED:
         return range(low, high)
     near = (value + step for value in (1 << bit for bit in range(signal.length + 1)) for step in (-1, 0, 1))
-    some = range(low, high, 13) if signal.length <= 16 else ()
+    some = range(low, high, 61) if signal.length <= 16 else ()
     return sorted({0, *some, *(value for value in near if low <= value < high)})
 
 

@@ -155,15 +155,3 @@ def test_other_kinds_are_read_and_said_likewise():
     ]:
         assert parse_described(text, HERE, "thing") == said, (text, said)
         assert text_of(said) == text, (text, said)
-
-
-def test_errors_call_other_kinds_by_their_noun():
-    for text, message in [
-        ("once@5..6", r"thing 'once@5\.\.6': '5\.\.6' must be a time in seconds$"),
-        ("once@", r"'' must be a time in seconds$"),
-        ("level=0.5@3", r"'3' must be START\.\.END in seconds"),
-        ("level=x", r"level = 'x' must be a number"),
-        ("height=1", r"no thing 'height'; there are once, level"),
-    ]:
-        with refused(ConfigError, message):
-            parse_described(text, HERE, "thing")

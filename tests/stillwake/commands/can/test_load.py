@@ -90,15 +90,15 @@ def test_what_cannot_be_shown_is_one_line(cli):
         assert outcome.err.count("\n") == 1, (arguments, error)
 
 
-@pytest.mark.parametrize("given", [(), ("--set", "bus.frames=classic")])
-def test_a_terminal_of_80_columns_shows_whole_names(cli, monkeypatch, given):
-    written = StringIO()
-    page = Console(width=80, file=written)
-    # The package has the function under the module's name.
-    monkeypatch.setattr(sys.modules["stillwake.commands.can.load"], "console", page)
-    assert cli("can", "load", *given, "--set", "bus.background.load=0.5").code == 0
-    lines = written.getvalue().splitlines()
-    # A name that was folded would leave a line of its own, without an identifier.
-    rows = [line for line in lines if " yes" in line]
-    assert len(rows) > 30
-    assert len(lines) == len(rows) + 6
+def test_a_terminal_of_80_columns_shows_whole_names(cli, monkeypatch):
+    for given in ((), ("--set", "bus.frames=classic")):
+        written = StringIO()
+        page = Console(width=80, file=written)
+        # The package has the function under the module's name.
+        monkeypatch.setattr(sys.modules["stillwake.commands.can.load"], "console", page)
+        assert cli("can", "load", *given, "--set", "bus.background.load=0.5").code == 0, given
+        lines = written.getvalue().splitlines()
+        # A name that was folded would leave a line of its own, without an identifier.
+        rows = [line for line in lines if " yes" in line]
+        assert len(rows) > 30, given
+        assert len(lines) == len(rows) + 6, given
