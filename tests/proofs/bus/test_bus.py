@@ -23,7 +23,7 @@ BUS = BusConfig()
 @pytest.fixture(autouse=True)
 def _small(monkeypatch, request):
     """Only the shortest messages, whose errors of two bits take no seconds; no timing."""
-    if "proofs" not in request.keywords:
+    if request.node.get_closest_marker("proofs") is None:
         monkeypatch.setattr(flips, "SPECS", [spec for spec in SPECS if spec.name.startswith("JetCommand")])
         monkeypatch.setattr(forgeries, "cost", lambda: {})
         monkeypatch.setattr(forgeries, "RECORDED", 50)
