@@ -1,6 +1,6 @@
 """Outcomes made by hand, so that what is made of them can be worked out on paper."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
@@ -53,21 +53,6 @@ def rows_of(*others: tuple[Scenario, Sequence[Phase]], undisturbed: Sequence[Pha
     first = (scenario_of(UNDISTURBED, "Undisturbed"), undisturbed or [phase_of(), phase_of()])
     everything = [first, *others]
     return judged([one for one, _ in everything], {one.name: phases for one, phases in everything})
-
-
-@pytest.fixture
-def scenario() -> Callable[..., Scenario]:
-    return scenario_of
-
-
-@pytest.fixture
-def phase() -> Callable[..., Phase]:
-    return phase_of
-
-
-@pytest.fixture
-def rows() -> Callable[..., tuple[Row, ...]]:
-    return rows_of
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""What a campaign leaves in its folder, and which other campaigns it keeps out."""
+"""What a campaign leaves in its folder, and which other things it keeps out."""
 
 import pytest
 
@@ -10,43 +10,22 @@ from tests.firmware_sim.campaign.conftest import phase_of
 LABEL = {"schema": SCHEMA, "seed": 1, "settings": {"a": [1, 2]}}
 
 
-@pytest.fixture
-def folder(tmp_path) -> CampaignFolder:
-    made = CampaignFolder(tmp_path / "campaign")
-    made.check(LABEL, overwrite=False)
-    assert not made.path.exists()
-    made.claim(LABEL)
-    made.keep("one", phase_of().under)
-    made.table.write_text("table")
-    return made
-
-
-def test_a_finished_run_is_found_by_its_key(folder) -> None:
-    assert folder.outcome("one", "k") == phase_of().under
-    assert folder.outcome("one", "another key") is None
-    assert folder.outcome("two", "k") is None
-    assert folder.finished == 1
-
-
-def test_a_run_that_did_not_finish_is_not_kept(folder) -> None:
+def test_finished_runs_are_kept_by_their_keys_until_another_campaign_may_replace_them(tmp_path) -> None:
+    folder = CampaignFolder(tmp_path / "campaign")
+    folder.check(LABEL, overwrite=False)
+    assert not folder.path.exists()
+    folder.claim(LABEL)
+    folder.keep("one", phase_of().under)
     folder.keep("two", Outcome(key="k", failure="it diverged"))
-    assert folder.finished == 1
-
-
-def test_the_same_campaign_goes_on(folder) -> None:
+    folder.table.write_text("table")
+    assert folder.outcome("one", "k") == phase_of().under
+    assert folder.outcome("one", "another key") is folder.outcome("two", "k") is None
+    # The same campaign goes on, another one is refused by the name of what differs.
     folder.check(LABEL, overwrite=False)
     folder.claim(LABEL)
-    assert folder.finished == 1
-
-
-def test_another_campaign_is_refused_by_the_name_of_what_differs(folder) -> None:
-    with pytest.raises(OutputError, match="other seed;"):
-        folder.check({**LABEL, "seed": 2}, overwrite=False)
-    assert folder.finished == 1
-
-
-def test_another_campaign_may_replace_it_when_asked_to(folder) -> None:
     other = {**LABEL, "seed": 2}
+    with pytest.raises(OutputError, match="other seed;"):
+        folder.check(other, overwrite=False)
     folder.check(other, overwrite=True)
     assert folder.finished == 1
     folder.claim(other)
@@ -55,14 +34,10 @@ def test_another_campaign_may_replace_it_when_asked_to(folder) -> None:
 
 
 def test_a_folder_of_something_else_is_never_touched(tmp_path) -> None:
-    for overwrite in [False, True]:
-        (tmp_path / "mine").write_text("text")
+    (tmp_path / "mine").write_text("text")
+    for overwrite in (False, True):
         with pytest.raises(OutputError, match="no campaign"):
             CampaignFolder(tmp_path).check(LABEL, overwrite=overwrite)
-        assert [path.name for path in tmp_path.iterdir()] == ["mine"], overwrite
-
-
-def test_a_file_in_the_place_is_refused(tmp_path) -> None:
-    (tmp_path / "file").write_text("text")
     with pytest.raises(StillwakeError, match="it is a file"):
-        CampaignFolder(tmp_path / "file").check(LABEL, overwrite=True)
+        CampaignFolder(tmp_path / "mine").check(LABEL, overwrite=True)
+    assert (tmp_path / "mine").read_text() == "text"

@@ -52,24 +52,22 @@ def test_more_reduction_is_never_less_useful(one, other, undisturbed) -> None:
     assert order.index(first) <= order.index(second)
 
 
-def test_nothing_is_useful_beside_a_loop_that_reduces_nothing() -> None:
+def test_nothing_is_useful_next_to_a_loop_that_reduces_nothing() -> None:
     rows = rows_of((scenario_of("one"), [phase_of(0.5)]), undisturbed=[phase_of(1.0)])
     assert [row.use for row in rows] == [Use.NONE, Use.NONE]
 
 
-def test_one_broken_invariant_in_one_phase_is_unsafe_however_useful() -> None:
-    _, row = rows_of((scenario_of("one"), [phase_of(), phase_of(broken=["period 7: the jets move in OFF"])]))
-    assert (row.safe, row.use, row.violations) == (False, Use.USEFUL, 1)
-    assert row.broken == ["phase 1: period 7: the jets move in OFF"]
-
-
-def test_a_run_that_did_not_finish_is_unsafe_and_has_no_figures() -> None:
-    _, row = rows_of((scenario_of("one"), [phase_of(), phase_of(failure="the flow diverged")]))
-    assert not row.safe
-    assert row.use == Use.NONE
-    assert isnan(row.reduction.mean)
-    assert row.broken == ["phase 1: did not finish: the flow diverged"]
-    figures = row.figures()
+def test_a_broken_invariant_or_a_run_that_did_not_finish_in_one_phase_is_unsafe() -> None:
+    broken, failed = rows_of(
+        (scenario_of("one"), [phase_of(), phase_of(broken=["period 7: the jets move in OFF"])]),
+        (scenario_of("two"), [phase_of(), phase_of(failure="the flow diverged")]),
+    )[1:]
+    assert (broken.safe, broken.use, broken.violations) == (False, Use.USEFUL, 1)
+    assert broken.broken == ["phase 1: period 7: the jets move in OFF"]
+    assert (failed.safe, failed.use) == (False, Use.NONE)
+    assert isnan(failed.reduction.mean)
+    assert failed.broken == ["phase 1: did not finish: the flow diverged"]
+    figures = failed.figures()
     assert figures["reduction_percent"] is None
     assert json.loads(json.dumps(figures, allow_nan=False)) == figures
 
@@ -99,24 +97,21 @@ def test_the_two_of_least_reduction_are_combined_from_two_groups() -> None:
     assert "bad and worse" in found.sentence
 
 
-def test_what_shut_the_jets_is_left_out() -> None:
-    rows = rows_of(made("shut", "A", 1.2, in_control=10), made("one", "B", 0.9), made("two", "C", 0.95))
-    found = two_worst(rows)
-    assert found is not None
-    assert "one and two" in found.sentence
-
-
-def test_two_that_set_the_same_thing_do_not_go_together() -> None:
-    rows = rows_of(
-        made("twelve", "A", 0.99, settings=("vehicle.actuator_delay=12",)),
-        made("four", "B", 0.98, settings=(" vehicle.actuator_delay = 4",)),
-        made("mild", "C", 0.85),
-    )
-    found = two_worst(rows)
-    assert found is not None
-    assert "twelve and mild" in found.sentence
-
-
-def test_without_two_groups_there_is_none() -> None:
-    assert two_worst(rows_of(made("one", "A", 0.9), made("two", "A", 0.95))) is None
-    assert two_worst(rows_of()) is None
+def test_pairs_that_do_not_go_together_are_left_out() -> None:
+    for chosen, rows in (
+        # What shut the jets hides what any other does to them.
+        ("one and two", (made("shut", "A", 1.2, in_control=10), made("one", "B", 0.9), made("two", "C", 0.95))),
+        # Two that set the same thing.
+        (
+            "twelve and mild",
+            (
+                made("twelve", "A", 0.99, settings=("vehicle.actuator_delay=12",)),
+                made("four", "B", 0.98, settings=(" vehicle.actuator_delay = 4",)),
+                made("mild", "C", 0.85),
+            ),
+        ),
+    ):
+        found = two_worst(rows_of(*rows))
+        assert found is not None and chosen in found.sentence, chosen
+    # Without two groups there is none.
+    assert two_worst(rows_of(made("one", "A", 0.9), made("two", "A", 0.95))) is two_worst(rows_of()) is None

@@ -3,7 +3,6 @@
 import csv
 import io
 import re
-from dataclasses import replace
 from datetime import date
 
 import numpy as np
@@ -14,10 +13,6 @@ from contract.config.tree import Config
 from firmware_sim.campaign import paper
 from firmware_sim.campaign.conduct import Campaign, Result
 from firmware_sim.campaign.folder import CampaignFolder
-from firmware_sim.campaign.judgement import Spread
-from firmware_sim.campaign.listing import listing
-from firmware_sim.campaign.matrix_words import cells, headline, spread
-from firmware_sim.campaign.plan_file import whole_plan
 from firmware_sim.campaign.report import write_report
 from firmware_sim.campaign.result_figures import curve, figures_of
 from firmware_sim.campaign.scenario import Criteria
@@ -125,22 +120,3 @@ def test_the_papers_figures() -> None:
     # "a gradual increase from 0.918 (d = 0) to 0.950 (d = 12)", baseline 1.051.
     assert paper.reduction_percent(0.918) == pytest.approx(100 * (1.051 - 0.918) / 1.051)
     assert round(paper.reduction_percent(paper.DELAYED_CD[12]), 1) == 9.6
-
-
-def test_words_of_the_matrix(some_rows) -> None:
-    assert cells(some_rows[1]) == ("noise_0.5", "safe", "marginal", "14.0 (13.0 to 15.0)", "0.20", "100", "")
-    assert headline(some_rows) == "6 of 6 scenarios safe; 3 useful, 2 marginal, 1 of no use."
-    nothing = Spread(mean=float("nan"), least=float("nan"), most=float("nan"))
-    assert spread(nothing, ".1f") == "-"
-
-
-def test_the_listing_reads_like_a_test_plan(place) -> None:
-    plan = whole_plan([], place)
-    own = replace(plan[1], criteria=Criteria(useful=0.9))
-    text = "\n".join(listing([plan[0], own, *plan[2:]], phases=3, combine=True))
-    for scenario in plan:
-        assert f"  {scenario.name}: {scenario.sentence}\n" in text
-    assert "useful: at least 0.9 of the undisturbed drag reduction" in text
-    assert text.startswith(f"{len(plan) + 1} scenarios, from 3 starting phases each.")
-    assert "      --set vehicle.actuator_delay=12  --set ecu.delay_steps=12" in text
-    assert "two_worst" not in "\n".join(listing(plan, phases=1, combine=False))

@@ -52,15 +52,10 @@ def test_bundle_start_and_version_are_in_the_key_and_the_name_is_not() -> None:
     keys = {TASK.key(*others) for others in (("b", "s", "1"), ("c", "s", "1"), ("b", "t", "1"), ("b", "s", "2"))}
     assert len(keys) == 4
     assert replace(TASK, name="other").key("b", "s", "1") == TASK.key("b", "s", "1")
-
-
-def test_every_run_has_a_seed_of_its_own() -> None:
     seeds = {seed_of(seed, name, phase) for seed in (0, 1) for name in ("a", "b") for phase in range(3)}
-    assert len(seeds) == 12
-    assert all(0 <= seed < 2**32 for seed in seeds)
+    assert len(seeds) == 12 and all(0 <= seed < 2**32 for seed in seeds)
 
 
 def test_phases_are_equal_parts_of_a_cycle_of_25_periods() -> None:
-    assert phases_apart(1, 0.2) == [0]
-    assert phases_apart(3, 0.2) == [0, 8, 17]
-    assert phases_apart(25, 0.2) == list(range(25))
+    for phases, expected in ((1, [0]), (3, [0, 8, 17]), (25, list(range(25)))):
+        assert phases_apart(phases, 0.2) == expected

@@ -212,49 +212,11 @@ def test_a_power_cycle_and_a_restart_are_seen(live):
     wait_for(live, "#headline .pill >> text=ACTIVE")
 
 
-def test_a_pause_stops_the_loop_and_ends(live):
-    live.page.locator("#pause").click()
-    wait_for(live, "#pause[aria-pressed=true]")
-    held = now(live)["k"]
-    time.sleep(0.2)
-    assert now(live)["k"] == held
-    live.page.locator("#pause").click()
-    until(lambda: now(live)["k"] > held)
-
-
 def test_what_cannot_be_done_is_said_and_the_control_goes_back(live):
     live.page.evaluate("stillwake.page.ask({set: {noise: 7}})")
     wait_for(live, "#toast >> text=Not done: live setting noise = 7: must be in 0..1")
     live.page.locator("#toast-done").click()
     assert live.page.locator("[data-setting=noise]").input_value() == "0"
-
-
-def test_two_viewers_agree(live, opened):
-    second = opened(dark=True)
-    wait_for_settings(second, START)
-    second.page.locator("[data-setting=delay_ms]").press("End")
-    live.page.locator("output", has_text="200 ms").wait_for()
-    assert live.page.locator("[data-setting=delay_ms]").input_value() == "200"
-    assert not second.troubles
-    second.page.context.close()
-
-
-def test_a_link_gives_another_viewer_the_same_settings_once(live, opened):
-    ask(live, set={"noise": 0.25, "weights": {"effort": 2.5}})
-    live.page.locator('body[data-settings*="effort=2.5"]').wait_for()
-    settings = live.page.evaluate("stillwake.page.settings")
-    live.page.locator("#copy").click()
-    wait_for(live, "#link")
-    link = live.page.locator("#link").input_value()
-    live.page.locator("#toast-done").click()
-    ask(live, clear=True)
-    wait_for_settings(live, START)
-    second = opened(link.removeprefix(live.home))
-    second.page.locator('body[data-settings*="noise=0.25"]').wait_for()
-    assert second.page.evaluate("stillwake.page.settings") == settings
-    assert "#" not in second.page.url
-    assert not second.troubles
-    second.page.context.close()
 
 
 def test_a_saved_run_is_a_folder_and_a_zip(live, server):

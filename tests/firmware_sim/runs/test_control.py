@@ -56,12 +56,9 @@ def test_two_keys_are_said_plainly(shedding):
         assert text.endswith("Frames came, but none was authentic: do both nodes have the same key (bus.key)?"), mode
 
 
-def test_a_fault_that_was_cleared_is_still_one(shedding):
+def test_a_fault_that_was_cleared_is_still_one_and_one_before_the_request_is_none(shedding):
     log = shedding(modes={1: Mode.FAULT, 2: Mode.FAULT}, reasons={1: Reason.STREAM_LOST})
     assert (trouble(log) or "").startswith("ECU FAULT: STREAM_LOST at t = 12.2 t_c, 1 period after enable")
-
-
-def test_a_fault_before_control_is_requested_is_none_of_it(shedding):
     log = shedding()
     log.series["mode"][:30] = Mode.FAULT
     assert trouble(log) is None
@@ -81,28 +78,20 @@ def test_a_held_command_is_not_control(shedding):
     assert held_while_averaged(log, averaged(log))
 
 
-def test_a_window_that_still_fills_at_the_request_is_no_trouble(shedding):
+def test_a_window_that_still_fills_at_the_request_is_no_trouble_unless_it_never_does(shedding):
     log = shedding(modes=dict.fromkeys(range(12), Mode.WARMUP))
     assert control(log).warm_up == 12
     assert trouble(log) is None
+    never = shedding(modes=dict.fromkeys(range(100), Mode.WARMUP))
+    expected = "NOT IN CONTROL: in control 0 of 100 periods; the controller's window was still filling at the end."
+    assert trouble(never) == expected
 
 
-def test_a_window_that_never_fills_is(shedding):
-    log = shedding(modes=dict.fromkeys(range(100), Mode.WARMUP))
-    assert (
-        trouble(log)
-        == "NOT IN CONTROL: in control 0 of 100 periods; the controller's window was still filling at the end."
-    )
-
-
-def test_a_run_without_a_request_says_so(shedding):
+def test_a_run_without_a_request_or_an_ecu_that_never_hears_it(shedding):
     log = shedding()
     log = replace(log, enabled_at=len(log.series["t"]))
     assert trouble(log) == "NOT IN CONTROL: control was not requested."
-
-
-def test_an_ecu_that_never_hears_the_request(shedding):
-    """Computing for ever: OFF as of its only step."""
+    # Computing for ever: OFF as of its only step.
     log = shedding(modes=dict.fromkeys(range(100), Mode.OFF), skipped=range(100), action=0.0)
     assert trouble(log) == "CONTROL NOT HELD: in control 0 of 100 periods (SKIPPED 100)."
     assert control(log).shut == 1.0

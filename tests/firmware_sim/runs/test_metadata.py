@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from datetime import date
 from typing import Any
 
 import pytest
@@ -52,12 +51,6 @@ def test_weights_that_are_not_the_bundles_are_named(random_release, run_metadata
     assert found.changed_weights == {"lift": (9.0, weights.lift)}
     assert found.mpc.weights == weights
     assert found.config.flow.action_limit == pytest.approx(0.05)
-
-
-def test_the_start_is_named():
-    day = date(2026, 3, 4)
-    assert "developed wake" in RunOrigin.on(day).flow
-    assert RunOrigin.on(day, start="re1000.npz").flow == "re1000.npz"
 
 
 def test_a_run_of_an_earlier_version_had_the_ecu_in_python(run_metadata):

@@ -127,14 +127,6 @@ def test_a_call_that_cannot_be_is_one_line(cli, executor, tmp_path, monkeypatch)
         assert executor.ran == [], options
 
 
-def test_a_scenario_that_could_not_act_is_named(cli, executor, plan, tmp_path) -> None:
-    plan.write_text(OWN.replace("noise:level=0.3", "noise:level=0.3@99.."))
-    outcome = cli("campaign", tmp_path / "out", "--scenarios", plan)
-    assert outcome.code == 1
-    assert "scenario 'mine': " in outcome.err
-    assert "when the run has ended" in outcome.err
-
-
 def test_another_campaign_is_not_continued(cli, executor, tmp_path) -> None:
     executor.stop_after = 2
     cli("campaign", tmp_path / "out", "--only", "gust", "--quick")

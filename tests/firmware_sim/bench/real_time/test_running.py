@@ -148,27 +148,6 @@ def test_a_vehicle_that_loses_every_second_command_says_once_that_it_gives_up(
     assert not any(requests[-60:])
 
 
-def test_a_vehicle_of_another_set_says_which(bundle_of, recording_controller, replay) -> None:
-    classic = Config(operating_point=POINT, bus=replace(BUS, frames="classic"))
-    ecu = Ecu(bundle_of(operating_point=POINT), recording_controller(lambda i: 0.02), classic)
-    lines: list[str] = []
-    with PythonCanBus.open(classic.bus) as other, PythonCanBus.open(BUS) as bus:
-
-        class Sends:
-            """The recorded flow; with every row the other node speaks too."""
-
-            layout, description, drive, now_ns = replay.layout, "", replay.drive, 0
-
-            def sampled(self):
-                self.now_ns += CONFIG.period_ns
-                for frame in ecu.step(self.now_ns, []):
-                    other.send(frame)
-                return replay.sampled()
-
-        run_vehicle(bus, NAMES, Sends(), CONFIG, course(periods=160), tell=lines.append)
-    assert any("the other node uses the messages for classic CAN: --set bus.frames=classic" in item for item in lines)
-
-
 def test_with_a_key_both_are_believed_and_the_power_cycles_are_counted(
     bundle_of, recording_controller, replay, tmp_path: Path
 ) -> None:
