@@ -51,7 +51,7 @@ class Server:
     def start(self) -> None:
         self._stop, ready = threading.Event(), threading.Event()
 
-        def told(url: str) -> None:
+        def noted(url: str) -> None:
             self.url = url
             self.port = int(url.rstrip("/").rsplit(":", 1)[1])
             ready.set()
@@ -62,7 +62,7 @@ class Server:
                 port=self.port,
                 saves=self.saves,
                 is_stopped=self._stop.is_set,
-                ready=told,
+                ready=noted,
                 tell=lambda line: None,
             )
             asyncio.run(made)
@@ -129,26 +129,16 @@ def until(holds: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
-def now(seen: Visit) -> dict[str, Any]:
-    found: dict[str, Any] = seen.page.evaluate("stillwake.page.stream.now")
-    return found
-
-
-def test_the_wake_is_drawn_the_right_way_up_and_moves(live):
-    # Counter-clockwise, which is above, has the warm colours.
-    upper, lower = live.page.evaluate(_WARMTH)
-    assert upper > 20
-    assert lower < -20
-    until(lambda: live.page.evaluate(_WARMTH) != [upper, lower])
-
-
 def test_a_newcomer_reads_what_is_seen(live):
     live.page.locator("#headline", has_text="The ECU controls with 4").wait_for()
     assert live.page.locator(".states-drawing .present").text_content() == "ACTIVE"
     assert live.page.locator("#speed").text_content() != ""
     live.page.locator("#bus tbody tr", has_text="JetCommand").wait_for()
-    canvases = live.page.locator("#curves canvas")
-    assert canvases.count() == 3
+    assert live.page.locator("#curves canvas").count() == 3
+    # The wake moves. Counter-clockwise, which is above, has the warm colours.
+    upper, lower = live.page.evaluate(_WARMTH)
+    assert upper > 20 and lower < -20
+    until(lambda: live.page.evaluate(_WARMTH) != [upper, lower])
 
 
 CONTROLS = [
@@ -165,20 +155,19 @@ CONTROLS = [
 ]
 
 
-@pytest.mark.parametrize(("selector", "done", "query"), CONTROLS, ids=[item[2] for item in CONTROLS])
-def test_each_control_acts_on_the_loop_by_keyboard_alone(live, selector, done, query):
-    control = live.page.locator(selector)
-    if control.evaluate("element => element.tagName") == "SELECT":
-        control.select_option(done)
-        expected = done
-    else:
-        control.press(done)
-        expected = {"Home": control.get_attribute("min"), "End": control.get_attribute("max"), "Space": "on"}[done]
-    live.page.locator(f'body[data-settings*="{query}"]').wait_for()
-    assert control.input_value() == expected
-
-
-def test_the_request_can_be_taken_back(live):
+def test_each_control_acts_on_the_loop_by_keyboard_alone(live):
+    for selector, done, query in CONTROLS:
+        control = live.page.locator(selector)
+        if control.evaluate("element => element.tagName") == "SELECT":
+            control.select_option(done)
+            expected = done
+        else:
+            control.press(done)
+            expected = {"Home": control.get_attribute("min"), "End": control.get_attribute("max"), "Space": "on"}[done]
+        live.page.locator(f'body[data-settings*="{query}"]').wait_for()
+        assert control.input_value() == expected, query
+        ask(live, clear=True)
+        ask(live, set={"controller": "int8", "plant": "wake"})
     live.page.locator("[data-setting=enable]").press("Space")
     wait_for_settings(live, "")
     wait_for(live, "#headline .pill >> text=ARMED")
@@ -229,27 +218,20 @@ def test_a_saved_run_is_a_folder_and_a_zip(live, server):
     assert download.value.suggested_filename == f"{folder.name}.zip"
 
 
-def test_everybody_can_use_it(live):
-    for scheme in ["light", "dark"]:
+def test_every_viewer_can_use_it_on_a_phone_too(live, opened):
+    for scheme in ("light", "dark"):
         live.page.emulate_media(color_scheme=scheme)
         assert not live.violations(), scheme
-
-
-def test_it_fits_onto_a_phone(live, opened):
-    phone = opened(width=PHONE, height=844)
+    phone = opened("?token=a+b", width=PHONE, height=844)
     wait_for_settings(phone, START)
     wait_for(phone, ".states-list .present")
     assert not phone.is_wider_than_its_window
     assert not phone.violations()
     assert not phone.troubles
-    phone.page.context.close()
-
-
-def test_the_token_of_the_page_goes_with_both_channels(live, opened):
-    second = opened("?token=a+b")
-    urls = second.page.evaluate("[stillwake.page.channel.url, stillwake.page.requests.channel.url]")
+    # The page's token goes with both channels.
+    urls = phone.page.evaluate("[stillwake.page.channel.url, stillwake.page.requests.channel.url]")
     assert urls == [live.home.replace("http", "ws") + name + "?token=a+b" for name in ("stream", "control")]
-    second.page.context.close()
+    phone.page.context.close()
 
 
 def test_page_and_loop_mean_the_same_numbers(live):

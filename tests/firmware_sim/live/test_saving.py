@@ -41,15 +41,11 @@ def test_the_latest_periods_are_saved_when_the_first_are_gone(tmp_path, cli):
     assert json.loads(folder.summary.read_text())["started_with"]["flow"] == "period 50 of a live session"
     assert cli("report", folder.path).code == 0
     assert "noise:level=0.5@0.6..2.0" in folder.report.read_text()
-
-
-def test_what_computed_and_when_is_told(tmp_path):
-    live = Live(tmp_path).run(20).set(controller="c").run(20).set(weights={"lift": 0.5}).run(5)
-    log = run_log.load(RunFolder(tmp_path / live.ask(save=True)["saved"]).series)
-    assert (
-        log.metadata.computed_by == "waves by int8; from 0.4 s waves by c; from 0.8 s calibration of the cost: lift 0.5"
-    )
-    assert log.metadata.weights.lift == 0.5
+    # What computed, and from when on.
+    live.set(controller="c").run(20).set(weights={"lift": 0.5}).run(5)
+    metadata = run_log.load(RunFolder(tmp_path / live.ask(save=True)["saved"]).series).metadata
+    assert metadata.computed_by.endswith("from 3 s waves by c; from 3.4 s calibration of the cost: lift 0.5")
+    assert metadata.weights.lift == 0.5
 
 
 def test_a_run_that_cannot_be_written_leaves_nothing(tmp_path):

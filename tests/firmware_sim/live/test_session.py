@@ -177,6 +177,8 @@ def test_the_plan_is_ahead_of_the_rows_in_which_it_shows(live):
 
 def test_the_bus_is_what_the_nodes_send(live):
     live.run(80)
+    for message in live.said.values():
+        json.dumps(message, allow_nan=False)
     bus = live.said["bus"]
     assert [(row["name"], row["sender"]) for row in bus["rows"]] == [
         ("Pressure", "vehicle"),
@@ -211,15 +213,6 @@ def test_events_tell_what_the_ecu_does_about_a_fault(live):
     assert live.state == "ACTIVE"
 
 
-def test_one_click_brings_the_loop_back_from_commands_that_were_late(live):
-    """The vehicle still gets old commands then, and gives up control when they are too many."""
-    live.run(20).set(delay_ms=200).run(20)
-    live.ask(clear=True)
-    live.run(60)
-    assert "the vehicle gives up control and shuts its jets: too many commands were missing" in live.events
-    assert (live.state, live.said["now"]["given_up"]) == ("ACTIVE", False)
-
-
 def test_what_is_said_again_and_again_is_counted(live):
     live.run(20).set(loss=0.5).run(400)
     holds = [text for text in live.events if "to HOLD" in text]
@@ -249,12 +242,6 @@ def test_paused_it_stands_still_and_still_takes_settings(live):
     live.ask(pause=False)
     live.run(5)
     assert (len(live.rows["k"]), live.said["now"]["paused"]) == (20, False)
-
-
-def test_all_that_is_said_is_json(live):
-    live.run(12).set(controller="off").run(2)
-    for message in live.said.values():
-        json.dumps(message, allow_nan=False)
 
 
 _JSON = st.recursive(

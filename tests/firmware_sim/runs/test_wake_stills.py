@@ -76,10 +76,6 @@ def test_only_the_latest_part_is_kept_and_counted_from_its_begin():
     assert len(recorder.recorded().stills) == 4
 
 
-def of_another_size(wake: WakeStills) -> WakeStills:
-    return replace(wake, scene=replace(wake.scene, size=(95, 36)))
-
-
 def with_a_png(wake: WakeStills) -> WakeStills:
     buffer = io.BytesIO()
     Image.new("L", (96, 36)).save(buffer, format="PNG")
@@ -91,32 +87,26 @@ WRONG = {
     "of rising periods from 0 to 5": lambda wake: replace(wake, k=wake.k + 1),
     "rising periods": lambda wake: replace(wake, k=wake.k[::-1]),
     r"6 stills at 5 periods": lambda wake: replace(wake, k=wake.k[:-1]),
-    r"must have \(95, 36\)": of_another_size,
+    r"must have \(95, 36\)": lambda wake: replace(wake, scene=replace(wake.scene, size=(95, 36))),
     "no WebP": with_a_png,
 }
 
 
-def test_a_file_that_contradicts_the_run_is_refused(log, tmp_path):
-    for message in WRONG:
-        save(tmp_path / "wake.npz", WRONG[message](recorded(log.series["t"])))
+def test_a_damaged_file_or_one_that_contradicts_the_run_is_refused(log, tmp_path, monkeypatch):
+    path, wake = tmp_path / "wake.npz", recorded(log.series["t"])
+    for message, change in WRONG.items():
+        save(path, change(wake))
         with pytest.raises(StillwakeError, match=rf"wake\.npz: not the recorded wake of this run \(.*{message}"):
-            load(tmp_path / "wake.npz", log)
-
-
-def test_a_damaged_file_is_refused(log, tmp_path):
-    path = tmp_path / "wake.npz"
-    save(path, recorded(log.series["t"]))
+            load(path, log)
+    save(path, wake)
     whole = path.read_bytes()
     middle = len(whole) // 2
     for damaged in (whole[:-100], whole[:middle] + bytes([whole[middle] ^ 0xFF]) + whole[middle + 1 :], b""):
         path.write_bytes(damaged)
         with pytest.raises(StillwakeError, match="not the recorded wake of this run"):
             load(path, log)
-
-
-def test_a_file_of_another_schema_is_refused(log, tmp_path, monkeypatch):
     monkeypatch.setattr(wake_stills, "SCHEMA", "stillwake-wake/9")
-    save(tmp_path / "wake.npz", recorded(log.series["t"]))
+    save(path, wake)
     monkeypatch.undo()
     with pytest.raises(StillwakeError, match=r"schema 'stillwake-wake/9', must be 'stillwake-wake/1'"):
-        load(tmp_path / "wake.npz", log)
+        load(path, log)

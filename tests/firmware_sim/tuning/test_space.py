@@ -15,7 +15,6 @@ from firmware_sim.tuning.space import (
     chosen,
     parsed,
     ranges_around,
-    rounded,
     values_of,
     with_values,
 )
@@ -63,11 +62,6 @@ def test_other_names_are_refused() -> None:
         with pytest.raises(ConfigError) as error:
             chosen(names, weights_only=weights_only)
         assert str(error.value).startswith(says), names
-
-
-def test_values_have_three_digits() -> None:
-    for value, short in [(0.0123456, 0.0123), (25.0, 25.0), (0.0, 0.0), (1.7e-3, 1.7e-3)]:
-        assert rounded(value) == short, value
 
 
 def test_settings_to_be_tried_come_from_text() -> None:

@@ -37,18 +37,7 @@ def test_no_period_is_missed_or_doubled(steps: list[int]):
     assert seen == list(range(given_so_far))
 
 
-def test_who_was_away_for_long_gets_what_is_kept():
-    hub = Hub()
-    hub.put([hello(kept=50)])
-    viewer = Viewer(hub)
-    viewer.take("hello")
-    for k in range(1000):
-        hub.put([periods(k)])
-    assert rows_of(viewer.take("periods")) == list(range(950, 1000))
-    assert viewer.take("periods") is None
-
-
-def test_who_comes_late_gets_all_that_is_kept_in_parts():
+def test_a_viewer_who_is_late_gets_what_is_kept_in_parts():
     hub = Hub()
     hub.put([hello(kept=2 * MOST_ROWS), periods(*range(3 * MOST_ROWS))])
     viewer = Viewer(hub)
