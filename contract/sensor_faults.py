@@ -1,4 +1,4 @@
-"""Faults of pressure sensors: white noise, bias, drift, sensors that stand still, read nothing or are swapped, steps.
+"""Faults of pressure sensors: white noise, bias, drift, sensors that are stuck, dead or swapped, steps.
 
 A fault is called with readings in order of time, one frame (N,) or n frames (n, N) of N sensors in any floating-point
 type, and returns what the faulty sensors read, in that type. It keeps its place in time, so one call for n frames and n
@@ -65,8 +65,8 @@ class Drift:
         return _added(readings, self._ramp[steps].reshape(readings.shape))
 
 
-class Zero:
-    """One sensor that reads 0."""
+class Dead:
+    """One sensor without supply, which reads 0."""
 
     def __init__(self, sensor: int) -> None:
         self._sensor = sensor
@@ -101,7 +101,7 @@ class Quantised:
         return (np.round(readings / self._step) * self._step).astype(readings.dtype)
 
 
-class Dead:
+class Stuck:
     """One sensor whose first reading never changes."""
 
     def __init__(self, sensor: int) -> None:

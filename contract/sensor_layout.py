@@ -98,10 +98,6 @@ class SensorLayout:
             mirror=None,
         )
 
-    def same_as(self, other: "SensorLayout") -> bool:
-        """Whether names, order, places, base and mirror images are the same."""
-        return self.difference(other) is None
-
     def difference(self, other: "SensorLayout") -> str | None:
         """The first thing in which two layouts differ, in words; None if they are the same."""
         if self.names != other.names:

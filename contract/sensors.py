@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from contract.arrays import Array, Index
+from contract.arrays import Array
 from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 from contract.sensor_layout import SensorLayout
 
@@ -39,13 +39,6 @@ def positions() -> Array:
     lower = upper * (1.0, -1.0)
     base = np.column_stack([np.full(ON_BASE, LENGTH), _BASE_Y])
     return np.vstack([upper, lower, base])
-
-
-def mirror_permutation() -> Index:
-    """Indices m, shape (90,), with Cp_mirrored = Cp[m] for the flow reflected in y = 0."""
-    upper, lower = np.arange(PER_SIDE), np.arange(PER_SIDE, 2 * PER_SIDE)
-    base = np.arange(2 * PER_SIDE, COUNT)
-    return np.concatenate([lower, upper, base[::-1]])
 
 
 TRUCK: Final = SensorLayout.of(NAMES, positions(), base=range(2 * PER_SIDE, COUNT))

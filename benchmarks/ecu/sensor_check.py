@@ -33,7 +33,7 @@ from contract.errors import StillwakeError
 from contract.recording import dataset
 from contract.release.bundle import Bundle
 from contract.results import versions
-from contract.sensor_faults import Bias, Dead, Drift, Noise, SensorFault, Swapped, Zero
+from contract.sensor_faults import Bias, Dead, Drift, Noise, SensorFault, Stuck, Swapped
 from contract.shipped import RECORDING
 from export.to_onnx.sensor_estimator import read_estimator
 from firmware_sim.bench.disturbances import GLOBAL_DEVIATION
@@ -266,8 +266,8 @@ def _faults(lab: Lab, release: Bundle, moments: Sequence[Moment]) -> list[dict[s
     names = release.manifest.sensors
     unit = np.full(len(names), GLOBAL_DEVIATION)
     single: dict[str, Callable[[int], SensorFault]] = {
-        "dead": Zero,
-        "stuck": Dead,
+        "dead": Dead,
+        "stuck": Stuck,
         "bias +1": lambda j: Bias(1.0, unit, j),
         "bias -1": lambda j: Bias(-1.0, unit, j),
         "bias +2": lambda j: Bias(2.0, unit, j),

@@ -18,7 +18,7 @@ from can_bridge.wire.frame import Frame
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from contract.sensor_faults import Bias, Dead, Drift, Noise, Quantised, SensorFault, Swapped, Zero
+from contract.sensor_faults import Bias, Dead, Drift, Noise, Quantised, SensorFault, Stuck, Swapped
 from firmware_sim.bench import disturbances as kinds
 from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, Disturbances, SensorDisturbance
 from firmware_sim.bench.run_faults import NONE_BEFORE, NodeFault, NodeFaults
@@ -141,9 +141,9 @@ class Disturbing:
                 steps = round(one.over_s * NS / self._config.period_ns)
                 return Drift(one.level, unit, at[0], steps=steps + 1)
             case kinds.Stuck():
-                return Dead(at[0])
+                return Stuck(at[0])
             case kinds.Dead():
-                return Zero(at[0])
+                return Dead(at[0])
             case kinds.Swap():
                 return Swapped(*at)
             case kinds.Quantise():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from contract.errors import ConfigError
-from contract.sensor_faults import Bias, Dead, Drift, Noise, Quantised, SensorFault, Swapped, Zero
+from contract.sensor_faults import Bias, Dead, Drift, Noise, Quantised, SensorFault, Stuck, Swapped
 
 UNIT = np.array([2.0, 3.0])
 STEPS = 4000
@@ -16,8 +16,8 @@ FAULTS: dict[str, Callable[[], SensorFault]] = {
     "noise": lambda: Noise(0.5, UNIT, seed=2),
     "bias": lambda: Bias(0.5, UNIT, 1),
     "drift": lambda: Drift(0.5, UNIT, 0, steps=STEPS),
-    "dead": lambda: Dead(0),
-    "zero": lambda: Zero(1),
+    "stuck": lambda: Stuck(0),
+    "dead": lambda: Dead(1),
     "swapped": lambda: Swapped(0, 1),
     "quantised": lambda: Quantised(0.5),
 }
@@ -61,14 +61,14 @@ def test_drift_grows_evenly_over_its_steps_and_stays():
     assert np.all(change[:, 1] == 0.0)
 
 
-def test_a_dead_sensor_keeps_its_first_reading():
-    stuck = Dead(0)(READINGS)
+def test_a_stuck_sensor_keeps_its_first_reading():
+    stuck = Stuck(0)(READINGS)
     assert np.all(stuck[:, 0] == READINGS[0, 0])
     np.testing.assert_array_equal(stuck[:, 1], READINGS[:, 1])
 
 
-def test_a_sensor_without_supply_reads_nothing():
-    found = Zero(1)(READINGS)
+def test_a_dead_sensor_reads_zero():
+    found = Dead(1)(READINGS)
     assert not found[:, 1].any()
     np.testing.assert_array_equal(found[:, 0], READINGS[:, 0])
 

@@ -1,17 +1,12 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contract import sensors
 from contract.errors import ConfigError
 from contract.sensor_layout import SensorLayout
-
-
-def test_trucks_mirror_images_follow_from_its_positions():
-    assert sensors.TRUCK.mirror is not None
-    np.testing.assert_array_equal(sensors.TRUCK.mirror, sensors.mirror_permutation())
-    np.testing.assert_array_equal(sensors.TRUCK.base, np.arange(sensors.COUNT)[sensors.BASE])
 
 
 @given(st.lists(st.tuples(st.integers(0, 50), st.integers(1, 50)), min_size=1, max_size=12, unique=True), st.randoms())
@@ -31,27 +26,28 @@ def test_one_sensor_without_a_partner_leaves_no_mirror_image():
 def test_layouts_differ_by_name_place_and_base():
     places = np.array([(0.0, 1.0), (0.0, -1.0)])
     layout = SensorLayout.of("ab", places)
-    assert layout.same_as(SensorLayout.of("ab", places))
-    assert not layout.same_as(SensorLayout.of("ba", places))
-    assert not layout.same_as(SensorLayout.of("ab", places + 0.1))
-    assert not layout.same_as(SensorLayout.of("ab", places, base=[0]))
-    assert not layout.same_as(SensorLayout.of("ab", places, symmetric=False))
+    assert layout.difference(SensorLayout.of("ab", places)) is None
+    for other, what in (
+        (SensorLayout.of("ba", places), "names"),
+        (SensorLayout.of("ab", places + 0.1), "position of a"),
+        (SensorLayout.of("ab", places, base=[0]), "base"),
+        (SensorLayout.of("ab", places, symmetric=False), "mirror"),
+    ):
+        assert what in str(layout.difference(other))
 
 
-@pytest.mark.parametrize(
-    ("names", "places", "base", "message"),
-    [
+def test_layout_that_contradicts_itself_is_refused():
+    wrong: list[tuple[Any, Any, Any, str]] = [
         ((), np.zeros((0, 2)), (), "at least one"),
         (("a", "a"), np.zeros((2, 2)), (), "'a': named twice"),
         (("a", "b\x1b[2J"), np.zeros((2, 2)), (), "printable"),
         (("a", "b"), np.zeros((3, 2)), (), r"\(3, 2\): must be \(2, 2\)"),
         (("a", "b"), np.array([(0, 1), (0, np.nan)]), (), "finite"),
         (("a", "b"), np.array([(0, 1), (0, -1)]), (2,), "from 0 to 1"),
-    ],
-)
-def test_layout_that_contradicts_itself_is_refused(names, places, base, message):
-    with pytest.raises(ConfigError, match=message):
-        SensorLayout.of(names, places, base=base)
+    ]
+    for names, places, base, message in wrong:
+        with pytest.raises(ConfigError, match=message):
+            SensorLayout.of(names, places, base=base)
 
 
 def test_unknown_sensor_is_named_with_those_that_there_are():

@@ -1,10 +1,6 @@
 import numpy as np
-import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from contract import geometry, sensors
-from contract.errors import ConfigError
 
 
 def test_order_is_upper_lower_base():
@@ -35,27 +31,9 @@ def test_positions_are_the_papers():
     assert positions[[80, 82, 89]].tolist() == [[7.647, 0.368182], [7.647, 0.204555], [7.647, -0.368182]]
 
 
-def test_mirror_permutation_is_the_reflection_of_the_positions():
-    mirror = sensors.mirror_permutation()
+def test_mirror_images_are_the_reflections_of_the_positions():
+    mirror = np.array(sensors.TRUCK.mirror)
+    np.testing.assert_array_equal(sensors.TRUCK.base, np.arange(sensors.COUNT)[sensors.BASE])
     assert (mirror[mirror] == np.arange(sensors.COUNT)).all()
     # 1e-5: the paper's own coordinates on the base are not symmetric to the last digit.
     np.testing.assert_allclose(sensors.positions()[mirror], sensors.positions() * (1, -1), atol=1.01e-5)
-
-
-@given(st.lists(st.sampled_from(range(sensors.COUNT)), unique=True))
-def test_indices_invert_names(order):
-    assert sensors.TRUCK.indices([sensors.NAMES[i] for i in order]).tolist() == order
-
-
-@pytest.mark.parametrize(
-    ("names", "culprit"),
-    [
-        (["base_0", "base_10"], "'base_10'"),
-        (["upper_7"], "'upper_7'"),
-        (["base_0", "base_0"], "twice"),
-        ("base_0", "'b'"),
-    ],
-)
-def test_bad_names_are_refused_by_name(names, culprit):
-    with pytest.raises(ConfigError, match=culprit):
-        sensors.TRUCK.indices(names)

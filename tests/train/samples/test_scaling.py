@@ -26,7 +26,7 @@ def test_scaling_commutes_with_mirroring(small_recording: Dataset) -> None:
             episode,
             action=-episode.series["action"],
             Cl=-episode.series["Cl"],
-            Cp=episode.series["Cp"][:, sensors.mirror_permutation()],
+            Cp=episode.series["Cp"][:, np.array(sensors.TRUCK.mirror)],
         ),
         initial_action=-episode.initial_action,
     )
@@ -36,7 +36,7 @@ def test_scaling_commutes_with_mirroring(small_recording: Dataset) -> None:
     for name in ("inputs", "actions", "forces"):
         torch.testing.assert_close(getattr(both, name)[half:], getattr(direct, name), rtol=1e-5, atol=1e-5)
     assert scaling.force_mean[1] == 0.0
-    mirror = sensors.mirror_permutation()
+    mirror = np.array(sensors.TRUCK.mirror)
     np.testing.assert_array_equal(np.array(scaling.pressure_mean)[mirror], scaling.pressure_mean)
 
 

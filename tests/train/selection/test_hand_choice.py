@@ -14,7 +14,7 @@ def test_even_counts_are_their_own_mirror_image_and_odd_ones_lack_one() -> None:
     for count in range(1, 91):
         chosen = select_by_hand(count)
         assert len(set(chosen)) == count
-        image = set(sensors.mirror_permutation()[list(chosen)].tolist())
+        image = set(np.array(sensors.TRUCK.mirror)[list(chosen)].tolist())
         assert len(set(chosen) - image) == count % 2, count
         if count % 2:
             (alone,) = set(chosen) - image

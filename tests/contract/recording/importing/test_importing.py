@@ -56,7 +56,7 @@ def test_every_format_gives_the_same_data_set_within_half_a_quantum(tmp_path, la
     (episode,) = read.episodes
     assert (episode.name, episode.role, episode.initial_action) == ("run 1", "train", 0.0)
     assert read.plant == FACTS
-    assert read.layout.same_as(layout)
+    assert read.layout.difference(layout) is None
     for name in REQUIRED:
         # Cd and Cl stay within +-2, so their quantum is the next power of two above the finest.
         half = {"t": 0.0, "action": 0.0, "Cp": CP_QUANTUM / 2}.get(name, QUANTUM)
