@@ -1,17 +1,12 @@
 """`stillwake ecu`: what it refuses, and the process from its start to its end on a bus with a vehicle."""
 
-import json
 import os
 import signal
 import socket
-import subprocess
-import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from configparser import RawConfigParser
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,17 +19,16 @@ from contract.config.vehicle import BusConfig
 from firmware_sim.ecu.real_time.privileges import PRIORITY
 from firmware_sim.ecu.real_time.stage_times import EcuStage, load
 from tests.firmware_sim.ecu.daemon.driving import PATIENCE_S, Vehicle
+from tests.stillwake.commands.ecu_process import process
 
 ROOT = Path(__file__).parents[3]
 GROUP = f"239.76.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
 UDP = ("--set", "bus.interface=udp_multicast", "--set", f"bus.channel={GROUP}")
-PATIENT = ("--set", "ecu.deadline_misses=11")
-"""More than the window: late steps, of which a busy machine has many, never latch."""
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
+def test_what_cannot_run_is_one_line(refused: Callable[..., str], tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    for arguments, words in (
         ((), "bus.interface = simulated: it is in virtual time and connects nothing real"),
         (("--set", "bus.interface=socketcan", "--set", "bus.channel=no-such0"), "CAN bus socketcan 'no-such0': "),
         (("--set", "bus.interface=can4711"), "python-can does not know it"),
@@ -48,83 +42,26 @@ PATIENT = ("--set", "ecu.deadline_misses=11")
         ((*UDP, "--metrics", "/proc/x"), "cannot write /proc/x"),
         (("no-bundle", *UDP), "no-bundle"),
         (("--library", ".", *UDP), "library .: "),
-    ],
-)
-def test_what_cannot_run_is_one_line(
-    cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], words: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    outcome = cli("ecu", *arguments)
-    assert outcome.code == 1
-    assert words in outcome.err
-    assert outcome.err.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
+    ):
+        assert words in refused("ecu", *arguments), arguments
 
 
-@pytest.mark.parametrize(("name", "count"), [("stillwake-ecu", 5), ("stillwake-ecu-slots", 6)])
-def test_the_example_of_a_service_calls_it_with_options_that_it_has(
-    cli: Callable[..., Any], name: str, count: int
-) -> None:
-    text = (ROOT / f"examples/systemd/{name}.service").read_text()
-    unit = RawConfigParser(strict=False, comment_prefixes="#")
-    unit.optionxform = str  # type: ignore[assignment,method-assign]  # names as they are
-    unit.read_string(text.replace("\\\n", " "))
-    service = unit["Service"]
-    command = service["ExecStart"].split()
-    assert command[1] == "ecu"
+def test_the_examples_of_services_call_it_with_options_that_it_has(cli: Callable[..., Any]) -> None:
     known = cli("ecu", "--help").out
-    options = [word for word in command if word.startswith("--")]
-    assert len(options) == count
-    assert all(option in known for option in options)
-    # What the daemon and its page rely on.
-    assert service["Type"] == "notify"
-    assert service["LimitRTPRIO"] == str(PRIORITY)
-    assert "RestrictRealtime" not in service
-
-
-@dataclass
-class Process:
-    """An ECU that runs, with what it has said so far."""
-
-    popen: "subprocess.Popen[str]"
-    events: list[dict[str, Any]] = field(default_factory=list)
-    other: list[str] = field(default_factory=list)
-
-    def names(self) -> list[str]:
-        return [event["event"] for event in self.events]
-
-    def listen(self) -> None:
-        assert self.popen.stderr is not None
-        for line in self.popen.stderr:
-            try:
-                self.events.append(json.loads(line))
-            except ValueError:
-                self.other.append(line)
-
-    def ends(self, number: int) -> int:
-        self.popen.send_signal(number)
-        return self.popen.wait(PATIENCE_S)
-
-
-@contextmanager
-def process(release: Path, *arguments: str, environment: dict[str, str] | None = None) -> Iterator[Process]:
-    command = [sys.executable, "-m", "stillwake", "ecu", str(release), *UDP, *PATIENT, "--log", "json", *arguments]
-    with subprocess.Popen(
-        command,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | (environment or {}),
-        # Shells start background jobs deaf to Ctrl-C, and a test may run in one.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler) and None,
-    ) as popen:
-        its = Process(popen)
-        listener = threading.Thread(target=its.listen)
-        listener.start()
-        try:
-            yield its
-        finally:
-            popen.kill()
-            listener.join(PATIENCE_S)
+    for name, count in (("stillwake-ecu", 5), ("stillwake-ecu-slots", 6)):
+        text = (ROOT / f"examples/systemd/{name}.service").read_text()
+        unit = RawConfigParser(strict=False, comment_prefixes="#")
+        unit.optionxform = str  # type: ignore[assignment,method-assign]  # names as they are
+        unit.read_string(text.replace("\\\n", " "))
+        service = unit["Service"]
+        command = service["ExecStart"].split()
+        assert command[1] == "ecu"
+        options = [word for word in command if word.startswith("--")]
+        assert len(options) == count, name
+        assert all(option in known for option in options), name
+        # What the daemon and its page rely on.
+        assert (service["Type"], service["LimitRTPRIO"]) == ("notify", str(PRIORITY))
+        assert "RestrictRealtime" not in service
 
 
 @contextmanager
@@ -153,19 +90,21 @@ def vehicle() -> Iterator[Vehicle]:
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_from_its_start_to_a_signal(vehicle: Vehicle, short_release: Path, tmp_path: Path, number: int) -> None:
+def test_from_its_start_to_a_signal(vehicle: Vehicle, short_release: Path, tmp_path: Path) -> None:
     metrics, stages, heard = tmp_path / "ecu.prom", tmp_path / "ecu.npz", list[str]()
     environment = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "200000"}
-    arguments = ("--metrics", str(metrics), "--stage-times", str(stages))
-    with systemd(tmp_path / "notify", heard), process(short_release, *arguments, environment=environment) as ecu:
+    words = (str(short_release), *UDP, "--metrics", str(metrics), "--stage-times", str(stages))
+    with (
+        systemd(tmp_path / "notify", heard),
+        process(*words, environment=environment) as ecu,
+    ):
         # The request stands when the ECU starts, and for as long as it takes: the jets stay shut.
         vehicle.until(lambda: len(vehicle.commands) > 30, request=True)
         assert {command.enable for command in vehicle.commands} == {False}
         vehicle.into_control()
         vehicle.until(metrics.exists)
         vehicle.until(lambda: vehicle.commands[-1].enable)
-        ecu.popen.send_signal(number)
+        ecu.popen.send_signal(signal.SIGINT)
         vehicle.until(lambda: ecu.popen.poll() is not None, request=True)
         # It was asked to run until stopped, and did.
         assert ecu.popen.returncode == 0
@@ -188,9 +127,9 @@ def test_from_its_start_to_a_signal(vehicle: Vehicle, short_release: Path, tmp_p
 
 @pytest.mark.processes
 def test_two_ecus_on_one_bus_shut_both_and_say_so(vehicle: Vehicle, short_release: Path) -> None:
-    with process(short_release) as first:
+    with process(str(short_release), *UDP) as first:
         vehicle.into_control()
-        with process(short_release) as second:
+        with process(str(short_release), *UDP) as second:
             vehicle.until(lambda: "other_ecu" in first.names() and "other_ecu" in second.names(), request=True)
             begin = len(vehicle.commands)
             vehicle.until(lambda: len(vehicle.commands) > begin + 20)
@@ -204,11 +143,8 @@ def test_two_ecus_on_one_bus_shut_both_and_say_so(vehicle: Vehicle, short_releas
 
 @pytest.mark.processes
 def test_a_stop_before_the_stated_periods_are_over_is_told_by_the_status(short_release: Path) -> None:
-    with process(short_release, "--periods", "100000") as ecu:
-        begin = time.monotonic()
-        while "runs" not in ecu.names():
-            assert time.monotonic() - begin < PATIENCE_S, ecu.other
-            time.sleep(0.01)
+    with process(str(short_release), *UDP, "--periods", "100000") as ecu:
+        ecu.until("runs")
         assert ecu.ends(signal.SIGTERM) == 143
     assert ecu.other == ["stopped\n"]
     assert ecu.names()[-1] == "stopped"

@@ -5,11 +5,10 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +19,11 @@ from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.shipped import BUNDLE
 from tests.firmware_sim.ecu.daemon.driving import PATIENCE_S, Vehicle
+from tests.stillwake.commands.ecu_process import Process, process
 
 GROUP = f"239.77.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
 BUS = ("--bus", f"udp_multicast:{GROUP}")
 SET_BUS = ("--set", "bus.interface=udp_multicast", "--set", f"bus.channel={GROUP}")
-PATIENT = ("--set", "ecu.deadline_misses=11")
 
 
 @dataclass
@@ -68,46 +67,11 @@ def works(tmp_path: Path, cli: Callable[..., Any]) -> Works:
     return works
 
 
-@dataclass
-class Process:
-    popen: "subprocess.Popen[str]"
-    events: list[dict[str, Any]] = field(default_factory=list)
-    other: list[str] = field(default_factory=list)
-
-    def listen(self) -> None:
-        assert self.popen.stderr is not None
-        for line in self.popen.stderr:
-            try:
-                self.events.append(json.loads(line))
-            except ValueError:
-                self.other.append(line)
-
-    def names(self) -> list[str]:
-        return [event["event"] for event in self.events]
-
-    def until(self, name: str) -> dict[str, Any]:
-        begin = time.monotonic()
-        while name not in self.names():
-            assert time.monotonic() - begin < PATIENCE_S, f"{name} did not come: {self.names()}, {self.other}"
-            assert self.popen.poll() is None, self.other
-            time.sleep(0.005)
-        return next(event for event in self.events if event["event"] == name)
-
-
 @contextmanager
 def ecu(works: Works) -> Iterator[Process]:
-    command = [sys.executable, "-m", "stillwake", "ecu", "--slots", works.path("ecu"), *SET_BUS, *PATIENT]
-    command += ["--access", works.path("access.key"), "--log", "json"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as popen:
-        its = Process(popen)
-        listener = threading.Thread(target=its.listen)
-        listener.start()
-        try:
-            its.until("runs")
-            yield its
-        finally:
-            popen.kill()
-            listener.join(PATIENCE_S)
+    with process("--slots", works.path("ecu"), *SET_BUS, "--access", works.path("access.key")) as its:
+        its.until("runs")
+        yield its
 
 
 def flash(works: Works, release: str) -> "subprocess.Popen[str]":
