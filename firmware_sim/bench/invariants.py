@@ -55,9 +55,9 @@ WANTED: Final = DRIVING | {Mode.WARMUP}
 """Modes of an ECU that has been asked for control and has no fault."""
 
 AGE_TOLERANCE: Final = 0.01
-"""Of a period: two clocks that are 200 ppm apart, and waiting for the bus to be looked at, are far below."""
+"""Share of a period. Two clocks 200 ppm apart, and the wait until the bus is read, cost far less."""
 ROUNDING: Final = 1e-9
-"""Of floating-point numbers that are compared with a limit."""
+"""Tolerance for the rounding of floating-point numbers that are compared with a limit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,7 +226,7 @@ class Invariants:
 
     Args:
         config: the run's.
-        hidden_ns: how much older pressures may be than anything tells the ECU; see `of`.
+        hidden_ns: how much older pressures may be than the ECU can know; see `of`.
 
     Attributes:
         violations: so far, in the order of time.
@@ -253,7 +253,7 @@ class Invariants:
     def of(cls, config: Config, disturbances: Disturbances) -> Self:
         """For a run with these disturbances.
 
-        A gateway that stamps frames anew, and a clock that stamps them wrong, hide their age from the ECU: by so much
+        A gateway that stamps frames again, and a clock that stamps them wrong, hide their age from the ECU: by so much
         may a command rest on older pressures. What the vehicle lets its jets do is judged by their true age.
         """
         hidden_s = 0.0
@@ -349,7 +349,7 @@ class Invariants:
 
 
 def parsed(message: Message[T], frame: Frame) -> T | None:
-    """What a frame says, if it is of this message and its end-to-end CRC fits."""
+    """The content of a frame, if it is of this message and its end-to-end CRC fits."""
     spec = message.spec
     if not spec.names(frame) or len(frame.data) != spec.length:
         return None

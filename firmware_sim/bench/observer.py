@@ -16,7 +16,7 @@ class Seen:
     Attributes:
         node: whose.
         sent: by the node; otherwise received by it.
-        now_ns: time of the run, whatever the frame's stamp says.
+        now_ns: time of the run, whatever the frame's stamp is.
     """
 
     node: Literal["vehicle", "ecu"]

@@ -31,7 +31,7 @@ SETTINGS: Final = {
     "patient": EcuConfig(hold_periods=3, decay_periods=3, loss_limit=50, deadline_misses=11, rearm_frames=1),
     "impatient": EcuConfig(hold_periods=0, decay_periods=0, loss_window=10, loss_limit=2, pressure_age=1.0),
 }
-"""Of the ECU, in turn."""
+"""Settings of the ECU, in turn."""
 STRETCH: Final = 5_000
 """Periods in which one pair of nodes lives; each stretch has a seed of its own."""
 

@@ -1,4 +1,4 @@
-"""A controller that is told what to do wrong."""
+"""A controller that does wrong on request."""
 
 from typing import Any, Final
 

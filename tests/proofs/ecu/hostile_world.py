@@ -1,7 +1,7 @@
 """One ECU and one vehicle, and all that can go wrong between them in a control period.
 
-What happens is told by `Events`, drawn by `random_events` from a seed or by a test; what it led to is a `Seen`. The
-bus has no authentication here, so nobody forges: a frame of another node is a copy with another counter, and copies
+`Events` hold what happens, drawn by `random_events` from a seed or by a test; what it led to is a `Seen`. The
+bus has no authentication here, so no one forges: a frame of another node is a copy with another counter, and copies
 of old frames are up to a hundred periods old, and of the same power cycle of their sender: a counter of 8 bits cannot
 tell those of 256 periods ago, nor those of before a reset.
 """
@@ -29,9 +29,9 @@ from tests.proofs.ecu.promises import Delivered, EcuJudge, Seen, VehicleJudge
 NAMES: Final = ("upper_39", "lower_39", "base_0", "base_9")
 START_NS: Final = 10**12
 FATES: Final = ("pass", "lost", "late1", "late2", "late3", "twice", "flipped", "short", "replayed", "foreign")
-"""Of a frame on its way; `replayed` and `foreign` add one to it."""
+"""Fates of a frame on its way; `replayed` and `foreign` add one to it."""
 WINDOW, HORIZON = 4, 5
-"""Of the release: so short that control is often reached."""
+"""Sizes of the release: so short that control is often reached."""
 KEPT: Final = 100
 """Old frames that can be replayed."""
 
@@ -49,7 +49,7 @@ class Events:
         steps: the ECU steps at all.
         bus_off: its CAN controller is; `unseen` if it has recovered before the step.
         deed, value: what the controller does, see `HostileController`.
-        reset_ecu, reset_vehicle: power on anew before it.
+        reset_ecu, reset_vehicle: powered on again before it.
         chance: seed of where bits flip and which frame comes again.
     """
 
@@ -111,7 +111,7 @@ def _damaged(item: Delivered, fate: str, rng: Random) -> Delivered:
 
 
 def _foreign(item: Delivered, rng: Random) -> Delivered:
-    """Of a second node with another count, as sound as the first one's: no pressures that the vehicle sampled."""
+    """A frame of a second node with another count, as sound as the first one's; the vehicle sampled none of it."""
     data, spec = item.frame.data, PRESSURE
     if item.frame.frame_id != spec.frame_id:
         return item
@@ -260,7 +260,7 @@ class RandomEvents:
 
     @property
     def hostility(self) -> float:
-        """Of the present stretch."""
+        """The present stretch's hostility."""
         return self._odd
 
     def next(self, now_ns: int) -> Events:

@@ -66,7 +66,7 @@ class Seen:
     Attributes:
         period: number.
         request: of the vehicle.
-        reset_ecu, reset_vehicle: powered on anew before it.
+        reset_ecu, reset_vehicle: powered on again before it.
         now_ns: of the ECU's step; None if it did not step.
         pressures: what the ECU received since its step before.
         answers: what it sent.

@@ -5,7 +5,7 @@
 ECU, vehicle and simulated bus are those of `stillwake run`; the plant replays recorded pressures for ever, because the
 wake would take hours. The bus carries other nodes' traffic. Seeded faults move every counter, and what each has done is
 known. Vehicle and driver ask for control, end it now and then, and re-arm the ECU after each latched fault. It fails
-with status 1 if memory grows, a counter says something else than what was counted beside it (`witness.py`), a frame is
+with status 1 if memory grows, a counter differs from what was counted from the frames (`witness.py`), a frame is
 gone that no fault took, or virtual time drifts.
 """
 
@@ -50,10 +50,10 @@ from tests.proofs.ecu.replay import ReplayedPlant
 from tests.proofs.ecu.witness import COUNTERS, Passed, Witness
 
 EPISODE: Final = "chirp_0"
-"""Of the shipped recording: 10,000 periods that no model was fitted to."""
+"""An episode of the shipped recording: 10,000 periods that no model was fitted to."""
 MOST_GROWTH_MB: Final = 4.0
-"""Of resident memory from a tenth of the time to its end: 25 bytes kept in each of an hour's periods would show, and
-what the allocators of Python and ONNX Runtime move to and fro is less."""
+"""Growth of resident memory from a tenth of the time to its end: 25 bytes kept in each of an hour's periods would
+show, and what the allocators of Python and ONNX Runtime move to and fro is less."""
 _SETTINGS: Final = ("bus.background.load=0.3", "ecu.compute_time_ms=12")
 """With 12 ms of computing, a step that waited in vain for pressures makes the ECU skip the next one: it overruns."""
 _LOW: Final = 10
@@ -244,7 +244,7 @@ class _Loop:
             - lost_commands
             - self._for_vehicle.received[command],
         }
-        said = self.witness.latest
+        latest = self.witness.latest
         return {
             "frames_on_bus": self._bus.activity().frames,
             "bus_load": self._bus.activity().load,
@@ -258,8 +258,8 @@ class _Loop:
             "statuses_compared": self.witness.statuses,
             "counter_mismatches": self.witness.mismatches,
             **{f"counted_{_snake(name)}": self.witness.counted[name] for name in COUNTERS},
-            **{f"said_{_snake(name)}": int(said[name]) for name in COUNTERS},
-            "said_bus_off": int(said["BusOff"]),
+            **{f"said_{_snake(name)}": int(latest[name]) for name in COUNTERS},
+            "said_bus_off": int(latest["BusOff"]),
             "counted_bus_off": self._wire_errors.bus_off,
             "periods_in_control": self._in_control,
             "faults_latched": self._faults,
@@ -317,7 +317,7 @@ def _failures(figures: Mapping[str, Any], witness: Witness, most_growth_mb: floa
     if figures["frames_unaccounted"]:
         yield f"{figures['frames_unaccounted']} frames are gone or too many that no fault took or made"
     if figures["said_bus_off"] != min(figures["counted_bus_off"], 255):
-        yield f"EcuStatus says {figures['said_bus_off']} times bus-off, must be {figures['counted_bus_off']}"
+        yield f"EcuStatus has {figures['said_bus_off']} times bus-off, must be {figures['counted_bus_off']}"
     for name in (*(f"counted_{_snake(name)}" for name in COUNTERS), "counted_bus_off", "periods_in_control"):
         if not figures[name]:
             yield f"{name} is 0: the faults did not move it, so nothing is shown"

@@ -1,4 +1,4 @@
-"""What frames say, read by cantools and autosar-e2e from the DBC: nothing of the ECU's own code has a part in it."""
+"""What frames hold, read by cantools and autosar-e2e from the DBC: nothing of the ECU's own code has a part in it."""
 
 from functools import cache
 from typing import Any, Final

@@ -1,4 +1,4 @@
-"""What an ECU's counters must be, counted beside it from the frames alone, by other libraries.
+"""What an ECU's counters must be, counted from the frames alone, by other libraries.
 
 cantools reads the messages by the DBC, autosar-e2e checks their CRCs. With every EcuStatus that the ECU sends, each
 counter is compared; where the signal's range ends, the count stays.
@@ -45,7 +45,7 @@ class Passed(Injector):
 
 
 class Witness(Injector):
-    """The ECU's own port: sees what the ECU gets and what it says.
+    """The ECU's own port: sees what the ECU gets and sends.
 
     Args:
         bus: the port, its faults included.
@@ -53,7 +53,7 @@ class Witness(Injector):
         max_delta: largest step of the pressures' counter.
 
     Attributes:
-        counted: what each counter should say.
+        counted: what each counter should be.
         statuses: EcuStatus frames compared.
         mismatches: counters that differed, over all of them.
         first_mismatch: the first one, in words; empty without.
@@ -82,7 +82,7 @@ class Witness(Injector):
         return frames
 
     def send(self, frame: Frame) -> None:
-        """See `Bus.send`; a frame that the bus does not take was said nevertheless."""
+        """See `Bus.send`; a frame that the bus does not take counts as sent."""
         if frame.frame_id == self._command.frame_id:
             self._count_missed(frame)
         if frame.frame_id == self._status.frame_id:
@@ -90,8 +90,8 @@ class Witness(Injector):
         super().send(frame)
 
     def _count_missed(self, frame: Frame) -> None:
-        said: Any = self._command.decode(frame.data, decode_choices=False)
-        echo = said["PressureCounterValid"], said["PressureCounter"]
+        command: Any = self._command.decode(frame.data, decode_choices=False)
+        echo = command["PressureCounterValid"], command["PressureCounter"]
         # A frame that is used has another counter than the one used before it, or there was none.
         self.counted["Missed"] += not echo[0] or echo == self._echo
         self._echo = echo
@@ -103,15 +103,15 @@ class Witness(Injector):
                 self._count_pressure(pressure)
         self._waiting = [item for item in self._waiting if item[0] > frame.timestamp_ns]
         self.counted["Overruns"] = self.skipped
-        said: Any = self._status.decode(frame.data, decode_choices=False)
-        self.latest = dict(said)
+        status: Any = self._status.decode(frame.data, decode_choices=False)
+        self.latest = dict(status)
         self.statuses += 1
         for name, limit in self._limits.items():
             expected = min(self.counted[name], limit)
-            if said[name] != expected:
+            if status[name] != expected:
                 self.mismatches += 1
                 place = f"EcuStatus {self.statuses}, {frame.timestamp_ns / 1e9:.3f} s"
-                self.first_mismatch = self.first_mismatch or f"{place}: {name} is {said[name]}, must be {expected}"
+                self.first_mismatch = self.first_mismatch or f"{place}: {name} is {status[name]}, must be {expected}"
 
     def _count_pressure(self, frame: Frame) -> None:
         if not wire.is_sound(frame.data, wire.PRESSURE):

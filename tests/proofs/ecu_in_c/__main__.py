@@ -31,7 +31,7 @@ STRETCH: Final = 2_500
 TRIED: Final = 3_000
 """Periods of a recording that planted faults, mutants and branches are tried with."""
 SEEDS: Final = ("1", "3", "0")
-"""Of the recordings; odd ones start from states near an edge now and then."""
+"""Seeds of the recordings; odd ones start from states near an edge now and then."""
 
 
 def ecu_in_c(
@@ -63,7 +63,7 @@ def ecu_in_c(
 
 
 def sources_hash() -> str:
-    """Of all that is compared, in C."""
+    """Hash of all that is compared, in C."""
     everything = hashlib.sha256()
     for config in VARIANTS.values():
         for name, content in sorted(sources(config).items()):

@@ -142,7 +142,7 @@ class Edges:
         return replace(state, memory=replace(state.memory, under_way=DelayLine(tuple(values)), gap=gap))
 
     def _on_wire(self, flow_m2_per_s: float) -> float:
-        """An action as it could have been sent, or one or two steps of the wire beside it, in U_inf W."""
+        """An action as it could have been sent, or one or two steps of the wire away, in U_inf W."""
         steps = round(flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) + self._rng.randrange(-2, 3)
         return steps * FLOW_RESOLUTION_M2_PER_S / self._flow_scale
 
@@ -150,7 +150,7 @@ class Edges:
         rng, limits = self._rng, self._limits
         age = rng.choice((0, limits.fresh_age_ns, limits.held_age_ns)) + rng.randrange(-2, 3)
         known = rng.random() > 0.05
-        # No frame is of a time before 0, and none is older than a message can say.
+        # No frame is of a time before 0, and none is older than a message can hold.
         sampled_ns = max(-(10**9), min(2**63 - 1, now_ns - age))
         return replace(
             state,

@@ -38,7 +38,7 @@ def is_possible() -> bool:
 
 
 def found() -> Deviations:
-    """Of the ECU's sources, in all their variants."""
+    """Deviations of the ECU's sources, in all their variants."""
     deviations = Deviations()
     for name, wanted in CHECKED.items():
         contents = sources(VARIANTS[name])
@@ -49,7 +49,7 @@ def found() -> Deviations:
 
 
 def of(contents: Mapping[str, bytes], chosen: list[str]) -> Deviations:
-    """Of the chosen sources and of the ECU's headers that they include.
+    """Deviations of the chosen sources and of the ECU's headers that they include.
 
     Raises:
         FileNotFoundError: without cppcheck.

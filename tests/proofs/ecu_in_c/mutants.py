@@ -33,9 +33,11 @@ TRAPPED: Final = (
 FUEL: Final = 100_000
 """Turns of loops in a period; sound code takes some thousands."""
 CALLS: Final = 4_000
-"""Of the gate by itself."""
+"""Calls of the gate by itself."""
+SLICE: Final = 100
+"""Periods between two looks at the fuel."""
 SECONDS: Final = 60
-"""Of computing, after which a mutant counts as one that does not end."""
+"""Seconds of computing after which a mutant counts as one that does not end."""
 _TYPES: Final = {
     "stdint.h": "typedef signed char int8_t; typedef unsigned char uint8_t;\n"
     "typedef short int16_t; typedef unsigned short uint16_t;\ntypedef int int32_t; typedef unsigned int uint32_t;\n"
@@ -145,24 +147,21 @@ def plain(contents: Mapping[str, bytes], file: str) -> str:
         return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
 
 
-def survivors(
-    mutation: Mutation, recordings: Sequence[bytes], numbers: Iterable[int], *, slice_of: int = 100
-) -> list[int]:
+def survivors(mutation: Mutation, recordings: Sequence[bytes], numbers: Iterable[int]) -> list[int]:
     """The numbers that no recording notices; 0, no mutant, must be among them if it was asked for.
 
     Args:
         recordings: arrays of `twin_period` as bytes.
         numbers: of the mutants to be tried.
-        slice_of: periods between two looks at the fuel.
     """
     ffi = mutation.layout.ffi
     size = ffi.sizeof("twin_period")
     c = ffi.dlopen(str(mutation.library))
     arrays = [(ffi.from_buffer("twin_period[]", item), len(item) // size) for item in recordings]
-    return [number for number in numbers if _survives(c, mutation, arrays, number, slice_of)]
+    return [number for number in numbers if _survives(c, mutation, arrays, number)]
 
 
-def _survives(c: Any, mutation: Mutation, arrays: Sequence[tuple[Any, int]], number: int, slice_of: int) -> bool:
+def _survives(c: Any, mutation: Mutation, arrays: Sequence[tuple[Any, int]], number: int) -> bool:
     child = os.fork()
     if child:
         return os.waitpid(child, 0)[1] == 0
@@ -172,12 +171,12 @@ def _survives(c: Any, mutation: Mutation, arrays: Sequence[tuple[Any, int]], num
         resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
         for name in (signal.SIGILL, signal.SIGSEGV, signal.SIGFPE, signal.SIGBUS, signal.SIGABRT, signal.SIGXCPU):
             signal.signal(name, signal.SIG_DFL)
-        os._exit(0 if _goes_unnoticed(c, mutation, arrays, number, slice_of) else 1)
+        os._exit(0 if _goes_unnoticed(c, mutation, arrays, number) else 1)
     finally:
         os._exit(2)
 
 
-def _goes_unnoticed(c: Any, mutation: Mutation, arrays: Sequence[tuple[Any, int]], number: int, slice_of: int) -> bool:
+def _goes_unnoticed(c: Any, mutation: Mutation, arrays: Sequence[tuple[Any, int]], number: int) -> bool:
     layout = mutation.layout
     ffi = layout.ffi
     room, found = ffi.new("int64_t[]", c.sw_ecu_bytes() // 8 + 1), ffi.new("twin_response *")
@@ -187,8 +186,8 @@ def _goes_unnoticed(c: Any, mutation: Mutation, arrays: Sequence[tuple[Any, int]
     if not gate_cases.is_passed(mutation.layout.ffi, c, mutation.calls):
         return False
     for array, count in arrays:
-        for start in range(0, count, slice_of):
-            part = min(slice_of, count - start)
+        for start in range(0, count, SLICE):
+            part = min(SLICE, count - start)
             c.sw_fuel_left = FUEL * part
             if c.twin_run(ecu, array + start, part, layout.compared, found) != part or c.sw_fuel_left < 0:
                 return False

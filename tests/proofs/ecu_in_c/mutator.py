@@ -1,4 +1,4 @@
-"""C in which every small fault is built in at once, and an integer says which one acts.
+"""C in which every small fault is built in at once, and an integer chooses the one that acts.
 
 A source is parsed by pycparser and written out again. Beside an expression that could be wrong stands the wrong one,
 `(sw_mutant == 17 ? a <= b : a < b)`; so hundreds of mutants cost one compilation, and a mutant is chosen at run time.
@@ -285,7 +285,7 @@ def _drop_const(node: Any) -> None:
 
 
 def all_mutated(preprocessed: Mapping[str, str]) -> tuple[dict[str, bytes], list[Mutant]]:
-    """Mutated sources by name with what they need beside them, and all their mutants, numbered from 1."""
+    """Mutated sources by name with what else they need, and all their mutants, numbered from 1."""
     sources, mutants = dict[str, bytes](), list[Mutant]()
     for name, text in preprocessed.items():
         found = mutated(name, text, 1 + len(mutants))

@@ -1,4 +1,4 @@
-"""The Python ECU, with networks that answer what they are told, and its periods as C is to live through them."""
+"""The Python ECU, with networks whose answers are given, and its periods as C is to live through them."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -35,7 +35,7 @@ class Answers:
         plan: (H,) float32.
         forces: (H, 2) float32.
         estimates: (V, S), finite.
-        is_planned: False if the control step says that it has no answer.
+        is_planned: False if the control step has no answer.
     """
 
     plan: Array
@@ -151,11 +151,11 @@ class PythonTwin:
             fill_frame(item, frame)
         for item in (place.not_first, place.frames[len(period.frames)]):
             item.id = self._pressure_id
-        told = place.answers
-        told.is_planned = answers.is_planned
-        copy(ffi, told.plan, answers.plan.astype(np.float32))
-        copy(ffi, told.forces, answers.forces.astype(np.float32))
-        copy(ffi, told.estimates, answers.estimates[HYPOTHESES.view, np.arange(4)])
+        given = place.answers
+        given.is_planned = answers.is_planned
+        copy(ffi, given.plan, answers.plan.astype(np.float32))
+        copy(ffi, given.forces, answers.forces.astype(np.float32))
+        copy(ffi, given.estimates, answers.estimates[HYPOTHESES.view, np.arange(4)])
         if period.restarts or period.loads is not None:
             structs.set_state(ffi.addressof(place, "before"), period.loads or self.power_on)
 

@@ -71,7 +71,7 @@ def test_every_branch_is_taken(recordings, tmp_path):
 
 
 def test_a_branch_that_is_not_taken_is_seen(recordings, tmp_path):
-    """With one variant alone, planning is never late, and nobody doubts a sensor."""
+    """With one variant alone, planning is never late, and no one doubts a sensor."""
     name = "classic, impatient"
     found = branch_coverage.measured({name: recordings[name]}, tmp_path)
     assert found.percent < 100.0

@@ -29,7 +29,7 @@ from tests.proofs.ecu_in_c.python_twin import Answers, Period
 from tests.proofs.ecu_in_c.variants import DEVIATION, bundle_of
 
 VIEWS: Final = 34
-"""Of four sensors (`contract.controller.estimator.views`)."""
+"""Views of four sensors (`contract.controller.estimator.views`)."""
 LATEST: Final = 2**63 - 1
 """That C's times can hold."""
 EDGES: Final = (
@@ -211,7 +211,7 @@ class Traffic:
         return replace(frame, timestamp_ns=max(0, min(LATEST, time_ns)))
 
     def _other(self, now_ns: int, odd: float) -> Frame:
-        """Of another node: of no use, or another ECU's, sound or not."""
+        """A frame of another node: of no use, or another ECU's, sound or not."""
         rng = self._rng
         kind = rng.choice(("any", "any", "extended", "long", "ours", "classic ours"))
         if rng.random() < 0.1:

@@ -53,7 +53,7 @@ VARIANTS: Final = {
 period and of as many as the state in C has room for."""
 
 DEVIATION: Final = 0.02
-"""Of sound sensors' residuals in Cp, which the traffic's estimates have."""
+"""Deviation of sound sensors' residuals in Cp, which the traffic's estimates have."""
 
 
 def bundle_of(config: Config) -> Bundle:
