@@ -8,7 +8,7 @@ from can_bridge.wire.frame import Frame
 
 
 class BusState(Enum):
-    """Of a CAN controller (ISO 11898-1, fault confinement)."""
+    """The state of a CAN controller (ISO 11898-1, fault confinement)."""
 
     ERROR_ACTIVE = auto()
     ERROR_PASSIVE = auto()
@@ -31,7 +31,7 @@ class BusHealth:
 
 
 HEALTHY: Final = BusHealth()
-"""Also what a bus says that does not know."""
+"""Also the health that a bus reports without knowing it."""
 
 
 class Bus(Protocol):

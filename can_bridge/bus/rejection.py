@@ -10,7 +10,7 @@ class Rejection(Enum):
     """No CAN frame: a datagram or line of another making, an identifier or a time out of range."""
     WRONG_LENGTH = "wrong length"
     """Cut off, or a length that the frame's format does not have. Of a length that CAN has but its message has not,
-    the end-to-end check says so."""
+    the end-to-end check refuses it."""
     REMOTE = "remote frame"
     ERROR_FRAME = "error frame"
     """The controller's report on the bus or on itself; see `PythonCanBus.health`."""

@@ -1,7 +1,7 @@
 """The frames of one message in a log, numbered by their E2E counter: which are missing, doubled or out of place.
 
 A log's times are those of reception: a frame may have waited for other traffic, and loggers write in bursts. The
-counter says which frame of the sender's it is, the time only how often the counter has gone round. Where both part for
+counter numbers the sender's frames, the time only how often the counter has gone round. Where both part for
 good, because the sender began again or the logger's clock was set, a new stretch begins; so does one behind a long gap.
 """
 
@@ -15,13 +15,13 @@ import numpy as np
 from contract.arrays import Array, Index
 
 SLACK: Final = 2.0
-"""Periods by which a frame may come earlier or later than its counter says, measured from the frame before it."""
+"""Periods by which a frame may come earlier or later than its counter implies, measured from the frame before it."""
 _LONGEST: Final = 1000
 """Periods without a frame within a stretch: no list of rows grows with a clock that was set."""
 _JUMP: Final = 0.5
-"""Of a period by which the clock of one stretch may shift for good: beyond it the counter has lost its meaning."""
+"""The share of a period by which the clock of one stretch may shift for good: beyond it the counter means nothing."""
 _AROUND: Final = 16
-"""Frames whose median says where the clock stands: a burst is shorter, and jitter of 0.4 periods averages out."""
+"""Frames whose median gives the clock: a burst is shorter, and jitter of 0.4 periods averages out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ class Stretch:
 
     @property
     def time_s(self) -> Array:
-        """Of each frame's reception, (n,)."""
+        """The time of each frame's reception in s, (n,)."""
         return np.array([frame.time_s for frame in self.frames])
 
     def __len__(self) -> int:
@@ -91,16 +91,16 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
     Args:
         frames: with right CRCs, in the order of reception.
         period_s: the sender's period on the log's clock, to a few per cent.
-        modulus: after so many frames the counter begins again. More than half as many lost in a row are told from
-            fewer by the time alone.
+        modulus: after so many frames the counter begins again. More than half as many lost in a row show by the
+            time alone.
     """
-    found: list[dict[int, CountedFrame]] = []
+    placed: list[dict[int, CountedFrame]] = []
     duplicates = misplaced = 0
     last: tuple[int, CountedFrame] | None = None
     pending: CountedFrame | None = None
     for frame in frames:
         if last is None:
-            found.append({0: frame})
+            placed.append({0: frame})
             last = (0, frame)
             continue
         step = _step(last[1], frame, period_s, modulus)
@@ -108,11 +108,11 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
             misplaced += pending is not None
             pending = None
             index = last[0] + step
-            if index in found[-1]:
+            if index in placed[-1]:
                 duplicates += 1
                 continue
-            found[-1][index] = frame
-            # A frame that was overtaken says nothing about where the sender is now.
+            placed[-1][index] = frame
+            # A frame that was overtaken does not show where the sender is now.
             last = (index, frame) if step > 0 else last
             continue
         begun = None if pending is None else _step(pending, frame, period_s, modulus)
@@ -122,10 +122,10 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
         elif begun == 0:
             duplicates += 1
         else:
-            found.append({0: pending, begun: frame})
+            placed.append({0: pending, begun: frame})
             last, pending = (begun, frame), None
     misplaced += pending is not None
-    stretches = (piece for group in found for piece in _cut_at_jumps(_stretch(group), period_s))
+    stretches = (piece for group in placed for piece in _cut_at_jumps(_stretch(group), period_s))
     return Numbered(stretches=tuple(stretches), duplicates=duplicates, misplaced=misplaced)
 
 

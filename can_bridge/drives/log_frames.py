@@ -87,7 +87,7 @@ def frames_of(
             continue
         if spec.is_secured and verify is not None:
             freshness = verify(spec, data)
-            # The same value again is the same frame again, which its counter tells.
+            # The same value again is the same frame again, which its counter shows.
             if freshness is None or freshness < fresh.get(frame_id, 0):
                 forged[frame_id] += 1
                 continue
@@ -100,10 +100,10 @@ def frames_of(
         latest = max(latest, message.timestamp)
         frame = CountedFrame(time_s=message.timestamp, counter=profile.counter_of(covered), data=covered)
         kept.setdefault(frame_id, []).append(frame)
-    found = _only_set(path, sets, kept, damaged, forged, seen)
-    ids = (found.pressure.spec.frame_id, found.command.spec.frame_id)
+    chosen = _only_set(path, sets, kept, damaged, forged, seen)
+    ids = (chosen.pressure.spec.frame_id, chosen.command.spec.frame_id)
     return LogFrames(
-        messages=found,
+        messages=chosen,
         pressures=tuple(kept[ids[0]]),
         commands=tuple(kept[ids[1]]),
         damaged=sum(damaged[one] for one in ids),
@@ -129,13 +129,12 @@ def _only_set(
     if len(present) > 1:
         names = " and ".join(f"{one.pressure.spec.name} (0x{one.pressure.spec.frame_id:x})" for one in present)
         raise DatasetError(
-            f"{path}: holds {names}; say which to read with --set bus.frames=fd or classic (and bus.key for the "
-            f"secured ones)"
+            f"{path}: holds {names}; choose one with --set bus.frames=fd or classic (and bus.key for the secured ones)"
         )
     (one,) = present
     if one.command.spec.frame_id not in kept:
         raise DatasetError(
-            f"{path}: {_without('command', [one.command.spec], damaged, forged, seen)}; without commands nobody knows "
+            f"{path}: {_without('command', [one.command.spec], damaged, forged, seen)}; without commands it is unknown "
             f"what the jets did"
         )
     return one

@@ -21,7 +21,7 @@ from contract.arrays import Array, Mask
 _HELD: Final = (Mode.HOLD, Mode.DECAY, Mode.FAULT)
 """Modes whose commands do not answer the frame that they echo."""
 _UNKNOWN_LAG: Final = 0.5
-"""Of a period, from pressure to command, where no command echoes a pressure."""
+"""The share of a period from pressure to command, where no command echoes a pressure."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +77,7 @@ class Rows:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Samples:
-    """What the pressure frames of a stretch say.
+    """The contents of the pressure frames of a stretch.
 
     Attributes:
         pressure_pa: NaN where a sensor was not valid, or all were too old, (n, 4).
@@ -110,7 +110,7 @@ def clock_of(stretch: Stretch, sampled_s: Array, period_s: float | None = None) 
 
     Args:
         sampled_s: times of sampling, (n,).
-        period_s: of the sender, if it is known better than this stretch tells.
+        period_s: of the sender, if it is known better than from this stretch.
     """
     index = stretch.index.astype(np.float64)
     if period_s is None:

@@ -13,7 +13,7 @@ from contract.arrays import Array, Mask
 from contract.errors import DatasetError
 
 SHORTEST: Final = 16
-"""Rows of a piece: over fewer one cannot tell the sender's clock, nor a model anything."""
+"""Rows of a piece: fewer show neither the sender's clock nor anything to a model."""
 _SHOWN: Final = 5
 """Filled gaps of one stretch that are listed one by one."""
 

@@ -1,7 +1,7 @@
-"""A recorded drive as series: pressures and actions, one row a control period, with everything said that is missing.
+"""A recorded drive as series: pressures and actions, one row a control period, and a report of what is missing.
 
 A short gap is filled on the straight line between its neighbours. A long one ends a piece: an episode of a data set is
-one uninterrupted recording. Whether a log may have more than one piece is the caller's to say.
+one uninterrupted recording. Whether a log may have more than one piece is the caller's choice.
 """
 
 from collections.abc import Iterable, Sequence
@@ -96,49 +96,49 @@ def series_of(
     Raises:
         DatasetError: the log does not have what is needed, has another period, or has a long gap and `split` is false.
     """
-    found = frames_of(path, messages, only=only, verify=verify, back_s=scales.period_s)
-    modulus = profile_of(found.messages.pressure.spec).counter_period
-    _check_period(path, usual_interval(found.pressures, modulus), scales)
-    numbered = number(found.pressures, period_s=scales.period_s, modulus=modulus)
-    samples = [samples_of(one, found.messages, scales.period_s) for one in numbered.stretches]
+    log = frames_of(path, messages, only=only, verify=verify, back_s=scales.period_s)
+    modulus = profile_of(log.messages.pressure.spec).counter_period
+    _check_period(path, usual_interval(log.pressures, modulus), scales)
+    numbered = number(log.pressures, period_s=scales.period_s, modulus=modulus)
+    samples = [samples_of(one, log.messages, scales.period_s) for one in numbered.stretches]
     period_s = _sender_period_s(path, numbered.stretches, samples, scales)
     clocks = [clock_of(a, b.sampled_s, period_s) for a, b in zip(numbered.stretches, samples, strict=True)]
     commands, repeated = _without_repeats(
-        found.commands, profile_of(found.messages.command.spec).counter_period * scales.period_s / 2
+        log.commands, profile_of(log.messages.command.spec).counter_period * scales.period_s / 2
     )
     cutter = Cutter(path, fill, split, sensors, numbered.stretches[0].frames[0].time_s, period_s)
     lost = [0, 0]
     for i, (stretch, clock) in enumerate(zip(numbered.stretches, clocks, strict=True)):
         until = numbered.stretches[i + 1].frames[0].time_s if i + 1 < len(numbered.stretches) else np.inf
         here = [one for one in commands if stretch.frames[0].time_s - period_s <= one.time_s < until]
-        rows = rows_of(stretch, samples[i], here, found.messages, scales, clock, modulus)
+        rows = rows_of(stretch, samples[i], here, log.messages, scales, clock, modulus)
         lost[0] += len(rows.action) - len(stretch)
         lost[1] += int(np.isnan(rows.action).sum())
         if i > 0:
             cutter.restart(numbered.stretches[i - 1].frames[-1].time_s, stretch.frames[0].time_s)
         cutter.add(rows, clock)
-    _check_pieces(path, cutter, found, sensors)
+    _check_pieces(path, cutter, log, sensors)
     report = LogReport(
-        messages=found.messages.name,
+        messages=log.messages.name,
         frames=(sum(map(len, numbered.stretches)), len(commands)),
-        damaged=found.damaged,
-        forged=found.forged,
+        damaged=log.damaged,
+        forged=log.forged,
         duplicates=numbered.duplicates + repeated,
         misplaced=numbered.misplaced,
-        foreign=found.foreign,
+        foreign=log.foreign,
         lost=(lost[0], lost[1]),
         filled=(cutter.filled[0], cutter.filled[1]),
         stale=sum(one.stale for one in samples),
         drift=period_s / scales.period_s - 1.0,
         jitter_s=max(clock.jitter_s for clock in clocks),
         gaps=tuple(cutter.lines),
-        checked=(verify is not None) if found.messages.pressure.spec.is_secured else None,
+        checked=(verify is not None) if log.messages.pressure.spec.is_secured else None,
     )
     return LogSeries(pieces=tuple(cutter.pieces), start_s=clocks[0].start_s, period_s=period_s, report=report)
 
 
 def _sender_period_s(path: Path, stretches: Sequence[Stretch], samples: Sequence[Samples], scales: Scales) -> float:
-    """On the log's clock, by the longest stretch; the control period where that is too short to tell."""
+    """On the log's clock, by the longest stretch; the control period where that is too short."""
     longest = max(range(len(stretches)), key=lambda i: len(stretches[i]))
     if len(stretches[longest]) < SHORTEST:
         return scales.period_s

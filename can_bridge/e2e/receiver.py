@@ -125,14 +125,14 @@ def receive(
         checks.append(check)
         if check in GOOD:
             accepted = frame
-    found = tuple(checks) or (Check.NO_NEW_DATA,)
+    verdicts = tuple(checks) or (Check.NO_NEW_DATA,)
     counts = list(state.counts)
-    for check in found:
+    for check in verdicts:
         counts[check.value] += 1
-    period = _of_period(found)
+    period = _of_period(verdicts)
     stream, window = _advanced(state, period, config)
     after = ReceiverState(stream=stream, last_counter=last_counter, window=window, counts=tuple(counts))
-    return after, Reception(stream=stream, checks=found, accepted=accepted)
+    return after, Reception(stream=stream, checks=verdicts, accepted=accepted)
 
 
 class E2eReceiver:

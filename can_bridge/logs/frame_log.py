@@ -30,7 +30,7 @@ from contract.errors import BusError, StillwakeError
 
 
 class _Writer(Protocol):
-    """Of python-can's writers, what is used here."""
+    """The part of python-can's writers that is used here."""
 
     def on_message_received(self, msg: can.Message) -> None: ...
 

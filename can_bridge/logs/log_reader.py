@@ -1,7 +1,7 @@
 """Recorded CAN traffic, whatever wrote it: candump (.log), Vector ASC and BLF, PEAK TRC, and MF4 with asammdf.
 
 python-can reads the files; what it would pass over in silence is an error here: a file that was cut off, and a frame
-with fewer bytes than its length says. Times are those of the file: since the epoch, but of an ASC since its beginning.
+with fewer bytes than its length. Times are those of the file: since the epoch, but of an ASC since its beginning.
 """
 
 import gc

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from typing import Final, Self
 
 LARGEST_HALF: Final = 0xFFFFFFFF
-"""Of power cycles, and of frames in one."""
+"""The largest number of a power cycle, and of a frame in one."""
 LARGEST: Final = 0xFFFFFFFFFFFFFFFF
 
 
 @dataclass(frozen=True, kw_only=True)
 class Freshness:
-    """Of one sender, as AUTOSAR SecOC has it with a trip counter and a message counter.
+    """The freshness of one sender, as AUTOSAR SecOC has it with a trip counter and a message counter.
 
     Attributes:
         trip: power cycles, this one included; from 1 on, so that every value is greater than 0.
@@ -34,7 +34,7 @@ class Freshness:
         return self.trip << 32 | self.count
 
     def next(self) -> Self:
-        """Of the next frame.
+        """The freshness of the next frame.
 
         After 2^32 frames, 2.7 years at 20 ms, it stays: receivers then refuse every frame, and the jets shut, until
         the power has been off once.

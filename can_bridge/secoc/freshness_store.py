@@ -57,7 +57,7 @@ class FreshnessStore:
         self._record = FreshnessRecord()
 
     def begin(self, key: Key) -> Authentication:
-        """Count a power cycle, and say what the node then needs.
+        """Count a power cycle, and return what the node then needs.
 
         A file that is gone counts from 1 again. That is safe and loud: the other node refuses every frame.
 
@@ -67,7 +67,7 @@ class FreshnessStore:
         """
         before = self._read()
         if before.trip >= LARGEST_HALF:
-            raise BusError(f"{self._path}: {before.trip} power cycles are all there are; begin anew with another key")
+            raise BusError(f"{self._path}: {before.trip} power cycles are all there are; begin again with another key")
         self._keep(FreshnessRecord(trip=before.trip + 1, heard=before.heard))
         return Authentication(key=key, trip=self._record.trip, heard=self._record.heard)
 

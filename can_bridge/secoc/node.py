@@ -17,7 +17,7 @@ from contract.errors import ConfigError
 
 @dataclass(frozen=True, kw_only=True)
 class Authentication:
-    """Of one node, in one power cycle.
+    """What one node needs in one power cycle.
 
     Attributes:
         key: shared with the other node.
@@ -31,7 +31,7 @@ class Authentication:
 
     @property
     def freshness(self) -> Freshness:
-        """Of the first frame of each message that the node sends."""
+        """The freshness of the first frame of each message that the node sends."""
         return Freshness(trip=self.trip)
 
     def verifier(self, spec: MessageSpec) -> VerifierState:

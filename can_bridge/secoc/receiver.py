@@ -65,13 +65,13 @@ def verified(state: VerifierState, frames: Sequence[Frame], *, spec: MessageSpec
         if not spec.names(frame):
             passed.append(frame)
             continue
-        found = verify(frame.data, spec, key)
-        if found is None:
+        received = verify(frame.data, spec, key)
+        if received is None:
             not_authentic += 1
-        elif found <= freshness:
+        elif received <= freshness:
             not_fresh += 1
         else:
-            freshness, accepted = found, True
+            freshness, accepted = received, True
             passed.append(frame)
     after = VerifierState(freshness=freshness, not_authentic=not_authentic, not_fresh=not_fresh)
     return Verification(after, passed, none_authentic=after.refused > state.refused and not accepted)

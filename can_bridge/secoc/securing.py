@@ -36,7 +36,7 @@ def verify(data: bytes, spec: MessageSpec, key: Key) -> int | None:
     if len(data) != spec.length:
         return None
     covered = data[:-MAC_LENGTH]
-    # In a time that says nothing about how much of it fits.
+    # In a time that does not depend on how much of it fits.
     if not compare_digest(data[-MAC_LENGTH:], _mac(covered, spec, key)):
         return None
     return int.from_bytes(covered[-FRESHNESS_LENGTH:], "big")

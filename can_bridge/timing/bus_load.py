@@ -1,4 +1,4 @@
-"""What the messages of the control loop, and the background traffic beside them, do to the bus."""
+"""What the messages of the control loop, and the background traffic, do to the bus."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -72,8 +72,8 @@ def bus_load(config: Config) -> BusLoad:
     others: Sequence[PeriodicMessage] = ()
     left_out: tuple[str, ...] = ()
     if bus.background.dbc:
-        found = read_traffic(Path(bus.background.dbc), bus, (), seed=bus.background.seed)
-        others, left_out = found.messages, found.left_out
+        traffic = read_traffic(Path(bus.background.dbc), bus, (), seed=bus.background.seed)
+        others, left_out = traffic.messages, traffic.left_out
     elif bus.background.load:
         others = made_up(bus.background.load, bus, (), seed=bus.background.seed)
     ours = loop_messages(config, others)

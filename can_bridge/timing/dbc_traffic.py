@@ -41,7 +41,7 @@ def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: in
     vehicle's whole description holds too.
 
     Args:
-        path: its ending tells its format.
+        path: its ending gives its format.
         bus: whether CAN FD is spoken.
         taken: 11-bit identifiers that other messages may not have, besides ours.
 

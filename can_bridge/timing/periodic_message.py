@@ -12,7 +12,7 @@ from contract.config.vehicle import BusConfig
 NS_PER_MS: Final = 10**6
 
 OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
-"""Of all sets, also those not in use: other nodes never have them."""
+"""Identifiers of all sets, also those not in use: other nodes never have them."""
 
 
 @dataclass(frozen=True, kw_only=True)

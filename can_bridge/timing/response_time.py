@@ -82,7 +82,7 @@ def utilisation(timings: Sequence[Timing]) -> Fraction:
 
 
 def response_times(timings: Sequence[Timing], *, bit_ns: int) -> list[Response]:
-    """Of every message.
+    """Response times of all messages.
 
     Args:
         timings: the highest priority first.
@@ -90,15 +90,15 @@ def response_times(timings: Sequence[Timing], *, bit_ns: int) -> list[Response]:
     """
     blocking = [0, *accumulate((one.frame_ns for one in reversed(timings[1:])), max)][::-1]
     higher: _Rhythms = {}
-    found = []
+    responses = []
     for own, blocked in zip(timings, blocking, strict=False):
-        found.append(_response(own, higher, blocked, bit_ns))
+        responses.append(_response(own, higher, blocked, bit_ns))
         higher = _with(higher, own)
-    return found
+    return responses
 
 
 def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) -> list[Response]:
-    """Of every message, in the order given, which is that of their priorities.
+    """Response times of all messages, in the order given, which is that of their priorities.
 
     Raises:
         ValueError: if the messages are not in falling priority, each with its own.
@@ -115,7 +115,7 @@ def nominal_bit_ns(bus: BusConfig) -> int:
 
 
 _Rhythms = dict[tuple[int, int], int]
-"""Bus time that messages take each time they come, by period and jitter: the analysis tells them apart by no more, and
+"""Bus time that messages take each time they come, by period and jitter: the analysis uses no more of them, and
 thousands of messages have a dozen rhythms."""
 
 

@@ -16,13 +16,13 @@ from contract.config.vehicle import BackgroundConfig, BusConfig
 from contract.errors import ConfigError
 
 PERIODS_MS: Final = (5, 10, 20, 50, 100, 200, 500, 1000)
-"""Of made-up messages: the usual ones in vehicles."""
+"""Periods of made-up messages: the usual ones in vehicles."""
 _PERIOD_WEIGHTS: Final = (1, 6, 6, 3, 8, 3, 2, 3)
 """How often each is drawn: mostly 10, 20 and 100 ms, as in the body and powertrain sets published for benchmarks."""
 _CLASSIC_LENGTHS: Final = (8, 8, 8, 8, 6, 4, 2)
 _FD_LENGTHS: Final = (8, 8, 16, 24, 32, 48, 64, 64)
 _IDS: Final = range(0x010, 0x700)
-"""Of made-up messages: below lies network management of high priority, above diagnostics."""
+"""Identifiers of made-up messages: below lies network management of high priority, above diagnostics."""
 
 
 def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int]) -> tuple[PeriodicMessage, ...]:

@@ -25,13 +25,13 @@ def parse(text: str) -> can.Message:
         BusError: for anything else, or what no wire carries.
     """
     flags, length = 0, 0
-    if found := _REMOTE.fullmatch(text):
-        identifier, digits = found[1], ""
-        length = int(found[2] or 0)
-    elif found := _CLASSIC.fullmatch(text):
-        identifier, digits = found[1], found[2]
-    elif found := _FD.fullmatch(text):
-        identifier, flags, digits = found[1], int(found[2]), found[3]
+    if match := _REMOTE.fullmatch(text):
+        identifier, digits = match[1], ""
+        length = int(match[2] or 0)
+    elif match := _CLASSIC.fullmatch(text):
+        identifier, digits = match[1], match[2]
+    elif match := _FD.fullmatch(text):
+        identifier, flags, digits = match[1], int(match[2]), match[3]
     else:
         raise BusError(f"{text}: {NOTATION}")
     is_fd, is_remote, is_extended = "##" in text, _REMOTE.fullmatch(text) is not None, len(identifier) == 8

@@ -38,11 +38,13 @@ def _signals(message: "Message", data: bytes) -> tuple[Signal, ...]:
         values = message.decode_simple(data, decode_choices=False, allow_truncated=True)
     except Exception:  # noqa: BLE001  (any bytes may come over a bus; cantools raises errors of many kinds on some)
         return ()
-    found = []
+    signals = []
     for name, value in values.items():
         if not isinstance(value, int | float):
             continue
         signal = message.get_signal_by_name(name)
         choice = signal.choices.get(int(value)) if signal.choices and float(value).is_integer() else None
-        found.append(Signal(name=name, value=value, unit=signal.unit or "", text="" if choice is None else str(choice)))
-    return tuple(found)
+        signals.append(
+            Signal(name=name, value=value, unit=signal.unit or "", text="" if choice is None else str(choice))
+        )
+    return tuple(signals)

@@ -82,16 +82,16 @@ _Emitter = tuple[MessageSpec, tuple[str, ...], Callable[[Mapping[str, float]], b
 
 
 def _emitters() -> dict[str, _Emitter]:
-    found: dict[str, _Emitter] = {}
+    emitters: dict[str, _Emitter] = {}
     for one in SETS:
         pressure, command, status = one.pressure, one.command, one.status
         is_classic = not pressure.spec.is_fd
         build_pressure = _classic_pressure if is_classic else _pressure
-        found[pressure.spec.name] = (pressure.spec, _names(pressure), _then(build_pressure, pressure))
-        found[command.spec.name] = (command.spec, _names(command), _then(_command, command))
+        emitters[pressure.spec.name] = (pressure.spec, _names(pressure), _then(build_pressure, pressure))
+        emitters[command.spec.name] = (command.spec, _names(command), _then(_command, command))
         build_status = _classic_status if is_classic else _status
-        found[status.spec.name] = (status.spec, _names(status), _then(build_status, status))
-    return found
+        emitters[status.spec.name] = (status.spec, _names(status), _then(build_status, status))
+    return emitters
 
 
 def _names(message: Message[T]) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ class Row:
         rate_hz: of the message.
         lost: frames missing by their counters.
         refused: frames that a receiver would not have used.
-        e2e: what the checks say of the newest frame, empty without protection.
+        e2e: the verdict on the newest frame, empty without protection.
         is_good: whether they let a receiver use it.
     """
 
@@ -110,11 +110,11 @@ def rows(state: MonitorState, now_ns: int, *, matching: str = "") -> list[Row]:
         matching: words that message, identifier or signal must contain, all of them; case does not count.
     """
     words = matching.lower().split()
-    found: list[Row] = []
+    shown: list[Row] = []
     for _, traffic in sorted(state.messages.items()):
         kept = [one for one in _rows_of(traffic, now_ns) if _matches(one, words)]
-        found.extend(replace(one, is_first=i == 0) for i, one in enumerate(kept))
-    return found
+        shown.extend(replace(one, is_first=i == 0) for i, one in enumerate(kept))
+    return shown
 
 
 def _matches(row: Row, words: list[str]) -> bool:

@@ -67,14 +67,14 @@ def open_bus(config: BusConfig) -> RawBus:
 
 
 def is_sound(message: can.Message) -> bool:
-    """Whether a message could have been on a wire: backends pass on what a datagram or a serial line says."""
+    """Whether a message could have been on a wire: backends pass on any datagram or serial line."""
     return message.is_error_frame or (message.is_remote_frame and _id_fits(message)) or frame_of(message) is not None
 
 
 def frame_of(message: can.Message) -> Frame | None:
     """The frame in a message, its identifier of either length; None for remote, error and unsound frames."""
-    found = conversion.frame_of(message)
-    return found if isinstance(found, Frame) else None
+    frame = conversion.frame_of(message)
+    return frame if isinstance(frame, Frame) else None
 
 
 def id_text(message: can.Message | Frame) -> str:

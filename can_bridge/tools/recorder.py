@@ -1,4 +1,4 @@
-"""Recording: every message of a bus, in the order it came, until something says stop."""
+"""Recording: every message of a bus, in the order it came, until it is stopped."""
 
 from collections import Counter
 from collections.abc import Callable

@@ -125,7 +125,7 @@ def replay(
         start_ns: when the first message is due, in the time of `clock_ns`.
         clock_ns, sleep: a clock that never goes back, and what waits for so many seconds.
         so_far: the outcome of the rounds before.
-        progress: told the number of frames sent, rounds before included.
+        progress: called with the number of frames sent, rounds before included.
         is_over: asked before each frame.
     """
     done = Replayed() if so_far is None else so_far

@@ -15,7 +15,7 @@ from can_bridge.wire.message_specs import FRESHNESS_LENGTH, INT12_MAX, MAC_LENGT
 from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Pressure
 
 PROTECTION: Final = frozenset({"E2E_CRC", "E2E_Counter", "Freshness", "MAC"})
-"""Signals that say nothing but whether to trust the others."""
+"""Signals that only show whether to trust the others."""
 
 STALE_MS: Final = 70
 """The classic set's largest age: so much or more."""
@@ -45,7 +45,7 @@ class Signal:
 
 @dataclass(frozen=True, kw_only=True)
 class Decoded:
-    """What a frame says.
+    """The content of a frame.
 
     Attributes:
         name: of the message.
@@ -59,7 +59,7 @@ class Decoded:
 
 
 class Decoder(Protocol):
-    """Finds out what a frame says; None for a message it does not know. Never raises."""
+    """Decodes a frame; None for a message it does not know. Never raises."""
 
     def __call__(self, frame: Frame) -> Decoded | None: ...
 

@@ -98,26 +98,26 @@ def summarise(
         key: of secured messages; without it their authentication is not checked.
         seen: called after each data frame with what is known of its message then.
     """
-    found = Summary()
+    summary = Summary()
     for message in messages:
-        found.first_s = message.timestamp if found.first_s is None else found.first_s
-        found.last_s = message.timestamp
+        summary.first_s = message.timestamp if summary.first_s is None else summary.first_s
+        summary.last_s = message.timestamp
         if message.is_error_frame:
-            found.errors += 1
+            summary.errors += 1
             continue
         if message.is_remote_frame:
-            found.remote += 1
+            summary.remote += 1
             continue
         frame = frame_of(message)
         if frame is None:
-            found.unsound += 1
+            summary.unsound += 1
             continue
-        found.busy_ns += frame_ns(
+        summary.busy_ns += frame_ns(
             frame,
             nominal_bitrate=config.nominal_bitrate,
             data_bitrate=config.data_bitrate if message.bitrate_switch else config.nominal_bitrate,
         )
         place = (frame.is_extended, frame.frame_id)
-        found.messages[place] = observe(found.messages.get(place), frame, decoder=decoder, e2e=config.e2e, key=key)
-        seen(found.messages[place])
-    return found
+        summary.messages[place] = observe(summary.messages.get(place), frame, decoder=decoder, e2e=config.e2e, key=key)
+        seen(summary.messages[place])
+    return summary

@@ -32,7 +32,7 @@ CHECK_TEXT: Final = {
 
 
 class Mac(Enum):
-    """What the authentication of a secured frame says; the value is for people."""
+    """The verdict on the authentication of a secured frame; the value is for people."""
 
     OK = "OK"
     NOT_AUTHENTIC = "not authentic"
@@ -50,13 +50,13 @@ class Traffic:
 
     Attributes:
         latest: the newest frame.
-        decoded: what it says; None if no decoder knows the message.
+        decoded: its content; None if no decoder knows the message.
         count: frames.
         first_ns: time of the first.
         recent_ns: times of the newest, oldest first, at most RATE_OVER + 1.
         check: of the newest, against the ones before it; None without end-to-end protection, or if its MAC was refused.
         mac: of the newest; None for a message without authentication.
-        lost: frames missing by their counters, which cannot tell a loss of a whole counter period or more; a sender
+        lost: frames missing by their counters, which do not show a loss of a whole counter period or more; a sender
             that starts again counts as one.
         receiver: what the checks must remember, and how often each came out.
         verifier: the same of the authentication; its freshness begins with the first authentic frame.
@@ -75,7 +75,7 @@ class Traffic:
 
     @property
     def name(self) -> str:
-        """Of the message; empty if unknown."""
+        """The name of the message; empty if unknown."""
         return "" if self.decoded is None else self.decoded.name
 
     @property
@@ -95,7 +95,7 @@ class Traffic:
 
     @property
     def verdict(self) -> str:
-        """Of the newest frame, in words: what refused it, or its end-to-end check; empty for other nodes' messages."""
+        """The verdict on the newest frame, in words: what refused it, or its end-to-end check; empty without one."""
         if self.mac is not None and self.mac in MAC_REFUSED:
             return str(self.mac.value)
         return "" if self.check is None else CHECK_TEXT[self.check]
@@ -186,7 +186,7 @@ def observe(
 def _verified(
     state: VerifierState, frame: Frame, spec: MessageSpec, key: Key | None
 ) -> tuple[VerifierState, Mac | None]:
-    """The state after this frame, and what its authentication says."""
+    """The state after this frame, and the verdict on its authentication."""
     if not spec.is_secured:
         return state, None
     if key is None:

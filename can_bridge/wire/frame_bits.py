@@ -55,7 +55,7 @@ class SentBits:
 
 
 def sent_bits(frame: Frame, *, error_passive: bool = False) -> SentBits:
-    """A frame's bits; in CAN FD an error-passive sender says in the frame (ESI) that it is."""
+    """A frame's bits; in CAN FD the bit ESI shows that the sender is error-passive."""
     if not frame.is_fd:
         head = _classic_head(frame) + _bits_of(frame.data)
         sent = stuffed(head + _to_bits(crc15(head), 15))

@@ -50,7 +50,7 @@ class MessageSet:
 
     @property
     def specs(self) -> tuple[MessageSpec, MessageSpec, MessageSpec]:
-        """Of the three messages, in the order of their priority on the bus."""
+        """The specifications of the three messages, in the order of their priority on the bus."""
         return self.pressure.spec, self.command.spec, self.status.spec
 
 

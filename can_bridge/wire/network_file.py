@@ -1,4 +1,4 @@
-"""What a file says of the messages of a bus: DBC, or what else cantools reads (ARXML, KCD, SYM).
+"""The messages of a bus, as a file describes them: DBC, or what else cantools reads (ARXML, KCD, SYM).
 
 cantools comes with the extra `bus`; a node needs none of it.
 """
@@ -15,10 +15,10 @@ NEEDS_CANTOOLS = "reading it needs cantools: pip install 'stillwake[bus]'"
 
 
 def load_network(path: Path) -> "Database":
-    """The description in a file, whose ending tells its format.
+    """The description in a file, whose ending gives its format.
 
     Raises:
-        BusError: in one line, if cantools or the file is missing, or the file is not what its name says.
+        BusError: in one line, if cantools or the file is missing, or the file does not have the format of its name.
     """
     try:
         from cantools.database import load_file
@@ -29,7 +29,7 @@ def load_network(path: Path) -> "Database":
     if path.exists() and not path.is_file():
         raise BusError(f"{path}: is a {'directory' if path.is_dir() else 'device or pipe'}, must be a file")
     try:
-        # The file may be of any age and encoding; what it says wrongly is its author's to hear from stricter tools.
+        # The file may be of any age and encoding; stricter tools report its mistakes to its author.
         database = load_file(path, strict=False)
     except OSError as error:
         raise BusError(f"{path}: {error.strerror or error}") from error

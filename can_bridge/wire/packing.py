@@ -20,7 +20,7 @@ REASONS: Final = tuple(Reason(value) if value in frozenset(Reason) else None for
 """By the value on the wire; None for one that is not in the DBC's table. Looking up is faster than building an enum."""
 
 VALIDITIES: Final = tuple(bits[::-1] for bits in product((False, True), repeat=SENSORS))
-"""Of the sensors, by their bits on the wire."""
+"""Valid flags of the sensors, by their bits on the wire."""
 
 
 def mode_of(mode: Mode) -> Mode:

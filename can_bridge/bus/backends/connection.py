@@ -53,7 +53,7 @@ class Connection:
         except UnusableReceptionError as refused:
             return refused.reason
         except (can.CanError, OSError, *_UNREADABLE) as error:
-            # Backends wrap what went wrong: the cause of a CanError tells garbage from a failure.
+            # Backends wrap what went wrong: a CanError by garbage has one of these as its cause.
             if not isinstance(error.__cause__ or error, _UNREADABLE):
                 raise BusError(f"CAN bus failed: {one_line(error)}") from error
             self._unreadable_in_a_row += 1

@@ -34,7 +34,7 @@ def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
     Args:
         health: what was known before.
         classes: the frame's identifier without its flags.
-        data: its eight bytes; another length tells nothing.
+        data: its eight bytes; another length is ignored.
     """
     if len(data) != LENGTH:
         return health
@@ -57,5 +57,5 @@ def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
 
 
 def lost_frames(classes: int, data: bytes) -> bool:
-    """Whether the controller says that it had to drop received frames."""
+    """Whether the controller reports that it dropped received frames."""
     return len(data) == LENGTH and bool(classes & CONTROLLER and data[1] & RX_OVERFLOW)

@@ -25,7 +25,7 @@ def enlarge(sock: socket.socket, size: int) -> None:
 
 
 def dropped(fileno: int) -> int:
-    """Receptions that found a socket's queue full since it was opened; 0 where the system does not tell."""
+    """Receptions that found a socket's queue full since it was opened; 0 where the system does not count them."""
     if sys.platform != "linux":
         return 0
     try:

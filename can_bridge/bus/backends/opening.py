@@ -63,7 +63,7 @@ def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> Opened:
 
 
 def one_line(error: BaseException) -> str:
-    """What an error says, or else its kind."""
+    """An error's message on one line, or else its kind."""
     return " ".join(str(error).split()) or type(error).__name__
 
 

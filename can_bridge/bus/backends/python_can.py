@@ -104,8 +104,8 @@ class PythonCanBus(Connection):
     def overflows(self) -> int:
         """Receptions known to be lost as a queue was full.
 
-        Linux counts them for `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own. Nothing tells
-        of those lost in a serial adapter or driver, or on another system: their gaps show in the end-to-end counters.
+        Linux counts them for `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own. Those lost in
+        a serial adapter or driver, or on another system, are not counted: their gaps show in the end-to-end counters.
         """
         try:
             in_kernel = kernel_queue.dropped(self._bus.fileno())
@@ -116,9 +116,9 @@ class PythonCanBus(Connection):
     def health(self) -> BusHealth:
         """What is known of the CAN controller; without knowledge, healthy.
 
-        SocketCAN tells by error frames, which have to be received. Of python-can's `state` only a failed one, bus-off,
-        means the same for all drivers: their PASSIVE is a node that was told to listen only. It counts bus-off as
-        often as it is seen here.
+        SocketCAN reports it by error frames, which have to be received. Of python-can's `state` only a failed one,
+        bus-off, means the same for all drivers: their PASSIVE is a node that may listen only. Bus-off counts as often
+        as it is seen here.
         """
         try:
             is_off = self._bus.state is can.BusState.ERROR
@@ -197,7 +197,7 @@ class PythonCanBus(Connection):
     def _judged(self, message: can.Message) -> Frame | Rejection:
         frame = classified(message)
         if isinstance(frame, Rejection):
-            # An error frame's own type says nothing of its identifier's.
+            # An error frame need not have an identifier of its type.
             is_report = frame is Rejection.ERROR_FRAME and isinstance(message.arbitration_id, int)
             if is_report and self._linux_error_frames:
                 data = bytes(message.data)

@@ -24,7 +24,7 @@ _LINE: Final = re.compile(
 """Kind, identifier, length code, digits behind it. `x` is CANDapter's `T`."""
 _ANSWER: Final = re.compile(rb"[zZ]?")
 _STAMP_DIGITS: Final = 4
-"""Of a time stamp that adapters append when told so; it is ignored, they count to a minute only."""
+"""A time stamp that adapters append on request; it is ignored, as it counts to a minute only."""
 
 _ENDS: Final = re.compile(rb"[\r\a]")
 _BEL: Final = 0x07
@@ -47,11 +47,11 @@ def parse_line(line: bytes, *, timestamp: float = 0.0) -> can.Message | Rejectio
     """
     if _ANSWER.fullmatch(line):
         return None
-    found = _LINE.fullmatch(line)
-    if found is None:
+    match = _LINE.fullmatch(line)
+    if match is None:
         return Rejection.GARBAGE
-    kind, identifier = (found[1], found[2]) if found[1] else (found[3], found[4])
-    code, digits = int(found[5], 16), found[6]
+    kind, identifier = (match[1], match[2]) if match[1] else (match[3], match[4])
+    code, digits = int(match[5], 16), match[6]
     is_fd, is_remote = kind in b"dDbB", kind in b"rR"
     if code > 8 and not is_fd:
         return Rejection.WRONG_LENGTH
@@ -61,7 +61,7 @@ def parse_line(line: bytes, *, timestamp: float = 0.0) -> can.Message | Rejectio
         return Rejection.WRONG_LENGTH
     return can.Message(
         arbitration_id=int(identifier, 16),
-        is_extended_id=found[1] is None,
+        is_extended_id=match[1] is None,
         timestamp=timestamp,
         is_remote_frame=is_remote,
         is_fd=is_fd,

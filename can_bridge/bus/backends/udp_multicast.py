@@ -97,7 +97,7 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
 
         Args:
             channel: an IPv4 or IPv6 multicast address.
-            options: of python-can's backend; it takes part in CAN FD always, the caller tells the formats apart.
+            options: of python-can's backend; it takes part in CAN FD always, the caller separates the formats.
         """
         try:
             super().__init__(channel, **(options | {"fd": True}))
@@ -142,7 +142,7 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
         message = parse_datagram(datagram, timestamp=timestamp)
         if isinstance(message, Rejection):
             raise UnusableReceptionError(message)
-        # The port tells no node from another: all on this machine share it.
+        # The port does not identify a node: all on this machine share it.
         if self._is_echo(datagram):
             self._recent.append((sender, datagram, timestamp))
             raise UnusableReceptionError(Rejection.OWN)

@@ -19,7 +19,7 @@ class Arrivals:
         arrived: list[tuple[int, Frame]] = []
         for frame in frames:
             stamp_ns = frame.timestamp_ns
-            # The bus returns the oldest first, whatever the stamps say.
+            # The bus returns the oldest first, whatever their stamps are.
             self._latest_ns = max(self._latest_ns, stamp_ns if self._looked_ns <= stamp_ns <= now_ns else now_ns)
             arrived.append((self._latest_ns, frame))
         self._looked_ns = now_ns

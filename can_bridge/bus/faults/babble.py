@@ -18,7 +18,7 @@ MOST_AT_ONCE: Final = 1000
 
 @dataclass(frozen=True, kw_only=True)
 class Babble(Fault, section="babble"):
-    """The node sends frames of random content beside its own. `acted` counts those that the bus took.
+    """The node sends frames of random content in addition to its own. `acted` counts those that the bus took.
 
     They are handed over at the node's next call, ahead of its own frame, as many as the rate makes due since the call
     before, until the bus takes no more: what does not fit into the transmit queue is not sent later. A node that does

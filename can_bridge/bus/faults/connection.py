@@ -22,7 +22,7 @@ class Disconnect(Fault, section="disconnect"):
     """
 
     kind: Literal["open_wire", "device_gone"] = "open_wire"
-    """An open wire is silence: sending succeeds as far as the node can tell. A device that is gone, such as an adapter
+    """An open wire is silence: sending succeeds as far as the node can see. A device that is gone, such as an adapter
     pulled out, makes every call raise BusError."""
 
     def __post_init__(self) -> None:

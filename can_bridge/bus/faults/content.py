@@ -22,7 +22,7 @@ class FlipBits(SidedFault, section="flip_bits"):
     """Bits of the data change. `acted` counts the frames that were changed."""
 
     probability: Probability[float] = 1.0
-    """Of a frame to be changed."""
+    """How many bits of a frame flip."""
     bits: AtLeastOne[int] = 1
     """Different bits that change in one frame; all, if it has fewer."""
     before_crc: bool = False

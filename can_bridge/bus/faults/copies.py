@@ -21,7 +21,7 @@ class Duplicate(SidedFault, section="duplicate"):
 
     probability: Probability[float] = 1.0
     copies: AtLeastOne[int] = 1
-    """Of each frame, beside itself."""
+    """Copies of each frame, without the frame itself."""
 
     def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
         """See `Fault.around`."""

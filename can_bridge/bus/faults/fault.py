@@ -1,4 +1,4 @@
-"""What every fault says of itself: when it acts, and on which frames."""
+"""What all faults have in common: when they act, and on which frames."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable

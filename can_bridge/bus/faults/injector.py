@@ -10,7 +10,7 @@ class Injector:
     """Passes everything on; each fault's own injector changes what it needs to.
 
     Attributes:
-        acted: how often the fault did something; each fault says what it counts.
+        acted: how often the fault did something; each fault defines what it counts.
     """
 
     def __init__(self, bus: Bus) -> None:
@@ -31,6 +31,6 @@ class Injector:
 
 
 def health_of(bus: Bus) -> BusHealth:
-    """Of the CAN controller beneath; healthy if the bus does not know."""
+    """The health of the CAN controller beneath; healthy if the bus does not know it."""
     health: Callable[[], BusHealth] | None = getattr(bus, "health", None)
     return HEALTHY if health is None else health()

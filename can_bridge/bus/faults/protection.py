@@ -15,7 +15,7 @@ def spec_of(frame: Frame) -> MessageSpec | None:
     """The message that a frame carries; None if it is none of ours.
 
     Raises:
-        BusError: for an authenticated one, which only the holder of the key could make anew.
+        BusError: for an authenticated one, which only the holder of the key could make again.
     """
     spec = _SPECS.get(frame.frame_id)
     if spec is None or not spec.names(frame) or len(frame.data) != spec.length:

@@ -26,7 +26,7 @@ class Delay(FrameFault, section="delay"):
     """At most so much more, uniformly distributed."""
     restamp: bool = True
     """The frame waits ahead of where its time stamp is made, as in a gateway, so that the stamp is late, too.
-    Otherwise it waits behind it, in a queue of the receiver, and the stamp tells."""
+    Otherwise it waits behind it, in a queue of the receiver, and the stamp shows it."""
 
     def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
         """See `Fault.around`."""
@@ -57,7 +57,7 @@ class _Delaying(Injector):
         if self._fault.concerns(frame):
             if self._fault.is_active(arrived_ns):
                 due_ns += round((self._fault.delay_s + self._random.random() * self._fault.jitter_s) * NS)
-            # A queue: nobody overtakes, the frames after the fault's end included.
+            # A queue: no frame overtakes another, the frames after the fault's end included.
             due_ns = self._last_due_ns = max(due_ns, self._last_due_ns)
         late_ns = due_ns - arrived_ns
         self.acted += late_ns > 0

@@ -29,7 +29,7 @@ class FaultyBus:
         return self._outermost.receive_all()
 
     def health(self) -> BusHealth:
-        """Of the CAN controller beneath."""
+        """The health of the CAN controller beneath."""
         return health_of(self._outermost)
 
 

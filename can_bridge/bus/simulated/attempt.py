@@ -19,8 +19,8 @@ AFTER_ACKNOWLEDGE: Final = 8
 FLAG: Final = 6
 """Bits of an error flag."""
 FLAGS: Final = 12
-"""Of a flag and those that answer it: they begin when it has broken the rule of stuff bits, at worst after its sixth
-bit. Every error but a missing acknowledgement is charged this much."""
+"""Bits of a flag and of those that answer it: they begin when it has broken the rule of stuff bits, at worst after its
+sixth bit. Every error but a missing acknowledgement is charged this much."""
 DELIMITER: Final = 8
 
 T = TypeVar("T")
@@ -34,10 +34,10 @@ class Verdict(Enum):
     TRANSMIT_ERROR = auto()
     UNACKNOWLEDGED = auto()
     ARBITRATION_STUFF = auto()
-    """Its own stuff bit was overruled: an error, but nobody's."""
+    """Its own stuff bit was overruled: an error that counts for no node."""
     RECEIVE_ERROR = auto()
     SIGNALLED_FIRST = auto()
-    """A receive error that the others did not see before its flag told them."""
+    """A receive error that the others did not see before its flag."""
 
     def applied(self, faults: FaultConfinement) -> FaultConfinement:
         """The counters after it."""
@@ -93,7 +93,7 @@ def resolve(
     misheard: Mapping[T, int],
     disturbed: int | None,
 ) -> Outcome[T]:
-    """Of nodes that send frames of equal priority at once, one as a rule.
+    """The outcome for nodes that send frames of equal priority at once, one as a rule.
 
     Args:
         receivers: the other nodes that work, and whether they are error-passive.
@@ -109,7 +109,7 @@ def resolve(
     last = sum(bits.total) - INTERMISSION - 1
     slot = last - AFTER_ACKNOWLEDGE
     acknowledged = any(misheard.get(node, last + 1) > slot for node in receivers)
-    # The flag of an error-passive receiver is recessive: nobody else notices.
+    # The flag of an error-passive receiver is recessive: no other node notices.
     loud = {node: min(at, last) for node, at in misheard.items() if not receivers[node]}
     earliest = min(loud.values(), default=last + 1)
     everywhere = last + 1 if disturbed is None else min(disturbed, last)

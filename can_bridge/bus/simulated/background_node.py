@@ -29,8 +29,8 @@ class BackgroundNode:
         messages: what it sends.
         seed: of contents, jitter and clocks. Every message draws from a sequence of its own, so that adding one leaves
             the others as they are.
-        drift_ppm: clocks are slow by 0 to so much against the bus's time. None is fast: no period is shorter than the
-            message says, which the analysis of response times assumes.
+        drift_ppm: clocks are slow by 0 to so much against the bus's time. None is fast: no period is shorter than its
+            message has it, which the analysis of response times assumes.
     """
 
     def __init__(

@@ -84,7 +84,7 @@ class FaultConfinement:
         """Rule 3 with its exceptions.
 
         Args:
-            only_unacknowledged: nobody acknowledged, and no dominant bit was seen during the passive flag. An
+            only_unacknowledged: no node acknowledged, and no dominant bit was seen during the passive flag. An
                 error-passive controller then does not count: one that is alone on the bus never goes bus-off.
             only_arbitration_stuff: a stuff bit in the identifier was sent recessive and seen dominant.
         """

@@ -69,7 +69,7 @@ class SimulatedPort:
         return frames
 
     def health(self) -> BusHealth:
-        """Of this node's controller."""
+        """The health of this node's controller."""
         return self.faults.health
 
     def restart(self) -> None:
@@ -85,7 +85,7 @@ class SimulatedPort:
             self.overruns += 1
 
     def settle(self, now_ns: int) -> None:
-        """Go bus-off if the counters say so; the bus asks after every error."""
+        """Go bus-off if a counter is at its limit; the bus asks after every error."""
         if self.faults.is_off and self.recovery is None:
             self.discarded += self.queue.clear()
             if self._restarts:

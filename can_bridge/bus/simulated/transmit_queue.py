@@ -58,7 +58,7 @@ class TransmitQueue:
             heapq.heapify(self._waiting)
 
     def clear(self) -> int:
-        """Empty it, and say how many frames were in it."""
+        """Empty it, and return how many frames were in it."""
         count = len(self._waiting)
         self._waiting.clear()
         return count

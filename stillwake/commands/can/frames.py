@@ -164,7 +164,7 @@ def decode(
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Print a recorded log as signals with units, and what its end-to-end checks say.
+    """Print a recorded log as signals with units, and the verdicts of its end-to-end checks.
 
     A line for each frame, then a table of the messages: counts, rates, losses,
     checks and the load of the bus, whose bit rates are settings. A counter is
@@ -186,7 +186,7 @@ def decode(
         check_output(csv_file, overwrite=overwrite)
     decoder, key = decoder_of(dbc), key_of(config.key)
     bar = progress_bar("frames")
-    # Without a line for each frame, something else has to say that the work goes on.
+    # Without a line for each frame, something else has to show that the work goes on.
     with _csv_rows(csv_file) as write_row, bar if summary else nullcontext():
         task = bar.add_task(f"reading {file.name}", total=None, note="")
         show = now_and_then(lambda done: bar.update(task, completed=done))
@@ -201,8 +201,8 @@ def decode(
             else:
                 console.print(_line(traffic), soft_wrap=True, highlight=False)
 
-        found = summarise(read_messages(file), decoder=decoder, config=config, key=key, seen=seen)
-        if found.first_s is None:
+        log_summary = summarise(read_messages(file), decoder=decoder, config=config, key=key, seen=seen)
+        if log_summary.first_s is None:
             raise BusError(f"{file}: holds no CAN frame")
     if json_file is not None:
         used = {
@@ -211,8 +211,8 @@ def decode(
             "e2e": asdict(config.e2e),
         }
         facts = {"log": file.name, "config": used, "versions": versions("python-can")}
-        write_result(json_file, figures=found.figures(), facts=facts, on=date.today())
-    _print_summary(found)
+        write_result(json_file, figures=log_summary.figures(), facts=facts, on=date.today())
+    _print_summary(log_summary)
     for path in (csv_file, json_file):
         if path is not None:
             console.print(f"wrote {path}", soft_wrap=True, highlight=False)
@@ -229,9 +229,9 @@ def _line(traffic: "Traffic") -> str:
     else:
         named = (f"{one.name}={one.shown}{f' {one.unit}' if one.unit else ''}" for one in decoded.signals)
         body = f"{decoded.name}: {', '.join(named)}"
-    found = [] if traffic.check is None else [f"E2E {traffic.verdict}"]
-    found += [] if traffic.mac is None else [f"MAC {traffic.mac.value}"]
-    return f"{head} {body}" + (f"  [{', '.join(found)}]" if found else "")
+    verdicts = [] if traffic.check is None else [f"E2E {traffic.verdict}"]
+    verdicts += [] if traffic.mac is None else [f"MAC {traffic.mac.value}"]
+    return f"{head} {body}" + (f"  [{', '.join(verdicts)}]" if verdicts else "")
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""The command that tells how busy the bus is, and how late a message can be."""
+"""The command that reports how busy the bus is, and how late a message can be."""
 
 from dataclasses import asdict, replace
 from datetime import date

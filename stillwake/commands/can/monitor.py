@@ -209,7 +209,7 @@ def _live(
     match: str,
     quiet: bool,
 ) -> "MonitorState":
-    """The table on the whole screen, until a key, a signal or the time says so; a log's last table stays."""
+    """The table on the whole screen, until a key, a signal or the time ends it; a log's last table stays."""
     from rich.live import Live
 
     from can_bridge.tools.monitor import View, press

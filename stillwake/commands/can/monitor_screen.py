@@ -17,10 +17,10 @@ from rich.text import Text
 from can_bridge.tools.monitor import KEYS_HELP, TYPING_HELP, MonitorState, Row, View, rows, split_keys
 
 HEAD_LINES = 7
-"""Of the screen, that are not rows: heading, column names and their rule, keys, margins."""
+"""Lines of the screen that are not rows: heading, column names and their rule, keys, margins."""
 
 OTHER_COLUMNS = 70
-"""Of the screen, that are not the value: what the widest names and numbers take."""
+"""Columns of the screen that are not the value: what the widest names and numbers take."""
 
 STALE_S = 1.0
 """Age from which on a row is dim."""

@@ -1,4 +1,4 @@
-"""Recorded drives among the files of `stillwake dataset import`: logs of the bus, with forces from beside it."""
+"""Recorded drives among the files of `stillwake dataset import`: logs of the bus, with forces from elsewhere."""
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -26,21 +26,21 @@ if TYPE_CHECKING:
     from contract.recording.importing.forces_clock import ForcesClock
 
 USES: Final = ("operating_point", "bus.frames", "bus.key")
-"""Settings that say how a log is read."""
+"""Settings by which a log is read."""
 _COUNTED: Final = 10_000
 """Frames between two reports of progress."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveOptions:
-    """What the command line says about logs.
+    """The options of the command line for logs.
 
     Attributes:
         fill, split: see `can_bridge.drives.log_to_series.series_of`.
         forces: FILE for every log, or LOG=FILE for one.
         dbc: of forces that are a log.
         names: of t, Cd and Cl in the forces' files.
-        clock: of the forces' times; None where the file says it.
+        clock: of the forces' times; None where the file has it.
         shift_s: seconds to add to the forces' times.
     """
 
@@ -71,35 +71,35 @@ def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
     Raises:
         DatasetError: a log has none or two, or a name before = is no log's.
     """
-    found: dict[Path, Path] = {}
+    forces_of_logs: dict[Path, Path] = {}
     general = [Path(text) for text in forces if not _pair(text, logs)]
     for text in forces:
         pair = _pair(text, logs)
         if pair is not None:
-            if pair[0] in found:
+            if pair[0] in forces_of_logs:
                 raise DatasetError(f"--forces {text}: {pair[0]} has forces already")
-            found[pair[0]] = pair[1]
+            forces_of_logs[pair[0]] = pair[1]
     if len(general) > 1:
         names = ", ".join(str(path) for path in logs)
         raise DatasetError(
             f"--forces {general[1]}: is the second one; with more than one write LOG=FILE, where LOG is one of {names}"
         )
     for log in logs:
-        if log not in found:
+        if log not in forces_of_logs:
             if not general:
                 raise DatasetError(
                     f"{log}: a log has no drag and lift, and training needs them: give them with --forces, as a table "
                     f"with t, Cd and Cl, or as a log with --forces-dbc and --forces-map"
                 )
-            found[log] = general[0]
-    return found
+            forces_of_logs[log] = general[0]
+    return forces_of_logs
 
 
 def _pair(text: str, logs: Sequence[Path]) -> tuple[Path, Path] | None:
     """LOG and FILE of LOG=FILE; None if no log is named."""
     names = [log.name for log in logs]
     for log in logs:
-        # Runs all call theirs frames.log: then the whole path says which one is meant.
+        # Runs all call theirs frames.log: then the whole path identifies one.
         for name in (str(log), *([log.name] if names.count(log.name) == 1 else [])):
             if text.startswith(f"{name}="):
                 return log, Path(text[len(name) + 1 :])
@@ -161,7 +161,7 @@ def read_drive(
         only=_asked_set(loaded),
         verify=_verifier(loaded),
     )
-    found = _forces(forces, series, scales, options, loaded.config.operating_point.convective_time, progress)
+    forces_found = _forces(forces, series, scales, options, loaded.config.operating_point.convective_time, progress)
     # As a table of one's own with times has it; and a gap of `fill` rows, with as much room for jitter.
     slack_s = STEP_TOLERANCE * series.period_s
     longest_s = (options.fill + 1.5) * series.period_s
@@ -169,7 +169,9 @@ def read_drive(
     digest, forces_digest = _sha256(path), _sha256(forces)
     sources = []
     for number, piece in enumerate(series.pieces, 1):
-        values = {name: one.at(piece.time_s, longest_gap=longest_s, slack=slack_s) for name, one in found.items()}
+        values = {
+            name: one.at(piece.time_s, longest_gap=longest_s, slack=slack_s) for name, one in forces_found.items()
+        }
         made = Made(
             name=name if len(series.pieces) == 1 else f"{name} {number}",
             series={
@@ -208,7 +210,7 @@ def scales_of(facts: PlantFacts, loaded: Loaded) -> "Scales":
     )
 
 
-def told(drive: Drive) -> list[str]:
+def notes_on(drive: Drive) -> list[str]:
     """What a user should know of a log that was read, line by line."""
     report = drive.report
     pressures, commands = report.frames
@@ -274,7 +276,7 @@ def _forces(
         clock = options.clock or table.clock
         if clock is None:
             raise DatasetError(
-                f"{path}: say with --forces-clock what its times are: log (s on the log's clock), start (s since the "
+                f"{path}: give with --forces-clock what its times are: log (s on the log's clock), start (s since the "
                 f"log's first pressure) or t_c (W / U_inf since then)"
             )
         scale = {"log": 1.0, "start": 1.0, "t_c": convective_time * pace}[clock]

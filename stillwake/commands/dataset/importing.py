@@ -14,9 +14,9 @@ from stillwake.commands.dataset.drives import (
     forces_of,
     is_log,
     names_of,
+    notes_on,
     read_drive,
     scales_of,
-    told,
 )
 from stillwake.commands.dataset.tables import episodes_table, sensors_line
 from stillwake.console.outputs import Overwrite, check_dataset_name, check_output
@@ -113,7 +113,7 @@ def import_(
     its drag and lift come from --forces. Units are those of operating_point in
     --config or --set. docs/how-to/train-from-a-can-log.md has examples.
 
-    --train, --test, --extended and --controlled say what an episode is for;
+    --train, --test, --extended and --controlled set what an episode is for;
     training needs the first two. The file's name becomes the episode's. Nothing
     is written unless every file fits. docs/how-to/use-your-own-data.md has
     examples.
@@ -152,7 +152,7 @@ def import_(
     loaded = settings("dataset import", config_file, overrides, uses=USES)
     facts = PlantFacts(control_period=period, action_limit=limit, reynolds=reynolds)
     _checked_for_logs(logs, options, loaded, dynamic_pressure)
-    beside, names = forces_of(logs, forces), names_of(logs)
+    log_forces, names = forces_of(logs, forces), names_of(logs)
     layout = read_sensors(sensors, symmetric=not asymmetric)
     notes: list[str] = []
     with progress_bar("files") as bar:
@@ -165,11 +165,11 @@ def import_(
                 sources.append(Source(path=path, role=role))
                 continue
             drive = read_drive(
-                path, names[path], role, beside[path], layout, scales_of(facts, loaded), options, loaded, show
+                path, names[path], role, log_forces[path], layout, scales_of(facts, loaded), options, loaded, show
             )
             read += 1
             sources += drive.sources
-            notes += told(drive)
+            notes += notes_on(drive)
 
         def reading(path: Path) -> None:
             nonlocal read

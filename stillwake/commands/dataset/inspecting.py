@@ -24,17 +24,17 @@ def check(file: File, config_file: ConfigFile = None, overrides: Overrides = [])
     from contract.recording.findings import agreeing, findings
 
     loaded = load(config_file, overrides)
-    found, problems = survey(file)
+    data_set, problems = survey(file)
     lines = [("[red]wrong[/]  ", line) for line in problems]
-    if found is not None:
+    if data_set is not None:
         given = {*loaded.in_file, *loaded.in_overrides}
         marks = {"training": "[red]wrong[/]  ", "export": "[red]export[/] ", None: "[yellow]note[/]   "}
-        config = agreeing(found, loaded.config)
+        config = agreeing(data_set, loaded.config)
         if any(name.startswith("flow.") for name in given):
             config = loaded.config
         elif config.flow != loaded.config.flow:
             lines.append(("[yellow]note[/]   ", _needs_settings(file)))
-        lines += [(marks[item.stops], item.text) for item in findings(found, config)]
+        lines += [(marks[item.stops], item.text) for item in findings(data_set, config)]
     for mark, line in lines:
         console.print(mark, end="", markup=True)
         console.print(line, soft_wrap=True, markup=False, highlight=False)
@@ -59,21 +59,21 @@ def show(
     from contract.recording.dataset import read
     from contract.recording.summary import fitting_settings
 
-    found = read(file)
+    data_set = read(file)
     if settings:
-        typer.echo(fitting_settings(found), nl=False)
+        typer.echo(fitting_settings(data_set), nl=False)
     else:
-        console.print(episodes_table(found))
-        console.print(sensors_line(found.layout), soft_wrap=True, markup=False)
+        console.print(episodes_table(data_set))
+        console.print(sensors_line(data_set.layout), soft_wrap=True, markup=False)
         facts = ", ".join(
             f"{name.replace('_', ' ')} {'not known' if value is None else f'{value:g}'}"
-            for name, value in found.plant.as_dict().items()
+            for name, value in data_set.plant.as_dict().items()
         )
         console.print(facts, soft_wrap=True, markup=False)
     if picture is not None:
         from stillwake.parts.dataset_picture import draw
 
-        draw(found, picture)
+        draw(data_set, picture)
         typer.echo(f"wrote {picture}", err=settings)
 
 

@@ -91,7 +91,7 @@ def test_a_damaged_file_is_refused_and_kept(tmp_path, key):
 def test_power_cycles_end(tmp_path, key):
     path = tmp_path / "node"
     path.write_text(json.dumps({"schema": freshness_store.SCHEMA, "trip": LARGEST_HALF, "heard": {}}))
-    with pytest.raises(BusError, match="begin anew with another key"):
+    with pytest.raises(BusError, match="begin again with another key"):
         FreshnessStore(path).begin(key)
 
 

@@ -254,7 +254,7 @@ def replaced(k: int, value: float) -> Callable[[Any], Any]:
 
 def test_forces_that_do_not_fit_are_refused_in_one_line(place: Place) -> None:
     cases: list[tuple[Callable[[Path], Path], tuple[str, ...], str]] = [
-        (broken(header="t,Cd,Cl"), (), "say with --forces-clock what its times are"),
+        (broken(header="t,Cd,Cl"), (), "give with --forces-clock what its times are"),
         (broken(header="t [t_c],drag,Cl"), (), "no column 'Cd' for the forces' table; it has t [t_c], drag, Cl"),
         (broken(Cd=replaced(7, np.nan)), (), "line 9, column 'Cd': nan is not finite"),
         (broken(t=replaced(7, 0.0)), (), "the times of 'Cd' do not rise from row 6 to 7"),
