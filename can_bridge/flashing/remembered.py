@@ -83,7 +83,7 @@ class Remembered:
         self.keys = listed
 
     def calibration(self, digest: str) -> bytes | None:
-        """As `Store.calibration`."""
+        """What was kept for the release with this digest; None where nothing was."""
         return self._calibrations.get(digest)
 
     def keep_calibration(self, digest: str, blob: bytes | None) -> None:
@@ -100,7 +100,7 @@ class Remembered:
         self._calibrations = kept
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
-        """As `Store.keep_failed_attempts`."""
+        """Keep the wrong keys in a row, up to 255; raises MediumError if they cannot be kept."""
         attempts = {**self.state.failed_attempts, level: min(count, MOST_ATTEMPTS)}
         if attempts != self.state.failed_attempts:
             self.keep(replace(self.state, failed_attempts=attempts))

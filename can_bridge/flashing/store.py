@@ -15,7 +15,6 @@ import hashlib
 from dataclasses import replace
 from typing import Final
 
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing, Kind, Slot, Work, at_once
 from can_bridge.flashing.boot import Boot, boot
 from can_bridge.flashing.checking import Fits
@@ -88,6 +87,11 @@ class Store:
     def state(self) -> StoreState:
         """As it is kept."""
         return self._remembered.state
+
+    @property
+    def records(self) -> Remembered:
+        """Where calibrations and failed attempts are kept."""
+        return self._remembered
 
     @property
     def keys(self) -> KeyList | None:
@@ -278,7 +282,7 @@ class Store:
             self._remembered.keep(replace(self.state, active=now.other))
         return verdict
 
-    # Keys, calibration, attempts.
+    # Keys and calibration.
 
     def take_keys(self, raw: bytes) -> None:
         """Replace the key list.
@@ -291,10 +295,6 @@ class Store:
         needed = {slot for slot in (self.state.active, self._running) if slot is not None}
         self._remembered.take_keys(raw, {slot for slot in needed if self.state.slots[slot].phase == Phase.CONFIRMED})
 
-    def calibration(self, digest: str) -> bytes | None:
-        """What was kept for the release with this digest; None where nothing was."""
-        return self._remembered.calibration(digest)
-
     def keep_calibration(self, blob: bytes | None) -> None:
         """Keep a calibration for the release that runs, or none.
 
@@ -306,14 +306,6 @@ class Store:
         if self._running is None:
             raise OutOfOrderError("no release to keep a calibration for: one must run")
         self._remembered.keep_calibration(self.state.slots[self._running].digest, blob)
-
-    def failed_attempts(self, level: Level) -> int:
-        """Wrong keys in a row, up to 255."""
-        return self.state.failed_attempts[level]
-
-    def keep_failed_attempts(self, level: Level, count: int) -> None:
-        """Keep them; raises MediumError if they cannot be kept."""
-        self._remembered.keep_failed_attempts(level, count)
 
     # Slots.
 

@@ -37,7 +37,7 @@ class Inner(Protocol):
         ...
 
     def reset(self) -> None:
-        """Begin anew, as after power-on, as soon as what was answered has been sent."""
+        """Restart, as after power-on, as soon as what was answered has been sent."""
 
 
 class Programming:
@@ -46,15 +46,26 @@ class Programming:
     Args:
         refusal: why the ECU may not be programmed now; None if it may.
         report: what identifier STORE reads.
+        on_routine: called with each routine that was run, and its status record.
+        resets_when_left: whether the end of a session after an announcement resets the ECU.
     """
 
     def __init__(
-        self, store: Store, inner: Inner, *, refusal: Callable[[], Nrc | None], report: Callable[[Store], bytes]
+        self,
+        store: Store,
+        inner: Inner,
+        *,
+        refusal: Callable[[], Nrc | None],
+        report: Callable[[Store], bytes],
+        on_routine: Callable[[Routine, bytes], None] = lambda routine, status: None,
+        resets_when_left: bool = False,
     ) -> None:
         self._store = store
         self._inner = inner
         self._refusal = refusal
         self._report = report
+        self._on_routine = on_routine
+        self._resets_when_left = resets_when_left
         self._announced_length = 0
         self._is_updating = False
         self._has_confirmed = False
@@ -71,6 +82,8 @@ class Programming:
 
     def leave(self) -> None:
         self._store.drop()
+        if self._resets_when_left and self._is_updating:
+            self._inner.reset()
 
     def read(self, did: Did) -> bytes:
         if did is Did.CAPACITY:
@@ -92,6 +105,11 @@ class Programming:
         self._taken_keys = value
 
     def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
+        status = yield from self._run(routine, option)
+        self._on_routine(routine, status)
+        return status
+
+    def _run(self, routine: Routine, option: bytes) -> Long[bytes]:
         with _as_refusals():
             if routine is Routine.PRECONDITIONS:
                 self._check_preconditions()
@@ -121,15 +139,15 @@ class Programming:
             self._store.append(data)
 
     def exit(self) -> Long[None]:
-        # All bytes came, as the server has seen to; whether they are the announced ones is for CHECK to say.
+        # All bytes came, as the server has seen to; CHECK finds out whether they are the announced ones.
         yield from ()
 
     def failed_attempts(self, level: Level) -> int:
-        return self._store.failed_attempts(level)
+        return self._store.state.failed_attempts[level]
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
         with _as_refusals():
-            self._store.keep_failed_attempts(level, count)
+            self._store.records.keep_failed_attempts(level, count)
 
     def before_reset(self) -> None:
         if not self._is_updating:

@@ -197,7 +197,7 @@ def provision(
     from contract.release.image import image_of
     from contract.runtime.onnx_session import OnnxController
     from firmware_sim.ecu.flashable import ecu_folder
-    from firmware_sim.ecu.flashable.fitting import Fitting
+    from firmware_sim.ecu.flashable.vehicle_fit import VehicleFit
 
     config = settings("ecu provision", config_file, overrides, uses=_VEHICLE).config
     made = ecu_folder.provision(
@@ -207,7 +207,7 @@ def provision(
         image=None if bundle is None else image_of(read_files(bundle)),
         hardware=hardware,
         serial=token_hex(4) if serial is None else serial,
-        fits=Fitting(config, OnnxController.of).fits,
+        fits=VehicleFit(config, OnnxController.of).fits,
     )
     runs = "no release yet: flash one" if bundle is None else f"release {bundle}"
     console.print(f"wrote {folder}: ECU {made.serial} ({made.hardware}), {runs}", soft_wrap=True, markup=False)

@@ -20,7 +20,7 @@ from can_bridge.flashing.medium import ERASED, WORD, Medium, MediumError, WornOu
 
 LOG_SECTORS: Final = 2
 SPARE_SECTORS: Final = 2
-"""Of the pool, in place of bad ones and of what interrupted transfers leave unused."""
+"""Sectors of the pool that replace bad ones and what interrupted transfers leave unused; no slot's capacity."""
 _LAYOUT: Final = 16
 """Kind of the record that has the layout; the store's own kinds are below it."""
 
@@ -28,13 +28,12 @@ _LAYOUT: Final = 16
 class FlashBacking:
     """A `Backing` in a `Medium`; writes nothing when made."""
 
-    def __init__(self, medium: Medium, *, log_sectors: int = LOG_SECTORS, spare_sectors: int = SPARE_SECTORS) -> None:
+    def __init__(self, medium: Medium, *, log_sectors: int = LOG_SECTORS) -> None:
         """Find what is there.
 
         Args:
             medium: the memory, all of it.
             log_sectors: so many at its beginning have the records, 2 or more.
-            spare_sectors: so many of the others count towards no slot's capacity.
 
         Raises:
             ValueError: the memory has too few sectors for a slot of one each.
@@ -42,27 +41,22 @@ class FlashBacking:
         """
         self._medium = medium
         self._pool = range(log_sectors, medium.sectors)
-        self._needed = (len(self._pool) - spare_sectors) // 2
+        self._needed = (len(self._pool) - SPARE_SECTORS) // 2
         if self._needed < 1:
             raise ValueError(
-                f"flash of {medium.sectors} sectors: must have {log_sectors + spare_sectors + 2} or more for two slots"
+                f"flash of {medium.sectors} sectors: must have {log_sectors + SPARE_SECTORS + 2} or more for two slots"
             )
         self._log = FlashLog(medium, range(log_sectors))
         kept = self._log.records.get(_LAYOUT)
         self._layout = Layout(cursor=self._pool.start) if kept is None else Layout.decode(kept)
         self._lies: list[Lies] = list(self._layout.slots)
-        # Where the next word goes; known to nobody after power-on, before `clear` or `begin_again`.
+        # Where the next word goes; unknown after power-on, before `clear` or `begin_again`.
         self._next: dict[Slot, int | None] = {}
 
     @property
     def capacity(self) -> int:
         """Bytes that a slot holds."""
         return self._needed * self._medium.sector_size
-
-    @property
-    def bad_sectors(self) -> frozenset[int]:
-        """Sectors that failed and are no longer used."""
-        return self._layout.bad
 
     def records(self) -> Mapping[Kind, bytes]:
         """The newest whole record of each kind."""
@@ -103,7 +97,7 @@ class FlashBacking:
         """
         lies = self._lies[slot]
         if self._next.get(slot) is not None and length == lies.tail_at + len(lies.tail):
-            # No supply was lost since: a tester that only began anew costs no extent.
+            # No supply was lost since: a tester that only began again costs no extent.
             return
         kept = tuple(extent for extent in lies.extents if extent.offset < length)
         in_tail = lies.tail_at < length <= lies.tail_at + len(lies.tail)
@@ -113,7 +107,7 @@ class FlashBacking:
             self.read(slot, start - 1, 1)
         place = self._untouched(lies.extents, kept[-1].address) if kept else None
         if len(kept) >= MAX_EXTENTS:
-            raise MediumError(f"slot {slot.name}: interrupted {MAX_EXTENTS} times: clear it and begin anew", 0)
+            raise MediumError(f"slot {slot.name}: interrupted {MAX_EXTENTS} times: clear it and begin again", 0)
         if place is not None:
             kept = (*(extent for extent in kept if extent.offset < start), Extent(start, place))
         self._lies[slot] = Lies(kept, start, tail)
@@ -193,7 +187,7 @@ class FlashBacking:
         """A fresh sector for the next bytes of an image, named in the layout before it is used."""
         lies = self._lies[slot]
         if len(lies.extents) >= MAX_EXTENTS:
-            raise MediumError(f"slot {slot.name}: interrupted {MAX_EXTENTS} times: clear it and begin anew", 0)
+            raise MediumError(f"slot {slot.name}: interrupted {MAX_EXTENTS} times: clear it and begin again", 0)
         if not self._layout.fresh:
             self._erase_one()
         sector = min(self._layout.fresh, key=self._from_cursor)

@@ -26,8 +26,8 @@ from firmware_sim.ecu.daemon.process import Served, check, run
 from firmware_sim.ecu.daemon.reporter import Reporter
 from firmware_sim.ecu.daemon.service import WARM_UP_STEPS
 from firmware_sim.ecu.flashable.ecu_folder import EcuFolder, held
+from firmware_sim.ecu.flashable.equipment import Equipment
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
-from firmware_sim.ecu.flashable.supplies import Supplies
 from firmware_sim.ecu.real_time import clock
 from firmware_sim.ecu.real_time.timed_controller import PlanTimes, TimedController
 
@@ -51,7 +51,7 @@ class Log:
         self.release = NO_RELEASE
 
     def tell(self, event: str, line: str, **fields: Fields) -> None:
-        """As `Supplies.tell`."""
+        """As `Equipment.log`."""
         if event == "no_release":
             self.release = NO_RELEASE
         elif "digest" in fields:
@@ -102,7 +102,7 @@ def serve_store(
         controller.warm_up(WARM_UP_STEPS)
         return TimedController(controller, clock.now_ns, times)
 
-    supplies = Supplies(
+    equipment = Equipment(
         root=folder.root,
         access=access,
         random_bytes=secrets.token_bytes,
@@ -110,11 +110,11 @@ def serve_store(
         serial=folder.serial,
         software=software,
         controller_of=controller_of,
-        tell=log.tell,
+        log=log.tell,
     )
     with held(folder.folder), _switching():
         freshness, authentication = authentication_of(config, options)
-        ecu = FlashableEcu(folder.backing(), config, supplies, authentication=authentication, serviced_apart=True)
+        ecu = FlashableEcu(folder.backing(), config, equipment, authentication=authentication, serviced_apart=True)
         connections: list[Connection] = []
         fatal: list[BaseException] = []
 

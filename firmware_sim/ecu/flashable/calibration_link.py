@@ -13,7 +13,7 @@ from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
 from contract.release.bundle import Bundle
 from firmware_sim.ecu.calibrating import limits_of
-from firmware_sim.ecu.flashable.supplies import Supplies
+from firmware_sim.ecu.flashable.equipment import Equipment
 from firmware_sim.ecu.stepped import CalibratedEcu
 
 
@@ -32,22 +32,22 @@ class CalibrationLink:
         ecu: CalibratedEcu,
         store: Store,
         config: Config,
-        supplies: Supplies,
+        equipment: Equipment,
         *,
         refusal: Callable[[], Nrc | None],
     ) -> None:
         self._ecu = ecu
         self._segment = Segment(ecu.calibration, limits_of(bundle, config))
         self._is_fd = config.bus.frames == "fd"
-        self._xcp = XcpSlave(self._segment, supplies.access, supplies.random_bytes)
+        self._xcp = XcpSlave(self._segment, equipment.access, equipment.random_bytes)
         self.service = CalibrationService(
             self._segment,
-            kept=lambda: store.calibration(bundle.digest),
+            kept=lambda: store.records.calibration(bundle.digest),
             keep=store.keep_calibration,
             refusal=refusal,
         )
         if (error := self.service.restore()) is not None:
-            supplies.tell("calibration_dropped", f"stored calibration not used: {error}")
+            equipment.log("calibration_dropped", f"stored calibration not used: {error}")
 
     def hand_over(self) -> None:
         """At the beginning of a control period: give the ECU other values, if others are in force now."""

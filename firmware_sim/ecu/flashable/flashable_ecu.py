@@ -3,7 +3,7 @@
 `step` is a control period and one look at diagnosis, a function of time and received frames like
 `firmware_sim.ecu.ecu.Ecu.step`. Who has time between two periods calls `control` once a period and `service` in
 between, as often as it likes; a thread of its own may do the latter. A reset loses what a loss of power would lose: the
-release is booted anew and every counter begins at 0, but freshness values, which no receiver would believe twice.
+release is booted again and every counter begins at 0, but freshness values, which no receiver would believe twice.
 """
 
 from collections.abc import Sequence
@@ -22,10 +22,10 @@ from firmware_sim.ecu.ecu import Trace
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.flashable.calibration_link import is_for_xcp
 from firmware_sim.ecu.flashable.diagnostic_link import MOST_FRAMES
+from firmware_sim.ecu.flashable.equipment import Equipment
+from firmware_sim.ecu.flashable.event_log import Access, log_access
 from firmware_sim.ecu.flashable.power_cycle import PowerCycle
 from firmware_sim.ecu.flashable.shut_ecu import ShutEcu
-from firmware_sim.ecu.flashable.supplies import Supplies
-from firmware_sim.ecu.flashable.telling import Access, tell_access
 from firmware_sim.ecu.flashable.vehicle_request import VehicleRequest
 from firmware_sim.ecu.stepped import CalibratedEcu
 
@@ -36,7 +36,7 @@ class FlashableEcu:
     Args:
         backing: of the store.
         config: bus, E2E and fail-safe settings, operating point and control period of the vehicle.
-        supplies: what it was given at production.
+        equipment: what it was given at production.
         authentication: with `bus.key`, what the ECU needs of it.
         boot_ns: for which it hears and sends nothing after a reset. In real time booting takes what it takes.
         serviced_apart: `step` is a control period alone; another thread calls `service`.
@@ -52,13 +52,13 @@ class FlashableEcu:
         self,
         backing: Backing,
         config: Config,
-        supplies: Supplies,
+        equipment: Equipment,
         *,
         authentication: Authentication | None = None,
         boot_ns: int = 0,
         serviced_apart: bool = False,
     ) -> None:
-        self._backing, self._config, self._supplies = backing, config, supplies
+        self._backing, self._config, self._equipment = backing, config, equipment
         self._authentication, self._boot_ns, self._serviced_apart = authentication, boot_ns, serviced_apart
         self._request = VehicleRequest()
         self._silent_until_ns: int | None = None
@@ -79,7 +79,7 @@ class FlashableEcu:
 
     @property
     def trace(self) -> Trace:
-        """Of the latest step."""
+        """What the latest step did."""
         return self._ecu.trace
 
     @property
@@ -162,7 +162,7 @@ class FlashableEcu:
         cycle, frames = self._serviced, frames[:MOST_FRAMES]
         before = cycle.access
         sent = cycle.link.service(now_ns, [frame for frame in frames if not is_for_xcp(frame)])
-        tell_access(self._supplies.tell, before, cycle.access)
+        log_access(self._equipment.log, before, cycle.access)
         if cycle.calibration is not None:
             sent += cycle.calibration.xcp(now_ns, [frame for frame in frames if is_for_xcp(frame)])
         return sent
@@ -173,7 +173,7 @@ class FlashableEcu:
         return PowerCycle(
             self._backing,
             self._config,
-            self._supplies,
+            self._equipment,
             self._authentication,
             request=lambda: self._request,
             now_ns=lambda: self._service_ns,

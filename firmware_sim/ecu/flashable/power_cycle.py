@@ -1,4 +1,4 @@
-"""Everything of an ECU that a loss of power takes: made by booting, and made anew by each reset."""
+"""Everything of an ECU that a loss of power takes: made by booting, and made again by each reset."""
 
 from collections.abc import Callable
 from functools import partial
@@ -8,18 +8,19 @@ from can_bridge.flashing.backing import Backing
 from can_bridge.flashing.report import encode, report_of
 from can_bridge.flashing.store import Store
 from can_bridge.secoc.node import Authentication
+from can_bridge.uds.programming import Programming
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Nrc
 from contract.config.tree import Config
 from firmware_sim.ecu.flashable.calibration_link import CalibrationLink
 from firmware_sim.ecu.flashable.diagnostic_link import DiagnosticLink
-from firmware_sim.ecu.flashable.facts import facts
-from firmware_sim.ecu.flashable.fitting import Fitting
-from firmware_sim.ecu.flashable.inside import Inside, ToldProgramming
+from firmware_sim.ecu.flashable.ecu_services import EcuServices
+from firmware_sim.ecu.flashable.equipment import Equipment
+from firmware_sim.ecu.flashable.event_log import Access, log_boot, log_routine
+from firmware_sim.ecu.flashable.identification import identification
 from firmware_sim.ecu.flashable.self_test import self_test
 from firmware_sim.ecu.flashable.shut_ecu import ShutEcu
-from firmware_sim.ecu.flashable.supplies import Supplies
-from firmware_sim.ecu.flashable.telling import Access, tell_boot
+from firmware_sim.ecu.flashable.vehicle_fit import VehicleFit
 from firmware_sim.ecu.flashable.vehicle_request import VehicleRequest
 from firmware_sim.ecu.stepped import CalibratedEcu
 
@@ -46,42 +47,45 @@ class PowerCycle:
         self,
         backing: Backing,
         config: Config,
-        supplies: Supplies,
+        equipment: Equipment,
         authentication: Authentication | None,
         *,
         request: Callable[[], VehicleRequest],
         now_ns: Callable[[], int],
         on_reset: Callable[[], None],
     ) -> None:
-        fitting = Fitting(config, supplies.controller_of)
-        self.store = Store(backing, root=supplies.root, hardware=supplies.hardware, fits=fitting.fits)
+        fit = VehicleFit(config, equipment.controller_of)
+        self.store = Store(backing, root=equipment.root, hardware=equipment.hardware, fits=fit.fits)
         self.boot = self.store.boot()
-        tell_boot(supplies.tell, self.boot)
+        log_boot(equipment.log, self.boot)
         bundle = self.boot.bundle
-        controller = None if bundle is None else fitting.controller(bundle)
+        controller = None if bundle is None else fit.controller(bundle)
         self.ecu: CalibratedEcu | ShutEcu
         self.calibration: CalibrationLink | None = None
         if bundle is None or controller is None:
             self.ecu = ShutEcu(config, authentication=authentication)
         else:
-            self.ecu = ecu = supplies.ecu_of(bundle, controller, config, authentication)
+            self.ecu = ecu = equipment.ecu_of(bundle, controller, config, authentication)
             jets = lambda: Nrc.CONDITIONS_NOT_CORRECT if request().drives_jets else None  # noqa: E731
-            self.calibration = CalibrationLink(bundle, ecu, self.store, config, supplies, refusal=jets)
-        inside = Inside(
-            facts(supplies, config),
+            self.calibration = CalibrationLink(bundle, ecu, self.store, config, equipment, refusal=jets)
+        services = EcuServices(
+            identification(equipment, config),
             calibration=None if self.calibration is None else self.calibration.service,
-            tests=None if bundle is None or controller is None else partial(self_test, bundle, controller),
+            self_test=None if bundle is None or controller is None else partial(self_test, bundle, controller),
             on_reset=on_reset,
-            tell=supplies.tell,
+            log=equipment.log,
         )
-        self._programming = ToldProgramming(
+        self._programming = Programming(
             self.store,
-            inside,
+            services,
             refusal=lambda: request().refusal(now_ns()),
             report=lambda store: encode(report_of(store)),
-            tell=supplies.tell,
+            on_routine=partial(log_routine, equipment.log),
+            # A tester that goes away amid a transfer would leave the jets shut until the next power-on; the release
+            # that ran before is in order, and a transfer that was interrupted goes on after a reset.
+            resets_when_left=True,
         )
-        self._server = UdsServer(self._programming, supplies.access, supplies.random_bytes)
+        self._server = UdsServer(self._programming, equipment.access, equipment.random_bytes)
         self.link = DiagnosticLink(config.bus, self._server)
 
     @property
@@ -92,5 +96,5 @@ class PowerCycle:
     @property
     def access(self) -> Access:
         """Where the tester stands."""
-        attempts = {level: self.store.failed_attempts(level) for level in Level}
+        attempts = {level: self.store.state.failed_attempts[level] for level in Level}
         return Access(self._server.session, self._server.unlocked, attempts)

@@ -78,7 +78,7 @@ def test_it_has_what_the_store_holds():
     damage(backing, Slot.B)
     store, _ = booted(backing)
     store.take_keys(keys(7))
-    store.keep_failed_attempts(Level.CALIBRATION, 2)
+    store.records.keep_failed_attempts(Level.CALIBRATION, 2)
     body = json.loads(report.encode(report_of(store)))
     assert body["reason"] == "NO_RELEASE"
     assert (body["running"], body["active"], body["next_boot"]) == (None, "B", "B")

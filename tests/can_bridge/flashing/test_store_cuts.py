@@ -80,10 +80,10 @@ def of_two_minds(backing: PlainBacking) -> None:
 
 def other_records(backing: PlainBacking) -> None:
     store, _ = booted(backing)
-    store.keep_failed_attempts(Level.PROGRAMMING, 1)
+    store.records.keep_failed_attempts(Level.PROGRAMMING, 1)
     store.take_keys(keys(2))
     store.keep_calibration(b"x" * 40)
-    store.keep_failed_attempts(Level.PROGRAMMING, 0)
+    store.records.keep_failed_attempts(Level.PROGRAMMING, 0)
 
 
 STORIES: tuple[Story, ...] = (confirmed_update, abandoned, taken_back, over_a_trial, of_two_minds, other_records)

@@ -9,8 +9,8 @@ from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release.signing import public_key
 from firmware_sim.bench.flashing.figures import flash_time
+from firmware_sim.ecu.flashable.equipment import Equipment
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
-from firmware_sim.ecu.flashable.supplies import Supplies
 from tests.can_bridge.flashing.releases import HARDWARE, ROOT, provision
 from tests.can_bridge.flashing.store_ecu import KEY, Counted
 from tests.proofs.flash.releases import NEW, OLD, shipped
@@ -24,9 +24,9 @@ BOOT_NS: Final = 300_000_000
 def measured(frames: str, lost: float) -> dict[str, Any]:
     """One flash: kind of frames, share of the tester's frames that are lost each way, and what it took."""
     config = Config(bus=BusConfig(frames=frames))  # type: ignore[arg-type]
-    supplies = Supplies(root=public_key(ROOT), access=KEY, random_bytes=Counted(), hardware=HARDWARE)
+    equipment = Equipment(root=public_key(ROOT), access=KEY, random_bytes=Counted(), hardware=HARDWARE)
     memory = provision(FlashBacking(SimulatedFlash()), shipped(OLD))
-    ecu = FlashableEcu(memory, config, supplies, boot_ns=BOOT_NS)
+    ecu = FlashableEcu(memory, config, equipment, boot_ns=BOOT_NS)
     faults = [Drop(probability=lost, at=end) for end in ("send", "receive")] if lost else []
     taken = flash_time(ecu, shipped(NEW), config, key=KEY.answer, losses=faults, seed=1)
     return {

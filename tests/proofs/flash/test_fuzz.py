@@ -66,7 +66,7 @@ def test_defects_of_security_access_are_found(monkeypatch):
             (access, "lock", lambda self: setattr(self, "_unlocked", None)),
         ),
         ("unlocked_without_key", (access, "lock", lambda self: None)),
-        ("attempts_in_delay", (Store, "keep_failed_attempts", lambda self, level, count: None)),
+        ("attempts_in_delay", (Remembered, "keep_failed_attempts", lambda self, level, count: None)),
         ("attempts_in_delay", (access, "power_on", lambda self, now_ns: None)),
     ):
         with monkeypatch.context() as patch:

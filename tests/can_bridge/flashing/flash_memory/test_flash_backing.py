@@ -28,7 +28,7 @@ def play(flash: SimulatedFlash, cuts: list[int], *, plan=PLAN, lengths=LENGTHS, 
     flash.power_on()
     assert run(lambda: FlashBacking(flash, log_sectors=log), witness, plan)
     # No word that a cut may have touched was programmed again: that would have looked like a bad sector.
-    assert FlashBacking(flash, log_sectors=log).bad_sectors <= set(bad or {})
+    assert FlashBacking(flash, log_sectors=log)._layout.bad <= set(bad or {})
     return witness
 
 
@@ -137,7 +137,7 @@ def test_after_too_many_interruptions_the_slot_must_be_cleared():
     backing = FlashBacking(flash)
     for _ in backing.clear(Slot.A):
         pass
-    with pytest.raises(MediumError, match="clear it and begin anew"):
+    with pytest.raises(MediumError, match="clear it and begin again"):
         for received in range(0, 40 * (MAX_EXTENTS + 2), 40):
             backing = FlashBacking(flash)
             backing.begin_again(Slot.A, received)

@@ -70,7 +70,7 @@ class AtTheOtherEnd:
 def served(tmp_path: Path, backing_of=FolderBacking) -> Iterator[tuple[FlashableEcu, AtTheOtherEnd]]:
     provision(tmp_path / "ecu", image("first"))
     rig = Rig(tmp_path / "ecu", CONFIG)
-    ecu = FlashableEcu(backing_of(tmp_path / "ecu"), CONFIG, rig.supplies)
+    ecu = FlashableEcu(backing_of(tmp_path / "ecu"), CONFIG, rig.equipment)
     tester = AtTheOtherEnd(ecu)
     with tester.thread:
         yield ecu, tester

@@ -186,7 +186,7 @@ def test_wrong_keys_are_logged_counted_and_outlive_a_power_cut(rig: Rig) -> None
         assert rig.log[-1][0] == "key_refused"
         assert rig.log[-1][2]["count"] == count
     rig.power_on()
-    assert rig.ecu.store.failed_attempts(Level.PROGRAMMING) == 2
+    assert rig.ecu.store.state.failed_attempts[Level.PROGRAMMING] == 2
     rig.good(PROGRAMMING)
     rig.good(b"\x27\x01")
     assert rig.ask(b"\x27\x02" + bytes(16))[2] == 0x36

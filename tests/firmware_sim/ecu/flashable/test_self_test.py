@@ -11,8 +11,8 @@ from contract.controller.interface import Controller, ControllerError, ControlSt
 from contract.errors import BundleControllerError
 from contract.release.bundle import Bundle
 from contract.runtime.onnx_session import OnnxController
-from firmware_sim.ecu.flashable.fitting import Fitting
 from firmware_sim.ecu.flashable.self_test import self_test
+from firmware_sim.ecu.flashable.vehicle_fit import VehicleFit
 from tests.firmware_sim.conftest import RecordingController
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import (
     CONFIRM_ROUTINE,
@@ -121,7 +121,7 @@ def test_a_controller_is_made_once_for_check_and_boot(bundle_of) -> None:
         made.append(bundle.digest)
         return RecordingController()
 
-    fitting, bundle = Fitting(Config(), controller_of), bundle_of()
-    assert fitting.fits(bundle) is Verdict.GOOD
-    assert fitting.controller(bundle) is fitting.controller(bundle)
+    fit, bundle = VehicleFit(Config(), controller_of), bundle_of()
+    assert fit.fits(bundle) is Verdict.GOOD
+    assert fit.controller(bundle) is fit.controller(bundle)
     assert made == [bundle.digest]

@@ -26,8 +26,8 @@ from contract.release import bundle as bundles
 from contract.release import signing
 from contract.release.image import image_of
 from contract.shipped import BUNDLE
+from firmware_sim.ecu.flashable.equipment import Equipment
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
-from firmware_sim.ecu.flashable.supplies import Supplies
 from tests.can_bridge.flashing import releases
 from tests.can_bridge.flashing.releases import RELEASE, ROOT
 from tests.can_bridge.flashing.store_ecu import KEY
@@ -69,7 +69,7 @@ class Rig:
     def __init__(self, folder: Path, config: Config | None = None, controller_of: Any = None, **others: Any) -> None:
         self.config = Config() if config is None else config
         self.log = Log()
-        self.supplies = Supplies(
+        self.equipment = Equipment(
             root=signing.public_key(ROOT),
             access=KEY,
             random_bytes=Random(1).randbytes,
@@ -77,7 +77,7 @@ class Rig:
             serial="42",
             software="0.7.0",
             controller_of=(lambda bundle: RecordingController()) if controller_of is None else controller_of,
-            tell=self.log,
+            log=self.log,
         )
         self.folder, self.others = folder, others
         self.now_ns = MS
@@ -95,7 +95,7 @@ class Rig:
 
     def power_on(self) -> None:
         """As after a loss of power."""
-        self.ecu = FlashableEcu(FolderBacking(self.folder), self.config, self.supplies, **self.others)
+        self.ecu = FlashableEcu(FolderBacking(self.folder), self.config, self.equipment, **self.others)
 
     def millisecond(self) -> None:
         if self.now_ns >= self.due_ns:

@@ -11,11 +11,8 @@ from contract.release.bundle import Bundle
 from contract.release.signing import PublicKey
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.ecu.flashable.event_log import Log, no_log
 from firmware_sim.ecu.stepped import CalibratedEcu
-
-
-def nobody(event: str, line: str, **fields: str | int | float) -> None:
-    """Tells nobody."""
 
 
 def _in_python(
@@ -25,19 +22,19 @@ def _in_python(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Supplies:
-    """Of one ECU.
+class Equipment:
+    """The equipment of one ECU.
 
     Attributes:
         root: key that signs key lists.
         access: shared with the tester.
-        random_bytes: gives so many bytes that nobody can foresee.
+        random_bytes: gives so many unpredictable bytes.
         hardware: name of the hardware, which a bundle may demand.
         serial: number of this one.
         software: version of stillwake.
         controller_of: makes a bundle's controller; raises BundleError for one that does not run here.
         ecu_of: makes the ECU around it, with what it needs of `bus.key`.
-        tell: called with an event's name, its line, and its fields.
+        log: called with an event's name, its line, and its fields.
     """
 
     root: PublicKey
@@ -48,4 +45,4 @@ class Supplies:
     software: str = ""
     controller_of: Callable[[Bundle], Controller] = OnnxController.of
     ecu_of: Callable[[Bundle, Controller, Config, Authentication | None], CalibratedEcu] = _in_python
-    tell: Callable[..., None] = nobody
+    log: Log = no_log

@@ -10,7 +10,7 @@ from contract.release.bundle import Bundle
 from firmware_sim.ecu.fit import check_vehicle
 
 
-class Fitting:
+class VehicleFit:
     """Judges bundles, and keeps the controller of the last one, so that a boot makes it once.
 
     Args:

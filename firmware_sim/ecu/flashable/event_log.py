@@ -9,7 +9,8 @@ from can_bridge.flashing.state import TRIAL_BOOTS
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.services import Routine, Session
 
-Tell = Callable[..., None]
+Log = Callable[..., None]
+"""Called with an event's name, its line, and its fields."""
 
 
 class Access(NamedTuple):
@@ -35,11 +36,15 @@ _DONE: Final = {
 }
 
 
-def tell_boot(tell: Tell, boot: Boot) -> None:
-    """What was booted, and why."""
+def no_log(event: str, line: str, **fields: str | int | float) -> None:
+    """Log nothing."""
+
+
+def log_boot(log: Log, boot: Boot) -> None:
+    """Log what was booted, and why."""
     verdicts = {f"slot_{slot.name.lower()}": verdict.in_words for slot, verdict in boot.verdicts.items()}
     if boot.bundle is None or boot.slot is None:
-        tell("no_release", "no release is in order: jets shut, waiting to be flashed", **verdicts)
+        log("no_release", "no release is in order: jets shut, waiting to be flashed", **verdicts)
         return
     name, digest = boot.bundle.manifest.name, boot.bundle.digest
     event, words = "booted", boot.reason.in_words
@@ -47,7 +52,7 @@ def tell_boot(tell: Tell, boot: Boot) -> None:
         event, words = "trial", f"on trial, boot {TRIAL_BOOTS - boot.boots_left} of {TRIAL_BOOTS} without confirmation"
     elif boot.reason is BootReason.REVERTED:
         event = "reverted"
-    tell(
+    log(
         event,
         f"booted slot {boot.slot.name}: {name} {digest[:12]}, {words}",
         slot=boot.slot.name,
@@ -58,22 +63,22 @@ def tell_boot(tell: Tell, boot: Boot) -> None:
     )
 
 
-def tell_access(tell: Tell, before: Access, after: Access) -> None:
-    """A session that began or ended, a level that was unlocked, a key that was refused."""
+def log_access(log: Log, before: Access, after: Access) -> None:
+    """Log a session that began or ended, a level that was unlocked, a key that was refused."""
     if after.session is not before.session:
-        tell("session", f"{after.session.name.lower()} session", session=after.session.name)
+        log("session", f"{after.session.name.lower()} session", session=after.session.name)
     if after.unlocked is not None and after.unlocked is not before.unlocked:
-        tell("unlocked", f"a tester unlocked {after.unlocked.name.lower()}", level=after.unlocked.name)
+        log("unlocked", f"a tester unlocked {after.unlocked.name.lower()}", level=after.unlocked.name)
     for level, count in after.attempts.items():
         if count > before.attempts[level]:
             words = f"a tester's key for {level.name.lower()} was refused, {count} in a row"
-            tell("key_refused", words, level=level.name, count=count)
+            log("key_refused", words, level=level.name, count=count)
 
 
-def tell_routine(tell: Tell, routine: Routine, answer: bytes) -> None:
-    """A routine that was run."""
+def log_routine(log: Log, routine: Routine, answer: bytes) -> None:
+    """Log a routine that was run."""
     if routine is Routine.CHECK and answer and answer[0] in Verdict.__members__.values():
         verdict = Verdict(answer[0])
-        tell("checked", f"the release that was written: {verdict.in_words}", verdict=verdict.name)
+        log("checked", f"the release that was written: {verdict.in_words}", verdict=verdict.name)
     elif routine in _DONE:
-        tell(*_DONE[routine])
+        log(*_DONE[routine])
