@@ -12,7 +12,7 @@ from can_bridge.calibration.xcp import Command
 from contract.controller.calibration import PACKED_BYTES
 
 _VERSION: Final = 0x0102
-"""Of protocol layer and transport layer in the description: 1.2 is the first with CAN FD."""
+"""Version of protocol layer and transport layer in the description: 1.2 is the first with CAN FD."""
 _TIMEOUTS_MS: Final = (1000, 1000, 1000, 1000, 1000, 1000, 1000)
 """T1 to T7: long against a control period, in which every command is answered."""
 _MANDATORY: Final = frozenset(

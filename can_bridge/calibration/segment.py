@@ -13,7 +13,7 @@ from contract.errors import ConfigError
 ADDRESS: Final = 0x2000_0000
 """Where the segment lies for a tool: the working memory of a Cortex-M."""
 VALUE_BYTES: Final = 4
-"""Of each value."""
+"""Bytes of each value."""
 DELAY_STEPS: Final = NAMES[-1]
 """The one value that is an integer."""
 
@@ -66,7 +66,7 @@ class Segment:
 
     @property
     def in_force(self) -> Calibration:
-        """Of that page, from the next control period on."""
+        """The values of that page, from the next control period on."""
         return self._working if self._page is Page.WORKING else self._reference
 
     @property

@@ -23,12 +23,12 @@ _STORE: Final = b"\x01"
 
 
 class CalibrationService:
-    """Session, security level and length of what is written are the server's to check.
+    """Reads and writes the identifiers; the server checks session, security level and length.
 
     Args:
         segment: of the release that runs.
         kept: what is stored for that release, if anything.
-        keep: stores it, or nothing; may raise MediumError, or OutOfOrderError where the release's slot is written anew.
+        keep: stores it, or nothing; may raise MediumError, or OutOfOrderError while the release's slot is written.
         refusal: why nothing may be stored now, for instance because the jets are enabled: writing a flash memory can
             take longer than a control period. Changing the values in force is always possible.
     """

@@ -13,7 +13,7 @@ PROTOCOL_VERSION: Final = 1
 TRANSPORT_VERSION: Final = 1
 DRIVER_VERSION: Final = 0x10
 COMM_MODE: Final = 0x80
-"""Of CONNECT's answer: little-endian, addresses of bytes, no block mode; GET_COMM_MODE_INFO says the rest."""
+"""Mode in CONNECT's answer: little-endian, addresses of bytes, no block mode; GET_COMM_MODE_INFO has the rest."""
 CAL_PAG: Final = 0x01
 """The resource of calibration and of its pages; we have no other."""
 
@@ -24,14 +24,14 @@ EVENT: Final = 0xFD
 STORED_EVENT: Final = 0x03
 """Storing the calibration has ended."""
 STORE_REQUEST: Final = 0x01
-"""Of SET_REQUEST's mode and of GET_STATUS's session status: the calibration."""
+"""Bit of SET_REQUEST's mode and of GET_STATUS's session status: the calibration."""
 CRC_32: Final = 0x09
 """Kind of checksum: the CRC of Ethernet."""
 
 ECU_MODE: Final = 0x01
 XCP_MODE: Final = 0x02
 ALL_MODE: Final = 0x80
-"""Of SET_CAL_PAGE: the page that the control uses, the page that the tool sees, all segments."""
+"""Modes of SET_CAL_PAGE: the page that the control uses, the page that the tool sees, all segments."""
 
 
 class Command(IntEnum):
@@ -81,7 +81,7 @@ SHORTEST: Final = {
 PROTECTED: Final = frozenset(
     {Command.SET_REQUEST, Command.DOWNLOAD, Command.SET_CAL_PAGE, Command.GET_CAL_PAGE, Command.COPY_CAL_PAGE}
 )
-"""Commands that need the resource unlocked. Reading does not: UDS shows the same values to everybody."""
+"""Commands that need the resource unlocked. Reading does not: UDS shows the same values to all."""
 
 
 class Error(IntEnum):

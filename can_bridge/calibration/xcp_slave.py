@@ -17,7 +17,7 @@ from contract.controller.calibration import PACKED_BYTES
 from contract.errors import ConfigError
 
 IDLE_NS: Final = 600_000_000_000
-"""After so long without a command a connection that nobody ended is over, and what was unlocked is locked."""
+"""After so long without a command an open connection ends, and what was unlocked is locked."""
 _ALWAYS_ACCESSIBLE: Final = 0x0F
 _WRITABLE: Final = 0x30
 """Properties of a page: the control and the tool may read it whatever the other does, and the tool may write it."""
@@ -29,7 +29,7 @@ class XcpSlave:
     Args:
         segment: read and written.
         access: knows the keys.
-        random_bytes: gives so many bytes that nobody can foresee.
+        random_bytes: gives so many unpredictable bytes.
         name: of the A2L file, without its ending; at most 255 bytes.
     """
 
@@ -56,12 +56,12 @@ class XcpSlave:
         return self._wants_store
 
     def stored(self) -> list[bytes]:
-        """The calibration was stored: the packets that tell the tool."""
+        """The calibration was stored: the packets that report it to the tool."""
         self._wants_store = False
         return [bytes([xcp.EVENT, xcp.STORED_EVENT])] if self._is_connected else []
 
     def not_stored(self) -> None:
-        """Storing failed: the tool sees its request gone without the event that says it was done."""
+        """Storing failed: the tool sees its request gone without the event of success."""
         self._wants_store = False
 
     def command(self, now_ns: int, data: bytes) -> list[bytes]:
@@ -132,7 +132,7 @@ class XcpSlave:
         return bytes([xcp.RESPONSE, 0, 0, 0, 0, 0, 0, xcp.DRIVER_VERSION])
 
     def _get_id(self, data: bytes) -> bytes:
-        """Of the kinds 0 (text) and 1 (name of the A2L file); it is fetched by UPLOAD."""
+        """An identification of the kinds 0 (text) and 1 (name of the A2L file); it is fetched by UPLOAD."""
         self._identification = self._name if data[1] in (0, 1) else b""
         return struct.pack("<4BI", xcp.RESPONSE, 0, 0, 0, len(self._identification))
 
@@ -254,7 +254,7 @@ def _length(count: int, greatest: int) -> int:
 
 
 def _address(data: bytes) -> int:
-    """Of a command that has the extension in byte 3 and the address behind it."""
+    """The address in a command, behind the extension in byte 3."""
     if data[3] != 0:
         raise Denied(Error.OUT_OF_RANGE)
     return int.from_bytes(data[4:8], "little")

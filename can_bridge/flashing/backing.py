@@ -40,7 +40,7 @@ class Slot(IntEnum):
 
 
 class Kind(IntEnum):
-    """Of the records that outlive a loss of power; of each the newest counts."""
+    """Kinds of records that outlive a loss of power; the newest of each counts."""
 
     STATE = 1
     KEYS = 2
@@ -76,5 +76,5 @@ class Backing(Protocol):
         ...
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
-        """Of what was appended; raises MediumError if the memory does not give it back."""
+        """Bytes that were appended; raises MediumError if the memory does not give them back."""
         ...

@@ -86,7 +86,7 @@ def _boot_trial(remembered: Remembered, slot: Slot, verdicts: dict[Slot, Verdict
 def _boot_confirmed(remembered: Remembered, is_reverted: bool, verdicts: dict[Slot, Verdict]) -> Boot:
     """The confirmed image, or the one confirmed before it.
 
-    One that fails stays confirmed, and the next boot judges it anew: whoever gives the ECU another stillwake.dbc or
+    One that fails stays confirmed, and the next boot judges it again: whoever gives the ECU another stillwake.dbc or
     vehicle by mistake can take that back.
     """
     active = remembered.state.active

@@ -55,7 +55,7 @@ def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
 
 
 def _signer_verdict(signature: bytes | None, manifest: bytes, keys: KeyList | None) -> Verdict:
-    """Why nobody who may signed it; the signature is known to be good where there is one."""
+    """Why no allowed key signed it; the signature is known to be good where there is one."""
     if signature is None:
         return Verdict.UNSIGNED
     is_revoked = keys is not None and signing.signer(signature, manifest) in keys.revoked

@@ -38,7 +38,7 @@ class FolderBacking:
         self._files = FolderFiles(folder) if files is None else files
         self._capacity = capacity
         self._unsynced: set[Slot] = set()
-        # Known to nobody after power-on, before `clear` or `begin_again`.
+        # Unknown after power-on, before `clear` or `begin_again`.
         self._written: dict[Slot, int] = {}
 
     @property
@@ -104,7 +104,7 @@ class FolderBacking:
         self._written[slot] = before + len(data)
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
-        """Of what was appended; raises MediumError if it is not there."""
+        """Bytes that were appended; raises MediumError if they are not there."""
         found = self._files.read(_slot_file(slot), offset, length) or b""
         if len(found) != length:
             raise MediumError(f"slot {slot.name}: nothing was written at byte {offset + len(found)}", offset)

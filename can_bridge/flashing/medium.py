@@ -14,7 +14,7 @@ ERASED: Final = b"\xff" * WORD
 
 
 class MediumError(BusError):
-    """The memory did not do as it was told; `address` is where."""
+    """The memory failed at `address`."""
 
     def __init__(self, message: str, address: int) -> None:
         super().__init__(message)

@@ -47,7 +47,7 @@ class Phase(IntEnum):
     CONFIRMED = 4
     """It runs, or ran before the release that runs."""
     BAD = 5
-    """Never booted: a check of it failed, or nobody confirmed it during its trial."""
+    """Never booted: a check of it failed, or it was not confirmed during its trial."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -48,7 +48,7 @@ class Store:
         self._last_boot: Boot | None = None
         self._running: Slot | None = None
         self._announced: Slot | None = None
-        """Of the transfer under way: the memory stands exactly behind what was received."""
+        """The slot of the transfer under way: the memory stands exactly behind what was received."""
 
     @classmethod
     def provision(
@@ -151,7 +151,7 @@ class Store:
         if standing.holds(length, sha256) and not self._is_known_bad(slot) and self._goes_on(slot):
             wanted = standing.received
         else:
-            # Until it is announced, nobody believes in what a cut leaves of this slot.
+            # Until it is announced, what a cut leaves of this slot does not count.
             self._remembered.keep(self._without(slot))
             yield from self._remembered.backing.clear(slot)
             wanted = 0
@@ -324,13 +324,13 @@ class Store:
         return self.state.with_slot(slot, SlotState(), active=slot.other if is_confirmed else None)
 
     def _is_known_bad(self, slot: Slot) -> bool:
-        """Whether it was booted and failed, so that its image has to come anew."""
+        """Whether it was booted and failed, so that its image has to come again."""
         found = {} if self._last_boot is None else self._last_boot.verdicts
         was_booted = self.state.slots[slot].phase in (Phase.TRIAL, Phase.CONFIRMED)
         return was_booted and found.get(slot, Verdict.GOOD) != Verdict.GOOD
 
     def _goes_on(self, slot: Slot) -> bool:
-        """Whether the memory can be written on behind what was received; if not, the image has to come anew."""
+        """Whether the memory can be written on behind what was received; if not, the image has to come again."""
         try:
             self._remembered.backing.begin_again(slot, self.state.slots[slot].received)
         except MediumError:

@@ -1,4 +1,4 @@
-"""What the store says of a release: why it is taken, or which check it failed.
+"""The store's verdict on a release: why it is taken, or which check it failed.
 
 On the wire each is a byte in the answer to the routine that checks an image (`can_bridge.uds.services`).
 """

@@ -1,4 +1,4 @@
-"""What the first bytes of a frame say of its part in a message (ISO 15765-2:2016, section 9.6)."""
+"""The control information in the first bytes of a frame: its part in a message (ISO 15765-2:2016, section 9.6)."""
 
 from bisect import bisect_left
 from enum import IntEnum
@@ -23,7 +23,7 @@ _NS_PER_100_US: Final = 100_000
 
 
 class FlowStatus(IntEnum):
-    """What the receiver of a message tells its sender."""
+    """What the receiver of a message answers its sender."""
 
     CONTINUE = 0
     WAIT = 1
@@ -60,7 +60,7 @@ class Flow(NamedTuple):
 
 
 def parse(data: bytes) -> Single | First | Consecutive | Flow | None:
-    """The part that a frame has, or None for one that the standard tells a receiver to ignore. Never raises."""
+    """The part that a frame has, or None for one that a receiver ignores by the standard. Never raises."""
     if not data:
         return None
     kind, low = data[0] >> 4, data[0] & 0xF

@@ -22,7 +22,7 @@ class Losses:
     Attributes:
         aborted_receptions: begun by the other end and not ended, or replaced by a new message.
         aborted_transmissions: begun by us and not ended.
-        dropped_received: whole, with no room left for them because nobody took those before.
+        dropped_received: whole, with no room left for them because those before were not taken.
         dropped_sent: not begun, because too many wait already.
     """
 

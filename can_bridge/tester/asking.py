@@ -22,7 +22,7 @@ P2_S: Final = 1.0
 P2_EXTENDED_S: Final = 6.0
 """To wait after a response-pending."""
 LONGEST_S: Final = 60.0
-"""Of response-pending or busy in a row, after which an ECU counts as gone."""
+"""Seconds of response-pending or busy in a row, after which an ECU counts as gone."""
 TIMES: Final = 5
 """That a request is sent before there is no answer to it."""
 READ_TIMES: Final = 25
@@ -149,7 +149,7 @@ class Asking:
             left -= PRESENT_S
 
     def present(self) -> None:
-        """Say that the tester is there; no answer is wanted."""
+        """Report that the tester is there; no answer is wanted."""
         with self._client.suppress_positive_response:
             self._client.tester_present()
 
@@ -213,7 +213,7 @@ class Asking:
 
 
 def _settings(key: KeyOf | None, pending: Callable[[], None]) -> Any:
-    """Of udsoncan's client."""
+    """Settings of udsoncan's client."""
     from udsoncan import DidCodec
 
     class AsItIs(DidCodec):

@@ -16,7 +16,7 @@ _IN_A_ROW: Final = 16
 
 
 class BlockLength:
-    """Of one image's blocks, over all attempts to transfer it."""
+    """The length of one image's blocks, over all attempts to transfer it."""
 
     def __init__(self) -> None:
         self._longest = self._limit = (MAX_BLOCK - _HEADER) // STEP * STEP

@@ -17,7 +17,7 @@ _REVERT: Final = b"\x00"
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrated:
-    """What an ECU says of its calibration; all values as float32.
+    """What an ECU reports of its calibration; all values as float32.
 
     Attributes:
         in_force: from its next control period on.

@@ -7,7 +7,7 @@ from udsoncan.connections import BaseConnection
 
 
 class DirectConnection(BaseConnection):
-    """Always open. Who derives from it says how a request gets there, and how an answer is waited for."""
+    """A connection that is always open; a subclass sends a request and waits for an answer."""
 
     def __init__(self) -> None:
         super().__init__()

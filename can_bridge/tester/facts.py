@@ -1,4 +1,4 @@
-"""What an ECU says of itself over UDS."""
+"""What an ECU reports of itself over UDS."""
 
 from dataclasses import dataclass
 
@@ -28,7 +28,7 @@ class EcuFacts:
 
 
 def read_facts(asking: Asking) -> EcuFacts:
-    """Ask for all of it; raises RefusedError for what the ECU does not tell, BusError for a damaged report."""
+    """Ask for all of it; raises RefusedError for what the ECU does not report, BusError for a damaged report."""
     return EcuFacts(
         hardware=_text(asking, Did.HARDWARE),
         serial_number=_text(asking, Did.SERIAL_NUMBER),

@@ -1,4 +1,4 @@
-"""A bundle against what an ECU says of itself: what the ECU would refuse is told before a byte is sent.
+"""A bundle against what an ECU reports of itself: what the ECU would refuse is an error before a byte is sent.
 
 The ECU makes these checks again, and more: it alone knows which keys may sign.
 """

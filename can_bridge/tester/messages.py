@@ -1,6 +1,6 @@
 """The ways in which flashing can end badly: one line each, and the exit status that goes with it.
 
-A status says what is to be done: 3 mend the connection, 4 take the right key, 5 try again when the vehicle stands,
+A status names the remedy: 3 mend the connection, 4 take the right key, 5 try again when the vehicle stands,
 6 take another release or key list, 7 look into the ECU, 8 the new release did not pass and the one before runs. 1 is
 for everything else, such as a key file that cannot be read, and 2 for how a command was called.
 """

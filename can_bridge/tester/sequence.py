@@ -110,7 +110,7 @@ def flash(
     options: Options = Options(),
     judge: Callable[[EcuFacts], None] = lambda facts: None,
     progress: Progress = lambda received, length: None,
-    say: Callable[[Step], None] = lambda step: None,
+    on_step: Callable[[Step], None] = lambda step: None,
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Flashed:
@@ -120,9 +120,9 @@ def flash(
         client: open; its settings are made here.
         image: as `contract.release.image` makes it.
         key: answers a seed of the programming level; a dry run needs none.
-        judge: raises FlashError if the ECU, by what it says of itself, must not be flashed with this image.
-        progress: told of every block.
-        say: told of every step.
+        judge: raises FlashError if the ECU, by what it reports of itself, must not be flashed with this image.
+        progress: called with every block.
+        on_step: called with every step.
         clock, sleep: seconds.
 
     Raises:
@@ -131,7 +131,7 @@ def flash(
     """
     began = clock()
     asking = Asking(client, key=key, clock=clock, sleep=sleep)
-    return _Flashing(asking, image, options, judge, progress, say).run(lambda: clock() - began)
+    return _Flashing(asking, image, options, judge, progress, on_step).run(lambda: clock() - began)
 
 
 def reset_and_wait(asking: Asking) -> None:
@@ -155,7 +155,7 @@ class _Flashing:
         options: Options,
         judge: Callable[[EcuFacts], None],
         progress: Progress,
-        say: Callable[[Step], None],
+        on_step: Callable[[Step], None],
     ) -> None:
         self._asking = asking
         self._image = image
@@ -163,12 +163,12 @@ class _Flashing:
         self._options = options
         self._judge = judge
         self._progress = progress
-        self._say = say
+        self._on_step = on_step
 
     def run(self, elapsed: Callable[[], float]) -> Flashed:
         asking, transferred = self._asking, None
-        self._say(Step.IDENTIFY)
-        asking.wait_until_there(THERE_S, "say which session it is in")
+        self._on_step(Step.IDENTIFY)
+        asking.wait_until_there(THERE_S, "report its session")
         before = read_facts(asking)
         after = before.store
 
@@ -186,7 +186,7 @@ class _Flashing:
             asking.session(Session.DEFAULT)
             return ended(End.ALREADY)
         self._judge(before)
-        self._say(Step.PRECONDITIONS)
+        self._on_step(Step.PRECONDITIONS)
         self._check_preconditions()
         if self._options.dry_run:
             asking.session(Session.DEFAULT)
@@ -198,7 +198,7 @@ class _Flashing:
         if not self._options.confirm:
             asking.session(Session.DEFAULT)
             return ended(End.ON_TRIAL)
-        self._say(Step.CONFIRM)
+        self._on_step(Step.CONFIRM)
         after = self._confirm()
         asking.session(Session.DEFAULT)
         return ended(End.CONFIRMED)
@@ -216,9 +216,9 @@ class _Flashing:
     def _bring(self) -> Transferred:
         """The image into the ECU, and started on trial."""
         try:
-            self._say(Step.TRANSFER)
+            self._on_step(Step.TRANSFER)
             transferred = Transfer(self._asking, self._image, self._progress).run()
-            self._say(Step.ACTIVATE)
+            self._on_step(Step.ACTIVATE)
             if self._activate():
                 return transferred
         except (FlashError, KeyboardInterrupt):
@@ -241,7 +241,7 @@ class _Flashing:
     def _start(self) -> None:
         """Reset until the activated image runs."""
         for _ in range(RESETS):
-            self._say(Step.RESET)
+            self._on_step(Step.RESET)
             reset_and_wait(self._asking)
             store = read_store(self._asking)
             if self._is_ours(store.running_slot):
@@ -253,7 +253,7 @@ class _Flashing:
 
     def _try_out(self) -> Report:
         """Self-test of the release that runs on trial; where it does not pass, back to the one before."""
-        self._say(Step.SELF_TEST)
+        self._on_step(Step.SELF_TEST)
         try:
             enter_programming(self._asking)
         except NotNowError as refused:
@@ -298,7 +298,7 @@ class _Flashing:
 
 
 def digest_of(image: bytes) -> str:
-    """Of the bundle in an image; empty for what is none, so that the ECU's own verdict on it can be had."""
+    """The digest of the bundle in an image; empty for what is none, so that the ECU's own verdict on it can be had."""
     try:
         return open_manifest(Path("image"), files_of(image)[MANIFEST]).digest
     except (KeyError, StillwakeError):

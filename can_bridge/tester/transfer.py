@@ -1,7 +1,7 @@
-"""Bringing an image into an ECU: announce, send from where it is wanted, check; begun anew where it was interrupted.
+"""Bringing an image into an ECU: announce, send from where it is wanted, check; begun again where it was interrupted.
 
 Whatever interrupts a transfer, be it lost frames, a session that ended or an ECU that lost its supply, the next attempt
-begins with a new session and a new announcement, whose answer says from which byte on the image is wanted.
+begins with a new session and a new announcement, whose answer has the byte from which on the image is wanted.
 """
 
 import hashlib
@@ -24,7 +24,7 @@ Progress = Callable[[int, int], None]
 STALLS: Final = 5
 """Attempts in a row of which none brought a byte further, after which it is given up."""
 TRIES: Final = 3
-"""Of a step that is begun anew because its session ended: the ECU fell silent for long, or lost its supply."""
+"""Tries of a step that is begun again because its session ended: the ECU fell silent for long, or lost its supply."""
 SESSION_ENDED: Final = frozenset(
     {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.SECURITY_ACCESS_DENIED}
 )
@@ -77,7 +77,7 @@ class Transfer:
         Raises:
             ImageRefusedError: the verdict is not.
             LostError: the ECU no longer answers.
-            RefusedError, NotNowError, AccessError: as the ECU says.
+            RefusedError, NotNowError, AccessError: as the ECU answers.
         """
         resumed_from, attempts, stalls = 0, 0, 0
         while True:
@@ -105,13 +105,13 @@ class Transfer:
                 raise failure
 
     def announce(self) -> int:
-        """Say in a new session which image comes; the offset from which it is wanted."""
+        """Announce in a new session which image comes; the offset from which it is wanted."""
         enter_programming(self._asking)
         option = _ANNOUNCEMENT.pack(len(self._image), hashlib.sha256(self._image).digest())
         answer = self._asking.routine(Routine.ERASE, option)
         offset = int.from_bytes(answer[:4], "big")
         if len(answer) != 4 or offset > len(self._image):
-            raise RefusedError("say from where it wants the image", Nrc.OUT_OF_RANGE)
+            raise RefusedError("name the byte from which it wants the image", Nrc.OUT_OF_RANGE)
         return offset
 
     def _bring(self, offset: int) -> Verdict:
@@ -162,7 +162,7 @@ def enter_programming(asking: Asking) -> None:
 
 
 def in_programming(asking: Asking, routine: Routine) -> None:
-    """Run a routine in the programming session, which is begun anew if it ended by itself."""
+    """Run a routine in the programming session, which is begun again if it ended by itself."""
     for left in reversed(range(TRIES)):
         try:
             asking.routine(routine)

@@ -24,7 +24,7 @@ from contract.errors import BusError
 
 PADDING: Final = 0xCC
 SEND_S: Final = 10.0
-"""For all frames of a request: 4 kB take 0.3 s on classic CAN at 500 kbit/s, and more beside other traffic."""
+"""For all frames of a request: 4 kB take 0.3 s on classic CAN at 500 kbit/s, and more next to other traffic."""
 FRAME_S: Final = 1.0
 """For one frame: the queue of a CAN controller may be full for as long as others send."""
 _TURN_S: Final = 0.02
@@ -131,7 +131,7 @@ class BusConnection(BaseConnection):
 
     def _send_frame(self, message: isotp.CanMessage) -> None:
         # Without a time, equal frames in a row pass for copies of one datagram on a multicast bus: an image has runs of
-        # zeros, and the numbers of consecutive frames begin anew every 16.
+        # zeros, and the numbers of consecutive frames begin again every 16.
         frame = Frame(
             frame_id=message.arbitration_id,
             data=bytes(message.data),

@@ -41,7 +41,7 @@ class Job:
         """One piece; what is to be sent now."""
         sent = []
         if now_ns >= self._pending_ns:
-            # A tester that was told to wait waits for the answer, even if it wanted none.
+            # A tester that received response-pending waits for the answer, even if it wanted none.
             self._is_quiet = False
             self._pending_ns = now_ns + _NEXT_NS
             sent.append(negative(self._service, Nrc.RESPONSE_PENDING))

@@ -2,7 +2,7 @@
 
 A seed is good for one answer. An attempt is counted, in memory that outlives a reset, before the answer is looked at:
 cutting the supply at the right moment gains no attempt. After `MAX_ATTEMPTS` wrong ones in a row no seed is given for
-`DELAY_NS`, and again after each further one; a power-on in between starts the delay anew.
+`DELAY_NS`, and again after each further one; a power-on in between restarts the delay.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ class SecurityAccess:
     """Which level is unlocked, and how the next one becomes so.
 
     Args:
-        random_bytes: gives so many bytes that nobody can foresee.
+        random_bytes: gives so many unpredictable bytes.
         attempts: may refuse with the code to answer by.
     """
 

@@ -42,7 +42,7 @@ class UdsServer:
 
     Args:
         diagnostics: the ECU around it.
-        random_bytes: gives so many bytes that nobody can foresee, for seeds.
+        random_bytes: gives so many unpredictable bytes, for seeds.
     """
 
     def __init__(self, diagnostics: Diagnostics, key: AccessKey, random_bytes: Callable[[int], bytes]) -> None:

@@ -9,7 +9,7 @@ from typing import Final
 
 REQUEST_ID: Final = 0x7E0
 RESPONSE_ID: Final = 0x7E8
-"""Of diagnosis, from the tester and from the ECU."""
+"""Identifiers of diagnosis, from the tester and from the ECU."""
 
 P2_MS: Final = 50
 """Until the first answer to a request, at most."""
@@ -98,7 +98,7 @@ class Did(IntEnum):
     HARDWARE = 0xF191
     """Name of the hardware, UTF-8."""
     SOFTWARE_VERSION = 0xF195
-    """Of stillwake, UTF-8."""
+    """Version of stillwake, UTF-8."""
     DBC_SHA256 = 0xFD00
     """(32)"""
     STORE = 0xFD01

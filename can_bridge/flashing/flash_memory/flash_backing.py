@@ -133,7 +133,7 @@ class FlashBacking:
         self._lies[slot] = replace(self._lies[slot], tail=waiting[whole:])
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
-        """Of what was appended; raises MediumError if it is not there, or torn."""
+        """Bytes that were appended; raises MediumError if they are not there, or torn."""
         lies = self._lies[slot]
         parts, at, end = [], offset, offset + length
         while at < end:

@@ -12,7 +12,7 @@ from can_bridge.flashing.backing import Slot
 from contract.errors import BusError
 
 MAX_EXTENTS: Final = 200
-"""Of one slot: every interrupted transfer and every new sector needs one."""
+"""Extents of one slot: every interrupted transfer and every new sector needs one."""
 _HEAD: Final = struct.Struct(">BHHH")
 _SLOT: Final = struct.Struct(">HIB")
 _EXTENT: Final = struct.Struct(">II")
@@ -45,7 +45,7 @@ class Lies:
 
 @dataclass(frozen=True)
 class Layout:
-    """Of the whole memory.
+    """The use of the whole memory.
 
     Attributes:
         slots: by slot.

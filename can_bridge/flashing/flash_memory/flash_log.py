@@ -82,7 +82,7 @@ class FlashLog:
             MediumError: all records together do not fit into a sector, or no sector is left that works.
         """
         for _ in range(_RETRIES):
-            # One word is left out, so that a sector is never so full that its last word cannot be told from a weak one.
+            # One word is left out: the last word of a full sector could not be distinguished from a weak one.
             if self._sector is None or self._end + _words_of(record) >= self._words:
                 break
             if self._write(self._sector, kind, record):
@@ -161,7 +161,7 @@ class FlashLog:
         return found
 
     def _words_in(self, base: int) -> list[bytes]:
-        """Of a sector; b"" for each that cannot be read."""
+        """The words of a sector; b"" for each that cannot be read."""
         whole = self._read(base, self._medium.sector_size)
         if whole is not None:
             return [whole[at : at + WORD] for at in range(0, len(whole), WORD)]
@@ -179,7 +179,7 @@ def _words_of(record: bytes) -> int:
 
 
 def _payload_length(head: bytes) -> int | None:
-    """Of the record that begins with this word; None if none does."""
+    """Bytes of payload of the record that begins with this word; None if none does."""
     if head[:4] != _MAGIC or zlib.crc32(head[: WORD - 4]) != int.from_bytes(head[WORD - 4 :], "big"):
         return None
     return int(_HEADER.unpack(head[: _HEADER.size])[3])

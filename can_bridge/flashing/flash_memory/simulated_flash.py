@@ -18,7 +18,7 @@ from can_bridge.flashing.medium import ERASED, WORD, MediumError, PowerCut, Unre
 
 SECTORS: Final = 16
 SECTOR_SIZE: Final = 128 * 1024
-"""Of an STM32H743 (RM0433, table 12)."""
+"""Bytes of a sector of an STM32H743 (RM0433, table 12)."""
 _SPREAD: Final = 0.1
 """Sectors wear out within this share of the endurance."""
 
@@ -102,7 +102,7 @@ class SimulatedFlash:
 
     @property
     def erasures(self) -> tuple[int, ...]:
-        """Of each sector so far."""
+        """How often each sector was erased so far."""
         return tuple(sector.erasures for sector in self._sectors)
 
     def power_on(self, cut_at: int | None = None) -> None:

@@ -1,1 +1,1 @@
-"""Flashing in virtual time: a tester beside a vehicle's control traffic on the simulated bus."""
+"""Flashing in virtual time: a tester next to a vehicle's control traffic on the simulated bus."""

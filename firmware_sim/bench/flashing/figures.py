@@ -18,7 +18,7 @@ from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
 
 @dataclass(frozen=True, kw_only=True)
 class FlashTime:
-    """Of one flash, from the first request to the confirmation.
+    """What one flash took, from the first request to the confirmation.
 
     Attributes:
         end: how it ended.

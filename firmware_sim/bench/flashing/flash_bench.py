@@ -41,7 +41,7 @@ _SENSORS: Final = ("upper_39", "lower_39", "base_0", "base_9")
 
 @dataclass(frozen=True, kw_only=True)
 class Faults:
-    """Of the tester's connection, and their seed.
+    """Faults of the tester's connection, and their seed.
 
     Attributes:
         tester: both ways; from the wire to the node.

@@ -9,7 +9,7 @@ from firmware_sim.bench.flashing.flash_bench import FlashBench
 
 
 class BenchConnection(DirectConnection):
-    """Of a tester on the bench."""
+    """The connection of a tester on the bench."""
 
     def __init__(self, bench: FlashBench) -> None:
         super().__init__()

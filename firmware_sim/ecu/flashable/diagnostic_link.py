@@ -16,7 +16,7 @@ is lost."""
 
 
 def isotp_settings(config: BusConfig, *, receive_id: int, send_id: int) -> IsoTpSettings:
-    """Of one end, with the frames of this bus."""
+    """Settings of one end, with the frames of this bus."""
     if config.frames == "classic":
         return classic(receive_id=receive_id, send_id=send_id)
     return IsoTpSettings(receive_id=receive_id, send_id=send_id)

@@ -47,7 +47,7 @@ class EcuFolder:
     serial: str
 
     def backing(self) -> FolderBacking:
-        """Of the store; raises MediumError if the folder cannot be used."""
+        """The store's backing; raises MediumError if the folder cannot be used."""
         return FolderBacking(self.folder)
 
 

@@ -15,7 +15,7 @@ from contract.release.bundle import Bundle
 from contract.runtime.onnx_estimator import OnnxEstimator
 
 AMPLITUDE_CP: Final = 0.3
-"""Of the made-up pressures: what a shedding wake brings at the rear edges."""
+"""Amplitude of the made-up pressures: what a shedding wake brings at the rear edges."""
 SHEDDING_CYCLE_TC: Final = 5.0
 LIMIT_SLACK: Final = 1e-5
 """By which a plan in float32 may exceed the action limit."""

@@ -1,4 +1,4 @@
-"""An ECU without a release: it keeps the jets shut and says why, and can be flashed all the same."""
+"""An ECU without a release: it keeps the jets shut and reports why, and can be flashed all the same."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -50,7 +50,7 @@ class ShutEcu:
 
     @property
     def trace(self) -> Trace:
-        """Of the latest step."""
+        """What the latest step did."""
         mode = self._state.fail_safe.mode.on_wire
         return Trace(mode=mode, action=0.0, forces=None, interventions=Intervention.NOT_ENABLED)
 

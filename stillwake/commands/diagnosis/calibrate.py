@@ -95,7 +95,7 @@ def calibrate(
                 calibration.store(asking)
             after = calibration.read(asking)
     console.print(table(found, after))
-    console.print(told(after), soft_wrap=True)
+    console.print(after_power_on(after), soft_wrap=True)
     if json_file is not None:
         facts = {"changed": changes, "store": store, "revert": revert, "versions": versions("stillwake")}
         write_result(json_file, figures=figures(found, after), facts=facts, on=date.today())
@@ -131,7 +131,7 @@ def table(before: "Calibrated", after: "Calibrated") -> Table:
     return made
 
 
-def told(after: "Calibrated") -> Text:
+def after_power_on(after: "Calibrated") -> Text:
     """What becomes of the values at power-on, in words."""
     if after.is_stored:
         return Text("a calibration is stored: it is in force after the next power-on, as long as this release runs")
@@ -162,7 +162,7 @@ def _check_options(changes: Mapping[str, float], *, store: bool, revert: bool, *
             raise ConfigError("--a2l: writes a file and asks no ECU; leave values, --bus, --access and the others out")
         return
     if places["bundle"] is not None:
-        raise ConfigError("--bundle: goes with --a2l; an ECU is calibrated by what it says of itself")
+        raise ConfigError("--bundle: goes with --a2l; an ECU is calibrated by what it reports of itself")
     if revert and (store or changes):
         raise ConfigError("--revert: drops what is in force and stored; leave values and --store out")
     if (changes or store or revert) and places["access"] is None:

@@ -89,7 +89,7 @@ def flash(
             options=Options(dry_run=dry_run, confirm=not no_confirm),
             judge=judge,
             progress=shown.progress,
-            say=shown.say,
+            on_step=shown.on_step,
         )
     line = {
         End.ALREADY: f"{release.manifest.name} runs already, and is confirmed: nothing was done",
@@ -118,7 +118,7 @@ class _Shown:
         note = f"{(received - self._from) / 1000.0 / elapsed:.0f} kB/s" if received > self._from and elapsed else ""
         self._bar.update(self._task, completed=received, note=note)
 
-    def say(self, step: "Step") -> None:
+    def on_step(self, step: "Step") -> None:
         if self._task is not None:
             self._bar.update(self._task, note=step.name.lower().replace("_", " "))
 
@@ -145,7 +145,7 @@ def _effort(flashed: "Flashed", length: int) -> str:
 
 
 def _comparison(release: Bundle, length: int, facts: "EcuFacts") -> Table:
-    """What would be flashed, beside what the ECU says."""
+    """What would be flashed, next to what the ECU reports."""
     from can_bridge.flashing.backing import Slot
     from contract.release.bundle import dbc_sha256
 

@@ -13,7 +13,7 @@ from stillwake.console.settings import settings
 from stillwake.console.terminal import ConfigFile, Overrides, console
 
 MAX_BYTES: Final = 4092
-"""Of a list: what one UDS request carries beside service and identifier."""
+"""Longest list: what one UDS request carries with service and identifier."""
 
 
 def flash_keys(

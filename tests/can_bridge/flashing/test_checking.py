@@ -66,7 +66,6 @@ def test_what_is_wrong_is_the_verdict():
         (with_file(CONTROLLER, b"other"), Verdict.DAMAGED),
         (with_file("more.txt", b""), Verdict.DAMAGED),
         (with_manifest(schema="stillwake-bundle/99"), Verdict.DAMAGED),
-        (with_manifest(window=33), Verdict.DAMAGED),
         (with_file(SIGNATURE, None), Verdict.UNSIGNED),
         (with_file(SIGNATURE, b""), Verdict.BAD_SIGNATURE),
         (with_file(SIGNATURE, signing.sign(RELEASE, b"other")), Verdict.BAD_SIGNATURE),

@@ -44,7 +44,7 @@ def flashed(line: Line, image: bytes = SHIPPED, **options: Any) -> Flashed:
 def test_a_release_is_brought_started_tested_and_confirmed(line: Line, kept: Played) -> None:
     steps: list[Step] = []
     progress: list[tuple[int, int]] = []
-    done = flashed(line, say=steps.append, progress=lambda *count: progress.append(count))
+    done = flashed(line, on_step=steps.append, progress=lambda *count: progress.append(count))
     assert (done.end, done.unanswered) == (End.CONFIRMED, 0)
     assert (kept.running.image, kept.running.phase, kept.resets) == (SHIPPED, Phase.CONFIRMED, 1)
     assert [routine.name for routine in kept.log] == [
@@ -148,12 +148,12 @@ def test_a_vehicle_in_use_is_not_touched(line: Line, kept: Played) -> None:
     assert (kept.written, kept.resets) == (0, 0)
     kept.in_use = False
 
-    def say(step: Step) -> None:
+    def on_step(step: Step) -> None:
         kept.in_use = step in (Step.RESET, Step.SELF_TEST)
 
     # One that starts after the reset leaves the release on trial.
     with pytest.raises(NotNowError, match="runs on trial, and was not confirmed"):
-        flashed(line, say=say)
+        flashed(line, on_step=on_step)
     assert kept.running.phase == Phase.TRIAL
     kept.in_use = False
     assert flashed(line).end is End.CONFIRMED

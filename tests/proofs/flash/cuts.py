@@ -75,7 +75,7 @@ class Asked:
     activated: bool = False
     confirmed: bool = False
 
-    def say(self, step: Step) -> None:
+    def on_step(self, step: Step) -> None:
         self.activated |= step is Step.ACTIVATE
         self.confirmed |= step is Step.CONFIRM
 
@@ -226,7 +226,7 @@ def both_bad(kind: str, seed: int) -> Tally:
 
 
 def _flash(ecu: StoreEcu, asked: Asked) -> Flashed:
-    return flash_over(Line(ecu), shipped(NEW), progress=asked.progress, say=asked.say)
+    return flash_over(Line(ecu), shipped(NEW), progress=asked.progress, on_step=asked.on_step)
 
 
 def _judge(ecu: StoreEcu, twin: Place, asked: Asked, wrong: Callable[[str, str], None]) -> None:

@@ -112,6 +112,9 @@ def test_a_release_for_another_vehicle_is_refused(tmp_path: Path) -> None:
     assert rig.write(image("second", control_period=0.1)) is Verdict.WRONG_PERIOD
     rig.reset()
     assert rig.write(image("second", action_limit=0.2)) is Verdict.WRONG_VEHICLE
+    # One whose graph has other sizes than its manifest states.
+    rig = Rig(tmp_path / "ecu", controller_of=OnnxController.of)
+    assert rig.write(image("second", window=33)) is Verdict.DAMAGED
 
 
 def test_a_controller_is_made_once_for_check_and_boot(bundle_of) -> None:
