@@ -38,7 +38,7 @@ class Phase:
 
     @property
     def reduction(self) -> float:
-        """Of the wall's mean drag, percent; NaN if a run is missing."""
+        """Reduction of the wall's mean drag, percent; NaN if a run is missing."""
         if self.under.figures is None or self.free.figures is None:
             return nan
         return 100.0 * (1.0 - self.under.figures.Cd / self.free.figures.Cd)
@@ -257,7 +257,7 @@ def _row(scenario: Scenario, phases: tuple[Phase, ...], undisturbed: float) -> R
 
 
 def _spread(outcomes: Sequence[Outcome], name: str) -> Spread:
-    """Of one of the `Figures`."""
+    """Spread of one of the `Figures`."""
     return Spread.of([nan if one.figures is None else float(getattr(one.figures, name)) for one in outcomes])
 
 

@@ -11,7 +11,7 @@ def listing(scenarios: Sequence[Scenario], *, phases: int, combine: bool) -> lis
     lines = [
         f"{len(scenarios) + combine} scenarios, from {phases} starting phase{'' if phases == 1 else 's'} each.",
         "Safe, always required: no invariant of the ECU and the vehicle breaks in any period.",
-        f"Useful, unless a scenario says otherwise: {criteria_text(Criteria())}.",
+        f"Useful, unless a scenario has its own rule: {criteria_text(Criteria())}.",
     ]
     for title, group in groupby(scenarios, key=lambda one: one.group):
         lines += ["", title]

@@ -10,7 +10,7 @@ from contract.atomic import replacing
 from firmware_sim.campaign.judgement import Row, Spread
 
 HEADS: Final = ("scenario", "safe", "use", "less drag, %", "mean |Cl|", "in control, %", "latched")
-"""Of `cells`."""
+"""Heads of `cells`."""
 
 
 def cells(row: Row) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ SCHEMA: Final = "stillwake-campaign-run/1"
 COURSE: Final = ("t", "Cd", "Cl", "action")
 """The series that are kept, a value a control period."""
 DECIMALS: Final = 6
-"""Of kept series: a tenth of what the wire resolves of an action."""
+"""Digits of kept series: a tenth of what the wire resolves of an action."""
 MOST_KEPT: Final = 20
 """Violations that are kept word for word; all of them are counted."""
 

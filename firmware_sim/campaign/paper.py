@@ -13,5 +13,5 @@ NOISE: Final = "consistent drag reduction across all tested noise levels"
 
 
 def reduction_percent(Cd: float) -> float:
-    """Of mean drag against the paper's wake without control."""
+    """Reduction of mean drag against the paper's wake without control."""
     return 100.0 * (1.0 - Cd / UNCONTROLLED_CD)

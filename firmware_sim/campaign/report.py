@@ -21,7 +21,7 @@ from firmware_sim.runs import pages
 _CURVES: Final = {
     "noise": (
         "Sensor noise",
-        f"Bars: least and most of the starting phases. Star: the paper's loop without noise; of noise it says in words "
+        f"Bars: least and most of the starting phases. Star: the paper's loop without noise; of noise it gives "
         f"{paper.NOISE!r}, and shows a picture without numbers.",
     ),
     "delay": (

@@ -1,6 +1,6 @@
 """Figures of a campaign: drag and side force over noise and delay, each group at a glance, and the course of runs.
 
-Colours are those of Okabe and Ito, which colour-blind readers tell apart; marks differ as well.
+Colours are those of Okabe and Ito, which colour-blind readers distinguish; marks differ as well.
 """
 
 import re

@@ -26,7 +26,7 @@ from wake.truck.truck_wake import TruckWake
 def run_task(task: Task, bundle: Bundle, start: State) -> Outcome:
     """Run it from that start. The outcome depends on the arguments alone; its key is the caller's to fill in.
 
-    What is raised in a run is a finding of the campaign, not its end: the outcome says what it was.
+    What is raised in a run is a finding of the campaign, not its end: the outcome records it.
     """
     try:
         return _under_control(task, bundle, start) if task.controlled else _free(task, bundle, start)
@@ -53,7 +53,7 @@ def check_run(
 
 
 def flow_disturbances(texts: Iterable[str]) -> tuple[str, ...]:
-    """Those that act on the flow, also where nobody controls it."""
+    """Those that act on the flow, also without control."""
     disturbances = Disturbances.parse(texts)
     return tuple(
         text

@@ -80,7 +80,7 @@ class Scenario:
         if self.name.rpartition(".")[2] == UNCONTROLLED:
             raise ConfigError(f"name {self.name!r}: a campaign keeps its runs without control under such names")
         if not self.sentence.strip() or not self.sentence.isprintable():
-            raise ConfigError(f"sentence {self.sentence!r}: must say in one line what is done to the loop")
+            raise ConfigError(f"sentence {self.sentence!r}: must be one line on what is done to the loop")
 
 
 @dataclass(frozen=True, kw_only=True)

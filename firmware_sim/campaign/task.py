@@ -87,6 +87,6 @@ def settings_of(scenario: Scenario, config: Config) -> Config:
 
 
 def seed_of(seed: int, name: str, phase: int) -> int:
-    """A seed of its own for every run, whatever is run beside it."""
+    """A seed of its own for every run, whatever else is run."""
     text = f"{seed}/{name}/{phase}"
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4])

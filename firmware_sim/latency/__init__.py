@@ -1,1 +1,1 @@
-"""How late a loop in real time is: stages, an idle loop beside it, whose fault each miss is, and a budget to keep."""
+"""How late a loop in real time is: stages, an idle loop of the same run, and a budget to keep."""

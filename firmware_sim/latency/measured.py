@@ -55,7 +55,7 @@ class Measured:
 
     @cached_property
     def idle_late(self) -> Array:
-        """Of each period of the idle loop, ns after its deadline."""
+        """Lateness of each period of the idle loop, ns after its deadline."""
         return lateness(self.idle, self.periods.period_ns)
 
     @property

@@ -33,7 +33,7 @@ _SETTLE: Final = 40.0
 
 @dataclass(frozen=True, kw_only=True)
 class SavedAs:
-    """What a saved run says of itself.
+    """What a saved run records of itself.
 
     Attributes:
         bundle, config: of the session.
@@ -119,7 +119,7 @@ def _computed_by(run: LiveRun, first: int) -> str:
 
 def _faults(run: LiveRun, first: KeptPeriod) -> tuple[InjectedFault, ...]:
     acted = first.before.acted
-    return tuple(told.injected(run.period_ns, acted.get(told.serial, 0)) for told in run.disturbances.happened)
+    return tuple(one.injected(run.period_ns, acted.get(one.serial, 0)) for one in run.disturbances.happened)
 
 
 def _totals(begin: BusTotals, end: BusTotals) -> BusTotals:
@@ -127,7 +127,7 @@ def _totals(begin: BusTotals, end: BusTotals) -> BusTotals:
         sent=end.sent - begin.sent,
         # A frame that was under way at the beginning is not lost any more when it has arrived.
         lost=max(end.lost - begin.lost, 0),
-        # An ECU that starts anew counts anew.
+        # An ECU that starts again counts from 0.
         rejected=max(end.rejected - begin.rejected, 0),
     )
 
@@ -149,7 +149,7 @@ def _traffic(periods: Sequence[KeptPeriod], end: Counted, config: Config, nodes:
 
 
 def origin_of(day: date, command: tuple[str, ...], first: int) -> RunOrigin:
-    """Of a session; `first` is the first period that is kept."""
+    """Origin of a session; `first` is the first period that is kept."""
     if first == 0:
         return RunOrigin.on(day, command=command)
     return RunOrigin.on(day, command=command, start=f"period {first} of a live session")

@@ -1,4 +1,4 @@
-"""The live loop as an object: stepped period by period, told by viewers, asked for what is new.
+"""The live loop as an object: stepped period by period, set by viewers, asked for what is new.
 
 No socket, process or thread, and no clock but those it is given: whoever drives it decides when a period passes. The
 loop is the one of a run (`firmware_sim.bench.simulation`): with the settings left alone, row by row the same.
@@ -104,7 +104,7 @@ class LiveSession:
         self._start(self._settings)
 
     def hello(self) -> Hello:
-        """Everything that stays until the plant starts anew."""
+        """Everything that stays until the plant starts again."""
         return present.hello(
             self._run,
             self._bundle,
@@ -127,13 +127,13 @@ class LiveSession:
         if run.request.begins(run.k):
             self._settings = replace(self._settings, enable=True)
             self._settings_due = True
-            self._say("loop", "the lead-in is over: the vehicle requests control")
+            self._note("loop", "the lead-in is over: the vehicle requests control")
         self._rows.append(run.step())
         del self._rows[: -self._kept]
         self._ticks.append(self._clock())
         seen = run.seen()
         for kind, text in noticed(self._seen, seen):
-            self._say(kind, text)
+            self._note(kind, text)
         self._seen = seen
         self._events.pass_to(run.time_s(run.k), run.periods[-1].row.sample.t)
         self._now_due = True
@@ -184,7 +184,7 @@ class LiveSession:
                 answer["saved"] = self._save()
             case "restart":
                 self._start(self._settings)
-                self._say("set", "the plant starts anew")
+                self._note("set", "the plant starts again")
 
     def _change(self, given: dict[str, Any]) -> None:
         own, sensors = self._bundle.manifest.mpc.weights, self._bundle.manifest.sensors
@@ -219,7 +219,7 @@ class LiveSession:
         self._settings_due = True
         labels = {choice["name"]: choice["label"] for choice in self._choices["controller"]}
         for text in changes(before, self._settings, self._bundle.manifest.mpc.weights, labels):
-            self._say("set", text)
+            self._note("set", text)
 
     def _exchange(self, before: LiveSettings, after: LiveSettings) -> None:
         """Another ECU, another goal, or none."""
@@ -240,17 +240,17 @@ class LiveSession:
         self._apply(self._settings.without_faults, enable=None)
         text = "cleared"
         if self._run.state.sensors.set_aside is not None and not self._run.is_off:
-            text += "; the ECU starts anew, and believes all sensors again"
+            text += "; the ECU starts again, and believes all sensors again"
         if self._run.help():
             text += "; the request is taken back for a moment, since only a new one leads on"
-        self._say("set", text)
+        self._note("set", text)
         return text
 
     def _power_cycle(self) -> None:
         if self._settings.controller == OFF:
             raise ConfigError("power cycle: the ECU has no supply; choose a controller, and it starts")
         self._run.power_cycle()
-        self._say("set", "the ECU's supply is cut for a moment")
+        self._note("set", "the ECU's supply is cut for a moment")
 
     def _pause(self, value: bool) -> None:
         self._paused, self._now_due = value, True
@@ -273,7 +273,7 @@ class LiveSession:
             origin=origin,
         )
         save(self._saves / name, run, facts)
-        self._say("set", f"the run is saved as {name}")
+        self._note("set", f"the run is saved as {name}")
         return name
 
     # Beginning.
@@ -356,7 +356,7 @@ class LiveSession:
         passed = float(ticks[-1] - ticks[0]) if len(ticks) > 1 else 0.0
         return (len(ticks) - 1) / passed if passed > 0.0 else 0.0
 
-    def _say(self, kind: str, text: str) -> None:
+    def _note(self, kind: str, text: str) -> None:
         run = self._run
         t = run.k * self._config.flow.control_period
         self._events.add(kind, text, time_s=run.time_s(run.k), t=t)

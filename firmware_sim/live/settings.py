@@ -13,7 +13,8 @@ from contract.controller.calibration import LARGEST_WEIGHT, WEIGHTS
 from contract.errors import ConfigError
 
 CONTROLLERS: Final = ("int8", "c", "cortex-m7", "off")
-"""ECU in Python with the int8 graph; its twin in C on this machine; the same on an emulated core; no supply."""
+"""ECU in Python with the release's ONNX graph; its twin in C on this machine; the same on an emulated core; no supply.
+The first name is older than graphs of float32: links and scripts have it."""
 PLANTS: Final = ("wake", "recording")
 """The flow solver, which answers the jets; recorded pressures, which do not."""
 
@@ -41,7 +42,7 @@ SLIDERS: Final = {
     "delay_ms": Slider(least=0.0, greatest=200.0, step=5.0, unit="ms more to the jets"),
 }
 WEIGHT: Final = Slider(least=0.0, greatest=LARGEST_WEIGHT, step=0.01, unit="")
-"""Of every cost weight: the bounds of a calibration."""
+"""Slider of every cost weight: the bounds of a calibration."""
 _SENSORS: Final = ("dead", "biased")
 _CHOICES: Final = {"controller": CONTROLLERS, "plant": PLANTS}
 _SWITCHES: Final = ("enable", "babble")
@@ -49,7 +50,7 @@ _SWITCHES: Final = ("enable", "babble")
 
 @dataclass(frozen=True, kw_only=True)
 class LiveSettings:
-    """Of the running loop.
+    """Settings of the running loop.
 
     Attributes:
         enable: the vehicle wants control.

@@ -14,7 +14,7 @@ from firmware_sim.mcu.cores import CORTEX_M7, Core
 LINKER_SCRIPT: Final = "cortex_m7.ld"
 CONTROL_STEP: Final = "mcu.c"
 ECU: Final = "mcu_ecu.c"
-"""Firmwares: what the core's memory holds beside the library, and the function that is called."""
+"""Firmwares: what the core's memory holds besides the library, and the function that is called."""
 MISSING: Final = "the compiler is missing: pip install 'stillwake[mcu]', or in a checkout pip install '.[mcu]'"
 # Contraction within an expression, as the language allows it, is the same for every target with fused operations.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")

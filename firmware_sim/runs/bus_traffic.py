@@ -28,7 +28,7 @@ class NodeErrors:
 
     @classmethod
     def of(cls, health: BusHealth, refused: int) -> "NodeErrors":
-        """From what the controller says of itself."""
+        """From what the controller reports."""
         return cls(
             state=health.state.name,
             tx_errors=health.tx_errors,
@@ -45,7 +45,7 @@ class BusTraffic:
     Attributes:
         load: share of the time in which the bus was not free, 0 to 1.
         frames: all that went over it.
-        error_frames: attempts that were destroyed, or that nobody acknowledged.
+        error_frames: attempts that were destroyed, or that no node acknowledged.
         longest_wait_ms: of our messages, by their names: the longest time from the hand-over of a frame to the begin of
             the attempt that succeeded. A message of which none was sent is not in it.
         nodes: by their names.

@@ -63,7 +63,7 @@ class Control:
 
 
 def control(log: RunLog) -> Control:
-    """Of a run, from the period in which control is first requested."""
+    """Control in a run, from the period in which control is first requested."""
     modes = log.series["mode"][log.enabled_at :].astype(int)
     skipped = np.isnan(log.series["step_ms"][log.enabled_at :])
     names = [SKIPPED if left_out else Mode(mode).name for mode, left_out in zip(modes, skipped, strict=True)]

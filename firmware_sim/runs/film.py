@@ -1,4 +1,4 @@
-"""The part of a run that its film tells."""
+"""The part of a run that its film shows."""
 
 from contract.errors import ConfigError
 from firmware_sim.runs.run_log import RunLog

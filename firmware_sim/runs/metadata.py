@@ -36,7 +36,7 @@ class RunOrigin:
 
     @classmethod
     def on(cls, day: date, *, command: tuple[str, ...] = (), start: str | None = None) -> "RunOrigin":
-        """Of this day; `start` names the state file, if one was given."""
+        """Origin of this day; `start` names the state file, if one was given."""
         if start is None:
             return cls(day=day.isoformat(), command=command)
         return cls(day=day.isoformat(), command=command, flow=start)
@@ -83,7 +83,7 @@ class RunEcu:
 
 @dataclass(frozen=True, kw_only=True)
 class RunMetadata:
-    """Kept beside the series of a run, and the facts of its results.
+    """Kept with the series of a run, and the facts of its results.
 
     Attributes:
         controller: name, precision and digest of the bundle.
@@ -142,7 +142,7 @@ class RunMetadata:
         fault_seed: int = 0,
         ecu: RunEcu | None = None,
     ) -> "RunMetadata":
-        """Of a run in this process; arguments as the attributes.
+        """Metadata of a run in this process; arguments as the attributes.
 
         Args:
             calibration: of the ECU that ran: weights and bounds are recorded as it had them.

@@ -1,4 +1,4 @@
-"""Self-contained HTML pages from the templates beside this file: no page refers to another file."""
+"""Self-contained HTML pages from the templates next to this file: no page refers to another file."""
 
 import base64
 import io

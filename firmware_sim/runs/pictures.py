@@ -1,4 +1,4 @@
-"""Pictures of a run: its time series with the ECU's modes, its latency, and the wake beside them."""
+"""Pictures of a run: its time series with the ECU's modes, its latency, and the wake."""
 
 import io
 from itertools import pairwise
@@ -97,7 +97,7 @@ def series_figure(log: RunLog, width: float = WIDE) -> Figure:
 
 
 def latency_figure(log: RunLog) -> Figure:
-    """How often a control step took how long on this machine, beside the budget."""
+    """How often a control step took how long on this machine, and the budget."""
     figure = Figure(figsize=(NARROW, 2.6), dpi=110)
     figure.subplots_adjust(left=0.14, right=0.96, bottom=0.2, top=0.89)
     axes = figure.add_subplot(xlabel="control step on this machine / ms", ylabel="steps")

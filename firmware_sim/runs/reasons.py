@@ -17,7 +17,7 @@ BECAUSE: Final[Mapping[Reason, str]] = {
     Reason.NOT_AUTHENTIC: "the frames were not authentic",
     Reason.CLOCK: "its clock jumped",
     Reason.IMPLAUSIBLE: "the pressures contradict each other",
-    Reason.NOT_ARMED: "the request stands from before, and must fall and rise anew",
+    Reason.NOT_ARMED: "the request stands from before, and must fall and rise again",
     Reason.OTHER_ECU: "another ECU is on the bus",
     Reason.NO_RELEASE: "it has no release",
     Reason.UPDATING: "a release is being written",

@@ -35,7 +35,7 @@ uses half of it."""
 
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:
-    """(quantity, uncontrolled, controlled), formatted; one row that says why where there are no averages."""
+    """(quantity, uncontrolled, controlled), formatted; one row with the reason where there are no averages."""
     found = averages(log)
     if isinstance(found, NoAverages):
         return [(found.why, "", "")]
@@ -182,7 +182,7 @@ def _fits(needed_ms: float, period_ms: float) -> str:
 
 
 def _on_this_machine(run: RunMetadata, timing: Latency) -> list[tuple[str, str]]:
-    """What a step took here; how long an emulator takes says nothing of the budget."""
+    """What a step took here; how long an emulator takes means nothing for the budget."""
     if run.ecu.clock_mhz is not None:
         return [("emulating a step on this machine, p50 / p90 / p99 / max", _measured(timing))]
     return [
@@ -199,7 +199,7 @@ def _measured(timing: Latency) -> str:
 
 def _against_budget(timing: Latency, budget_ms: float) -> str:
     within = f"within {budget_ms:g} ms in {timing.steps - timing.over_budget} of {timing.steps} steps"
-    return f"{within}; says nothing of another machine"
+    return f"{within}; holds for this machine only"
 
 
 def _sample_to_jets(log: RunLog) -> str:

@@ -24,7 +24,7 @@ UNITS: Final = {
     "step_ms": "ms",
     "age_ms": "ms",
 }
-"""Of every column in `COLUMNS`; mode and reason are written by their names."""
+"""Unit of every column in `COLUMNS`; mode and reason are written by their names."""
 
 
 def write_csv(path: Path, log: RunLog) -> None:

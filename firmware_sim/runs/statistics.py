@@ -62,7 +62,7 @@ class Averages:
 
     @property
     def reduction_percent(self) -> float:
-        """Of the wall's mean drag."""
+        """Reduction of the wall's mean drag."""
         return 100.0 * (1.0 - self.under.Cd / self.before.Cd)
 
 

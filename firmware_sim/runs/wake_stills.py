@@ -25,7 +25,7 @@ from wake.pictures.levels import Levels
 
 SCHEMA: Final = "stillwake-wake/1"
 MOST_STILLS: Final = 640
-"""Of a recording; a longer run has them farther apart. 640 take about 2 MB."""
+"""Stills of a recording; a longer run has them farther apart. 640 take about 2 MB."""
 MIDDLE: Final = 128
 """Grey of level 0."""
 _WEBP: Final = {"quality": 85, "method": 2}
@@ -49,7 +49,7 @@ class Scene:
 
     @classmethod
     def of(cls, picture: LevelPicture, layout: SensorLayout) -> "Scene":
-        """Of a plant with these sensors."""
+        """Scene of a plant with these sensors."""
         places = {name: (float(x), float(y)) for name, (x, y) in zip(layout.names, layout.positions, strict=True)}
         return cls(view=picture.view, size=picture.size, sensors=places)
 
@@ -71,7 +71,7 @@ class WakeStills:
     stills: tuple[bytes, ...]
 
     def levels(self, index: int) -> Levels:
-        """Of a still, (height, width), within the loss of the codec."""
+        """Levels of a still, (height, width), within the loss of the codec."""
         with Image.open(io.BytesIO(self.stills[index])) as still:
             grey = np.asarray(still.convert("L"), dtype=np.int16)
         return np.asarray(np.clip(grey - MIDDLE, -127, 127), dtype=np.int8)

@@ -1,4 +1,4 @@
-"""The winner beside the present settings, on starts and a mesh that nothing was tuned on; finished runs are kept."""
+"""The winner against the present settings, on starts and a mesh that nothing was tuned on; finished runs are kept."""
 
 import hashlib
 import json

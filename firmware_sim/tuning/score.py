@@ -45,7 +45,7 @@ class PhaseFigures:
 
     @classmethod
     def failed(cls, why: str) -> "PhaseFigures":
-        """Of a run that did not end."""
+        """Figures of a run that did not end."""
         return cls(reduction_percent=None, abs_Cl=None, mean_Cl=None, rms_action=None, jet_power=None, trouble=why)
 
     def to_tree(self) -> dict[str, Any]:
@@ -79,7 +79,7 @@ class Goal:
         return reduction_percent - self.lift_penalty * max(0.0, abs_Cl - self.lift_bound)
 
     def score(self, figures: PhaseFigures) -> float:
-        """Of a run."""
+        """Score of a run."""
         if figures.trouble is not None or figures.reduction_percent is None or figures.abs_Cl is None:
             return TROUBLE
         return self.points(figures.reduction_percent, figures.abs_Cl)

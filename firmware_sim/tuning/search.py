@@ -33,7 +33,7 @@ LABEL: Final = "label"
 SECONDS: Final = "seconds"
 PHASES: Final = "phases"
 SETTINGS: Final = "settings"
-"""Names of what a trial keeps beside its score."""
+"""Names of what a trial keeps with its score."""
 FINISHED: Final = (TrialState.COMPLETE, TrialState.PRUNED)
 
 _STUDY: Final = "tune"
@@ -44,7 +44,7 @@ _NEVER_PRUNED: Final = 5
 _UNJUDGED_BLOCKS: Final = 3
 """Blocks of the first run in which no trial is given up: the side force is still large then."""
 _ENOUGH: Final = 8
-"""Trials without which nothing can be said about what matters."""
+"""Trials without which nothing is known about what matters."""
 
 
 class RunPhase(Protocol):
@@ -81,7 +81,7 @@ class Plan:
     tries: tuple[Values, ...] = ()
 
     def ranges(self) -> dict[str, Range]:
-        """Of every setting that is varied."""
+        """Range of every setting that is varied."""
         return ranges_around(self.present, self.names)
 
 
@@ -160,10 +160,10 @@ def search(
         except optuna.TrialPruned:
             score = None
         trial.set_user_attr(SECONDS, clock() - since)
-        told = study.tell(trial, state=TrialState.PRUNED) if score is None else study.tell(trial, score)
-        ended(told)
+        ended_trial = study.tell(trial, state=TrialState.PRUNED) if score is None else study.tell(trial, score)
+        ended(ended_trial)
         if not before and score == TROUBLE:
-            why = told.user_attrs[PHASES][-1]["trouble"] or "there are no averages"
+            why = ended_trial.user_attrs[PHASES][-1]["trouble"] or "there are no averages"
             raise ConfigError(f"the present settings cannot be compared with: {why}")
 
 
@@ -185,7 +185,7 @@ def complete(study: optuna.Study) -> list[FrozenTrial]:
 
 
 def score_of(trial: FrozenTrial) -> float:
-    """Of a complete trial."""
+    """Score of a complete trial."""
     assert trial.value is not None
     return trial.value
 

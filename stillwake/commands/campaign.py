@@ -44,7 +44,7 @@ def campaign(
     scenarios: Annotated[
         list[Path],
         typer.Option(
-            help="TOML file with scenarios of your own, beside the built-in ones (repeatable).", metavar="FILE"
+            help="TOML file with scenarios of your own, besides the built-in ones (repeatable).", metavar="FILE"
         ),
     ] = [],  # noqa: B006  (typer reads it, nothing writes it)
     only: Annotated[
@@ -127,7 +127,7 @@ def campaign(
 def _planned(
     release: Bundle, config: Config, files: Sequence[Path], only: Sequence[str], spans: dict[str, float], seed: int
 ) -> "Campaign":
-    """The campaign that was asked for, checked: whatever is wrong with it is said before anything runs."""
+    """The campaign that was asked for, checked: whatever is wrong with it is reported before anything runs."""
     from contract.config.body_sensors import layout_of
     from firmware_sim.campaign.conduct import Campaign
     from firmware_sim.campaign.plan_file import whole_plan
@@ -162,7 +162,7 @@ def _planned(
 
 
 def _conducted(planned: "Campaign", folder: "CampaignFolder", workers: int, scheduler: str | None) -> "Result":
-    """Run what is missing, with progress; when it is stopped, say how to go on."""
+    """Run what is missing, with progress; when it is stopped, report how to go on."""
     from firmware_sim.campaign.conduct import conduct
 
     # A run takes half a minute: the speed is that of the last hour.

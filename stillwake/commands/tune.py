@@ -92,7 +92,7 @@ def tune(
     A trial runs the loop through CAN from several starts, on a coarse mesh.
     Its score is the mean drag reduction in percentage points, less a penalty
     for side force. Trials that fall behind are given up early. The first one
-    has the present settings. The winner is then judged beside them, on the
+    has the present settings. The winner is then judged with them, on the
     mesh of --set and from other starts.
 
     It can be stopped at any time: the same command goes on. Give more --hours
@@ -259,7 +259,7 @@ def _print_trials(study: "optuna.Study", names: Sequence[str]) -> None:
 
 
 def _print_judged(runs: "Sequence[Judged]", winner: MpcConfig | None, goal: "Goal") -> str:
-    """The table of the judgement; what it says, in words."""
+    """The table of the judgement, and its verdict in words."""
     from firmware_sim.tuning.judgement import verdict
 
     if not runs:

@@ -129,7 +129,7 @@ def vehicle(
                 config,
                 course,
                 is_stopped=is_stopped,
-                tell=lambda text: bar.console.print(text, soft_wrap=True, highlight=False),
+                report=lambda text: bar.console.print(text, soft_wrap=True, highlight=False),
                 progress=show,
             )
             bar.update(task, completed=figures.periods, note=note_of(figures))

@@ -190,8 +190,9 @@ class Ecus:
 def controllers(release: Bundle, library: Path | None) -> "list[Choice]":
     """Of the live loop with this release, in the order of `firmware_sim.live.settings.CONTROLLERS`."""
     precision = release.manifest.precision
+    graph = f"linear controller, {precision}" if release.manifest.is_linear else f"{precision} ONNX graph"
     return [
-        {"name": "int8", "label": f"ECU in Python, {precision} ONNX graph", "missing": None},
+        {"name": "int8", "label": f"ECU in Python, {graph}", "missing": None},
         {"name": "c", "label": f"ECU in C, {precision}", "missing": _no_library(release, library) or _no_compiler()},
         {
             "name": "cortex-m7",

@@ -30,7 +30,7 @@ class Heard:
 
 
 def line(heard: Heard, messages: MessageSet, rejected: Mapping[Rejection, int], *, seconds: float) -> str:
-    """Why no command came, as far as the bus tells.
+    """Why no command came, as far as the bus shows.
 
     Args:
         heard: what was received.

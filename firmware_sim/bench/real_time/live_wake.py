@@ -1,6 +1,6 @@
 """The own solver in a process of its own, one control period ahead of the bus.
 
-At a sampling instant the action of the period to come is known: an ECU that plans ahead says it a period before. So the
+At a sampling instant the action of the period to come is known: an ECU that plans ahead sends it early. So the
 solver has the whole period to get to the next sampling instant. If it does not, that instant passes without pressures,
 and the flow's time falls behind the clock's by a period.
 """
@@ -66,7 +66,7 @@ class LiveWake:
 
     @property
     def layout(self) -> SensorLayout:
-        """Of the body."""
+        """Sensors of the body."""
         return self._layout
 
     @property
@@ -124,7 +124,7 @@ class LiveWake:
 
 def _run(pipe: Connection, config: Config, start: Path | None) -> None:
     """The process: settle, then a control period for every action that comes."""
-    # A stop may go to all processes of a terminal or a service; the vehicle ends this one when it has said goodbye.
+    # A stop may go to all processes of a terminal or a service; the vehicle ends this one after its farewell.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     stay_ordinary()
@@ -132,19 +132,19 @@ def _run(pipe: Connection, config: Config, start: Path | None) -> None:
     from wake.plants import open_plant
     from wake.truck.truck_wake import TruckWake
 
-    def say(*word: object) -> None:
+    def send(*word: object) -> None:
         pipe.send(word)
 
     try:
-        with open_plant("stillwake", Path(), config, progress=lambda *at: say("settling", *at), start=start) as wake:
+        with open_plant("stillwake", Path(), config, progress=lambda *at: send("settling", *at), start=start) as wake:
             assert isinstance(wake, TruckWake)
             wake.advance(0.0)
-            say("ready", Speed.of(measured(wake)), wake.description, wake.sample().Cp)
+            send("ready", Speed.of(measured(wake)), wake.description, wake.sample().Cp)
             while True:
                 sample = wake.advance(pipe.recv())
-                say("sample", sample.Cp)
+                send("sample", sample.Cp)
     except StillwakeError as error:
-        say(error)
+        send(error)
     except (EOFError, BrokenPipeError, ConnectionResetError):
         # The vehicle has closed the pipe.
         return

@@ -16,7 +16,7 @@ class Pressures(Protocol):
 
     @property
     def layout(self) -> SensorLayout:
-        """Of the sensors."""
+        """Names and places of the sensors."""
 
     @property
     def description(self) -> str:
@@ -57,7 +57,7 @@ class Replay:
 
     @property
     def layout(self) -> SensorLayout:
-        """Of the recording."""
+        """Sensors of the recording."""
         return self._layout
 
     @property

@@ -27,7 +27,7 @@ from firmware_sim.ecu.real_time.stage_times import StageTimes, VehicleStage
 LEAD_IN_NS: Final = 50_000_000
 """From the loop's making to its first sampling instant."""
 SILENCE_S: Final = 1.0
-"""Without a usable command, after which it is said what is heard instead."""
+"""Without a usable command, after which a line reports what is heard instead."""
 ROOM: Final = 4096
 """Frames kept for a period: a second of a full classic bus."""
 WRITTEN_EVERY: Final = 500
@@ -61,10 +61,10 @@ def run_vehicle(
     course: Course,
     *,
     is_stopped: Callable[[], bool] = lambda: False,
-    tell: Callable[[str], None] = lambda line: None,
+    report: Callable[[str], None] = lambda line: None,
     progress: Callable[[Figures], None] = lambda figures: None,
 ) -> Figures:
-    """Run until the course is done or a stop is asked for; then withdraw the request for control and tell the ECU so.
+    """Run until the course is done or a stop is asked for; then withdraw the request for control on the bus.
 
     Args:
         bus: open.
@@ -73,7 +73,7 @@ def run_vehicle(
         config: of the vehicle.
         course: how long, and what else.
         is_stopped: asked every period.
-        tell: called with lines for people, from this thread.
+        report: called with lines for people, from this thread.
         progress: called about every half second.
 
     Raises:
@@ -92,19 +92,19 @@ def run_vehicle(
     # frame waited for in the kernel counts as being under way.
     inbox = Inbox(lambda frame: clock.now_ns(), room=ROOM)
     with ExitStack() as stack:
-        tell(f"real time: {in_words(stack.enter_context(taken(course.wanted)))}")
+        report(f"real time: {in_words(stack.enter_context(taken(course.wanted)))}")
         receiving = stack.enter_context(ReceiveThread(bus, inbox.put))
         first_ns = clock.now_ns() + LEAD_IN_NS
         deadlines = Deadlines(period_ns=config.period_ns, due_ns=first_ns, grace_ns=config.period_ns // 2)
         loop = VehicleLoop(config, node, pressures, bus, inbox, deadlines, stage_times=times)
-        silence = _Silence(loop, bus, config, tell)
+        silence = _Silence(loop, bus, config, report)
         figures, begun, has_given_up = loop.figures, 0, False
         while not is_stopped() and (course.periods is None or begun < course.periods):
             loop.period(enable_request=enable_from is not None and begun >= enable_from)
             begun += 1
             if node.has_given_up and not has_given_up:
                 has_given_up = True
-                tell(
+                report(
                     f"{config.vehicle.loss_limit} of {config.vehicle.loss_window} periods had no usable command: jets "
                     "shut, control given up and the request withdrawn until the request falls (vehicle.loss_limit)"
                 )
@@ -121,7 +121,7 @@ def run_vehicle(
     if times is not None and course.stage_times is not None:
         times.save(course.stage_times)
     if inbox.dropped:
-        tell(f"{inbox.dropped} frames were received faster than they could be looked at, and lost")
+        report(f"{inbox.dropped} frames were received faster than they could be looked at, and lost")
     return figures
 
 
@@ -142,8 +142,8 @@ def _node(
 class _Silence:
     """Says once when no command comes for a second, and once when they come again."""
 
-    def __init__(self, loop: VehicleLoop, bus: PythonCanBus, config: Config, tell: Callable[[str], None]) -> None:
-        self._loop, self._bus, self._tell = loop, bus, tell
+    def __init__(self, loop: VehicleLoop, bus: PythonCanBus, config: Config, report: Callable[[str], None]) -> None:
+        self._loop, self._bus, self._report = loop, bus, report
         self._messages = message_set(config.bus)
         self._commands = 0
         self._rejected = dict(bus.rejected)
@@ -156,10 +156,10 @@ class _Silence:
         self._loop.heard = Heard()
         if commands > self._commands:
             if self._is_told:
-                self._tell("usable commands come")
+                self._report("usable commands come")
             self._is_told = False
         elif not self._is_told:
             new = {reason: count - self._rejected[reason] for reason, count in rejected.items()}
-            self._tell(line(heard, self._messages, new, seconds=SILENCE_S))
+            self._report(line(heard, self._messages, new, seconds=SILENCE_S))
             self._is_told = True
         self._commands, self._rejected = commands, rejected

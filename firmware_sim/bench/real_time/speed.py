@@ -21,7 +21,7 @@ what it does on the default grid (docs/explanation/solver.md)."""
 
 @dataclass(frozen=True, kw_only=True)
 class Speed:
-    """Of a plant on a machine.
+    """Speed of a plant on a machine.
 
     Attributes:
         typical_ms: wall time of a control period, the median.

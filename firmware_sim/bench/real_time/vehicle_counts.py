@@ -38,7 +38,7 @@ class Durations:
 
 @dataclass(kw_only=True, eq=False)
 class Figures:
-    """Of one run.
+    """Counts of one run.
 
     Attributes:
         periods: begun.

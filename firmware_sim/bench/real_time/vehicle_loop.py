@@ -96,7 +96,7 @@ class VehicleLoop:
         self._deadlines = self._deadlines.after(self._now_ns())
 
     def finish(self) -> None:
-        """Wait for the last period's end, so that its command counts, and shut the jets and tell the ECU so."""
+        """Wait for the last period's end, so that its command counts, and shut the jets and withdraw the request."""
         due_ns = self._next_instant()
         if self._has_begun:
             self._end_period(due_ns)

@@ -31,7 +31,7 @@ class _Row:
 
 
 class BusTable:
-    """Of one run of the loop. Give it every `Transmission`, and say when a period is over.
+    """Traffic of one run of the loop. Give it every `Transmission`, and call it when a period is over.
 
     Args:
         config: the bus, and the clock.

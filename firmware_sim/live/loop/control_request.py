@@ -1,4 +1,4 @@
-"""When the vehicle requests control: as a viewer wants, by itself after a lead-in, and anew after a latched fault."""
+"""When the vehicle requests control: as a viewer wants, by itself after a lead-in, and again after a latched fault."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ _NEEDS_A_RISE = (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.FAULT)
 
 @dataclass(kw_only=True)
 class ControlRequest:
-    """Of one run of the loop.
+    """The request in one run of the loop.
 
     Attributes:
         lead_in: periods after which control is requested.
@@ -31,7 +31,7 @@ class ControlRequest:
     first: int | None = None
 
     def set(self, wanted: bool) -> None:
-        """A viewer has said so."""
+        """Set what a viewer wants."""
         self.wanted, self.waits, self.rearming = wanted, False, False
 
     def rearm(self, fail_safe: FailSafe, *, given_up: bool) -> bool:

@@ -11,7 +11,7 @@ from wake.truck.averages import over_cycles, over_last_cycles
 
 
 class DragMeans:
-    """Of one run of the loop.
+    """Mean drag of one run of the loop.
 
     Args:
         control_period: t_c.
@@ -30,16 +30,16 @@ class DragMeans:
         self.now: float | None = None
 
     def add(self, sample: Sample) -> None:
-        """Of a period's start."""
+        """Add the sample of a period's start."""
         self._samples.append((sample.t, sample.Cd, sample.Cl))
 
-    def update(self, *, anew: bool) -> None:
+    def update(self, *, without_control: bool) -> None:
         """Average again.
 
         Args:
-            anew: what is without control, too: up to the sample at which it is requested.
+            without_control: also the mean without control, up to the sample at which it is requested.
         """
-        if anew:
+        if without_control:
             t, drag, lift = np.array(self._samples, dtype=float).T
             try:
                 average = over_cycles(t, lift)

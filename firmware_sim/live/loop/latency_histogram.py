@@ -18,7 +18,7 @@ MODELLED: Final = "modelled cycles of the Cortex-M7"
 
 
 class LatencyHistogram:
-    """Of steps that planned; of one ECU, for times of two do not compare.
+    """Times of steps that planned, of one ECU, because times of two do not compare.
 
     Args:
         budget_ms: of the bundle.
@@ -33,7 +33,7 @@ class LatencyHistogram:
         self._of = ON_THIS_MACHINE
 
     def start(self, *, modelled: bool) -> None:
-        """Of another ECU from now on."""
+        """Begin with another ECU."""
         self._times.clear()
         self._of = MODELLED if modelled else ON_THIS_MACHINE
 

@@ -120,12 +120,12 @@ class LiveRun:
 
     @property
     def k(self) -> int:
-        """Of the next period."""
+        """Number of the next period."""
         return self._k
 
     @property
     def period_ns(self) -> int:
-        """Of control, in virtual time."""
+        """Control period in virtual time."""
         return self._config.period_ns
 
     def time_s(self, k: int) -> float:
@@ -148,7 +148,7 @@ class LiveRun:
         requested = self.request.requests(
             k, self.state.fail_safe, is_up=loop.ecu_is_up, given_up=self.node.has_given_up
         )
-        self._tell_withheld(k, requested)
+        self._note_withheld(k, requested)
         self.picture = self.scene.look(k)
         if self.request.first == k:
             self.before_control = self.scene.still()
@@ -176,7 +176,7 @@ class LiveRun:
         without = self.request.first is None or self.request.first == k
         self.drag.add(row.sample)
         if k % _AVERAGES_EVERY == 0 or self.request.first == k:
-            self.drag.update(anew=without)
+            self.drag.update(without_control=without)
         return kept
 
     def exchange(self, ecu: LoopEcu, text: str) -> None:
@@ -191,9 +191,9 @@ class LiveRun:
         self.changes = [*begun[-1:], *self.changes[len(begun) :], EcuChange(k=self._k, text=text)]
 
     def help(self) -> bool:
-        """End by a new request what has latched, and what still will by what was wrong up to now; whether one is due.
+        """End what has latched, or will latch because of earlier faults, by a new request; return whether one is due.
 
-        A sensor that the ECU has set aside is used again when it has started anew, which it then does.
+        A sensor that the ECU has set aside is used again when it has started again, which it then does.
         """
         if self.state.sensors.set_aside is not None and not self.is_off:
             self.power_cycle()
@@ -202,7 +202,7 @@ class LiveRun:
         return self.request.rearm(self.state.fail_safe, given_up=self.node.has_given_up)
 
     def power_cycle(self) -> None:
-        """Cut the ECU's supply for a moment: it starts anew."""
+        """Cut the ECU's supply for a moment: it starts again."""
         self._reset(round(BOOT_S * 1e9))
         self.disturbances.note("reset", self._k, is_instant=True).acted = 1
 
@@ -241,7 +241,7 @@ class LiveRun:
         self.disturbances.set(texts, self._k)
 
     def errors(self) -> dict[str, NodeErrors]:
-        """Of the nodes, by their names."""
+        """Error counters of the nodes, by their names."""
         return {name: NodeErrors.of(port.health(), port.refused) for name, port in self._ports.items()}
 
     def counted(self) -> Counted:
@@ -254,7 +254,7 @@ class LiveRun:
         self._loop.reset_ecu(boot_ns)
         self.state = self.ecu.ecu.state
 
-    def _tell_withheld(self, k: int, requested: bool) -> None:
+    def _note_withheld(self, k: int, requested: bool) -> None:
         """A request that is taken back after the first is a disturbance of the run."""
         if requested and self._withheld is not None:
             self._withheld.end, self._withheld = k, None

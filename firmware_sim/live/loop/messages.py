@@ -4,7 +4,7 @@ The loop speaks on one channel: JSON messages, each with its `type`, and the flo
 viewer speaks on a channel of its own, one request a message, and gets one answer to each.
 
 Of `loop`, `hello`, `now`, `bus`, `latency`, `settings` and the picture the latest one is all that a viewer needs; of
-`periods` and `events` it needs every one. A `hello` begins anew: what came before it is of another run, or comes again.
+`periods` and `events` it needs every one. After a `hello`, what came before it is of another run, or comes again.
 A number that is none is null.
 """
 
@@ -28,7 +28,7 @@ class SensorPlace(TypedDict):
 
 
 class Choice(TypedDict):
-    """A controller or plant; `missing` says in one line why it cannot be chosen here, or is null."""
+    """A controller or plant; `missing` is one line on why it cannot be chosen here, or null."""
 
     name: str
     label: str
@@ -51,7 +51,7 @@ class Hello(TypedDict):
     schema: str
     version: str
     bundle: dict[str, str]  # name, digest (12 digits), precision, signer or ""
-    run: int  # counts the plant's starts; k and t begin anew with each
+    run: int  # counts the plant's starts; k and t begin again with each
     period_ms: float
     budget_ms: float
     convective_time_s: float
@@ -83,7 +83,7 @@ PERIOD_COLUMNS: Final = (
     "k", "t", "Cd", "Cl", "base_Cp", "action", "command", "predicted_Cd", "mode", "reason", "step_ms", "age_ms",
     "requested",
 )  # fmt: skip
-"""Of `Periods`: `firmware_sim.runs.run_log.Row`, with its number from 0 and whether control was requested."""
+"""Columns of `Periods`: `firmware_sim.runs.run_log.Row`, with its number from 0 and whether control was requested."""
 
 
 class Periods(TypedDict):
@@ -149,7 +149,7 @@ class BusNow(TypedDict):
 
 
 class LatencyNow(TypedDict):
-    """Of the control step, over the latest `kept` periods."""
+    """Times of the control step, over the latest `kept` periods."""
 
     type: Literal["latency"]
     run: int
@@ -200,7 +200,7 @@ class LoopNow(TypedDict):
 
 LOOP_STATES: Final = ("starting", "running", "busy", "ended")
 """busy: the loop waits for something that takes seconds. ended: it failed, and is not started again; where it is, the
-text of "starting" says so, and later an event."""
+text of "starting" reports it, and later an event."""
 
 Message = Hello | Periods | Now | BusNow | LatencyNow | Events | SettingsNow | LoopNow
 
@@ -230,7 +230,7 @@ class Request(TypedDict, total=False):
 
 
 class Answer(TypedDict, total=False):
-    """`error` is one line, and then nothing was changed; `note` says what was done; `saved` is a run's folder."""
+    """`error` is one line, and then nothing was changed; `note` reports what was done; `saved` is a run's folder."""
 
     id: int
     error: str

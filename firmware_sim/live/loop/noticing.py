@@ -23,7 +23,7 @@ _DOES: Final[Mapping[str, str]] = {
     "ACTIVE": "the jets follow the controller",
     "HOLD": "the last command stays",
     "DECAY": "the command is halved each period",
-    "FAULT": "the jets are shut until the request falls and rises anew",
+    "FAULT": "the jets are shut until the request falls and rises again",
     "UPDATE": "the jets are shut",
 }
 _GATE: Final[Mapping[Intervention, str]] = {
@@ -69,7 +69,7 @@ def noticed(before: Seen, now: Seen) -> Iterator[tuple[str, str]]:
             yield "state", f"{name} is set aside: it contradicts the other sensors, whose estimate stands in for it"
     for name in before.set_aside:
         if name not in now.set_aside:
-            yield "state", f"{name} is used again: the ECU has started anew"
+            yield "state", f"{name} is used again: the ECU has started again"
     if now.given_up != before.given_up:
         yield (
             "state",

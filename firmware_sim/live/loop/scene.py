@@ -65,7 +65,7 @@ class FlowScene(Protocol):
 
 
 class ShownFlow:
-    """Of a plant whose flow can be drawn.
+    """The scene of a plant whose flow can be drawn.
 
     Args:
         wake: the plant.
@@ -104,7 +104,7 @@ class ShownFlow:
 
 
 class NoFlow:
-    """Of a plant that has pressures and forces alone."""
+    """The scene of a plant that has pressures and forces alone."""
 
     view: tuple[float, ...] = ()
     size: tuple[int, ...] = ()
@@ -127,7 +127,7 @@ def scene_of(wake: LoopPlant, kept: int) -> FlowScene:
 
 
 def draw(still: Still | None, sensors: tuple[str, ...], state: str, target: Path) -> None:
-    """The vorticity as PNG, or a picture that says that there is none."""
+    """The vorticity as PNG, or a picture that notes that there is none."""
     if still is not None:
         figure = vorticity_figure(still, sensors, title=f"{state}, t = {still.t:.1f} $t_c$")
     else:

@@ -3,7 +3,7 @@
 What is set at a time of the run disturbs it as a run that was given the same text with that time: each item is a
 `firmware_sim.bench.disturbing.Disturbing` of its own, which draws as it would among all those before it. The items of
 the transducers, and those of each node's port, keep the order in which the settings name them: what stands behind one
-that changes ends with it, and begins anew.
+that changes ends with it, and begins again.
 
 A port's item that has ended passes frames on and stays in its place for `LINGER_S` more, so that what it still holds
 reaches the node, late and in order, before it is taken out.
@@ -66,7 +66,7 @@ class Happening:
 class _Item:
     """A happening at work."""
 
-    told: Happening
+    happening: Happening
     group: str
     span: Span
     work: Disturbing
@@ -74,7 +74,7 @@ class _Item:
 
 
 class SwitchedDisturbances:
-    """Of one run of the loop; a `firmware_sim.bench.wiring.Disturbs`.
+    """Disturbances of one run of the loop; a `firmware_sim.bench.wiring.Disturbs`.
 
     Args:
         config: the vehicle.
@@ -136,7 +136,7 @@ class SwitchedDisturbances:
             acting = [item for item in self._items if item.group == group]
             here = [text for text in texts if _group(text) == group]
             pairs = zip(acting, here, strict=False)
-            same = len(list(takewhile(lambda pair: pair[0].told.text == pair[1], pairs)))
+            same = len(list(takewhile(lambda pair: pair[0].happening.text == pair[1], pairs)))
             new += [(text, group) for text in here[same:]]
             for item in acting[same:]:
                 self._end(item, k)
@@ -147,17 +147,17 @@ class SwitchedDisturbances:
 
     def note(self, text: str, k: int, *, is_instant: bool = False) -> Happening:
         """Keep what disturbs the loop from period k on, and is done elsewhere."""
-        told = Happening(serial=self._before["all"], text=text, start=k, is_instant=is_instant)
+        happening = Happening(serial=self._before["all"], text=text, start=k, is_instant=is_instant)
         self._before["all"] += 1
-        self.happened.append(told)
-        return told
+        self.happened.append(happening)
+        return happening
 
     def period_over(self, k: int) -> None:
         """Count what was done up to the end of period k, and take out what has nothing left to do."""
         for item in (*self._items, *self._lingering):
-            item.told.acted = item.work.injected()[0].acted
+            item.happening.acted = item.work.injected()[0].acted
         linger = round(LINGER_S * NS / self._config.period_ns)
-        for item in [one for one in self._lingering if (one.told.end or 0) + linger <= k + 1]:
+        for item in [one for one in self._lingering if (one.happening.end or 0) + linger <= k + 1]:
             self._lingering.remove(item)
             item.work.end()
             for port, plug in item.plugs:
@@ -165,11 +165,11 @@ class SwitchedDisturbances:
 
     def acted(self) -> dict[int, int]:
         """How often each of those at work has acted, by its serial number."""
-        return {told.serial: told.acted for told in self.happened if told.end is None}
+        return {happening.serial: happening.acted for happening in self.happened if happening.end is None}
 
     def forget(self, before: int) -> None:
         """What was over before this period."""
-        self.happened = [told for told in self.happened if not _is_over(told, before)]
+        self.happened = [happening for happening in self.happened if not _is_over(happening, before)]
 
     def _begin(self, text: str, group: str, k: int) -> None:
         assert self._bus is not None
@@ -178,7 +178,7 @@ class SwitchedDisturbances:
         (one,) = disturbances.items
         work = Disturbing(disturbances, self._config, self._sensors, self._seed, dict(self._before))
         span = one.fault if isinstance(one, NodeFault) else one
-        item = _Item(told=self.note(text, k), group=group, span=span, work=work)
+        item = _Item(happening=self.note(text, k), group=group, span=span, work=work)
         if group in NODES:
             self._before[group] += 1
             around, port = work.connect(self._bus), self._ports[group]
@@ -186,7 +186,7 @@ class SwitchedDisturbances:
         self._items.append(item)
 
     def _end(self, item: _Item, k: int) -> None:
-        item.told.end = k
+        item.happening.end = k
         # What acts asks this very value whether it does, and the end of an open span is not known before.
         object.__setattr__(item.span, "end_s", k * self._config.period_ns / NS)
         self._items.remove(item)
@@ -199,5 +199,5 @@ def _group(text: str) -> str:
     return node if node in NODES else "sensors"
 
 
-def _is_over(told: Happening, before: int) -> bool:
-    return told.start < before if told.is_instant else told.end is not None and told.end <= before
+def _is_over(happening: Happening, before: int) -> bool:
+    return happening.start < before if happening.is_instant else happening.end is not None and happening.end <= before

@@ -9,7 +9,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const OPEN_MS = 10000;
   const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
-  /** The address of a channel beside this page, with the page's token. */
+  /** The address of a channel next to this page, with the page's token. */
   stillwake.channelUrl = (name) => {
     const url = new URL(name, location.href);
     url.protocol = location.protocol === 'https:' ? 'wss:' : 'ws:';

@@ -7,7 +7,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
   const WORDS = {
     enable: {label: 'The vehicle requests control', help: 'Off: the ECU shuts the jets and the vortices come back.'},
-    plant: {label: 'Plant', help: 'A change starts the plant anew.'},
+    plant: {label: 'Plant', help: 'A change starts the plant again.'},
     noise: {label: 'Noise on all sensors', help: 'Watch the action get rougher, and the drag rise.'},
     dead: {label: 'Dead sensor', help: 'It reads Cp 0. Watch the ECU set it aside and go on with the others.'},
     biased: {label: 'Biased sensor', help: 'Watch the ECU set it aside if it contradicts the others.'},

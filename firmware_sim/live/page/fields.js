@@ -1,9 +1,9 @@
 'use strict';
-/** Native controls with a label and a line of help, which show the loop's value and tell what a viewer wants. */
+/** Native controls with a label and a line of help, which show the loop's value and pass on what a viewer wants. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  const {make, say, format} = stillwake;
+  const {make, write, format} = stillwake;
   let count = 0;
 
   /** Label, control, value and help in one block. */
@@ -20,7 +20,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     return element;
   };
 
-  /** On or off. `set(true)` tells a request; `show` follows the loop. */
+  /** On or off. `set(true)` passes on a request; `show` follows the loop. */
   stillwake.Switch = class {
     constructor(words, set) {
       this.input = make('input', {type: 'checkbox', role: 'switch'});
@@ -33,7 +33,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     }
   };
 
-  /** One of [{name, label, missing}]; what is missing cannot be chosen, and says why. */
+  /** One of [{name, label, missing}]; what is missing cannot be chosen, and shows why. */
   stillwake.Choice = class {
     constructor(words, choices, set) {
       this.input = make('select', {name: words.name});
@@ -53,7 +53,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   };
 
   /**
-   * A number. It is told when the slider is let go; until then the loop's value does not pull it back.
+   * A number. It is passed on when the slider is let go; until then the loop's value does not pull it back.
    * `scale` maps the loop's value to the slider and back.
    */
   stillwake.Slider = class {
@@ -67,7 +67,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.held = false;
       this.input.addEventListener('input', () => {
         this.held = true;
-        this.tell(this.value);
+        this.report(this.value);
       });
       this.input.addEventListener('change', () => {
         this.held = false;
@@ -82,12 +82,12 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     show(value) {
       if (this.held) return;
       this.input.value = String(this.scale.to(value));
-      this.tell(value);
+      this.report(value);
     }
 
-    tell(value) {
+    report(value) {
       const text = `${format.short(value)} ${this.unit}`.trim();
-      say(this.output, text);
+      write(this.output, text);
       this.input.setAttribute('aria-valuetext', text);
     }
   };

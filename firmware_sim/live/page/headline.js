@@ -1,9 +1,9 @@
 'use strict';
-/** One sentence that says what is seen, for someone who has just come. */
+/** One sentence on what is seen, for someone who has just come. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  const {make, say, format} = stillwake;
+  const {make, write, format} = stillwake;
 
   /** The drag in words; null where it is not known. */
   const drag = (percent) => {
@@ -70,21 +70,21 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     show(hello, now) {
       const {kind, text} = sentence(hello, now);
       const paused = now.paused ? 'Paused. ' : '';
-      this.tell({kind: paused + kind, text: paused + text, state: now.state});
+      this.report({kind: paused + kind, text: paused + text, state: now.state});
     }
 
     /** The latest event, small below the sentence. */
     happened({t, text}) {
-      say(this.event, `t = ${format.number(t, 1)}: ${text}`);
+      write(this.event, `t = ${format.number(t, 1)}: ${text}`);
     }
 
-    tell({kind, text, state = ''}) {
-      say(this.state, state);
+    report({kind, text, state = ''}) {
+      write(this.state, state);
       this.state.dataset.kind = stillwake.StateMachine.KIND[state] || 'plain';
-      say(this.text, text);
+      write(this.text, text);
       if (kind === this.kind) return;
       this.kind = kind;
-      say(this.heard, text);
+      write(this.heard, text);
     }
   };
 })();

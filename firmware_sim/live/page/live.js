@@ -3,7 +3,7 @@
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  const {say, format} = stillwake;
+  const {write, format} = stillwake;
   const at = (id) => document.getElementById(id);
   const SPEAK_MS = 5000; // between changes of a picture's text alternative
 
@@ -44,10 +44,10 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         document.body.dataset.connection = 'lost';
         this.stream.now = null; // another loop may answer next time
         const again = `trying again in ${format.number(data.wait_ms / 1000, 1)} s`;
-        say(at('connection'), `${data.reason || 'no connection'}; ${again}`);
-        this.headline.tell({kind: 'lost', text: 'The loop cannot be reached. This page tries again by itself.'});
+        write(at('connection'), `${data.reason || 'no connection'}; ${again}`);
+        this.headline.report({kind: 'lost', text: 'The loop cannot be reached. This page tries again by itself.'});
       } else {
-        say(at('connection'), 'connected');
+        write(at('connection'), 'connected');
       }
     }
 
@@ -69,7 +69,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.toolbar.loop(state, text);
       if (state !== 'starting' && state !== 'ended') return;
       this.stream.now = null;
-      this.headline.tell({kind: state, text: state === 'ended' ? 'The loop has ended.' : 'The loop starts.'});
+      this.headline.report({kind: state, text: state === 'ended' ? 'The loop has ended.' : 'The loop starts.'});
     }
 
     begin(hello) {
@@ -90,7 +90,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       const {name, digest, precision, signer} = hello.bundle;
       const release = `Release ${name} (${precision}, ${digest}${signer ? '' : ', unsigned'})`;
       const plant = `${hello.plant}, Re = ${format.count(hello.reynolds)}`;
-      say(at('about'), `${release} on ${plant}. stillwake ${hello.version}.`);
+      write(at('about'), `${release} on ${plant}. stillwake ${hello.version}.`);
       this.follow({settings: hello.settings, query: this.query || ''});
       this.toolbar.openLink();
     }
@@ -125,7 +125,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       const from = Math.max(0, now.t - this.span);
       this.curves.window(from, Math.max(now.t, from + this.span) + ahead);
       this.curves.truth(now);
-      this.tell(now);
+      this.report(now);
     }
 
     last(name) {
@@ -141,18 +141,18 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return marks;
     }
 
-    tell(now) {
+    report(now) {
       const pace = `${format.number(now.fps, 0)} periods/s, ${format.number(now.real_time, 2)} × real time`;
       const speed = now.paused ? 'paused' : pace;
-      say(at('connection'), 'connected');
-      say(at('speed'), `${speed}, drawn ${format.number(this.drawn.tick(now.k), 0)}/s`);
-      say(at('clock'), `t = ${format.number(now.t, 1)}`);
-      say(at('computed'), now.computed_by || '');
+      write(at('connection'), 'connected');
+      write(at('speed'), `${speed}, drawn ${format.number(this.drawn.tick(now.k), 0)}/s`);
+      write(at('clock'), `t = ${format.number(now.t, 1)}`);
+      write(at('computed'), now.computed_by || '');
       this.toolbar.follow(now);
       const {drag, pressure, action} = this.curves;
-      drag.tell(`${format.number(this.last('Cd'), 3)}, over the last cycle ${format.number(now.drag_Cd, 3)}`);
-      pressure.tell(format.number(this.last('base_Cp'), 3));
-      action.tell(format.signed(this.last('action'), 3));
+      drag.report(`${format.number(this.last('Cd'), 3)}, over the last cycle ${format.number(now.drag_Cd, 3)}`);
+      pressure.report(format.number(this.last('base_Cp'), 3));
+      action.report(format.signed(this.last('action'), 3));
       if (performance.now() - this.spoken < SPEAK_MS) return;
       this.spoken = performance.now();
       const [t, Cd, free] = [format.number(now.t, 0), this.last('Cd'), now.uncontrolled_Cd];

@@ -3,7 +3,7 @@
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  const {make, say} = stillwake;
+  const {make, write} = stillwake;
   const at = (id) => document.getElementById(id);
   const SEEN = 'stillwake.seen';
 
@@ -39,12 +39,12 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
     follow(now) {
       at('pause').setAttribute('aria-pressed', String(now.paused));
-      say(at('pause'), now.paused ? 'Go on' : 'Pause');
+      write(at('pause'), now.paused ? 'Go on' : 'Pause');
     }
 
     loop(state, text) {
       at('loop').dataset.kind = state === 'ended' ? 'bad' : '';
-      say(at('loop'), text || '');
+      write(at('loop'), text || '');
     }
 
     /** Why a request was not done, and what was saved; everything else shows in the events and on the controls. */

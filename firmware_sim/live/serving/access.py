@@ -56,7 +56,7 @@ def is_loopback(address: str) -> bool:
 
 
 def _name(host: str) -> str:
-    """Of a Host header, without its port; empty if it is none."""
+    """Name in a Host header, without its port; empty if it is none."""
     try:
         return urlsplit(f"//{host}").hostname or ""
     except ValueError:

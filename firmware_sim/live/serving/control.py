@@ -10,7 +10,7 @@ LONGEST_REQUEST: Final = 16 * 1024
 
 
 def check(text: str | bytes) -> Answer | None:
-    """None for a request that the loop can be asked; otherwise the answer that says what is wrong with it."""
+    """None for a request that the loop can be asked; otherwise the answer with its error."""
     if isinstance(text, bytes):
         return Answer(error="a request is text, and not bytes")
     try:

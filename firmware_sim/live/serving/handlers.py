@@ -120,7 +120,7 @@ class Files(Guarded, StaticFileHandler):
         StaticFileHandler.initialize(self, path, default_filename)
 
     def get_content_type(self) -> str:
-        # The machine's own table of types may say anything.
+        # The machine's own table of types may hold anything.
         return _TYPES.get(Path(self.absolute_path or "").suffix.lower(), "application/octet-stream")
 
     def set_extra_headers(self, path: str) -> None:
@@ -217,7 +217,7 @@ class Control(Socket):
         if len(self._unanswered) >= MOST_UNANSWERED:
             self._say(_numbered(Answer(error=f"{MOST_UNANSWERED} requests wait for the loop already"), number))
             return
-        # Not awaited here: what the connection itself has to say would wait as well.
+        # Not awaited here: what the connection itself sends would wait as well.
         task = asyncio.create_task(self._ask(text, number))
         self._unanswered.add(task)
         task.add_done_callback(self._unanswered.discard)

@@ -12,17 +12,17 @@ from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Events, Hello, Messa
 
 PICTURE: Final = "picture"
 STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus", "latency", PICTURE)
-"""In the order in which a viewer gets them: `hello` says what the others are of."""
+"""In the order in which a viewer gets them: `hello` names the run that the others belong to."""
 MOST_ROWS: Final = 500
 """Periods, or events, in one message: what a viewer that has just come waits for stays small."""
 KEPT_EVENTS: Final = 500
 KEPT_PERIODS: Final = 3000
-"""Until a `hello` says how many."""
+"""Until a `hello` gives a number."""
 _OF_A_RUN: Final = ("now", "bus", "latency", PICTURE)
 
 
 class Hub:
-    """Takes the loop's messages, and tells what is new since a count. Threads may share it."""
+    """Takes the loop's messages, and returns what is new since a count. Threads may share it."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -90,7 +90,7 @@ class Ring:
             self._count += 1
 
     def restart(self, kept: int) -> None:
-        """Begin anew with room for so many; the numbers go on."""
+        """Begin again with room for so many; the numbers go on."""
         self._items = deque(maxlen=kept)
 
     def after(self, count: int, most: int) -> tuple[list[Any], int]:

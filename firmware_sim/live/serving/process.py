@@ -1,4 +1,4 @@
-"""The loop in a process of its own, behind a pipe. What it says is heard in a thread, which waits for no viewer."""
+"""The loop in a process of its own, behind a pipe. A thread receives its messages, and waits for no viewer."""
 
 import multiprocessing
 import os

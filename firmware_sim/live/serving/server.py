@@ -77,7 +77,7 @@ async def serve(
     fast: bool = False,
     is_stopped: Callable[[], bool],
     ready: Callable[[str], None],
-    tell: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> None:
     """Serve the page until it is stopped, or the loop cannot go on.
 
@@ -89,14 +89,14 @@ async def serve(
         fast: whether a period may take less time than it does on a vehicle.
         is_stopped: looked at again and again.
         ready: called with the page's address, once it can be opened.
-        tell: called with each line on what is waited for, from any thread.
+        report: called with each line on what is waited for, from any thread.
 
     Raises:
         StillwakeError: the port or the address cannot be had, or the loop fails shortly after its start.
     """
     sockets = _bound(address, port)
     access = Access.to(address)
-    supervisor = Supervisor(make, fast=fast, tell=tell)
+    supervisor = Supervisor(make, fast=fast, report=report)
     server = HTTPServer(application(supervisor, access, saves), max_body_size=LONGEST_REQUEST)
     server.add_sockets(sockets)
     ready(page_url(address, sockets[0].getsockname()[1], access))

@@ -44,8 +44,8 @@ class Prepares(Session, Protocol):
 
 
 MakeSession = Callable[[Callable[[str], None]], Session]
-"""Makes it, in the loop's process. It is given what tells the viewers in one line what is waited for, for as long as
-the session is."""
+"""Makes it, in the loop's process. Its argument shows viewers one line on what is waited for, as long as the session
+lasts."""
 
 
 def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
@@ -64,12 +64,12 @@ def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
     outbox = Outbox(pipe)
     try:
-        session = make(lambda text: outbox.say("busy", text))
-        outbox.say("running")
+        session = make(lambda text: outbox.report("busy", text))
+        outbox.report("running")
         _step(session, pipe, outbox, fast=fast)
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return
-    except Exception as error:  # noqa: BLE001  (whatever it is: the server says it, and decides what becomes of it)
+    except Exception as error:  # noqa: BLE001  (whatever it is: the server reports it, and decides what becomes of it)
         if not isinstance(error, StillwakeError):
             traceback.print_exc()
         outbox.end(_that_travels(error))
@@ -133,7 +133,7 @@ class Requests:
     def _answer(self, number: int, answer: Answer) -> None:
         self._outbox.answer(number, answer)
         if self._waiting is None:
-            self._outbox.say("running")
+            self._outbox.report("running")
 
     def _make(self, work: Callable[[], None]) -> None:
         try:
@@ -177,7 +177,7 @@ class Outbox:
         self._answers.append((number, answer))
         self._wake()
 
-    def say(self, state: str, text: str = "") -> None:
+    def report(self, state: str, text: str = "") -> None:
         """What this process does, where it is another thing than before."""
         now = LoopNow(type="loop", state=state, text=text)
         if now != self._state:

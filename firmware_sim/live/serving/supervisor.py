@@ -1,4 +1,4 @@
-"""Keeps the loop going for those who look at it: its process, what it said, the requests that wait for an answer."""
+"""Keeps the loop going for its viewers: its process, its messages, the requests that wait for an answer."""
 
 import asyncio
 import time
@@ -22,16 +22,16 @@ STARTING: Final = "the loop starts; the first time, the flow solver is compiled,
 
 
 class Supervisor:
-    """Of one loop; for one event loop, in which all but `hub` is used.
+    """Supervises one loop; for one event loop, in which all but `hub` is used.
 
     Args:
         make: the session.
         fast: whether a period may take less time than it does on a vehicle.
-        tell: called with each line on what is waited for, and on why the loop ended; from any thread.
+        report: called with each line on what is waited for, and on why the loop ended; from any thread.
         short_life_s: see `SHORT_LIFE_S`.
 
     Attributes:
-        hub: what the loop said.
+        hub: messages of the loop.
         saved: names of the runs that it saved.
     """
 
@@ -40,12 +40,12 @@ class Supervisor:
         make: MakeSession,
         *,
         fast: bool = False,
-        tell: Callable[[str], None] = lambda line: None,
+        report: Callable[[str], None] = lambda line: None,
         short_life_s: float = SHORT_LIFE_S,
     ) -> None:
         self.hub = Hub()
         self.saved = set[str]()
-        self._make, self._fast, self._tell, self._short_life_s = make, fast, tell, short_life_s
+        self._make, self._fast, self._report, self._short_life_s = make, fast, report, short_life_s
         self._watching = set[asyncio.Event]()
         self._waiting = dict[int, asyncio.Future[Answer]]()
         self._numbers = count(1)
@@ -132,21 +132,21 @@ class Supervisor:
             if isinstance(message, bytes):
                 continue
             if message["type"] == "loop" and message["text"]:
-                self._tell(message["text"])
+                self._report(message["text"])
             if message["type"] == "hello" and self._why:
                 # What is kept begins with this `hello`; that the loop had ended is to be seen later, too. The number is
                 # below those of the session, which a page takes to go up.
                 item = EventItem(n=-1, time_s=0.0, t=0.0, kind="loop", text=self._why)
                 self.hub.put([Events(type="events", run=message["run"], items=[item])])
                 self._why = ""
-        # One call at a time waits for the event loop, however much is said meanwhile.
+        # One call at a time waits for the event loop, however much is sent meanwhile.
         if not self._is_waking:
             self._is_waking = True
             self._later(self._wake)
 
     def _put(self, message: LoopNow) -> None:
         self.hub.put([message])
-        self._tell(message["text"])
+        self._report(message["text"])
         self._wake()
 
     def _wake(self) -> None:

@@ -5,7 +5,7 @@ from firmware_sim.live.serving.hub import STREAMS, Hub
 
 
 class Viewer:
-    """Of a hub, from its beginning.
+    """A viewer of a hub, from its beginning.
 
     Args:
         hub: what it looks at.
@@ -22,6 +22,6 @@ class Viewer:
         """
         message, self._counts[stream] = self._hub.after(stream, self._counts[stream])
         if stream == "hello" and message is not None:
-            # A page begins anew with it. What was taken of the new run before its `hello` is wanted again.
+            # A page begins again with it. What was taken of the new run before its `hello` is wanted again.
             self._counts |= dict.fromkeys(STREAMS[STREAMS.index("hello") + 1 :], 0)
         return message

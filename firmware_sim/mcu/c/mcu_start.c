@@ -1,4 +1,4 @@
-/* Start-up of a bare Cortex-M7: constants that every step reads go to data TCM, then the program on it begins anew. And
+/* Start-up of a bare Cortex-M7: constants that every step reads go to data TCM, then the program on it begins again. And
  * what compilers call when they clear or copy; a C library would bring it.
  */
 #include <stddef.h>

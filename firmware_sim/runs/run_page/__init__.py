@@ -1,1 +1,1 @@
-"""A run to be looked through: its data for the script of a page, and several runs beside each other."""
+"""The page of a run: its data for the page's script, and several runs next to each other."""

@@ -1,4 +1,4 @@
-"""What a run's log of frames holds, message by message: how often, how regular, and what the checks said."""
+"""What a run's log of frames holds, message by message: how often, how regular, and the results of the checks."""
 
 from typing import Final
 
@@ -11,7 +11,7 @@ from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
 
 MOST_FRAMES: Final = 50_000
-"""Of a log that is read for a page: some ten seconds."""
+"""Most frames of a log that is read for a page: some ten seconds."""
 
 Rows = list[tuple[str, ...]]
 HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-end checks")

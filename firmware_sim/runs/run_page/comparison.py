@@ -1,4 +1,4 @@
-"""Several runs beside each other: names, figures with their differences, and what their settings differ in."""
+"""Several runs next to each other: names, figures with their differences, and what their settings differ in."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from firmware_sim.runs.run_page.settings_list import settings_of
 from firmware_sim.runs.summary import summary
 
 MOST: Final = 6
-"""Runs on a page: more curves cannot be told apart."""
+"""Runs on a page: more curves cannot be distinguished."""
 NONE: Final = "\N{EN DASH}"
 SAME: Final = "="
 """In place of a difference that the format does not show."""
@@ -45,7 +45,7 @@ class Cell(NamedTuple):
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """The folders' own names, with as many of those above as it takes to tell them apart.
+    """The folders' own names, with as many of those above as make them unique.
 
     Raises:
         StillwakeError: if there are fewer than two or too many, or one of them twice.
@@ -92,7 +92,7 @@ def _made_with(log: RunLog) -> Mapping[str, str]:
     control_period = run.config.flow.control_period
     return {
         "bundle": run.controller,
-        "signed by": run.signer or "nobody",
+        "signed by": run.signer or "no one",
         "plant": run.plant,
         "began from": run.origin.flow,
         "time without control / t_c": f"{log.enabled_at * control_period:g}",

@@ -19,7 +19,7 @@ _DOES: Final = {
     Mode.CONTROL.name: "the jets follow the controller",
     Mode.HOLD.name: "the last command stays",
     Mode.DECAY.name: "the command is halved each period",
-    Mode.FAULT.name: "the jets are shut until the request falls and rises anew",
+    Mode.FAULT.name: "the jets are shut until the request falls and rises again",
     SKIPPED: "the ECU was still computing, and left the period out",
 }
 

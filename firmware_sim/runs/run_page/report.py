@@ -88,7 +88,7 @@ def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
 def write_picture(folder: RunFolder, target: Path) -> None:
     """Write the run as one picture: the wake before and under control, drag and action over time.
 
-    The file says in its description of which bundle the run was.
+    The file's description names the run's bundle.
 
     Raises:
         ConfigError: if the target's name ends in no format of pictures.

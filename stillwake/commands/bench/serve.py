@@ -63,7 +63,7 @@ def serve(
     as `run` would have written it. Several browsers may look at once.
 
     The loop runs at the vehicle's pace at most, and slower where the machine is slower. Only this machine can open the
-    page, unless --host says otherwise; the link that is printed then has a token, and nothing is answered without it.
+    page, unless --host names another address; the link that is printed then has a token, which every request needs.
 
     Ctrl-C or SIGTERM ends it. If the loop fails it is started again; if it fails within 20 s of its start, the command
     ends with exit status 1.
@@ -107,7 +107,7 @@ def serve(
                 fast=fast,
                 is_stopped=is_stopped,
                 ready=ready,
-                tell=lambda line: console.print(line, soft_wrap=True, markup=False, highlight=False),
+                report=lambda line: console.print(line, soft_wrap=True, markup=False, highlight=False),
             )
         )
     console.print("stopped")

@@ -63,7 +63,7 @@ class Server:
                 saves=self.saves,
                 is_stopped=self._stop.is_set,
                 ready=noted,
-                tell=lambda line: None,
+                report=lambda line: None,
             )
             asyncio.run(made)
 

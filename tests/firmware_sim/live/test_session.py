@@ -204,7 +204,7 @@ def test_events_tell_what_the_ecu_does_about_a_fault(live):
         "100 % of the pressure frames do not reach the ECU",
         "ACTIVE to HOLD: no pressures came; the last command stays",
         "HOLD to DECAY: no pressures came; the command is halved each period",
-        "DECAY to FAULT: no pressures came; the jets are shut until the request falls and rises anew",
+        "DECAY to FAULT: no pressures came; the jets are shut until the request falls and rises again",
         "all pressure frames reach the ECU",
         "cleared; the request is taken back for a moment, since only a new one leads on",
         "FAULT to ACTIVE: the jets follow the controller",

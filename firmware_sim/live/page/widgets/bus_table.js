@@ -3,7 +3,7 @@
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  const {make, say, format} = stillwake;
+  const {make, write, format} = stillwake;
   const HEADS = ['id', 'message', 'from', 'count', 'rate', 'age', 'E2E', 'errors'];
   const WORDS = [1, 2, 6];
   const BAD = {'': '', OK: 'good', INITIAL: 'good', VALID: 'good', INIT: 'warn', NODATA: 'warn', OK_SOME_LOST: 'warn'};
@@ -40,8 +40,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       }
       this.meter.value = bus.load ?? 0;
       const load = format.number(100 * (bus.load ?? NaN), 0);
-      say(this.percent, `${load} %, error frames ${format.count(bus.error_frames)}`);
-      say(this.nodes, (bus.nodes || []).map((node) => this.node(node)).join(' · '));
+      write(this.percent, `${load} %, error frames ${format.count(bus.error_frames)}`);
+      write(this.nodes, (bus.nodes || []).map((node) => this.node(node)).join(' · '));
     }
 
     add(key) {
@@ -63,7 +63,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         format.is(row.age_ms) ? `${format.number(row.age_ms, 0)} ms` : format.NONE,
         e2e || format.NONE, format.count(row.errors),
       ];
-      texts.forEach((text, i) => say(cells[i], text));
+      texts.forEach((text, i) => write(cells[i], text));
       cells[5].dataset.kind = late ? 'bad' : '';
       const worst = [BAD[row.e2e_state || ''], BAD[row.e2e || '']].map((kind) => kind ?? 'bad');
       cells[6].dataset.kind = worst.includes('bad') ? 'bad' : worst.includes('warn') ? 'warn' : '';

@@ -3,7 +3,7 @@
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  const {make, say, format} = stillwake;
+  const {make, write, format} = stillwake;
   const SHADES = {control: '--wash', hold: '--amber-wash', fault: '--alarm-wash'};
   const FONT = '11px system-ui, sans-serif';
 
@@ -69,9 +69,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.box.setAttribute('aria-label', text);
     }
 
-    /** The latest values beside the title, in words. */
-    tell(text) {
-      say(this.readout, text);
+    /** The latest values next to the title, in words. */
+    report(text) {
+      write(this.readout, text);
     }
 
     head() {

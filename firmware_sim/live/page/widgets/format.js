@@ -45,6 +45,6 @@ stillwake.make = (name, attributes = {}, ...children) => {
 };
 
 /** Set a text only where it differs, so that nothing is laid out or read aloud again. */
-stillwake.say = (element, text) => {
+stillwake.write = (element, text) => {
   if (element.textContent !== text) element.textContent = text;
 };

@@ -1,9 +1,9 @@
 'use strict';
-/** How long the control step takes, beside its budget. */
+/** How long the control step takes, and its budget. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  const {make, say, format} = stillwake;
+  const {make, write, format} = stillwake;
   const HEIGHT = 130;
   const [LEFT, RIGHT, TOP, BOTTOM] = [8, 10, 16, 18];
 
@@ -34,9 +34,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       const ms = (value) => (format.is(value) ? `${format.number(value, 2)} ms` : format.NONE);
       const jets = ms(latency.sample_to_jets_ms);
       const texts = {p50: ms(p50), p99: ms(p99), max: ms(max), over: format.count(over), jets};
-      for (const [name, text] of Object.entries(texts)) say(this.values[name], text);
+      for (const [name, text] of Object.entries(texts)) write(this.values[name], text);
       const beyond = max > latency.edges.at(-1) ? '; the last bar: that or longer' : '';
-      say(this.of, latency.of ? `${latency.of}; budget ${format.short(budget)} ms${beyond}` : '');
+      write(this.of, latency.of ? `${latency.of}; budget ${format.short(budget)} ms${beyond}` : '');
       this.request();
     }
 
@@ -60,7 +60,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       context.fillRect(LEFT, floor, this.width - LEFT - RIGHT, 1);
       counts.forEach((count, i) => {
         if (!count) return;
-        // A single slow step must be seen beside thousands.
+        // A single slow step must be seen among thousands.
         const high = Math.max(2, (floor - TOP) * (count / most));
         context.fillStyle = stillwake.colour(edges[i + 1] > budget ? '--alarm' : '--second');
         context.fillRect(x(edges[i]), floor - high, Math.max(1, x(edges[i + 1]) - x(edges[i]) - 0.5), high);

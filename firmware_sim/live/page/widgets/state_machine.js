@@ -3,7 +3,7 @@
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  const {make, say} = stillwake;
+  const {make, write} = stillwake;
   const SVG = 'http://www.w3.org/2000/svg';
   const BOX = [112, 34];
   const AFTERGLOW_MS = 1500;
@@ -19,7 +19,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     ACTIVE: [444, 20, 'The jets follow the controller.'],
     HOLD: [444, 98, 'Pressures are missing: the last command stays.'],
     DECAY: [444, 176, 'Pressures are missing for longer: the command is halved each period.'],
-    FAULT: [238, 268, 'The jets are shut, and stay so until good frames have come and the request rises anew.'],
+    FAULT: [238, 268, 'The jets are shut, and stay so until good frames have come and the request rises again.'],
     UPDATE: [444, 268, 'A new release is being written. The jets are shut.'],
   };
   /** The main ways between them; docs/reference/states.md has all. */
@@ -28,7 +28,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     ['M120 280 H170 V37 H238', 'request rises', 164, 258, 'end'], ['M350 37 H444', 'window full', 396, 31, 'middle'],
     ['M464 54 V98', 'pressures missing', 470, 80], ['M464 132 V176', 'for longer', 470, 158],
     ['M556 193 H590 V37 H556', 'pressures', 597, 112], ['M556 115 H590', 'come again', 597, 128, 'start', 'joins'],
-    ['M444 200 H320 V268', 'too many missing', 326, 193], ['M268 268 V54', 'request rises anew', 274, 130],
+    ['M444 200 H320 V268', 'too many missing', 326, 193], ['M268 268 V54', 'request rises again', 274, 130],
     ['M238 292 H120', 'request ends', 179, 307, 'middle'],
   ];
   const KIND = {ACTIVE: 'good', HOLD: 'warn', DECAY: 'warn', FAULT: 'bad', OFF: 'bad', BOOT: 'warn'};
@@ -75,7 +75,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     /** @param {string} state by its name. @param {string} because the reason in words, or empty. */
     show(state, because = '') {
       const words = STATES[state] ? STATES[state][2] : '';
-      say(this.words, `${state || '–'}. ${words}${because ? ` Reason: ${because}.` : ''}`);
+      write(this.words, `${state || '–'}. ${words}${because ? ` Reason: ${because}.` : ''}`);
       if (state === this.present) return;
       this.light(this.present, false);
       this.light(state, true);

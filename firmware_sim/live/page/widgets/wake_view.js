@@ -3,7 +3,7 @@
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  const {make, say, format} = stillwake;
+  const {make, write, format} = stillwake;
   const ARROW = 1.6; // length in W of the arrow at the action's bound
   const SHAFT = 0.05; // half its width in W: the slot's width
   const NAMES_FROM = 56; // pixels a W from which names fit
@@ -121,7 +121,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.drawBody(context);
       this.scene.jets.forEach((place, i) => this.drawJet(context, place, i === 0 ? 1 : -1));
       this.drawSensors(context);
-      this.tell();
+      this.report();
     }
 
     colourField() {
@@ -253,19 +253,19 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       context.textBaseline = 'alphabetic';
     }
 
-    /** What the transducer of a used sensor says, where it is not what it should. */
+    /** What the transducer of a used sensor reads, where it is not what it should. */
     misread(i, cp) {
       const read = this.now.read ? this.now.read[i] : null;
       return format.is(read) && format.is(cp) && Math.abs(read - cp) > 0.005 ? `reads ${format.number(read)}` : '';
     }
 
-    tell() {
+    report() {
       for (const [i, {name, dot, value, mark}] of this.rows.entries()) {
         const cp = this.now.cp ? this.now.cp[this.places.get(name)] : null;
         const colour = format.is(cp) ? stillwake.pressureColour(cp) : '';
         if (dot.style.background !== colour) dot.style.background = colour;
-        say(value, format.number(cp, 2));
-        say(mark, [this.now.marks[name], this.misread(i, cp)].filter(Boolean).join(', '));
+        write(value, format.number(cp, 2));
+        write(mark, [this.now.marks[name], this.misread(i, cp)].filter(Boolean).join(', '));
       }
     }
   };

@@ -1,7 +1,7 @@
 'use strict';
 /** The page of several runs: one time for all, counted from the request for control. */
 (() => {
-  const {make, say, format} = stillwake;
+  const {make, write, format} = stillwake;
   const runs = JSON.parse(document.getElementById('runs').textContent);
   const place = (name) => document.getElementById(name);
   const COLOURS = ['--curve', '--second', '--blow', '--third', '--accent', '--suck'];
@@ -67,7 +67,7 @@
         const k = Math.max(0, Math.min(one.count - 1, one.at(times[i])));
         views[n].show(k);
         strips[n].cursor(k);
-        say(place(`now-${n + 1}`), words(one, views[n], times[i]));
+        write(place(`now-${n + 1}`), words(one, views[n], times[i]));
       });
       charts.forEach((chart) => chart.cursor(times[i]));
     },

@@ -3,7 +3,7 @@
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  const {make, say, format} = stillwake;
+  const {make, write, format} = stillwake;
   const SPEEDS = [0.5, 1, 2, 5, 10, 20]; // t_c a second
   const USUAL = 2;
 
@@ -44,7 +44,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       const text = this.words(this.at);
       this.slider.value = this.at;
       this.slider.setAttribute('aria-valuetext', text);
-      say(this.readout, text);
+      write(this.readout, text);
       this.onChange(this.at);
     }
 

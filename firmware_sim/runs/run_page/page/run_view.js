@@ -4,7 +4,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
   const {format} = stillwake;
-  const QUIET_MS = 600; // for which the time must stand before a screen reader is told
+  const QUIET_MS = 600; // for which the time must stand before a screen reader reads it
 
   stillwake.RunView = class {
     /** @param {Element|null} element for the wake. @param {object} run of `firmware_sim.runs.run_page.run_data`. */

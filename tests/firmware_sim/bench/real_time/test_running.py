@@ -80,7 +80,7 @@ def test_a_run_from_the_first_frame_to_the_farewell(bundle_of, recording_control
             replay,
             CONFIG,
             course(periods=160, stage_times=tmp_path / "times.npz"),
-            tell=lines.append,
+            report=lines.append,
             progress=lambda found: shown.append(found.periods),
         )
     requests = [pressure_in(frame).enable_request for frame in seen]
@@ -117,7 +117,7 @@ def test_a_stop_ends_it_well(bundle_of, recording_controller, replay) -> None:
 def test_a_vehicle_without_an_ecu_says_once_what_it_hears(replay) -> None:
     lines: list[str] = []
     with PythonCanBus.open(BUS) as bus:
-        figures = run_vehicle(bus, NAMES, replay, CONFIG, course(periods=320), tell=lines.append)
+        figures = run_vehicle(bus, NAMES, replay, CONFIG, course(periods=320), report=lines.append)
     assert figures.commands == figures.misses == 0
     said = [line for line in lines if "JetCommand" in line]
     assert len(said) == 1
@@ -139,7 +139,7 @@ def test_a_vehicle_that_loses_every_second_command_says_once_that_it_gives_up(
     ecu = Half(bundle_of(operating_point=POINT), recording_controller(lambda i: 0.02), config)
     lines: list[str] = []
     with ecu_on(config, ecu) as seen, PythonCanBus.open(BUS) as bus:
-        figures = run_vehicle(bus, NAMES, replay, config, course(periods=160), tell=lines.append)
+        figures = run_vehicle(bus, NAMES, replay, config, course(periods=160), report=lines.append)
     assert figures.modes[Mode.CONTROL] > 0
     assert len([line for line in lines if line.startswith("12 of 30 periods had no usable command: jets shut")]) == 1
     requests = [pressure_in(frame).enable_request for frame in seen]

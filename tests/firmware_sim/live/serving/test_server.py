@@ -317,7 +317,7 @@ def test_a_loop_that_ends_reports_why_and_starts_again(tmp_path):
 def test_a_loop_that_cannot_start_ends_the_server(tmp_path):
     told = list[str]()
     make = MakeFake(error="no data are installed")
-    served = serve(make, port=0, saves=tmp_path, is_stopped=lambda: False, ready=lambda url: None, tell=told.append)
+    served = serve(make, port=0, saves=tmp_path, is_stopped=lambda: False, ready=lambda url: None, report=told.append)
     with pytest.raises(StillwakeError, match="no data are installed"):
         asyncio.run(asyncio.wait_for(served, PATIENCE_S))
     assert len(told) == 2

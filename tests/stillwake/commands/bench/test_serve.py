@@ -17,6 +17,8 @@ import pytest
 from contract.config.loading import load_config
 from contract.shipped import BUNDLE
 from firmware_sim.ecu.stepped import LoopEcu
+from firmware_sim.live.setting_words import changes as changes_of
+from firmware_sim.live.settings import LiveSettings
 from stillwake.parts import live_parts
 from stillwake.parts.live_parts import COMPILING, MAKING, Ecus, LiveLoop, controllers, plants
 from stillwake.parts.releases import open_release
@@ -32,6 +34,23 @@ def test_here_everything_can_be_chosen():
     offered = [*controllers(open_release(None, None), None), *plants()]
     assert [choice["name"] for choice in offered] == ["int8", "c", "cortex-m7", "off", "wake", "recording"]
     assert [choice["missing"] for choice in offered] == [None] * 6
+
+
+def test_the_label_of_the_controller_names_kind_and_precision_of_the_bundle():
+    release = open_release(None, None)
+    for changes, label in (
+        ({"precision": "int8"}, "ECU in Python, int8 ONNX graph"),
+        ({"precision": "float32"}, "ECU in Python, float32 ONNX graph"),
+        ({"precision": "float32", "kind": "linear"}, "ECU in Python, linear controller, float32"),
+    ):
+        manifest = SimpleNamespace(**{"is_linear": changes.get("kind") == "linear", **changes})
+        other: Any = SimpleNamespace(manifest=manifest, digest=release.digest)
+        (shown, *_) = controllers(other, None)
+        assert shown["label"] == label
+        # What a viewer sets is listed by the same words.
+        before, now = LiveSettings(controller="off"), LiveSettings(controller="int8")
+        texts = list(changes_of(before, now, release.manifest.mpc.weights, {shown["name"]: shown["label"]}))
+        assert texts == [f"controller: {label}"]
 
 
 def test_a_choice_names_the_extra_that_it_lacks(monkeypatch):
