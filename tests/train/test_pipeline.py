@@ -18,7 +18,6 @@ from contract.recording.dataset import Dataset
 from train import model_store
 from train.distillation.distil import encode_all
 from train.distillation.evaluate import evaluate
-from train.fitting import unfinished
 from train.fitting.progress import Phase
 from train.pipeline import train_all
 from train.samples.rows import prepare
@@ -65,17 +64,6 @@ def test_the_stored_model_is_the_trained_one(stored: Path, recording: Path, smal
     assert encode_all(model.slim, slim_rows).shape == (200, 8)
 
 
-def test_the_description_is_plain_json_with_the_fields_the_export_reads(stored: Path) -> None:
-    body = json.loads((stored / "model.json").read_text())
-    assert body["schema"] == "stillwake-model/2"
-    assert len(body["scaling"]["pressure_mean"]) == len(body["scaling"]["pressure_std"]) == 90
-    assert len(body["scaling"]["force_mean"]) == len(body["scaling"]["force_std"]) == 2
-    assert set(body) == {
-        *("schema", "config", "scaling", "layout", "sensors", "dataset_sha256", "weights_sha256"),
-        *("metrics", "ranking", "versions"),
-    }
-
-
 def test_an_interrupted_run_goes_on_to_the_same_model(
     stored: Path, recording: Path, small_config: Config, tmp_path: Path
 ) -> None:
@@ -116,26 +104,6 @@ def test_another_method_s_choice_is_stored_and_survives_an_interruption(
     train_all(recording, config, resumed, progress=lambda *args: phases.append(args[0]))
     assert not {"fit", "select"} & set(phases)
     assert (resumed / "model.safetensors").read_bytes() == (tmp_path / "whole" / "model.safetensors").read_bytes()
-
-
-def test_a_resume_under_other_settings_is_refused(recording: Path, small_config: Config, tmp_path: Path) -> None:
-    def interrupt(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
-        if phase == "rank":
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        train_all(recording, small_config, tmp_path / "model", progress=interrupt)
-    other = replace(small_config, train=replace(small_config.train, seed=5))
-    message = r"model\.checkpoints holds an unfinished training with train\.seed = 0, not 5: .* --restart"
-    with pytest.raises(ConfigError, match=message):
-        train_all(recording, other, tmp_path / "model")
-    reached = unfinished.reached(tmp_path / "model.checkpoints")
-    assert reached is not None
-    assert (reached.phase, reached.step) == (Phase.FIT, reached.total)
-    phases: list[Phase] = []
-    train_all(recording, other, tmp_path / "model", resume=False, progress=lambda *args: phases.append(args[0]))
-    assert "fit" in phases
-    assert [item.name for item in tmp_path.iterdir()] == ["model"]
 
 
 def test_what_cannot_be_trained_is_refused_before_training(

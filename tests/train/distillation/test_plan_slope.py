@@ -23,38 +23,29 @@ def _with_program() -> tuple[Predictor, ControllerProgram]:
     program = random_program(3, model=MODEL, mpc=MpcConfig(horizon=HORIZON, weights=WEIGHTS))
     torch.manual_seed(0)
     predictor = Predictor(MODEL).double()
-    dynamics, decoder = predictor.dynamics.state_dict(), predictor.decoder.state_dict()
+    encoder = {
+        f"{part}.{name}": getattr(getattr(program.encoder, part), attribute)
+        for part, names in {
+            "lstm": {
+                "weight_ih_l0": "weight_input",
+                "weight_hh_l0": "weight_recurrent",
+                "bias_ih_l0": "bias_input",
+                "bias_hh_l0": "bias_recurrent",
+            },
+            **dict.fromkeys(("norm", "hidden", "output"), {"weight": "weight", "bias": "bias"}),
+        }.items()
+        for name, attribute in names.items()
+    }
     return predictor, ControllerProgram.from_state(
-        encoder=_encoder(program),
-        dynamics={name: value.numpy() for name, value in dynamics.items()},
-        decoder={name: value.numpy() for name, value in decoder.items()},
+        encoder=encoder,
+        dynamics={name: value.numpy() for name, value in predictor.dynamics.state_dict().items()},
+        decoder={name: value.numpy() for name, value in predictor.decoder.state_dict().items()},
         scaling=program.scaling,
         mpc=program.mpc,
         action_limit=program.action_limit,
         sensors=program.sensors,
         window=program.window,
     )
-
-
-def _encoder(program: ControllerProgram) -> dict[str, np.ndarray]:
-    lstm, norm, hidden, output = (
-        program.encoder.lstm,
-        program.encoder.norm,
-        program.encoder.hidden,
-        program.encoder.output,
-    )
-    return {
-        "lstm.weight_ih_l0": lstm.weight_input,
-        "lstm.weight_hh_l0": lstm.weight_recurrent,
-        "lstm.bias_ih_l0": lstm.bias_input,
-        "lstm.bias_hh_l0": lstm.bias_recurrent,
-        "norm.weight": norm.weight,
-        "norm.bias": norm.bias,
-        "hidden.weight": hidden.weight,
-        "hidden.bias": hidden.bias,
-        "output.weight": output.weight,
-        "output.bias": output.bias,
-    }
 
 
 def test_the_slope_is_the_reference_adjoints() -> None:

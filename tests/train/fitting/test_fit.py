@@ -13,10 +13,9 @@ import torch
 from contract.config.learning import FinishConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError, StillwakeError, TrainingError
-from train.distillation.distil import distil
 from train.distillation.evaluate import evaluate
 from train.fitting.checkpoint import Identity
-from train.fitting.fit import Checkpoints, device_named, fit_joint, seeded
+from train.fitting.fit import Checkpoints, device_named, fit_joint
 from train.fitting.progress import Phase
 from train.networks.model import WakeModel
 from train.samples.rows import Rows
@@ -93,18 +92,6 @@ def test_a_resumed_fit_equals_an_uninterrupted_one(
     assert_equal(whole, resumed)
 
 
-def test_a_resumed_distillation_equals_an_uninterrupted_one(rows: Rows, small_config: Config, tmp_path: Path) -> None:
-    config = trained(small_config, distil_epochs=12.0)
-    with seeded(0, torch.device("cpu")):
-        teacher = WakeModel(90, config.model).encoder
-    chosen = torch.tensor([3, 39, 84]).numpy()
-    whole = distil(teacher, rows, chosen, config)
-    kept = Checkpoints(folder=tmp_path, identity=IDENTITY, every=7)
-    with pytest.raises(KeyboardInterrupt):
-        distil(teacher, rows, chosen, config, progress=interrupt_at(20), checkpoints=kept)
-    assert_equal(whole, distil(teacher, rows, chosen, config, checkpoints=replace(kept, resume=True)))
-
-
 def test_a_checkpoint_of_another_run_is_refused(rows: Rows, small_config: Config, tmp_path: Path) -> None:
     kept = Checkpoints(folder=tmp_path, identity=IDENTITY, resume=True)
     fit_joint(rows, small_config, checkpoints=kept)
@@ -150,22 +137,6 @@ def test_a_full_disk_at_a_checkpoint_costs_nothing(
     resumed = fit_joint(rows, config, checkpoints=kept, progress=lambda phase, step, *_: steps.append(step))
     assert steps[0] == 10, "it went on from step 7"
     assert_equal(whole, resumed)
-
-
-def test_only_loss_terms_that_add_up_are_reported(rows: Rows, small_config: Config) -> None:
-    reports: list[Mapping[str, float]] = []
-    config = trained(small_config, decode_weight=0.5)
-    fit_joint(rows, config, progress=lambda phase, step, total, terms: reports.append(terms))
-    weights = {
-        "prediction": 1.0,
-        "force": small_config.train.force_weight,
-        "decode": 0.5,
-        "variance": small_config.train.variance_weight,
-        "covariance": small_config.train.covariance_weight,
-    }
-    for terms in reports:
-        assert terms["total"] == pytest.approx(sum(weights[name] * terms[name] for name in weights), rel=1e-4)
-    assert reports
 
 
 def test_devices() -> None:
