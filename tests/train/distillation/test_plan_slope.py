@@ -32,7 +32,7 @@ def _with_program() -> tuple[Predictor, ControllerProgram]:
                 "bias_ih_l0": "bias_input",
                 "bias_hh_l0": "bias_recurrent",
             },
-            **dict.fromkeys(("norm", "hidden", "output"), {"weight": "weight", "bias": "bias"}),
+            **{key: {"weight": "weight", "bias": "bias"} for key in ("norm", "hidden", "output")},
         }.items()
         for name, attribute in names.items()
     }
