@@ -21,19 +21,25 @@ import numpy as np
 from contract.arrays import Array
 from contract.config.loading import from_tree, to_tree
 from contract.config.tree import Config
-from contract.errors import ConfigError, ModelError, StillwakeError
+from contract.errors import ConfigError, ModelError
 from contract.model.model_folder import Provenance
 from contract.model.tensor_folder import WEIGHTS as WEIGHTS
-from contract.model.tensor_folder import check_entries, read_body, read_tensors, write_folder
+from contract.model.tensor_folder import FolderKind
 from contract.release.manifest import LINEAR, Scaling
 from contract.typed import typed
 
 SCHEMA: Final = "stillwake-linear-model/1"
 DESCRIPTION: Final = "linear_model.json"
-_ENTRIES: Final = (
-    *("schema", "config", "sensors", "positions", "scaling", "identification", "design", "metrics"),
-    *("dataset_sha256", "versions"),
+KIND: Final = FolderKind(
+    noun="a linear model",
+    description=DESCRIPTION,
+    schemas=(SCHEMA,),
+    entries=(
+        *("config", "sensors", "positions", "scaling", "identification", "design", "metrics"),
+        *("dataset_sha256", "versions"),
+    ),
 )
+is_linear, check_free = KIND.is_at, KIND.check_free
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,23 +69,6 @@ class LinearDescription:
     versions: Mapping[str, str]
 
 
-@dataclass(frozen=True, kw_only=True)
-class LinearProvenance(Provenance):
-    """As of a trained model, with the arguments of identification and design; a manifest says that it is linear."""
-
-    identification: Mapping[str, Any]
-    design: Mapping[str, Any]
-
-    def training(self) -> dict[str, Any]:
-        """What a bundle's manifest has as `provenance`."""
-        return {
-            "kind": LINEAR,
-            **super().training(),
-            "identification": self.identification,
-            "design": self.design,
-        }
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearModelFolder:
     """A verified directory; shapes of model and gain as at the top."""
@@ -91,31 +80,17 @@ class LinearModelFolder:
     config_tree: Mapping[str, Any]
 
     @property
-    def provenance(self) -> LinearProvenance:
-        """As a release made of the model keeps it."""
+    def provenance(self) -> Provenance:
+        """As a release made of the model keeps it, which is marked as linear."""
         about = self.description
-        return LinearProvenance(
+        return Provenance(
             dataset_sha256=about.dataset_sha256,
             weights_sha256=self.weights_sha256,
             metrics=about.metrics,
             versions=about.versions,
             config=self.config_tree,
-            identification=about.identification,
-            design=about.design,
+            more={"kind": LINEAR, "identification": about.identification, "design": about.design},
         )
-
-
-def is_linear(path: Path) -> bool:
-    """Whether a directory claims to be a linear model."""
-    return (path / DESCRIPTION).is_file()
-
-
-def check_free(path: Path) -> None:
-    """Raise StillwakeError if writing a model to `path` would replace anything but a linear model."""
-    if path.is_dir() and (is_linear(path) or not any(path.iterdir())):
-        return
-    if path.exists():
-        raise StillwakeError(f"{path}: exists and is not a linear model; choose another place")
 
 
 def write(path: Path, description: LinearDescription, model: Array, gain: Array) -> None:
@@ -124,9 +99,7 @@ def write(path: Path, description: LinearDescription, model: Array, gain: Array)
     Raises:
         StillwakeError: the place cannot be written or holds something else.
     """
-    check_free(path)
-    body = {
-        "schema": SCHEMA,
+    entries = {
         "config": to_tree(description.config),
         "sensors": description.sensors,
         "positions": description.positions,
@@ -137,7 +110,7 @@ def write(path: Path, description: LinearDescription, model: Array, gain: Array)
         "dataset_sha256": description.dataset_sha256,
         "versions": description.versions,
     }
-    write_folder(path, DESCRIPTION, body, {"model": model, "gain": gain})
+    KIND.write(path, entries, {"model": model, "gain": gain})
 
 
 def read(path: Path) -> LinearModelFolder:
@@ -146,8 +119,7 @@ def read(path: Path) -> LinearModelFolder:
     Raises:
         ModelError: a file is missing, damaged, altered or of another schema, or the numbers do not fit each other.
     """
-    body = read_description(path)
-    tensors = read_tensors(path, DESCRIPTION, body)
+    body, tensors = KIND.read(path)
     description = _describe(path, body)
     if set(tensors) != {"model", "gain"}:
         raise ModelError(f"model {path}: {WEIGHTS} holds {sorted(tensors)}: must be gain and model")
@@ -167,13 +139,6 @@ def read(path: Path) -> LinearModelFolder:
         weights_sha256=body["weights_sha256"],
         config_tree=body["config"],
     )
-
-
-def read_description(path: Path) -> dict[str, Any]:
-    """`linear_model.json`, complete and of this schema; raises ModelError if it is not."""
-    body = read_body(path, DESCRIPTION, (SCHEMA,))
-    check_entries(path, DESCRIPTION, body, _ENTRIES)
-    return body
 
 
 def _describe(path: Path, body: Mapping[str, Any]) -> LinearDescription:

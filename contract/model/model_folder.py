@@ -14,7 +14,7 @@ A model of the first schema has no layout: it is the truck's. Tensors are arrays
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,9 +23,10 @@ import numpy.typing as npt
 
 from contract.config.loading import from_tree, to_tree
 from contract.config.tree import Config
-from contract.errors import ConfigError, ModelError, StillwakeError
+from contract.errors import ConfigError, ModelError
 from contract.model.tensor_folder import WEIGHTS as WEIGHTS
-from contract.model.tensor_folder import check_entries, read_body, read_tensors, write_folder
+from contract.model.tensor_folder import FolderKind
+from contract.model.tensor_folder import Tensors as Tensors
 from contract.release.manifest import Scaling
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
@@ -42,8 +43,13 @@ PREDICTOR: Final = ("dynamics", "decoder")
 
 _NETWORKS: Final = (TEACHER, SLIM, *PREDICTOR, *(f"{SLIM}_{name}" for name in PREDICTOR))
 
-Tensors = Mapping[str, npt.NDArray[Any]]
-"""Arrays by name, `network.layer`."""
+KIND: Final = FolderKind(
+    noun="a model directory",
+    description=DESCRIPTION,
+    schemas=(SCHEMA, SCHEMA_1),
+    entries=("config", "dataset_sha256", "metrics", "ranking", "scaling", "sensors", "versions"),
+)
+check_free, read_description = KIND.check_free, KIND.read_description
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,6 +93,7 @@ class Provenance:
         dataset_sha256: of the recording that it was fitted to.
         weights_sha256: of its tensors.
         metrics, versions, config: as the model's description has them.
+        more: what a manifest has with these.
     """
 
     dataset_sha256: str
@@ -94,10 +101,11 @@ class Provenance:
     metrics: Mapping[str, Any]
     versions: Mapping[str, str]
     config: Mapping[str, Any]
+    more: Mapping[str, Any] = field(default_factory=dict)
 
     def training(self) -> dict[str, Any]:
         """What a bundle's manifest has as `provenance`; for the hashes it has fields of their own."""
-        return {"metrics": self.metrics, "versions": self.versions, "config": self.config}
+        return {**self.more, "metrics": self.metrics, "versions": self.versions, "config": self.config}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,9 +148,7 @@ def write(path: Path, description: Description, tensors: Tensors) -> None:
     Raises:
         StillwakeError: if the place cannot be written or holds something that is not a model.
     """
-    check_free(path)
-    body = {
-        "schema": SCHEMA,
+    entries = {
         "config": to_tree(description.config),
         "scaling": asdict(description.scaling),
         "layout": _layout_tree(description.layout),
@@ -152,15 +158,7 @@ def write(path: Path, description: Description, tensors: Tensors) -> None:
         "ranking": description.ranking,
         "versions": description.versions,
     }
-    write_folder(path, DESCRIPTION, body, tensors)
-
-
-def check_free(path: Path) -> None:
-    """Raise StillwakeError if writing a model to `path` would replace anything but a model."""
-    if path.is_dir() and ((path / DESCRIPTION).is_file() or not any(path.iterdir())):
-        return
-    if path.exists():
-        raise StillwakeError(f"{path}: exists and is not a model directory; choose another place")
+    KIND.write(path, entries, tensors)
 
 
 def read(path: Path) -> ModelFolder:
@@ -170,8 +168,9 @@ def read(path: Path) -> ModelFolder:
         ModelError: if a file is missing, damaged, altered or of another schema, or the description does not fit
             itself; the message names the file and the entry.
     """
-    body = read_description(path)
-    tensors = read_tensors(path, DESCRIPTION, body)
+    body, tensors = KIND.read(path)
+    if body["schema"] == SCHEMA and "layout" not in body:
+        raise ModelError(f"model {path}: {DESCRIPTION} lacks 'layout'")
     description = _describe(path, body)
     for key in sorted(tensors):
         if key.split(".")[0] not in _NETWORKS:
@@ -182,14 +181,6 @@ def read(path: Path) -> ModelFolder:
         weights_sha256=body["weights_sha256"],
         config_tree=body["config"],
     )
-
-
-def read_description(path: Path) -> dict[str, Any]:
-    """`model.json` of a model directory, complete and of this schema; raises ModelError if it is not."""
-    body = read_body(path, DESCRIPTION, (SCHEMA, SCHEMA_1))
-    entries = set(Description.__dataclass_fields__) - ({"layout"} if body["schema"] == SCHEMA_1 else set())
-    check_entries(path, DESCRIPTION, body, sorted(entries))
-    return body
 
 
 def _layout_tree(layout: SensorLayout) -> dict[str, Any]:

@@ -57,12 +57,6 @@ def test_a_folder_made_for_nothing_goes_again(tmp_path):
     assert (tmp_path / "old").is_dir()
 
 
-def test_all_folders_made_for_nothing_go_again(tmp_path):
-    with pytest.raises(ValueError, match="no"), replacing(tmp_path / "a" / "b" / "c" / "file"):
-        raise ValueError("no")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_interrupted_move_puts_the_old_directory_back(tmp_path, monkeypatch):
     target = tmp_path / "target"
     write_directory(target, "old")

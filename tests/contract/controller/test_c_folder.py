@@ -1,7 +1,6 @@
 """The C library's folder: what one room writes another one reads, and what is no such folder is named."""
 
 import os
-import random
 from pathlib import Path
 
 import numpy as np
@@ -91,28 +90,21 @@ def test_any_name_is_read_as_it_was_written(text):
     assert Settings(header).text("SW_SENSOR_NAMES") == text
 
 
-@pytest.mark.parametrize("value", ["-1", "1.5", "x", "0x10", "9" * 10, "9" * 5000, '"3"x', "\x1b[2J"])
-def test_a_size_that_is_none_is_named(value):
-    settings = Settings(f"#define SW_WINDOW {value}\n".encode())
-    with pytest.raises(LibraryError, match=r"SW_WINDOW is .*: must be a whole number") as refused:
-        settings.number("SW_WINDOW")
-    assert str(refused.value).isprintable()
-
-
-def test_a_damaged_header_is_refused_by_name_or_read():
-    """2,000 headers with some bytes changed: every size is a number again, or the file is named."""
-    sound = settings_header({"SW_WINDOW": 20, "SW_SENSORS": 4, "SW_SENSOR_NAMES": "a b", "SW_LIMIT": np.float32(0.1)})
-    rng = random.Random(0)
-    for _ in range(2000):
-        content = bytearray(sound)
-        for _ in range(rng.randint(1, 4)):
-            content[rng.randrange(len(content))] = rng.randrange(256)
-        try:
-            settings = Settings(bytes(content))
-            assert 0 <= settings.number("SW_WINDOW") < 10**9
-            settings.text("SW_SENSOR_NAMES")
-        except LibraryError as error:
-            assert str(error).startswith(SETTINGS)
+def test_a_size_that_is_none_is_named():
+    for value in (
+        "-1",
+        "1.5",
+        "x",
+        "0x10",
+        "9" * 10,
+        "9" * 5000,
+        '"3"x',
+        "\x1b[2J",
+    ):
+        settings = Settings(f"#define SW_WINDOW {value}\n".encode())
+        with pytest.raises(LibraryError, match=r"SW_WINDOW is .*: must be a whole number") as refused:
+            settings.number("SW_WINDOW")
+        assert str(refused.value).isprintable()
 
 
 def test_a_pipe_among_the_sources_is_not_waited_for(tmp_path):

@@ -67,24 +67,17 @@ def test_a_sound_data_set_has_only_the_note_that_mirror_images_are_absent(sound)
     refuse_unfit([note], "a.h5")
 
 
-@pytest.mark.parametrize(
-    ("flow", "message"),
-    [
+def test_settings_of_another_plant_are_named_with_what_to_set(sound):
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"control_period": 0.2}, r"control period is 0\.3 in the data set, flow\.control_period = 0\.2 .*=0\.3"),
         ({"action_limit": 0.075}, r"action limit is 0\.2 in the data set, flow\.action_limit = 0\.075"),
-    ],
-)
-def test_settings_of_another_plant_are_named_with_what_to_set(sound, flow, message):
-    other = replace(CONFIG, flow=replace(CONFIG.flow, **flow))
-    with pytest.raises(DatasetError, match=message) as caught:
-        refuse_unfit(findings(sound, other), "a.h5")
-    assert "`stillwake dataset show FILE --settings`" in str(caught.value)
-    assert texts(sound, agreeing(sound, other)) == []
-
-
-def test_a_reynolds_number_counts_where_it_is_known(sound):
-    known = replace(sound, facts=replace(FACTS, reynolds=1000.0))
-    assert texts(known)[0].startswith("reynolds is 1000 in the data set, flow.reynolds = 500 ")
+    ]
+    for flow, message in cases:
+        other = replace(CONFIG, flow=replace(CONFIG.flow, **flow))
+        with pytest.raises(DatasetError, match=message) as caught:
+            refuse_unfit(findings(sound, other), "a.h5")
+        assert "`stillwake dataset show FILE --settings`" in str(caught.value)
+        assert texts(sound, agreeing(sound, other)) == []
 
 
 def test_an_episode_of_another_plant_than_the_first_is_named(sound):
@@ -98,24 +91,21 @@ def test_an_episode_of_another_plant_than_the_first_is_named(sound):
 T = PERIOD * np.arange(120)
 
 
-@pytest.mark.parametrize(
-    ("series", "message"),
-    [
+def test_times_and_actions_are_checked(sound):
+    for series, message in (
         ({"t": T[::-1]}, "episode sweep: t does not rise from step 0 to 1: 35.7, 35.4"),
         ({"t": 2 * T}, "episode sweep: t rises by 0.6, must rise by the control period of 0.3"),
         ({"t": np.where(np.arange(120) > 50, T + 0.1, T)}, "t rises by 0.4 from step 50 to 51"),
         ({"action": np.linspace(0, 2.0, 120)}, r"episode sweep: action is 2 at step 119, beyond the limit of 0.2 \(10"),
         ({"Cd": np.ones(120)}, None),
-    ],
-)
-def test_times_and_actions_are_checked(sound, series, message):
-    found = texts(with_first(sound, **series))
-    if message is None:
-        assert found == []  # the other training episode has a Cd that changes
-    else:
-        assert len(found) == 1
-        with pytest.raises(DatasetError, match=message):
-            refuse_unfit(findings(with_first(sound, **series), CONFIG), "a.h5")
+    ):
+        found = texts(with_first(sound, **series))
+        if message is None:
+            assert found == []  # the other training episode has a Cd that changes
+        else:
+            assert len(found) == 1
+            with pytest.raises(DatasetError, match=message):
+                refuse_unfit(findings(with_first(sound, **series), CONFIG), "a.h5")
 
 
 def test_times_and_actions_may_be_rounded_as_text_files_are(sound):
@@ -176,11 +166,14 @@ def test_a_sensor_without_a_partner_is_named(sound):
     assert layout.without_partner() == ("odd",)
 
 
-@pytest.mark.parametrize(("role", "index"), [("train", slice(2, 3)), ("test", slice(0, 2))])
-def test_a_missing_role_is_named(sound, role, index):
-    assert texts(replace(sound, episodes=sound.episodes[index]))[0].startswith(
-        f"dataset has no episode with role '{role}'"
-    )
+def test_a_missing_role_is_named(sound):
+    for role, index in (
+        ("train", slice(2, 3)),
+        ("test", slice(0, 2)),
+    ):
+        assert texts(replace(sound, episodes=sound.episodes[index]))[0].startswith(
+            f"dataset has no episode with role '{role}'"
+        )
 
 
 def test_a_short_training_episode_is_left_out_by_name_and_only_all_of_them_stop_training(sound):

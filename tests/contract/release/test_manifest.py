@@ -262,3 +262,10 @@ def test_a_provenance_that_json_cannot_say_is_not_written():
 
 def test_the_manifest_may_state_that_there_is_no_estimator():
     assert read(sealed({**SHIPPED, "sensor_estimator": None})).sensor_estimator is None
+
+
+def test_the_action_is_the_windows_last_column_and_keeps_its_zero():
+    """Zero must stay zero: an action and its mirror image differ in sign only."""
+    scaling = read(sealed(SHIPPED)).scaling
+    assert scaling.window_mean == (*scaling.pressure_mean, 0.0)
+    assert scaling.window_std == (*scaling.pressure_std, scaling.action_std)

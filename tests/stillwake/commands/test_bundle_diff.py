@@ -108,13 +108,16 @@ def test_it_makes_no_difference_which_comes_first(shipped):
     assert {Difference(row.name, row.b, row.a) for row in there} == set(back)
 
 
-@pytest.mark.parametrize("first", [True, False])
-def test_what_does_not_verify_is_not_compared(cli, shipped, first):
-    (shipped / CONTROLLER).write_bytes(b"x")
-    outcome = cli("bundle", "diff", *((shipped, BUNDLE) if first else (BUNDLE, shipped)))
-    assert outcome.code == 2
-    assert outcome.err.startswith(f"error: bundle {shipped}: {CONTROLLER} was altered")
-    assert outcome.err.count("\n") == 1
+def test_what_does_not_verify_is_not_compared(cli, shipped):
+    for first in (
+        True,
+        False,
+    ):
+        (shipped / CONTROLLER).write_bytes(b"x")
+        outcome = cli("bundle", "diff", *((shipped, BUNDLE) if first else (BUNDLE, shipped)))
+        assert outcome.code == 2
+        assert outcome.err.startswith(f"error: bundle {shipped}: {CONTROLLER} was altered")
+        assert outcome.err.count("\n") == 1
 
 
 def test_a_key_can_be_demanded_of_both(cli, shipped):

@@ -63,9 +63,8 @@ def test_a_list_is_not_replaced_unasked(cli, tmp_path):
     assert (tmp_path / "list").read_bytes() != before
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_what_makes_no_list_is_refused_in_one_line(cli, tmp_path):
+    for arguments, message in (
         (["list"], "give --root, --version and at least one --key"),
         (["list", "--root", "root/release.key", "--version", 3], "at least one --key"),
         (["list", "--root", "root/release.pub", "--version", 3, "--key", "new/release.pub"], "not a private key"),
@@ -73,22 +72,27 @@ def test_a_list_is_not_replaced_unasked(cli, tmp_path):
         (["list", "--root", "root/release.key", "--version", 3, "--key", "none"], "No such file"),
         (["list", "--root", "root/release.key", "--version", 3, "--key", "new/release.key"], "not a public key"),
         (
-            ["list", "--root", "root/release.key", "--version", 3, *["--key", "new/release.pub"],
-             *["--revoke", "new/release.pub"]],
+            [
+                "list",
+                "--root",
+                "root/release.key",
+                "--version",
+                3,
+                *["--key", "new/release.pub"],
+                *["--revoke", "new/release.pub"],
+            ],
             "is allowed and revoked",
         ),
         (["list", "--show"], "No such file"),
         (["new", "--show"], "Is a directory"),
         (["root/release.pub", "--show"], "has no signature"),
         (["list", "--show", "--version", 3], "--show takes no --version"),
-    ],
-)  # fmt: skip
-def test_what_makes_no_list_is_refused_in_one_line(cli, tmp_path, arguments, message):
-    outcome = cli("bundle", "keylist", *arguments)
-    assert (outcome.code, outcome.out) == (1, "")
-    assert message in outcome.err
-    assert outcome.err.count("\n") == 1
-    assert not (tmp_path / "list").exists()
+    ):
+        outcome = cli("bundle", "keylist", *arguments)
+        assert (outcome.code, outcome.out) == (1, "")
+        assert message in outcome.err
+        assert outcome.err.count("\n") == 1
+        assert not (tmp_path / "list").exists()
 
 
 def test_an_altered_list_is_not_shown(cli, tmp_path):

@@ -49,17 +49,20 @@ def test_the_old_one_is_refused_with_the_way_out(old):
         bundle.load(old)
 
 
-@pytest.mark.parametrize("target", ["new", "new.zip"])
-def test_the_new_one_has_the_same_controller_and_says_where_it_comes_from(cli, old, keys, tmp_path, target):
-    done = renew(cli, old, keys, tmp_path, target=target)
-    assert done.code == 0, done.err
-    found = bundle.load(tmp_path / target, signing.public_key(NEW_KEY))
-    assert found.files[CONTROLLER] == (old / CONTROLLER).read_bytes()
-    before = json.loads((old / MANIFEST).read_bytes())
-    assert found.manifest.name == "renewed"
-    assert found.manifest.provenance == {**before["provenance"], "renewed_from": before["manifest_sha256"]}
-    for name in ("dataset_sha256", "weights_sha256", "program_sha256", "precision", "window", "action_limit"):
-        assert getattr(found.manifest, name) == before[name]
+def test_the_new_one_has_the_same_controller_and_says_where_it_comes_from(cli, old, keys, tmp_path):
+    for target in (
+        "new",
+        "new.zip",
+    ):
+        done = renew(cli, old, keys, tmp_path, target=target)
+        assert done.code == 0, done.err
+        found = bundle.load(tmp_path / target, signing.public_key(NEW_KEY))
+        assert found.files[CONTROLLER] == (old / CONTROLLER).read_bytes()
+        before = json.loads((old / MANIFEST).read_bytes())
+        assert found.manifest.name == "renewed"
+        assert found.manifest.provenance == {**before["provenance"], "renewed_from": before["manifest_sha256"]}
+        for name in ("dataset_sha256", "weights_sha256", "program_sha256", "precision", "window", "action_limit"):
+            assert getattr(found.manifest, name) == before[name]
 
 
 def test_a_sensor_estimator_is_kept_or_fitted_anew(cli, old, keys, tmp_path):

@@ -49,19 +49,16 @@ def test_what_lies_outside_or_in_a_gap_is_refused_by_time() -> None:
     assert one.at(np.array([0.0, 0.1, 0.5, 0.605]), **wide).tolist() == [1.0, 2.0, 3.0, 4.0]
 
 
-@pytest.mark.parametrize(
-    ("t", "values", "text"),
-    [
+def test_series_that_are_none_are_refused() -> None:
+    for t, values, text in (
         ([0.0, 1.0, 1.0], [1.0, 2.0, 3.0], "do not rise from row 1 to 2: 1, 1"),
         ([0.0, 1.0, 0.5], [1.0, 2.0, 3.0], "do not rise from row 1 to 2"),
         ([0.0, np.inf], [1.0, 2.0], "'t' holds a value that is not finite, first at row 1"),
         ([0.0, 1.0], [np.nan, 2.0], "'Cd' holds a value that is not finite, first at row 0"),
         ([0.0], [1.0], "has 1 rows, must have at least two"),
-    ],
-)
-def test_series_that_are_none_are_refused(t: Any, values: Any, text: str) -> None:
-    with pytest.raises(DatasetError, match=text):
-        series(t, values)
+    ):
+        with pytest.raises(DatasetError, match=text):
+            series(t, values)
 
 
 def write(path: Path, values: dict[str, Any]) -> Path:
@@ -77,26 +74,25 @@ def write(path: Path, values: dict[str, Any]) -> Path:
     return path
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".npz", ".h5"])
-@pytest.mark.parametrize(
-    ("names", "renamed", "clock"),
-    [
-        (("t", "Cd", "Cl"), {}, None),
-        (("t [t_c]", "Cd [1]", "Cl"), {}, "t_c"),
-        (("t [s]", "Cd", "Cl"), {}, None),
-        (("time", "drag", "Cl [1]"), {"t": "time", "Cd": "drag"}, None),
-    ],
-)
-def test_tables_are_read_whatever_holds_them(
-    tmp_path: Path, suffix: str, names: tuple[str, ...], renamed: dict[str, str], clock: str | None
-) -> None:
-    path = write(tmp_path / f"forces{suffix}", dict(zip(names, VALUES.values(), strict=True)))
-    found = read_forces(path, renamed)
-    assert found.clock == clock
-    for name, inside in (("Cd", names[1]), ("Cl", names[2])):
-        assert found.forces[name].name == inside
-        np.testing.assert_array_equal(found.forces[name].t, T)
-        np.testing.assert_array_equal(found.forces[name].values, VALUES[name])
+def test_tables_are_read_whatever_holds_them(tmp_path: Path) -> None:
+    for suffix in (
+        ".csv",
+        ".npz",
+        ".h5",
+    ):
+        for names, renamed, clock in (
+            (("t", "Cd", "Cl"), {}, None),
+            (("t [t_c]", "Cd [1]", "Cl"), {}, "t_c"),
+            (("t [s]", "Cd", "Cl"), {}, None),
+            (("time", "drag", "Cl [1]"), {"t": "time", "Cd": "drag"}, None),
+        ):
+            path = write(tmp_path / f"forces{suffix}", dict(zip(names, VALUES.values(), strict=True)))
+            found = read_forces(path, renamed)
+            assert found.clock == clock
+            for name, inside in (("Cd", names[1]), ("Cl", names[2])):
+                assert found.forces[name].name == inside
+                np.testing.assert_array_equal(found.forces[name].t, T)
+                np.testing.assert_array_equal(found.forces[name].values, VALUES[name])
 
 
 def test_a_table_without_a_force_or_of_two_lengths_is_refused(tmp_path: Path) -> None:

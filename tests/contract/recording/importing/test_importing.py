@@ -47,20 +47,20 @@ def test_mirror_images_follow_from_the_places(tmp_path):
     assert layout.mirror.tolist() == [1, 0, 2]
 
 
-@pytest.mark.parametrize("suffix", WRITERS)
-def test_every_format_gives_the_same_data_set_within_half_a_quantum(tmp_path, layout, suffix):
-    values = foreign_plant.series(60, 1)
-    made = imported(WRITERS[suffix](tmp_path / f"run 1{suffix}", values), layout)
-    dataset.write(tmp_path / "out.h5", made)
-    read = dataset.read(tmp_path / "out.h5")
-    (episode,) = read.episodes
-    assert (episode.name, episode.role, episode.initial_action) == ("run 1", "train", 0.0)
-    assert read.plant == FACTS
-    assert read.layout.difference(layout) is None
-    for name in REQUIRED:
-        # Cd and Cl stay within +-2, so their quantum is the next power of two above the finest.
-        half = {"t": 0.0, "action": 0.0, "Cp": CP_QUANTUM / 2}.get(name, QUANTUM)
-        assert np.abs(episode.series[name] - values[name]).max() <= half, name
+def test_every_format_gives_the_same_data_set_within_half_a_quantum(tmp_path, layout):
+    for suffix in WRITERS:
+        values = foreign_plant.series(60, 1)
+        made = imported(WRITERS[suffix](tmp_path / f"run 1{suffix}", values), layout)
+        dataset.write(tmp_path / "out.h5", made)
+        read = dataset.read(tmp_path / "out.h5")
+        (episode,) = read.episodes
+        assert (episode.name, episode.role, episode.initial_action) == ("run 1", "train", 0.0)
+        assert read.plant == FACTS
+        assert read.layout.difference(layout) is None
+        for name in REQUIRED:
+            # Cd and Cl stay within +-2, so their quantum is the next power of two above the finest.
+            half = {"t": 0.0, "action": 0.0, "Cp": CP_QUANTUM / 2}.get(name, QUANTUM)
+            assert np.abs(episode.series[name] - values[name]).max() <= half, name
 
 
 @examples(30, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -141,9 +141,8 @@ ROW = "0.1,1,0,1,2,3,4,5,6,7"
 T = PERIOD * np.arange(20)
 
 
-@pytest.mark.parametrize(
-    ("write", "message"),
-    [
+def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout):
+    for write, message in (
         (lambda folder: folder / "none.csv", r"none\.csv: no such file"),
         (raw("a.xlsx", b""), r"a\.xlsx: a data file must end in \.csv"),
         (raw("a.npz", b"PK"), r"a\.npz: damaged or not an NPZ"),
@@ -181,34 +180,29 @@ T = PERIOD * np.arange(20)
         (changed(t=T[::-1]), "t does not rise from step 0 to 1"),
         (changed(t=np.where(T > 3, T + 0.2, T)), "t rises by 0.5 from step 10 to 11"),
         (changed(t=1.005 * T), "t rises by 0.3015, must rise"),
-    ],
-)
-def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout, write, message):
-    with pytest.raises(DatasetError, match=message) as caught:
-        imported(write(tmp_path), layout)
-    assert "\n" not in str(caught.value)
+    ):
+        with pytest.raises(DatasetError, match=message) as caught:
+            imported(write(tmp_path), layout)
+        assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "head",
-    [
+def test_comments_and_a_header_that_is_one_are_read(tmp_path, layout):
+    """numpy.savetxt writes the header after a #; others write remarks above it, a byte order mark, or spaces."""
+    for head in (
         "# {}\n",
         "#{}\n",
         "# my rig, 2026\n# {}\n",
         "# my rig, 2026\n\n{}\n",
         "\ufeff{}\r\n",
         " {}\n".replace(",", " , "),
-    ],
-)
-def test_comments_and_a_header_that_is_one_are_read(tmp_path, layout, head):
-    """numpy.savetxt writes the header after a #; others write remarks above it, a byte order mark, or spaces."""
-    values = foreign_plant.series(20, 3)
-    path = foreign_plant.write_csv(tmp_path / "a.csv", values)
-    names, rows = path.read_text().split("\n", 1)
-    path.write_text(head.format(names) + rows, encoding="utf-8")
-    series = imported(path, layout).episodes[0].series
-    np.testing.assert_allclose(series["t"], values["t"], atol=1e-6)
-    np.testing.assert_allclose(series["Cp"], values["Cp"], atol=1e-6)
+    ):
+        values = foreign_plant.series(20, 3)
+        path = foreign_plant.write_csv(tmp_path / "a.csv", values)
+        names, rows = path.read_text().split("\n", 1)
+        path.write_text(head.format(names) + rows, encoding="utf-8")
+        series = imported(path, layout).episodes[0].series
+        np.testing.assert_allclose(series["t"], values["t"], atol=1e-6)
+        np.testing.assert_allclose(series["Cp"], values["Cp"], atol=1e-6)
 
 
 def test_what_is_not_used_is_told_and_a_renamed_column_must_be_there(tmp_path, layout):
@@ -230,22 +224,19 @@ def test_a_file_has_one_role(tmp_path, layout):
         assemble([Source(path=path, role="train"), Source(path=path, role="test")], layout, FACTS)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_sensors_that_do_not_fit_are_refused(tmp_path):
+    for text, message in (
         ("a,1,1\nb,1,-1\n", "'1' is there twice; the first line must have the names"),
         ("name,x\na,1\n", "no column 'y'"),
         ("name,x,y\na,1,0\na,2,0\n", "sensor 'a': named twice"),
         ("name,x,y\na,1,left\n", "line 2, column 'y': 'left' is not a number"),
         ("name,x,y,base\na,1,0,maybe\n", "line 2, column 'base': 'maybe' must be 0 or 1"),
         ("name,x,y\na,1,0\nCd,1,0\n", "line 3: a sensor cannot be called 'Cd'"),
-    ],
-)
-def test_sensors_that_do_not_fit_are_refused(tmp_path, text, message):
-    (tmp_path / "s.csv").write_text(text)
-    with pytest.raises(DatasetError, match=message) as caught:
-        read_sensors(tmp_path / "s.csv", symmetric=True)
-    assert "s.csv" in str(caught.value)
+    ):
+        (tmp_path / "s.csv").write_text(text)
+        with pytest.raises(DatasetError, match=message) as caught:
+            read_sensors(tmp_path / "s.csv", symmetric=True)
+        assert "s.csv" in str(caught.value)
 
 
 def test_wrong_arguments_are_refused(tmp_path, layout):
