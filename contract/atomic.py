@@ -43,7 +43,7 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; move it there if the block succeeds, remove it if not.
+    """Yield a temporary path next to `path`; move it there if the block succeeds, remove it if not.
 
     The folders are made if need be, and removed again if nothing came of it. Works for a file or a directory; an old
     directory is kept until the new one is in its place.

@@ -1,6 +1,6 @@
 """The drag ledger: every force along the road that the jets change, and the power they take.
 
-A drag reduction counts only with its price beside it. The wall's drag is what the controller reduces; the slot faces,
+A drag reduction counts only together with its price. The wall's drag is what the controller reduces; the slot faces,
 the reaction to the jets' momentum and the jets' power are reported next to it, and `Cd_net` sums the forces.
 """
 

@@ -25,11 +25,11 @@ _DATA: Final = _folder()
 BUNDLE: Final = Path(__file__).resolve().parents[1] / "firmware_sim" / "data" / "bundle"
 """The shipped release."""
 DEVELOPED: Final = _DATA / "developed.npz"
-"""A flow state with shedding established and no action: where episodes begin. `developed` says if it is missing."""
+"""A flow state with shedding established and no action: where episodes begin. `developed` reports a missing one."""
 RECORDING: Final = _DATA / "recording.h5"
-"""The data set that the shipped bundle was trained on. `recording` says if it is missing."""
+"""The data set that the shipped bundle was trained on. `recording` reports a missing one."""
 MODEL: Final = _DATA / "model"
-"""The model folder that the shipped bundle was exported from. `model` says if it is missing."""
+"""The model folder that the shipped bundle was exported from. `model` reports a missing one."""
 
 
 def developed() -> Path:

@@ -30,7 +30,7 @@ class BodyConfig(Settings, source=paper("section 2.1")):
     length: Annotated[float, _LENGTH, WIDTHS] = LENGTH
     """1 is a square cylinder."""
     leading_edge_radius: Annotated[float, _RADIUS, WIDTHS] = LEADING_EDGE_RADIUS
-    """Of the two front corners; 0 leaves them sharp."""
+    """Radius of the two front corners; 0 leaves them sharp."""
     sensors_per_side: AtLeastOne[int] = 40
     """Evenly spaced between the rounded edge and the base, on the upper and on the lower side."""
     sensors_on_base: AtLeastOne[int] = 10

@@ -1,7 +1,7 @@
 """The sensors of a body in the project's own solver: the truck's by the paper's table, another's by the same rule.
 
 Order and names are the truck's: `upper_00` .. front to rear, `lower_00` .. front to rear, `base_0` .. from top to
-bottom, as many of each as the settings of the body say.
+bottom, as many of each as the settings of the body give.
 """
 
 import numpy as np

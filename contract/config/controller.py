@@ -42,7 +42,7 @@ class MpcConfig(Settings, source=paper("section 2.4.2")):
     iterations: AtLeastOne[int] = 5
     """Steps of Adam on the plan in each control step."""
     learning_rate: Positive[float] = 1e-3
-    """Of these steps of Adam."""
+    """Learning rate of these steps of Adam."""
     drag_reference: Annotated[Finite[float], paper("section 2.4.1")] = 1.051
     """C_d,ref: mean drag without control. It shifts the cost, and changes no plan."""
     weights: CostWeights = field(default_factory=CostWeights)

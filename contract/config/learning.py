@@ -39,7 +39,7 @@ class ModelConfig(Settings, source=paper("table 1")):
     dropout: Fraction[float] = 0.25
     """Probability, between the decoder's layers, in the joint fit."""
     slim_dynamics_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
-    """Of the dynamics that the controller rolls out, distilled from the trained ones; None deploys those."""
+    """Width of the dynamics that the controller rolls out, distilled from the trained ones; None deploys those."""
     slim_decoder_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
     """The same of the decoder."""
 
@@ -93,13 +93,13 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     """On the squared covariances between latents over the batch."""
     batch_size: Annotated[int, at_least(2, "for the variance over a batch"), WINDOWS] = 512
     learning_rate: Positive[float] = 1e-3
-    """Of Adam, in every phase but the finish."""
+    """Learning rate of Adam, in every phase but the finish."""
     epochs: Annotated[Positive[float], PASSES] = 300.0
     """Passes over the windows of the recording and of its mirror image; fractions are allowed."""
     segment: Annotated[
         AtLeastOne[int],
         WINDOWS,
-        ours("the plain way; the paper does not say how windows are drawn", page="explanation/training.md"),
+        ours("the plain way; the paper does not give how windows are drawn", page="explanation/training.md"),
     ] = 1
     """Consecutive windows drawn together; 1 draws each on its own. Neighbours share most of their work, so 8 makes an
     iteration several times cheaper for a batch of the same size."""
@@ -107,22 +107,22 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     """Whether the joint fit reads each drawn stretch once, with the LSTM's state carried on, instead of window by
     window; the passes of `finish` read windows in any case."""
     schedule: Annotated[Literal["constant", "one_cycle"], paper("section 2.2.4", "one learning rate")] = "constant"
-    """Of the learning rate over a phase's steps; `one_cycle` raises it to `train.learning_rate`, then
+    """Course of the learning rate over a phase's steps; `one_cycle` raises it to `train.learning_rate`, then
     lowers it to zero."""
     finish: FinishConfig = field(default_factory=FinishConfig)
     stream_epochs: Annotated[NonNegative[float], PASSES, paper("section 2.3.2", "the encoder reads windows")] = 0.0
     """Passes of the distillation that read the recording as a stream, before those that read windows: they cost a
     small part of them and leave them little to do."""
-    distil_epochs: Annotated[Positive[float], PASSES, ours("as in the joint fit; the paper does not say")] = 300.0
+    distil_epochs: Annotated[Positive[float], PASSES, ours("as in the joint fit; the paper gives none")] = 300.0
     """Passes of the distillation of the slim encoder that read windows."""
     predictor_epochs: Annotated[Positive[float], PASSES, _ENCODER_ALONE] = 10.0
     """Passes over the roll-outs that dynamics and decoder of the slim widths are distilled on."""
     predictor_lessons: Annotated[AtLeastOne[int], _ENCODER_ALONE] = 65536
     """Roll-outs of the trained networks that these learn from (`train.distillation.lessons`), at least."""
     slope_weight: Annotated[NonNegative[float], _ENCODER_ALONE] = 0.0
-    """Of the slope of the cost along the plan when these are distilled, beside their latents and forces."""
+    """On the slope of the cost along the plan when these are distilled, with their latents and forces."""
     sensor_noise: Annotated[NonNegative[float], paper("appendix B", "noise in tests only")] = 0.0
-    """Of the slim encoder's inputs while it is distilled, and of the sensors compared by greedy and random selection:
+    """Noise on the slim encoder's inputs while it is distilled, and on sensors compared by greedy and random selection:
     standard deviation in global deviations of pressure (paper, appendix B). Noise-free, a sensor far upstream that
     barely moves counts as much as one on the base."""
     sensors: Annotated[AtLeastOne[int], paper("section 3.2")] = 4
@@ -135,10 +135,10 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     """Drawn to score the sensors on."""
     shap_repeats: Annotated[AtLeastOne[int], paper("section 2.3.1")] = 10
     """Rankings with draws of their own."""
-    shap_samples: Annotated[AtLeastOne[int], ours("the default of the package shap; the paper does not say")] = 200
+    shap_samples: Annotated[AtLeastOne[int], ours("the default of the package shap; the paper gives none")] = 200
     """Points on the paths from the background to each explained window."""
-    seed: Annotated[NonNegative[int], ours("any would do; the paper does not say")] = 0
-    """Of initial weights, batches, draws and noise."""
+    seed: Annotated[NonNegative[int], ours("any would do; the paper gives none")] = 0
+    """Seed of initial weights, batches, draws and noise."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

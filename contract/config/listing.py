@@ -26,10 +26,10 @@ class Setting:
         name: dotted, as `--set` takes it.
         value: in the tree that is listed.
         paper: the default.
-        unit: what numbers are counted in; "" for a ratio, a count that the name says, or text.
+        unit: what numbers are counted in; "" for a ratio, a count that the name states, or text.
         bounds: what a value must be; for text the words to choose from.
         source: where the default comes from.
-        meaning: one paragraph; "" where the name says it.
+        meaning: one paragraph; "" where the name is enough.
     """
 
     name: str
@@ -134,14 +134,14 @@ def _bounds(hint: Any) -> str:
 @cache
 def _meanings(group: type) -> Mapping[str, str]:
     """The text below each field, in the source of the class and of those it extends."""
-    found: dict[str, str] = {}
+    meanings: dict[str, str] = {}
     for base in reversed([base for base in group.__mro__ if base is not object]):
         (node,) = ast.parse(inspect.getsource(base)).body
         body = node.body if isinstance(node, ast.ClassDef) else []
         for field, text in pairwise(body):
             if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(text, ast.Expr):
-                found[field.target.id] = _flat(str(ast.literal_eval(text.value)))
-    return found
+                meanings[field.target.id] = _flat(str(ast.literal_eval(text.value)))
+    return meanings
 
 
 def _flat(text: str) -> str:

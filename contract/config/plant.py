@@ -32,13 +32,13 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
     """The open-loop training waveform and the chirp (paper, section 2.1). Frequencies in 1/t_c."""
 
     base_frequency: Annotated[Positive[float], FREQUENCY] = 0.2
-    """Of the carrier: about the wake's shedding frequency."""
+    """Frequency of the carrier: about the wake's shedding frequency."""
     modulation_cutoff: Annotated[Positive[float], FREQUENCY] = 0.05
-    """Of the low-pass filter on the noise that modulates the carrier's frequency."""
+    """Cut-off of the low-pass filter on the noise that modulates the carrier's frequency."""
     modulation_index: Annotated[NonNegative[float], FREQUENCY] = 0.25
     """Largest deviation of the carrier's frequency from the base."""
     envelope_frequency: Annotated[Positive[float], FREQUENCY] = 0.005
-    """Of the slow sine that modulates the amplitude."""
+    """Frequency of the slow sine that modulates the amplitude."""
     envelope_depth: Fraction[float] = 0.45
     """Share of the amplitude that this sine takes away and adds."""
     chirp_start: Annotated[Positive[float], FREQUENCY] = 0.1

@@ -67,7 +67,7 @@ class Settings:
 
     Attributes:
         section: the dotted name of the section in the tree. Without one it is the name of the class without "Config".
-        source: where the defaults of fields come from whose types do not say so; None if all do.
+        source: where the defaults of fields come from whose types name no source; None if all do.
     """
 
     section: ClassVar[str]

@@ -46,5 +46,5 @@ def standard(name: str, note: str) -> Source:
 
 
 def ours(reason: str, *, page: str = "") -> Source:
-    """A number of this project: why it is this one, and the page that says more, if there is one."""
+    """A number of this project: why it is this one, and the page with more about it, if there is one."""
     return Source("ours", note=reason, page=page)

@@ -2,7 +2,7 @@
 
     develop_time: Annotated[Positive[float], TIME] = 50.0
 
-A number without a unit is a ratio, or counts what its name says.
+A number without a unit is a ratio, or counts what its name states.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ TIME: Final = Unit("t_c")
 """Convective times, W / U_inf."""
 FREQUENCY: Final = Unit("1/t_c")
 FLOW_RATE: Final = Unit("U_inf W")
-"""Of jets, by unit span: what actions are given in."""
+"""Flow rate of the jets by unit span: the unit of actions."""
 STEPS: Final = Unit("control steps")
 PERIODS: Final = Unit("periods")
 """Control periods, on the clock of the vehicle."""
@@ -32,4 +32,4 @@ MILLISECONDS: Final = Unit("ms")
 PASSES: Final = Unit("passes")
 """Over the recording."""
 WINDOWS: Final = Unit("windows")
-"""Of consecutive rows of a recording."""
+"""Stretches of consecutive rows of a recording."""

@@ -9,7 +9,7 @@ from contract.config.units import BIT_RATE, FLOW_RATE, FRAMES, MILLISECONDS, PER
 
 LARGEST_NOMINAL_BITRATE: Final = 1_000_000
 LARGEST_DATA_BITRATE: Final = 8_000_000
-"""Of arbitration and of CAN FD's data phase: ISO 11898-2:2016 and CiA 601-4 specify transceivers up to these."""
+"""Bit rates of arbitration and of the data phase that ISO 11898-2:2016 and CiA 601-4 specify transceivers up to."""
 
 _CAN_FD: Final = standard("SAE J2284-4", "CAN FD in vehicles, 500 kbit/s with data at 2 Mbit/s")
 _GATE: Final = "explanation/command-gate.md"
@@ -54,7 +54,7 @@ class BackgroundConfig(
     """File with messages to send at their cycle times (`GenMsgCycleTime`), in place of made-up ones; their contents
     are random."""
     seed: Annotated[NonNegative[int], ours("any would do")] = 0
-    """Of identifiers, phases and contents."""
+    """Seed of identifiers, phases and contents."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -73,9 +73,9 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
     """A name (virtual), multicast address (udp_multicast, e.g. 239.74.163.2), serial port (slcan) or network
     device (socketcan, e.g. can0). The simulated bus has none."""
     nominal_bitrate: Annotated[Positive[int], BIT_RATE, _CAN_FD] = 500_000
-    """Of arbitration, and of whole frames of classic CAN."""
+    """Bit rate of arbitration, and of whole frames of classic CAN."""
     data_bitrate: Annotated[Positive[int], BIT_RATE, _CAN_FD] = 2_000_000
-    """Of the data phase of CAN FD."""
+    """Bit rate of the data phase of CAN FD."""
     frames: Annotated[Literal["fd", "classic"], ours("the stronger check", page="explanation/protection.md")] = "fd"
     """CAN FD, or the set of messages for classic CAN: eight bytes, coarser pressures, a weaker check."""
     key: Annotated[str, ours("a key is the user's to make", page="explanation/protection.md")] = ""

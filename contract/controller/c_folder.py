@@ -5,7 +5,7 @@ Every folder has the same file names, whatever the program and the precision: so
 program, `sw_settings.h` and `sw_weights.c`, which are generated, and `recorded.txt` and `expected.txt` for the example
 program `replay.c`. Folders of older versions have no `expected.txt` and no documents; nothing here needs them.
 
-A folder with `sw_ecu_settings.h` has the whole ECU as well: `sw_ecu.h` and its sources beside the control step's, and
+A folder with `sw_ecu_settings.h` has the whole ECU as well: `sw_ecu.h` and its sources next to the control step's, and
 programs with a `main` of their own in `examples/`. Without it, as for a controller whose sensors the bus does not
 carry, it has the control step alone.
 """
@@ -23,7 +23,7 @@ from contract.errors import LibraryError
 from contract.printable import quoted, shown
 
 SETTINGS: Final = "sw_settings.h"
-"""Sizes and settings of one program, and the hashes of the program and of the DBC it was built beside."""
+"""Sizes and settings of one program, and the hashes of the program and of the DBC that it was built for."""
 ECU_SETTINGS: Final = "sw_ecu_settings.h"
 """The DBC's messages, the release's figures, the vehicle's settings: where it stands, the ECU does."""
 WEIGHTS: Final = "sw_weights.c"
@@ -43,7 +43,7 @@ COMPILE_FLAGS: Final = "compile_flags.txt"
 Rows = npt.NDArray[np.float32]
 
 MAX_BYTES: Final = 64 * 2**20
-"""Of all sources of a folder: the paper's weights are a few megabytes of text."""
+"""Bytes of all sources of a folder: the paper's weights are a few megabytes of text."""
 
 _NUMBER: Final = re.compile("[0-9]{1,9}")
 _ESCAPED: Final = re.compile(r"\\(.)")

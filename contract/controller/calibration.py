@@ -19,7 +19,7 @@ from contract.errors import ConfigError
 WEIGHTS: Final = tuple(item.name for item in fields(CostWeights))
 """In the order of the controller's input."""
 NAMES: Final = (*WEIGHTS, "action_limit", "command_step", "delay_steps")
-"""Of all values, in the order in which they are packed."""
+"""Names of all values, in the order in which they are packed."""
 _PACKED: Final = struct.Struct(f"<{len(NAMES) - 1}fI")
 PACKED_BYTES: Final = _PACKED.size
 LARGEST_WEIGHT: Final = 1000.0
@@ -76,7 +76,7 @@ class Calibration:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "Calibration":
-        """Of `values`; raises ConfigError for one that has no place in its 4 bytes."""
+        """The calibration of `values`; raises ConfigError for one that has no place in its 4 bytes."""
         # A weight that is no number is refused under its name here, before `CostWeights` sees it.
         *weights, action_limit, command_step = map(_kept, NAMES, values[:-1])
         return cls(

@@ -5,7 +5,7 @@ must be left out, or which two exchanged, so that the rest agree. So one call es
 views of the same window. With S sensors there are
 
 * S views with one sensor left out,
-* S (S - 1) / 2 views with two left out: what the rest say of a sensor when another one is suspected too,
+* S (S - 1) / 2 views with two left out: the rest's estimates of a sensor when another one is suspected too,
 * S views for each pair of sensors, in which that pair is exchanged, as if its plugs were, and one sensor is left out.
 
 ========= ========  ==================================================================================================

@@ -32,7 +32,7 @@ class FolderKind:
         noun: what a folder of it is called.
         description: name of the JSON file.
         schemas: that are read, the one that is written first.
-        entries: of every description, beside the schema and the tensors' hash.
+        entries: of every description, with the schema and the tensors' hash.
     """
 
     noun: str

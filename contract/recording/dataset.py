@@ -78,7 +78,7 @@ class Dataset:
 
     @property
     def plant(self) -> PlantFacts:
-        """The facts, and where they say nothing, what the episodes tell: their provenance, then the step of t."""
+        """The facts, and where one is missing, what the episodes give: their provenance, then the step of t."""
         given = () if self.facts is None else (self.facts,)
         return first_known([*given, *(facts_in(item.provenance) for item in self.episodes), _clock(self.episodes)])
 
@@ -123,7 +123,7 @@ def write(path: Path, dataset: Dataset) -> None:
     """Write a dataset, whole or not at all.
 
     `t` and `action` are stored in double precision, what was measured as 16-bit integers: each value within half of
-    the quantum that stands beside its series.
+    the quantum that stands with its series.
 
     Raises:
         DatasetError: if a series exceeds what 16 bits can hold; the message names episode and field.

@@ -16,12 +16,12 @@ from contract.recording.needs import Need
 from contract.recording.spectrum import dominant_frequency, share_near
 
 STEP_TOLERANCE: Final = 0.05
-"""Of one step from the control period: a clock that is read to a twentieth of a period blurs the jets' ramp less than
+"""Deviation of a step from the control period: a clock read to a twentieth of a period blurs the jets' ramp less than
 the four pressures' own resolution does."""
 CLOCK_TOLERANCE: Final = 1e-3
-"""Of the mean step: over a horizon of 25 steps the model's clock is then off by a fortieth of a step."""
+"""Deviation of the mean step: over a horizon of 25 steps the model's clock is then off by a fortieth of a step."""
 LIMIT_TOLERANCE: Final = 1e-6
-"""Of an action beyond the limit, as a share of it: rounding of a text file, not a command."""
+"""Excess of an action over the limit, as a share of it: rounding of a text file, not a command."""
 QUIET: Final = 0.05
 """Share of the action limit up to which jets count as off or weak."""
 _SPAN: Final = (0.05, 50.0)
@@ -56,7 +56,7 @@ def findings(dataset: Dataset, config: Config, *, choosing: bool = True) -> tupl
     """All that stands out under these settings, what stops training first.
 
     Args:
-        choosing: whether training is to choose the sensors, as `config.train` says; not if the caller names them.
+        choosing: whether training is to choose the sensors, as `config.train` has it; not if the caller names them.
     """
     found = [
         *_disagreements(dataset, config),
@@ -284,7 +284,7 @@ def _forcing(dataset: Dataset) -> Iterator[Finding]:
         if peak is None:
             continue
         if len(action) * period * peak < 2.0 / _NARROW:
-            return  # too short to tell frequencies so near apart
+            return  # too short to separate frequencies so near
         if share_near(action, period, peak, _NARROW) < _POOR or (peaks and abs(peak / peaks[0] - 1.0) > _NARROW):
             return
         peaks.append(peak)

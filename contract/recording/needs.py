@@ -36,7 +36,7 @@ class Need:
 
 
 def fitting_need(config: Config) -> Need:
-    """Of an episode with role "train"."""
+    """Steps of an episode with role "train"."""
     window, train = config.model.window, config.train
     needs = [_of_fit(window, train, train.unroll)]
     if train.finish.epochs:
@@ -47,13 +47,13 @@ def fitting_need(config: Config) -> Need:
 
 
 def judging_need(config: Config) -> Need:
-    """Of one episode with role "test": the longest roll-out by which the model is judged."""
+    """Steps of one episode with role "test": the longest roll-out by which the model is judged."""
     window, ahead = config.model.window, max(HORIZONS)
     return Need(steps=window + ahead, reason=f"a window of {window} and {ahead} steps ahead")
 
 
 def roll_out_need(config: Config) -> Need | None:
-    """Of one episode with role "train", if narrower dynamics and decoder are distilled on roll-outs."""
+    """Steps of one episode with role "train", if narrower dynamics and decoder are distilled on roll-outs."""
     if not config.model.is_slimmed:
         return None
     window, horizon = config.model.window, config.mpc.horizon
@@ -61,13 +61,13 @@ def roll_out_need(config: Config) -> Need | None:
 
 
 def gate_need(config: Config) -> Need:
-    """Of the first episode with role "test": the export's gates replay it."""
+    """Steps of the first episode with role "test": the export's gates replay it."""
     window = config.model.window
     return Need(steps=window - 1 + GATE_WINDOWS, reason=f"{GATE_WINDOWS} windows of {window} for the export's gates")
 
 
 def calibration_need(config: Config) -> Need:
-    """Of the episodes with role "train" that int8 is calibrated on, one of each kind of forcing."""
+    """Steps of the episodes with role "train" that int8 is calibrated on, one of each kind of forcing."""
     window = config.model.window
     return Need(
         steps=window - 1 + LEAST_CALIBRATION,

@@ -52,7 +52,7 @@ class Bundle:
     Attributes:
         files: all but manifest and signature.
         digest: SHA-256 of the manifest; its first 4 bytes go on the bus. A signature does not change it.
-        signer: who signed the manifest, with a signature that is good; None if nobody did.
+        signer: who signed the manifest, with a signature that is good; None if no one did.
         is_trusted: whether it was loaded with that key as the one to trust.
     """
 
@@ -73,7 +73,7 @@ class MadeEstimator:
 
     Attributes:
         graph: the content of `sensors.onnx`.
-        figures: what the manifest says of it.
+        figures: what the manifest holds of it.
         provenance: where it is from.
     """
 

@@ -1,7 +1,7 @@
 """The files of a bundle in a directory or a zip: read with suspicion, written whole or not at all.
 
 What is read may come from anyone. So names are plain, nothing is followed or unpacked to disk, and every size is
-bounded by what is read, not by what the container says about itself.
+bounded by what is read, not by what the container states.
 """
 
 import errno
@@ -22,13 +22,13 @@ from contract.printable import is_name, quoted, shown
 
 MAX_FILES: Final = 64
 MAX_BYTES: Final = 32 * 2**20
-"""Of all files together: nearly two hundred controllers of the paper's size."""
+"""Size of all files together: nearly two hundred controllers of the paper's size."""
 MAX_BYTES_OF: Final = {"manifest.json": 2**20, "manifest.sig": 2**12}
-"""Of files that are read before anything vouches for them."""
+"""Sizes of files that are read before anything vouches for them."""
 MAX_ZIP: Final = MAX_BYTES + 2**20
-"""Of a zip: its files, not compressed, and room for their headers."""
+"""Size of a zip: its files, not compressed, and room for their headers."""
 MAX_DIRECTORY: Final = 2**17
-"""Of a zip's central directory, whose entries have 46 bytes or more: a comment of the greatest length must pass, and
+"""Size of a zip's directory, whose entries have 46 bytes or more: a comment of the greatest length must pass, and
 fewer than three thousand entries are parsed before they are counted."""
 
 _PLAIN_METHODS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
@@ -202,7 +202,7 @@ def _collect(path: Path, entries: Iterator[_Entry]) -> dict[str, bytes]:
 
 
 def _read_at_most(file: IO[bytes], most: int) -> bytes:
-    """A file's content up to that many bytes, in pieces: one great read takes its size from the container's word."""
+    """A file's content up to that many bytes, in pieces: one great read takes its size from the container."""
     pieces: list[bytes] = []
     while most > 0 and (piece := file.read(min(most, _CHUNK))):
         pieces.append(piece)

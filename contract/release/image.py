@@ -44,7 +44,7 @@ def files_of(image: bytes) -> dict[str, bytes]:
     if magic != MAGIC:
         raise BundleContainerError(f"image begins with {magic.hex()}: must begin with {MAGIC.hex()}")
     if length != len(image):
-        raise BundleContainerError(f"image of {len(image)} bytes says that it has {length}")
+        raise BundleContainerError(f"image of {len(image)} bytes states {length}")
     if count > MAX_FILES:
         raise BundleContainerError(f"image of {count} files: at most {MAX_FILES}")
     names, sizes, at = [], [], HEADER.size

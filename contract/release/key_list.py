@@ -62,7 +62,7 @@ def encode(listed: KeyList, root: Ed25519PrivateKey) -> bytes:
 
 
 def signer(raw: bytes) -> PublicKey:
-    """Who signed a list; raises KeyFileError if nobody did."""
+    """Who signed a list; raises KeyFileError if no one did."""
     text, signature = raw[: -signing.SIGNATURE_LENGTH], raw[-signing.SIGNATURE_LENGTH :]
     try:
         found = signing.signer(signature, text)
@@ -77,7 +77,7 @@ def decode(raw: bytes, root: PublicKey) -> KeyList:
     """A list that the root key signed.
 
     Raises:
-        KeyFileError: another key signed it, or nobody did, or it is damaged.
+        KeyFileError: another key signed it, or no one did, or it is damaged.
     """
     if (found := signer(raw)) != root:
         raise KeyFileError(f"key list: signed by key {found.fingerprint}, must be by the root key {root.fingerprint}")

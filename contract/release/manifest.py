@@ -30,14 +30,14 @@ NEW_FIELDS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """The schemas that are read, and the fields that came after each; a bundle of that schema has the default there."""
 FIRST_SECURITY_VERSION: Final = 1
-"""Of a release that nothing was raised for: the least that an ECU with a store takes."""
+"""Security version of a release that nothing was raised for: the least that an ECU with a store takes."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
 MANIFEST: Final = "manifest.json"
 MAX_STEPS: Final = 10_000
-"""Of the window and of the horizon: hundreds of times the release's, and still no burden to allocate."""
+"""Longest window and horizon: hundreds of times the release's, and still no burden to allocate."""
 MAX_SENSORS: Final = 1_000
 Precision = Literal["float32", "int8"]
-"""Of the weights; arithmetic is float32 in either `controller.onnx`."""
+"""Type of the weights; arithmetic is float32 in either `controller.onnx`."""
 PRECISIONS: Final[tuple[Precision, ...]] = get_args(Precision)
 LINEAR: Final = "linear"
 """`kind` in the provenance of a release whose controller is a linear model and a state feedback."""
@@ -112,7 +112,7 @@ class Manifest:
         program_sha256: of the controller program that `controller.onnx` computes (`export.program.program_hash`); a C
             library of the same program has it in its header.
         provenance: settings, metrics and versions of the training, and what the export's gates measured.
-        sensor_positions: (x, y) of every sensor in the body's reference length W; None where nobody stated them.
+        sensor_positions: (x, y) of every sensor in the body's reference length W; None where no one stated them.
         sensor_estimator: of `sensors.onnx`; None without that file.
         security_version: an ECU on which a release with a greater one was confirmed refuses this one; raised when an
             older release must not come back. 0 in older schemas, which no ECU with a store takes.
@@ -147,7 +147,7 @@ class Manifest:
 
     @property
     def is_linear(self) -> bool:
-        """Whether its maker says that the controller is linear: then the cost's weights change no action."""
+        """Whether its maker marked the controller as linear: then the cost's weights change no action."""
         return self.provenance.get("kind") == LINEAR
 
     def __post_init__(self) -> None:

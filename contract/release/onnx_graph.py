@@ -10,7 +10,7 @@ graph they stand, and no export writes one with it. Whoever signs a graph judges
 from typing import Final
 
 MAX_BYTES: Final = 16 * 2**20
-"""Of the file: a hundred times the paper's controller in int8."""
+"""Size of the file: a hundred times the paper's controller in int8."""
 FORBIDDEN: Final = {
     b"location": "a constant is kept in another file: must be in this one",
     b"com.microsoft": "an operator is of ONNX Runtime's own domain: must be one of ONNX's",

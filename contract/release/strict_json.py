@@ -11,9 +11,9 @@ from math import isfinite
 from typing import Any, Final
 
 MAX_DEPTH: Final = 32
-"""Of nesting; a release's manifest has six levels."""
+"""Deepest nesting; a release's manifest has six levels."""
 _MAX_DIGITS: Final = 19
-"""Of an integer: 64 bits."""
+"""Digits of an integer of 64 bits."""
 
 
 def decode(raw: bytes) -> dict[str, Any]:

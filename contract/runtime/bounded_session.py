@@ -16,7 +16,7 @@ from contract.errors import BundleControllerError
 from contract.printable import shown
 
 MAX_MEMORY: Final = 256 * 2**20
-"""Of a step's intermediate values, in bytes: the paper's controller needs one."""
+"""Bytes that a step's intermediate values may take: the paper's controller needs one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

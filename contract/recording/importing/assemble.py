@@ -31,7 +31,7 @@ class Made:
         name: of the episode.
         series: those of `contract.recording.episode.REQUIRED`, Cp without dimension.
         initial_action: the action before the first row.
-        provenance: what else it says about itself, beside the file's name and hash.
+        provenance: what else it states, with the file's name and hash.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Source:
 
     @property
     def name(self) -> str:
-        """Of the episode."""
+        """Name of the episode."""
         return self.path.stem if self.made is None else self.made.name
 
 

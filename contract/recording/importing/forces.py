@@ -1,4 +1,4 @@
-"""Drag and lift beside a log that has none: from a table with times, brought to the times of the log's rows."""
+"""Drag and lift for a log that has none: from a table with times, brought to the times of the log's rows."""
 
 import re
 from collections.abc import Mapping
@@ -91,7 +91,7 @@ class ForcesTable:
 
     Attributes:
         forces: by `FORCES`.
-        clock: of its times, as far as the column's own unit says; None if it says nothing.
+        clock: of its times, as the column's own unit gives it; None if it has none.
     """
 
     forces: Mapping[str, TimeSeries]

@@ -1,4 +1,4 @@
-"""What the times of forces beside a log count; apart from their reader, which needs h5py."""
+"""What the times of forces next to a log count; apart from their reader, which needs h5py."""
 
 from typing import Literal, TypeAlias
 

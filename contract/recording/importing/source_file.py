@@ -24,7 +24,7 @@ class Contents:
 
     Attributes:
         arrays: by the names that they have here, with one "Cp" of shape (n, sensors) in the layout's order.
-        unread: names in the file that nobody asked for.
+        unread: names in the file that no one asked for.
     """
 
     arrays: dict[str, Array]
