@@ -6,10 +6,10 @@ from pathlib import Path
 from random import Random
 from typing import Final
 
+from can_bridge.timing.background import made_up
 from can_bridge.timing.dbc_traffic import read_traffic
 from can_bridge.timing.periodic_message import NS_PER_MS, PeriodicMessage
 from can_bridge.timing.response_time import Response, message_response_times
-from can_bridge.timing.traffic import made_up
 from can_bridge.wire.frame_bits import frame_ns
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import MessageSpec

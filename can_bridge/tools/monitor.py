@@ -6,9 +6,9 @@ from typing import Final
 
 from can_bridge.secoc.key import Key as MacKey
 from can_bridge.tools import signals
+from can_bridge.tools.observed_traffic import Mac, Traffic, observe
 from can_bridge.tools.raw_bus import id_text
 from can_bridge.tools.signals import PROTECTION, Decoder
-from can_bridge.tools.traffic import Mac, Traffic, observe
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import E2eConfig
 

@@ -7,9 +7,9 @@ from typing import Any
 import can
 
 from can_bridge.secoc.key import Key
+from can_bridge.tools.observed_traffic import Mac, Traffic, observe
 from can_bridge.tools.raw_bus import frame_of, id_text
 from can_bridge.tools.signals import Decoder
-from can_bridge.tools.traffic import Mac, Traffic, observe
 from can_bridge.wire.frame_bits import frame_ns
 from contract.config.vehicle import BusConfig
 

@@ -36,7 +36,7 @@ from typing import Final, NamedTuple, Self, TypeVar
 
 from can_bridge.bus.faults.clocks import ClockDrift
 from can_bridge.bus.faults.fault import NS
-from can_bridge.bus.faults.timing import Delay
+from can_bridge.bus.faults.lateness import Delay
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import Message, message_set

@@ -9,7 +9,7 @@ from can_bridge.bus.simulated.background_node import BackgroundNode
 from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus, Transmission
 from can_bridge.bus.simulated.port import SimulatedPort
 from can_bridge.secoc.node import Authentication
-from can_bridge.timing.traffic import background
+from can_bridge.timing.background import background
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from contract.arrays import Array

@@ -3,10 +3,10 @@
 from typing import Final
 
 from can_bridge.logs.log_reader import read_messages
+from can_bridge.tools.observed_traffic import Traffic
 from can_bridge.tools.raw_bus import id_text
 from can_bridge.tools.signals import decode
 from can_bridge.tools.summary import summarise
-from can_bridge.tools.traffic import Traffic
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
 

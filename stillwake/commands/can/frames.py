@@ -26,8 +26,8 @@ from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console,
 if TYPE_CHECKING:
     import can
 
+    from can_bridge.tools.observed_traffic import Traffic
     from can_bridge.tools.summary import Summary
-    from can_bridge.tools.traffic import Traffic
     from contract.config.vehicle import BusConfig
 
 
@@ -240,8 +240,8 @@ def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
     if path is None:
         yield lambda traffic: None
         return
+    from can_bridge.tools.observed_traffic import CHECK_TEXT
     from can_bridge.tools.raw_bus import id_text
-    from can_bridge.tools.traffic import CHECK_TEXT
 
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

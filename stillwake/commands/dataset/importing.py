@@ -18,7 +18,7 @@ from stillwake.commands.dataset.drives import (
     read_drive,
     scales_of,
 )
-from stillwake.commands.dataset.tables import episodes_table, sensors_line
+from stillwake.commands.dataset.listing import episodes_table, sensors_line
 from stillwake.console.outputs import Overwrite, check_dataset_name, check_output
 from stillwake.console.progress import now_and_then
 from stillwake.console.settings import settings

@@ -7,7 +7,7 @@ import typer
 
 from contract.config.loading import load
 from contract.errors import DatasetError
-from stillwake.commands.dataset.tables import episodes_table, sensors_line
+from stillwake.commands.dataset.listing import episodes_table, sensors_line
 from stillwake.console.terminal import ConfigFile, Overrides, console
 
 File = Annotated[Path, typer.Argument(help="HDF5 data set.", show_default=False)]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from can_bridge.tools.monitor import MOST_MESSAGES, MonitorState, View, press, rows, split_keys
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
-from tests.can_bridge.tools.test_traffic import frame
+from tests.can_bridge.tools.test_observed_traffic import frame
 
 
 def state_of(*frames: Frame) -> MonitorState:

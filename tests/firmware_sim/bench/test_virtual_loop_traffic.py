@@ -6,7 +6,7 @@ from dataclasses import asdict
 import pytest
 
 from can_bridge.bus.simulated.background_node import BackgroundNode
-from can_bridge.timing.traffic import background
+from can_bridge.timing.background import background
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import PRESSURE
 from can_bridge.wire.messages import Mode

@@ -27,7 +27,7 @@ from can_bridge.bus.faults.wrapping import wrap
 from can_bridge.bus.interface import BusState
 from can_bridge.bus.simulated.background_node import BackgroundNode
 from can_bridge.bus.simulated.medium import SimulatedBus
-from can_bridge.timing.traffic import background
+from can_bridge.timing.background import background
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE

@@ -11,7 +11,7 @@ from can_bridge.tools.monitor import MonitorState, Row, View, rows
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS
 from stillwake.commands.can.monitor_screen import STALE_S, line, page, screen
-from tests.can_bridge.tools.test_traffic import frame
+from tests.can_bridge.tools.test_observed_traffic import frame
 
 
 def everything() -> MonitorState:

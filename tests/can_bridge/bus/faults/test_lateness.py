@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.bus.faults.timing import Delay, Reorder
+from can_bridge.bus.faults.lateness import Delay, Reorder
 from can_bridge.e2e.receiver import Check, StreamState
 from can_bridge.wire.bit_timing import worst_case_ns
 from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, Link, number_of, numbered, simulated_link

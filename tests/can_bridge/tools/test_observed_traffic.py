@@ -11,8 +11,8 @@ from can_bridge.e2e.receiver import Check
 from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.securing import secure
+from can_bridge.tools.observed_traffic import RATE_OVER, SILENT_AFTER, Mac, Traffic, observe
 from can_bridge.tools.signals import decode
-from can_bridge.tools.traffic import RATE_OVER, SILENT_AFTER, Mac, Traffic, observe
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, JET_COMMAND_CLASSIC, PRESSURE_SECURED, SPECS, MessageSpec
 from contract.config.vehicle import E2eConfig

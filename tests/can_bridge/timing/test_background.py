@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_bridge.timing.background import PERIODS_MS, made_up
 from can_bridge.timing.periodic_message import PeriodicMessage
-from can_bridge.timing.traffic import PERIODS_MS, made_up
 from can_bridge.wire.message_specs import SPECS
 from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
