@@ -14,6 +14,7 @@ from tests.stillwake.calls import verbs_of
 VERBS = [" ".join(verb.words) for verb in verbs_of(stillwake.__main__.app)]
 
 
+@pytest.mark.slow  # every command of the app
 def test_every_verb_explains_itself(cli):
     assert {"record", "train", "export", "run", "report", "bundle verify", "picture mean"} <= set(VERBS)
     for verb in (*VERBS, *{verb.split()[0] for verb in VERBS}):

@@ -30,13 +30,12 @@ def select(
     count: int,
     *,
     settings: TrainConfig,
-    draws: int = RANDOM_DRAWS,
     progress: Progress = silent,
 ) -> tuple[str, ...]:
     """Names of the chosen sensors, in the method's order.
 
     "shap": one repeat of the paper's ranking. "qr": pivots of the pressures' POD modes. "greedy": forward selection by
-    the ridge student. "random": the best of `draws` by that student. "hand": by position alone.
+    the ridge student. "random": the best of `RANDOM_DRAWS` by that student. "hand": by position alone.
 
     Args:
         rows: with all sensors' columns.
@@ -64,5 +63,5 @@ def select(
         if method == "greedy":
             chosen = select_greedy(student, count, progress=progress)
         else:
-            chosen = select_random(student, count, draws=draws, seed=choices, progress=progress)
+            chosen = select_random(student, count, draws=RANDOM_DRAWS, seed=choices, progress=progress)
     return tuple(rows.layout.names[index] for index in chosen)

@@ -2,13 +2,11 @@
 
 import numpy as np
 
-from contract.errors import ConfigError
-from contract.sensors import COUNT
 from train.fitting.progress import Phase, Progress, silent
 from train.selection.ridge_student import RidgeStudent
 
 
-def draw_choices(count: int, draws: int, seed: int, available: int = COUNT) -> list[tuple[int, ...]]:
+def draw_choices(count: int, draws: int, seed: int, available: int) -> list[tuple[int, ...]]:
     """That many choices of `count` of the available sensors, each without repetition and in the sensors' order."""
     generator = np.random.default_rng(seed)
     return [tuple(np.sort(generator.choice(available, count, replace=False)).tolist()) for _ in range(draws)]
@@ -17,9 +15,7 @@ def draw_choices(count: int, draws: int, seed: int, available: int = COUNT) -> l
 def select_random(
     student: RidgeStudent, count: int, *, draws: int, seed: int, progress: Progress = silent
 ) -> tuple[int, ...]:
-    """The draw of which the ridge student makes the smallest error; raises ConfigError without a draw."""
-    if draws < 1:
-        raise ConfigError(f"draws = {draws}: must be at least 1")
+    """The draw of which the ridge student makes the smallest error."""
     best: tuple[int, ...] = ()
     least = np.inf
     for number, chosen in enumerate(draw_choices(count, draws, seed, student.sensors)):

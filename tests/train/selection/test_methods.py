@@ -17,6 +17,7 @@ def encoder(small_config: Config) -> Encoder:
     return WakeModel(90, small_config.model).encoder
 
 
+@pytest.mark.slow  # two rankings by SHAP
 def test_every_method_chooses_as_many_as_asked_and_the_same_again(
     encoder: Encoder, rows: Rows, small_config: Config
 ) -> None:
@@ -28,16 +29,6 @@ def test_every_method_chooses_as_many_as_asked_and_the_same_again(
         for count in (0, 91):
             with pytest.raises(ConfigError, match=rf"train\.sensors = {count}: must be from 1 to 90"):
                 select(method, encoder, rows, count, settings=settings)
-
-
-def test_another_seed_draws_others(encoder: Encoder, rows: Rows, small_config: Config) -> None:
-    drawn = {
-        select("random", encoder, rows, 5, settings=replace(small_config.train, seed=seed), draws=1)
-        for seed in range(3)
-    }
-    assert len(drawn) == 3
-    with pytest.raises(ConfigError, match="draws = 0: must be at least 1"):
-        select("random", encoder, rows, 4, settings=small_config.train, draws=0)
 
 
 def test_an_unknown_method_is_refused_with_the_known_ones(encoder: Encoder, rows: Rows, small_config: Config) -> None:

@@ -40,7 +40,7 @@ def test_greedy_is_a_prefix_of_itself(student: RidgeStudent) -> None:
 
 
 def test_random_is_the_best_of_its_own_draws_and_repeats_with_its_seed(student: RidgeStudent) -> None:
-    drawn = draw_choices(20, 30, seed=4)
+    drawn = draw_choices(20, 30, seed=4, available=sensors.COUNT)
     assert all(len(set(chosen)) == 20 for chosen in drawn)
     assert len(set(drawn)) == 30
     found = select_random(student, 20, draws=30, seed=4)
@@ -49,4 +49,4 @@ def test_random_is_the_best_of_its_own_draws_and_repeats_with_its_seed(student: 
     # 20 of 90 hold lower_35, two thirds of the power, in 2 of 9 draws: the best of 30 surely does.
     assert sensors.NAMES.index("lower_35") in found
     assert found == select_random(student, 20, draws=30, seed=4)
-    assert drawn != draw_choices(20, 30, seed=5)
+    assert drawn != draw_choices(20, 30, seed=5, available=sensors.COUNT)
