@@ -3,6 +3,7 @@
 import gc
 
 import numpy as np
+import pytest
 
 from contract.recording.episode import Episode
 from contract.sensors import TRUCK
@@ -49,6 +50,7 @@ def clicks(live: Live) -> None:
         kept.clear()
 
 
+@pytest.mark.slow  # five rounds of everything that a page has
 def test_rounds_of_clicks_leave_what_one_left(tmp_path, monkeypatch):
     """Counted in objects: tracing the memory itself takes a minute."""
     monkeypatch.setattr(event_log, "KEPT", 10)

@@ -23,6 +23,7 @@ def test_frames_are_unpacked_as_they_were():
     assert list(unpacked(packed(frames))) == frames
 
 
+@pytest.mark.slow  # draws a report
 def test_the_latest_periods_are_saved_when_the_first_are_gone(tmp_path, cli):
     live = Live(tmp_path, kept=100).run(30).set(noise=0.5).run(70).set(noise=0.0, loss=0.2).run(50)
     (tmp_path / "live-20260102-120000").mkdir()

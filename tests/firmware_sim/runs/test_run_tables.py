@@ -45,13 +45,6 @@ def test_tables_show_the_figures(shedding):
     assert service["cost weights"] == "the bundle's"
 
 
-def test_the_wake_probe_is_named_by_its_place_behind_this_body(shedding):
-    log = shedding()
-    assert "std of Uy at (10, 0)" in [row[0] for row in drag_rows(log)]
-    shorter = late(log, body=replace(log.metadata.config.body, length=5.0))
-    assert "std of Uy at (7.353, 0)" in [row[0] for row in drag_rows(shorter)]
-
-
 def test_the_budget_is_judged_in_virtual_time_and_on_this_machine(shedding):
     service = dict(service_rows(shedding()))
     assert service["virtual compute time"] == "8 ms of a period of 20 ms: fits"

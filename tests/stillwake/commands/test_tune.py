@@ -47,6 +47,7 @@ def runs(monkeypatch) -> type[MadeUpRuns]:
     return MadeUpRuns
 
 
+@pytest.mark.slow  # draws the search
 def test_a_search_ends_with_table_verdict_command_and_files(cli, runs, tmp_path) -> None:
     folder, file = tmp_path / "out", tmp_path / "tune.json"
     outcome = cli("tune", folder, *QUICK, "--vary", "lift", "--json", file)
@@ -70,6 +71,7 @@ def test_a_search_ends_with_table_verdict_command_and_files(cli, runs, tmp_path)
     assert f"--set mpc.weights.lift={best:g}\n" in outcome.out
 
 
+@pytest.mark.slow  # searches three times
 def test_a_search_that_was_stopped_goes_on(cli, runs, tmp_path) -> None:
     runs.stop_after = 3
     call = ("tune", tmp_path / "out", *QUICK, "--vary", "lift")
