@@ -51,9 +51,3 @@ def frame_of(message: can.Message) -> Frame | Rejection:
         )
     except (ValueError, OverflowError, TypeError):
         return Rejection.GARBAGE
-
-
-def from_message(message: can.Message) -> Frame | None:
-    """The frame in a python-can message; None unless it is a sound data frame with an 11-bit identifier."""
-    frame = classified(message)
-    return frame if isinstance(frame, Frame) else None

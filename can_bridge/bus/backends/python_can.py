@@ -13,18 +13,16 @@ from typing import Final, Self
 import can
 
 from can_bridge.bus.backends import kernel_queue
-from can_bridge.bus.backends.connection import GARBAGE_LIMIT, Connection
+from can_bridge.bus.backends.connection import Connection
 from can_bridge.bus.backends.error_frames import health_after, lost_frames
 from can_bridge.bus.backends.opening import QUEUE_SIZE, SETTLE_S, one_line, open_backend
-from can_bridge.bus.conversion import classified, from_message, to_message
+from can_bridge.bus.conversion import classified, to_message
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
-
-__all__ = ["GARBAGE_LIMIT", "QUEUE_SIZE", "RECEPTION_LIMIT", "PythonCanBus", "from_message", "to_message"]
 
 RECEPTION_LIMIT: Final = 4 * QUEUE_SIZE
 """Most receptions that one `receive_all` looks at, so that it ends also in a flood of what is to be refused."""

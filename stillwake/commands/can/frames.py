@@ -112,7 +112,7 @@ def _raw_frames(texts: list[str]) -> "Callable[[float], list[can.Message]]":
 def _own_frames(
     name: str, values: list[str], counter: int, trip: int | None, config: "BusConfig"
 ) -> "Callable[[float], list[can.Message]]":
-    from can_bridge.bus.backends.python_can import to_message
+    from can_bridge.bus.conversion import to_message
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.e2e.sender import E2eSender, SenderState
     from can_bridge.secoc.freshness import Freshness

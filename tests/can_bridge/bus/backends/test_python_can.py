@@ -8,7 +8,9 @@ from typing import Any
 import can
 import pytest
 
-from can_bridge.bus.backends.python_can import GARBAGE_LIMIT, QUEUE_SIZE, RECEPTION_LIMIT, PythonCanBus
+from can_bridge.bus.backends.connection import GARBAGE_LIMIT
+from can_bridge.bus.backends.opening import QUEUE_SIZE
+from can_bridge.bus.backends.python_can import RECEPTION_LIMIT, PythonCanBus
 from can_bridge.bus.conversion import to_message
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.bus.rejection import Rejection, UnusableReceptionError

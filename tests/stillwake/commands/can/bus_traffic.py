@@ -4,7 +4,7 @@ from pathlib import Path
 
 import can
 
-from can_bridge.bus.backends.python_can import to_message
+from can_bridge.bus.conversion import to_message
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.logs.frame_log import recording_messages
 from can_bridge.tools.encode import encode

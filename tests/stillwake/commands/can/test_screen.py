@@ -12,6 +12,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS
 from stillwake.commands.can.monitor_screen import STALE_S, line, page, screen
 from tests.can_bridge.tools.test_observed_traffic import frame
+from tests.examples import examples
 
 
 def everything() -> MonitorState:
@@ -82,6 +83,7 @@ def heights(shown: list[Row]) -> int:
     return sum(2 if one.is_first else 1 for one in shown)
 
 
+@examples(30)
 @given(top=st.integers(0, 200), lines=st.integers(3, 200))
 def test_pages_show_all_rows_in_order_and_never_more_than_fit(top, lines):
     found = rows(everything(), 0)
