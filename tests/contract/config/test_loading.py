@@ -30,10 +30,6 @@ def test_file_may_go_on_top_of_the_papers(tmp_path):
     assert load_config(tmp_path / "paper.toml") == Config()
 
 
-def test_changes_may_go_on_top_of_other_settings():
-    assert load(base=Config(), overrides=["mpc.horizon=9"]).config == replace(Config(), mpc=MpcConfig(horizon=9))
-
-
 @given(horizon=st.integers(2, 1000), lift=st.floats(0, 1e3), epochs=st.integers(1, 1000))
 def test_tree_round_trip(horizon, lift, epochs):
     config = Config(

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from contract.config.tree import Config
-from contract.errors import ModelError, StillwakeError
+from contract.errors import ModelError
 from contract.model import linear_model_folder
-from contract.model.linear_model_folder import DESCRIPTION, WEIGHTS, LinearDescription
+from contract.model.linear_model_folder import DESCRIPTION, LinearDescription
 from contract.release.manifest import Scaling
 
 RNG = np.random.default_rng(0)
@@ -66,26 +66,7 @@ def test_a_description_that_does_not_fit_is_refused(folder, changes, said):
         linear_model_folder.read(folder)
 
 
-def test_missing_and_foreign_files_are_refused(folder, tmp_path):
-    (folder / WEIGHTS).unlink()
-    with pytest.raises(ModelError, match=r"model\.safetensors cannot be read"):
-        linear_model_folder.read(folder)
-    with pytest.raises(ModelError, match=r"linear_model\.json cannot be read"):
-        linear_model_folder.read(tmp_path)
-    (folder / DESCRIPTION).write_text("{")
-    with pytest.raises(ModelError, match="not JSON"):
-        linear_model_folder.read(folder)
-
-
 def test_a_gain_on_the_action_that_it_decides_is_refused(tmp_path):
     linear_model_folder.write(tmp_path / "m", ABOUT, MODEL, np.ones_like(GAIN))
     with pytest.raises(ModelError, match="gain has one for its own action"):
         linear_model_folder.read(tmp_path / "m")
-
-
-def test_something_else_is_never_replaced(tmp_path):
-    (tmp_path / "m").mkdir()
-    (tmp_path / "m" / "thesis.txt").write_text("all of it")
-    with pytest.raises(StillwakeError, match="is not a linear model"):
-        linear_model_folder.write(tmp_path / "m", ABOUT, MODEL, GAIN)
-    assert (tmp_path / "m" / "thesis.txt").read_text() == "all of it"

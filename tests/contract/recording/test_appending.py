@@ -98,13 +98,6 @@ def test_an_earlier_schema_is_refused(written):
         read_to_append(written, FACTS)
 
 
-def test_a_name_that_is_taken_is_refused(written):
-    before = written.read_bytes()
-    with pytest.raises(DatasetError, match="episode a: named twice"):
-        append(written, [episode("a")], FACTS)
-    assert written.read_bytes() == before
-
-
 def test_a_damaged_file_is_refused_and_kept(written):
     written.write_bytes(written.read_bytes()[:900])
     with pytest.raises(DatasetError, match="damaged"):

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
 
 from contract import sensors
-from contract.errors import DatasetError, StillwakeError
+from contract.errors import DatasetError
 from contract.ledger import LEDGER_FIELDS
 from contract.recording import dataset
 from contract.recording.dataset import REQUIRED, UNITS, Dataset, Episode, Role
@@ -314,16 +314,3 @@ def test_truncated_file_is_refused(tmp_path, written, share):
     cut.write_bytes(whole[: int(share * len(whole))])
     with pytest.raises(DatasetError, match=r"cut\.h5: damaged"):
         dataset.read(cut)
-
-
-def test_failed_write_leaves_nothing(tmp_path):
-    unserialisable = episode(provenance={"rng": object()})
-    with pytest.raises(TypeError):
-        dataset.write(tmp_path / "data.h5", Dataset(episodes=(unserialisable,)))
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_unwritable_place_is_named(tmp_path):
-    (tmp_path / "file").write_text("in the way")
-    with pytest.raises(StillwakeError, match=r"file/data\.h5"):
-        dataset.write(tmp_path / "file" / "data.h5", Dataset(episodes=(episode(),)))

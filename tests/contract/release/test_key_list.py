@@ -104,20 +104,6 @@ def test_what_is_no_list_is_refused_even_if_the_root_key_signed_it():
         assert message in refusal(signed(strict_json.encode(body)))
 
 
-def test_malformed_json_is_refused():
-    for text in (
-        b"",
-        b"[]",
-        b"{",
-        b"\xff\xfe",
-        b'{"version": NaN}',
-        b'{"version": 1, "version": 2}',
-        b"[" * 100_000,
-        RAW[:-230].replace(b"3", b"1" * 30),
-    ):
-        refusal(signed(text))
-
-
 @examples(200)
 @given(st.binary(max_size=300))
 def test_any_signed_bytes_are_refused_or_are_a_list(text):
@@ -128,23 +114,8 @@ def test_any_signed_bytes_are_refused_or_are_a_list(text):
     assert key_list.decode(key_list.encode(listed, ROOT), TRUSTED) == listed
 
 
-def test_a_version_has_32_bits_and_is_not_zero():
-    for version in (
-        0,
-        -1,
-        2**32,
-    ):
-        with pytest.raises(KeyFileError, match=r"must be in 1\.\.4294967295"):
-            KeyList(version=version, keys=LISTED.keys)
-
-
 def test_a_list_has_keys_and_not_too_many():
     for keys, revoked in ((0, 0), (17, 0), (1, 17)):
         with pytest.raises(KeyFileError, match="must be 1 to 16 and at most 16"):
             KeyList(version=1, keys=frozenset(KEYS[:keys]), revoked=frozenset(KEYS[20 : 20 + revoked]))
     KeyList(version=1, keys=frozenset(KEYS[:16]), revoked=frozenset(KEYS[20:36]))
-
-
-def test_no_key_is_allowed_and_revoked():
-    with pytest.raises(KeyFileError, match=KEYS[1].fingerprint):
-        KeyList(version=1, keys=frozenset(KEYS[:2]), revoked=frozenset(KEYS[1:3]))

@@ -11,7 +11,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from contract.config.loading import load_config
 from contract.config.operating_point import OperatingPoint
 from contract.controller.estimator import ESTIMATOR
-from contract.errors import BundleError, BundleFileError
+from contract.errors import BundleError
 from contract.recording import dataset
 from contract.recording.dataset import Dataset
 from contract.release import bundle, signing
@@ -42,11 +42,6 @@ def keys(tmp_path) -> Path:
 
 def renew(cli, old, keys, tmp_path, *more, target="new"):
     return cli("bundle", "renew", old, tmp_path / target, "--name", "renewed", "--key", keys, *more)
-
-
-def test_the_old_one_is_refused_with_the_way_out(old):
-    with pytest.raises(BundleFileError, match=r"another stillwake\.dbc; `stillwake bundle renew`"):
-        bundle.load(old)
 
 
 def test_the_new_one_has_the_same_controller_and_says_where_it_comes_from(cli, old, keys, tmp_path):
@@ -96,14 +91,6 @@ def test_a_signature_can_be_demanded_of_the_old_one(cli, old, keys, tmp_path):
     refused = renew(cli, old, keys, tmp_path, "--trust", tmp_path / "keys" / "release.pub", "--overwrite")
     assert refused.code == 1
     assert "must be signed by key" in refused.err
-
-
-def test_anything_else_that_is_wrong_with_the_old_one_is_refused(cli, old, keys, tmp_path):
-    (old / CONTROLLER).write_bytes(b"mine")
-    refused = renew(cli, old, keys, tmp_path)
-    assert refused.code == 1
-    assert "controller.onnx was altered" in refused.err
-    assert not (tmp_path / "new").exists()
 
 
 def test_what_is_there_is_replaced_only_on_demand(cli, old, keys, tmp_path):
