@@ -7,7 +7,7 @@ import pytest
 
 from can_bridge.wire.messages import Mode
 from contract.controller.c_folder import ECU_SETTINGS
-from contract.errors import McuError
+from contract.errors import ConfigError, McuError
 
 pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
 pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")
@@ -95,6 +95,28 @@ def test_it_goes_on_from_a_state(core, sources):
         assert core.step(now_ns, frames) == other.step(now_ns, frames)
     core.restore(other.saved())
     assert differing(core.state, other.state) == []
+
+
+def test_the_core_is_calibrated_as_the_host_is(sources):
+    """In flight, to the bit: the bounds, the delay and the weights, and what is refused."""
+    compiler = zig_compiler()
+    assert compiler is not None
+    core, host = McuEcu(sources), CEcu(sources, compiler=compiler, flags=(*COMMON, "-march=native"))
+    own = core.calibration
+    assert own == host.calibration
+    changes = {
+        WINDOW + 4: replace(own, action_limit=0.03, command_step=0.01, delay_steps=2),
+        WINDOW + 7: replace(own, weights=replace(own.weights, lift=5.0), delay_steps=1),
+        WINDOW + 10: own,
+    }
+    for period, (now_ns, frames) in enumerate(Feed().periods(WINDOW + 12)):
+        for one in (core, host) if period in changes else ():
+            one.calibrate(changes[period])
+            with pytest.raises(ConfigError, match="delay_steps"):
+                one.calibrate(replace(own, delay_steps=99))
+            assert one.calibration == changes[period]
+        assert core.step(now_ns, frames) == host.step(now_ns, frames), period
+        assert differing(core.state, host.state) == [], period
 
 
 def test_more_frames_than_its_can_controller_keeps_are_refused(core):

@@ -79,6 +79,8 @@ class Rig:
             controller_of=(lambda bundle: RecordingController()) if controller_of is None else controller_of,
             log=self.log,
         )
+        if (ecu_of := others.pop("ecu_of", None)) is not None:
+            self.supplies = replace(self.supplies, ecu_of=ecu_of)
         self.folder, self.others = folder, others
         self.now_ns = MS
         self.due_ns = self.now_ns
