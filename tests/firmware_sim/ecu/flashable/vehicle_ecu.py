@@ -80,7 +80,7 @@ class Rig:
             log=self.log,
         )
         if (ecu_of := others.pop("ecu_of", None)) is not None:
-            self.supplies = replace(self.supplies, ecu_of=ecu_of)
+            self.equipment = replace(self.equipment, ecu_of=ecu_of)
         self.folder, self.others = folder, others
         self.now_ns = MS
         self.due_ns = self.now_ns
