@@ -1,6 +1,7 @@
 """Test plans from TOML: the built-in one, a user's, and what is said of one that is wrong."""
 
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
@@ -102,13 +103,8 @@ def test_a_wrong_file_is_one_line_that_names_file_and_field(written, place) -> N
         assert "\n" not in line, text
 
 
-def test_a_missing_file_is_named(tmp_path, place) -> None:
+def test_a_missing_file_is_named_and_a_text_that_needs_a_sensor_on_the_base(tmp_path, written, place) -> None:
     with pytest.raises(ConfigError, match=r"nowhere\.toml: No such file"):
         read_plan(tmp_path / "nowhere.toml", place)
-
-
-def test_a_release_without_a_sensor_on_the_base_is_told_which_text_needs_one(written, place) -> None:
-    from dataclasses import replace
-
     with pytest.raises(ConfigError, match=r"\{base_sensor\}"):
         read_plan(written(OWN), replace(place, base_sensor=None))

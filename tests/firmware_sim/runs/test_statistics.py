@@ -65,23 +65,17 @@ def test_settling_is_left_out(shedding):
     assert averaged(log).averaged[-1]
 
 
-def test_a_wake_that_does_not_shed_before_control_has_no_averages(shedding):
+def test_a_wake_that_does_not_shed_or_settles_to_its_end_has_no_averages(shedding):
     log = shedding()
     log.series["Cl"][:61] = 0.3
-    found = averages(log)
-    assert isinstance(found, NoAverages)
-    assert "without control, the lift crosses zero upwards 0 times" in found.why
-
-
-def test_a_run_that_settles_to_its_end_has_no_averages(shedding):
+    still = averages(log)
+    assert isinstance(still, NoAverages)
+    assert "without control, the lift crosses zero upwards 0 times" in still.why
     for settle in (18.0, 20.0, 500.0):
-        found = averages(shedding(settle=settle))
-        assert isinstance(found, NoAverages)
-        assert "under control, " in found.why
-        assert "a whole cycle of 5.00 t_c" in found.why
-
-
-def test_averages_that_nobody_asked_for(shedding):
+        unsettled = averages(shedding(settle=settle))
+        assert isinstance(unsettled, NoAverages)
+        assert "under control, " in unsettled.why
+        assert "a whole cycle of 5.00 t_c" in unsettled.why
     assert averages(shedding(averages=False)) == NoAverages("No averages were asked for.")
 
 

@@ -14,16 +14,11 @@ def run_of(reduction, abs_Cl, trouble=None) -> PhaseFigures:
 
 
 def test_side_force_costs_points_above_the_bound_alone() -> None:
-    for reduction, abs_Cl, score in [
-        (25.0, 0.2, 25.0),
-        (25.0, 0.0, 25.0),
-        (25.0, 0.3, 15.0),
-        (-5.0, 1.2, -105.0),
-        (0.0, 0.1, 0.0),
-    ]:
-        assert Goal(lift_bound=0.2, lift_penalty=100.0).score(run_of(reduction, abs_Cl)) == pytest.approx(score), (
-            reduction
-        )
+    goal = Goal(lift_bound=0.2, lift_penalty=100.0)
+    for reduction, abs_Cl, score in (
+        *((25.0, 0.2, 25.0), (25.0, 0.0, 25.0), (25.0, 0.3, 15.0), (-5.0, 1.2, -105.0), (0.0, 0.1, 0.0)),
+    ):
+        assert goal.score(run_of(reduction, abs_Cl)) == pytest.approx(score), (reduction, abs_Cl)
 
 
 def test_less_drag_and_less_side_force_are_never_worse() -> None:

@@ -91,7 +91,7 @@ async def answer(control: WebSocketClientConnection, request: str | bytes) -> An
 
 @pytest.fixture
 def page(tmp_path) -> Path:
-    """A page, and a file beside its folder that is nobody's business."""
+    """A page, and files next to its folder that are private."""
     folder = tmp_path / "page"
     (folder / "vendor").mkdir(parents=True)
     (folder / "index.html").write_text("<!doctype html>")
