@@ -66,27 +66,6 @@ def test_a_frame_arrives_at_its_end_of_frame_in_every_other_node(bench):
     assert (seen.sender, seen.queued_ns, seen.begin_ns, seen.end_ns) == ("node 0", 1000, 1000, end_ns)
 
 
-def test_a_frame_that_has_begun_is_not_interrupted(bench):
-    bus = bench.bus
-    one, two = bus.port(), bus.port()
-    one.send(frame(0x700))
-    bus.advance_to(1)  # it has begun
-    two.send(frame(0x001))
-    bus.advance_to(10**7)
-    assert bench.order() == [0x700, 0x001]
-    assert bench.seen[1].begin_ns == bus.frame_ns(frame(0x700))
-
-
-def test_everything_sent_at_an_instant_takes_part_in_its_arbitration(bench):
-    bus = bench.bus
-    one, two = bus.port(), bus.port()
-    one.send(frame(0x700))
-    bus.advance_to(0)
-    two.send(frame(0x001))
-    bus.advance_to(10**7)
-    assert bench.order() == [0x001, 0x700]
-
-
 def test_a_full_queue_refuses_and_counts(bench):
     one, two = bench.bus.port("pressure node", transmit_capacity=3), bench.bus.port()
     for value in range(3):
