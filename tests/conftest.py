@@ -7,8 +7,9 @@ from base64 import b64decode
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import date
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -21,6 +22,8 @@ from contract.config.tree import Config
 from tests.c_builds import MODULES, SharedBuilds
 
 if TYPE_CHECKING:
+    import typer
+
     from wake.truck.truck_wake import TruckWake
 
 pytest_plugins = ["tests.budget"]
@@ -48,11 +51,21 @@ class Outcome:
     err: str
 
 
+@cache
+def kept_command(app: "typer.Typer") -> Any:
+    """The app's commands, which typer would read from the signatures again at every call."""
+    from typer.main import get_group
+
+    return get_group(app)
+
+
 @pytest.fixture
 def cli(monkeypatch, capsys) -> Callable[..., Outcome]:
-    """Run `stillwake` with these arguments, in this process."""
+    """Run `stillwake` with these arguments, in this process; what typer makes of the app's signatures is kept."""
 
     import stillwake.__main__
+
+    monkeypatch.setattr("typer.main.get_command", kept_command)
 
     def run(*arguments: object) -> Outcome:
         monkeypatch.setattr(sys, "argv", ["stillwake", *map(str, arguments)])

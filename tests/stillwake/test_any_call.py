@@ -22,11 +22,12 @@ import stillwake.__main__
 from contract.errors import StillwakeError
 from contract.recording import dataset
 from contract.release import signing
+from tests.conftest import kept_command
 from tests.stillwake.calls import Verb, calls, verbs_of
 
 VERBS = list(verbs_of(stillwake.__main__.app))
 ASKED = os.environ.get("STILLWAKE_CALLS")
-EXAMPLES, DERANDOMIZE = (12, True) if ASKED is None else (int(ASKED), False)
+EXAMPLES, DERANDOMIZE = (8, True) if ASKED is None else (int(ASKED), False)
 """Calls of each verb. They are the same in every test run; STILLWAKE_CALLS=500 looks at as many others."""
 RUNS = 12
 """Calls of the flow solver until the work counts as begun: a start from rest takes some of them."""
@@ -76,6 +77,7 @@ def no_work() -> Iterator[Callable[[], None]]:
         patch.setattr("wake.solver.navier_stokes.FlowSolver.run", run)
         patch.setattr("contract.recording.dataset.read", _remembered(dataset.read))
         patch.setenv("PATH", "")
+        patch.setattr("typer.main.get_command", kept_command)
         yield lambda: count.__setitem__(0, 0)
 
 
@@ -134,7 +136,7 @@ def call(words: list[str]) -> tuple[int, str, str]:
     return stop.value.code, out.getvalue(), err.getvalue()
 
 
-@pytest.mark.slow  # a dozen calls of every verb
+@pytest.mark.slow  # some calls of every verb
 def test_any_call_ends_well(random_release, no_work) -> None:
     for verb in VERBS:
         _check_any_call(verb, random_release, no_work)
