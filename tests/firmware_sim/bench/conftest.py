@@ -26,7 +26,6 @@ def harness(bundle_of, recording_controller):
         bus=None,
         corrupts=None,
         plan_ahead=False,
-        around=lambda ecu: ecu,
         **ecu_settings,
     ):
         config = Config(
@@ -34,6 +33,6 @@ def harness(bundle_of, recording_controller):
         )
         step = iter(range(10**6))
         default = recording_controller(lambda i: 0.03 * cos(next(step)))
-        return Harness(bundle_of(), config, controller or default, {"vehicle": vehicle, "ecu": ecu}, corrupts, around)
+        return Harness(bundle_of(), config, controller or default, {"vehicle": vehicle, "ecu": ecu}, corrupts)
 
     return make

@@ -8,20 +8,17 @@ import numpy as np
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from contract import sensors
 from contract.config.tree import Config
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.ecu import Ecu
-from firmware_sim.ecu.stepped import SteppedEcu
 from wake.plant.sample import Sample
 
 NAMES = ("upper_39", "lower_39", "base_0", "base_9")
 BIT_NS = 2000
 """At 500 kbit/s."""
 INTERMISSION_NS = 3 * BIT_NS
-FRAME_IDS = (PRESSURE.frame_id, JET_COMMAND.frame_id, ECU_STATUS.frame_id)
 WARM = 6
 """Periods with a request until the window of four is full and both ends trust each other."""
 
@@ -99,7 +96,6 @@ class Harness:
         controller,
         wrapped: dict[str, Callable[[Bus], Bus]],
         corrupts: Corrupts | None,
-        around: Callable[[Ecu], SteppedEcu] = lambda ecu: ecu,
     ) -> None:
         self.config = config
         self.plant = Oscillator(config.flow.substeps)
@@ -114,7 +110,7 @@ class Harness:
         self.loop = VirtualLoop(
             self.plant,
             VehicleNode(NAMES, config),
-            around(self.ecu),
+            self.ecu,
             bus,
             ports,
             config,

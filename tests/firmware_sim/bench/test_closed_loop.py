@@ -10,7 +10,7 @@ import pytest
 
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
-from contract.config.vehicle import BackgroundConfig, BusConfig, EcuConfig, VehicleConfig
+from contract.config.vehicle import BackgroundConfig, BusConfig, VehicleConfig
 from contract.errors import BusError, StillwakeError
 from contract.release import bundle
 from export.program.random_program import random_program
@@ -19,7 +19,6 @@ from firmware_sim.bench.run_faults import parse_node_fault
 from firmware_sim.runs import wake_stills
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_page.report import write_report
-from firmware_sim.runs.summary import summary
 from wake.pictures.level_picture import LevelPicture
 from wake.truck.state import developed_state
 
@@ -241,29 +240,7 @@ def test_classic_can_closes_the_loop(release, tmp_path):
     assert (log.bus.lost, log.bus.rejected) == (0, 0)
 
 
-def test_a_run_too_short_for_averages_is_refused_before_it_starts(release, tmp_path):
-    with pytest.raises(StillwakeError, match="--lead-in = 1: must be at least 10 t_c"):
-        run_closed_loop(tmp_path / "run", release, CONFIG, **{**SHORT, "averages": True})
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("slow", [BusConfig(nominal_bitrate=100, data_bitrate=100), BusConfig(nominal_bitrate=100)])
 def test_a_bus_that_is_too_slow_is_refused(release, tmp_path, slow):
     with pytest.raises(BusError, match=r"a pressure frame takes .* raise bus\.nominal_bitrate or bus\.data_bitrate"):
         run_closed_loop(tmp_path / "run", release, replace(CONFIG, bus=slow), **SHORT)
-
-
-def test_a_figure_that_does_not_exist_is_null(run):
-    _, log, _ = run
-    found = summary(replace(log, metadata=replace(log.metadata, settle=99.0)))
-    assert found["Cd_controlled"] is None
-    assert found["reduction_percent"] is None
-    assert found["modes"] == {"CONTROL": CONTROLLED}
-
-
-def test_the_ecu_setting_decides_what_is_charged_for_computing(run):
-    _, log, _ = run
-    ages = log.series["age_ms"][3:]
-    # Pressures and commands differ by a few stuff bits, of 0.5 us each, and one in the arbitration phase.
-    assert ages == pytest.approx(ages[0], abs=0.02)
-    assert EcuConfig().compute_time_ms < ages[0] < EcuConfig().compute_time_ms + 1.0

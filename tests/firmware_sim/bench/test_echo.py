@@ -16,13 +16,6 @@ def sent(frames: int, period: int, tracker: EchoTracker | None = None, *, first:
 
 
 @each("period", [16, 256])
-@each("age", [0, 1, 7, 15])
-def test_the_first_echo_is_of_the_newest_frame_with_its_counter(period, age):
-    tracker = sent(700, period).received((699 - age) % period)
-    assert (tracker.age, tracker.sampled_ns) == (age, 1000 * (699 - age))
-
-
-@each("period", [16, 256])
 def test_an_echo_that_stands_still_grows_old_for_ever(period):
     tracker, ages = sent(20, period).received(19 % period), []
     for number in range(20, 20 + 3 * period):

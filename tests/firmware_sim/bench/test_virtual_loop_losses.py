@@ -1,86 +1,59 @@
 """The loop in virtual time where frames are lost, damaged, or not ours."""
 
-import random
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from math import isnan
 
 import pytest
 
-from can_bridge.bus.interface import Bus
-from can_bridge.wire.frame import Frame
+from can_bridge.bus.faults.content import FlipBits
+from can_bridge.bus.faults.loss import Drop
+from can_bridge.bus.faults.wrapping import FaultyBus, wrap
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 
 
-class Faulty:
-    """A seeded bus that drops some of the frames sent through it and flips a bit in others."""
-
-    def __init__(self, bus: Bus, *, drop: float = 0.0, corrupt: float = 0.0, seed: int = 3) -> None:
-        self._bus, self._drop, self._corrupt = bus, drop, corrupt
-        self._random = random.Random(seed)
-        self.dropped: list[Frame] = []
-        self.corrupted: list[Frame] = []
-
-    def send(self, frame: Frame) -> None:
-        draw = self._random.random()
-        if draw < self._drop:
-            self.dropped.append(frame)
-            return
-        if draw < self._drop + self._corrupt:
-            self.corrupted.append(frame)
-            data = bytearray(frame.data)
-            data[self._random.randrange(len(data))] ^= 1 << self._random.randrange(8)
-            frame = replace(frame, data=bytes(data))
-        self._bus.send(frame)
-
-    def receive_all(self) -> list[Frame]:
-        return self._bus.receive_all()
-
-
 @pytest.fixture
-def faults() -> list[Faulty]:
-    return []
+def faulty(harness):
+    """A loop with a fault in the pressures that the vehicle sends and in the ECU's commands; and both ports."""
+
+    def made(fault, compute_ms: float = 8.0, **settings):
+        ports = list[FaultyBus]()
+
+        def port(spec, seed: int):
+            def wrapped(bus):
+                ports.append(wrap(bus, [fault(**settings, frame_ids=(spec.frame_id,))], lambda: 0, seed=seed))
+                return ports[-1]
+
+            return wrapped
+
+        return harness(compute_ms, vehicle=port(PRESSURE, 1), ecu=port(JET_COMMAND, 2)), ports
+
+    return made
 
 
-def only(frames: list[Frame], spec) -> int:
-    return sum(frame.frame_id == spec.frame_id for frame in frames)
+def acted(ports: list[FaultyBus]) -> list[int]:
+    return [port.injectors[0].acted for port in ports]
 
 
-def test_frames_dropped_on_either_side_are_lost(harness, faults):
-    def dropping(bus: Bus) -> Faulty:
-        faults.append(Faulty(bus, drop=0.15, seed=len(faults)))
-        return faults[-1]
-
-    h = harness(8.0, vehicle=dropping, ecu=dropping)
+def test_frames_dropped_on_either_side_are_lost(faulty):
+    h, ports = faulty(Drop, probability=0.15)
     rows = h.run(60)
-    vehicle, ecu = faults
-    lost = only(vehicle.dropped, PRESSURE) + only(ecu.dropped, JET_COMMAND)
-    assert only(vehicle.dropped, PRESSURE) > 3
-    assert only(ecu.dropped, JET_COMMAND) > 3
-    assert asdict(h.loop.totals()) == {"sent": 120, "lost": lost, "rejected": 0}
-    # A period whose command was dropped has no age, and the jets hold.
-    assert sum(isnan(row.age_ms) for row in rows) >= only(ecu.dropped, JET_COMMAND)
-
-
-def test_corrupted_frames_are_rejected_on_the_side_that_receives_them(harness, faults):
-    def corrupting(bus: Bus) -> Faulty:
-        faults.append(Faulty(bus, corrupt=0.15, seed=len(faults)))
-        return faults[-1]
-
-    h = harness(8.0, vehicle=corrupting, ecu=corrupting)
-    h.run(60)
-    vehicle, ecu = faults
-    pressures, commands = only(vehicle.corrupted, PRESSURE), only(ecu.corrupted, JET_COMMAND)
+    pressures, commands = acted(ports)
     assert min(pressures, commands) > 3
-    totals = h.loop.totals()
-    assert (totals.sent, totals.lost, totals.rejected) == (120, 0, pressures + commands)
+    assert asdict(h.loop.totals()) == {"sent": 120, "lost": pressures + commands, "rejected": 0}
+    # A period whose command was dropped has no age, and the jets hold.
+    assert sum(isnan(row.age_ms) for row in rows) >= commands
+
+
+def test_corrupted_frames_are_rejected_on_the_side_that_receives_them(faulty):
+    h, ports = faulty(FlipBits, probability=0.15)
+    h.run(60)
+    pressures, commands = acted(ports)
+    assert min(pressures, commands) > 3
+    assert asdict(h.loop.totals()) == {"sent": 120, "lost": 0, "rejected": pressures + commands}
     assert h.ecu.status().crc_errors == pressures
 
 
-def test_frames_that_come_while_the_ecu_is_busy_are_checked_too(harness, faults):
-    def corrupting(bus: Bus) -> Faulty:
-        faults.append(Faulty(bus, corrupt=0.2))
-        return faults[-1]
-
-    h = harness(25.0, vehicle=corrupting)
+def test_frames_that_come_while_the_ecu_is_busy_are_checked_too(faulty):
+    h, ports = faulty(FlipBits, compute_ms=25.0, probability=0.2)
     h.run(61)  # it steps in every other period, the last included
-    assert h.ecu.status().crc_errors == len(faults[0].corrupted) > 8
+    assert h.ecu.status().crc_errors == acted(ports)[0] > 8

@@ -1,8 +1,6 @@
 import numpy as np
-import pytest
 
 from contract import sensors
-from contract.controller.interface import ControllerError
 from firmware_sim.ecu.bundle_policy import BundlePolicy
 
 
@@ -44,11 +42,3 @@ def test_memory_is_all_there_is(bundle_of, recording_controller):
         BundlePolicy(bundle, controller).step(memory, Cp, 0.03)
     for a, b in zip(*(controller.calls[0] for controller in controllers), strict=True):
         assert np.array_equal(a, b)
-
-
-def test_a_plan_that_is_not_finite_is_an_error(bundle_of, recording_controller):
-    policy = BundlePolicy(bundle_of(), recording_controller(lambda i: np.nan))
-    memory = policy.start()
-    with pytest.raises(ControllerError, match="not finite"):
-        for _ in range(4):
-            _, memory = policy.step(memory, np.zeros(sensors.COUNT), 0.0)

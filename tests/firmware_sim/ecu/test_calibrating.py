@@ -85,10 +85,11 @@ def test_the_weights_are_those_of_the_period(bench_of, recording_controller):
     controller = WeighedController(recording_controller())
     bench = bench_of(controller)
     bench.into_control()
-    calibrate(bench, lift=0.5, effort=2.0)
+    own = bench.bundle.manifest.mpc.weights.as_tuple()
+    calibrate(bench, drag_mean=1.0, drag_fluctuation=2.0, lift=3.0, lift_mean=4.0, smoothness=5.0, effort=6.0, rate=7.0)
     bench.good(2)
-    before, after = CostWeights(), CostWeights(lift=0.5, effort=2.0)
-    assert controller.weights == [before.as_tuple(), *[after.as_tuple()] * 2]
+    # In the order of the controller's input.
+    assert controller.weights == [own, *[(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)] * 2]
 
 
 bounds = st.fixed_dictionaries(

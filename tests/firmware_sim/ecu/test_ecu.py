@@ -1,20 +1,13 @@
 """One control step at a time: window, plan, command on the wire, fail-safe and counters."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from can_bridge.command_gate import Intervention
-from can_bridge.e2e.sender import E2eSender
-from can_bridge.wire import codec
-from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S, PRESSURE
-from can_bridge.wire.messages import Mode, Pressure, Reason
-from contract.config.controller import CostWeights
+from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
+from can_bridge.wire.messages import Mode
 from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
-from contract.config.tree import Config
-from firmware_sim.ecu.ecu import Ecu
 from tests.each import each
 
 WINDOW, HORIZON = 4, 5
@@ -59,58 +52,6 @@ def test_a_row_is_the_pressures_now_and_the_action_before(bench_of, recording_co
         np.testing.assert_array_equal(free, np.ones(HORIZON))
 
 
-def test_the_action_fed_back_is_the_one_on_the_wire(bench_of, recording_controller):
-    wanted = 0.0123456789
-    bench = bench_of(recording_controller(lambda i: wanted))
-    bench.into_control()
-    command = bench.step(bench.pressure())
-    fed_back = bench.controller.calls[-1][0][-1, 4]
-    assert fed_back == command.flow_m2_per_s / SCALE
-    assert fed_back != wanted
-    assert fed_back == pytest.approx(wanted, abs=0.501 * QUANTUM)
-    assert bench.ecu.trace.action == fed_back
-
-
-def test_the_next_plan_starts_from_the_last(bench_of, recording_controller):
-    bench = bench_of(recording_controller(lambda i: 0.01 * i))
-    bench.into_control()
-    bench.step(bench.pressure())
-    plans = [plan for _, plan, _ in bench.controller.calls]
-    np.testing.assert_array_equal(plans[0], np.zeros(HORIZON))
-    np.testing.assert_allclose(plans[1], 0.01 * np.arange(HORIZON))
-
-
-@each("delay", [1, 2])
-def test_a_late_actuator_shifts_the_window_and_commits_what_is_under_way(bench_of, recording_controller, delay):
-    counter = iter(range(10_000))
-    controller = recording_controller(lambda i: 0.0005 * next(counter))
-    bench = bench_of(controller, delay_steps=delay)
-    commands = [command.flow_m2_per_s / SCALE for command in bench.good(WINDOW + 8)]
-    commands = [0.0] * delay + commands  # commands[k]: what the jets, `delay` late, reach at the end of period k
-    for number, (window, plan, free) in enumerate(controller.calls):
-        k = WINDOW + number
-        np.testing.assert_array_equal(free, [0.0] * delay + [1.0] * (HORIZON - delay))
-        in_force = [0.0, *commands]
-        np.testing.assert_array_equal(window[:, 4], in_force[k - WINDOW + 1 : k + 1])
-        # The graph shifts the plan by one; then come the commands that the jets have yet to follow.
-        np.testing.assert_array_equal(plan[1 : delay + 1], commands[k : k + delay])
-        # Sent now is what the plan has for `delay` periods from now.
-        new = 0.0005 * (number * HORIZON + delay)
-        assert commands[k + delay] == pytest.approx(new, abs=0.501 * QUANTUM)
-
-
-def test_missing_frames_hold_then_halve_then_shut_and_latch(bench):
-    full = bench.into_control().flow_m2_per_s
-    assert full == pytest.approx(0.01 * SCALE)
-    commands = [bench.step() for _ in range(5)]
-    assert [command.mode for command in commands] == [Mode.HOLD, Mode.DECAY, Mode.DECAY, Mode.FAULT, Mode.FAULT]
-    assert [command.enable for command in commands] == [True, True, True, False, False]
-    expected = [full, full / 2, full / 4, 0.0, 0.0]
-    assert [command.flow_m2_per_s for command in commands] == pytest.approx(expected, abs=FLOW_RESOLUTION_M2_PER_S)
-    assert (bench.status.state, bench.status.missed) == (Mode.FAULT, 6)  # the first frame of all was not yet trusted
-    assert bench.status.reason is Reason.STREAM_LOST
-
-
 def test_pressures_from_before_a_long_gap_are_never_planned_on(bench_of):
     bench = bench_of(rearm_frames=1)
     for _ in range(WINDOW + 1):
@@ -124,13 +65,6 @@ def test_pressures_from_before_a_long_gap_are_never_planned_on(bench_of):
     assert modes == [Mode.FAULT] * 2 + [Mode.WARMUP] * (WINDOW - 2) + [Mode.CONTROL] * 2
     for window, _, _ in bench.controller.calls[calls:]:
         assert window[:, 0].max() < 1.0
-
-
-def test_one_invalid_sensor_is_a_miss(bench):
-    full = bench.into_control().flow_m2_per_s
-    command = bench.step(bench.pressure(valid=(True, False, True, True)))
-    assert (command.mode, command.flow_m2_per_s) == (Mode.HOLD, full)
-    assert (bench.status.reason, bench.status.missed) == (Reason.SENSOR_INVALID, 2)
 
 
 def test_the_gate_bounds_what_the_controller_wants(bench_of, recording_controller):
@@ -176,36 +110,3 @@ def test_status_names_the_bundle(bench, bundle_of):
     bench.good(1)
     assert bench.status.bundle_hash == bundle_of().short_hash == 0x01234567
     assert bench.status.bus_off == 0
-
-
-def test_weights_reach_the_controller_in_the_order_of_its_input(bundle_of, recording_controller):
-    def driven(weights: CostWeights | None) -> list[np.ndarray | None]:
-        controller, sender, config = recording_controller(), E2eSender(PRESSURE), Config()
-        step, seen = controller.control_step, list[np.ndarray | None]()
-
-        def kept(window, plan, free, weights=None):
-            seen.append(weights)
-            return step(window, plan, free, weights)
-
-        controller.control_step = kept
-        ecu = Ecu(bundle_of(), controller, config)
-        if weights is not None:
-            ecu.calibrate(replace(ecu.calibration, weights=weights))
-        for k in range(6):
-            message = Pressure(pressure_pa=(0.0,) * 4, valid=(True,) * 4, enable_request=k > 0, age_ns=0)
-            now_ns = k * config.period_ns
-            ecu.step(now_ns, [sender.frame(codec.emit_pressure(message), now_ns=now_ns)])
-        return seen
-
-    # The manifest's apply where none are given, whatever the controller was exported with.
-    defaults = driven(None)
-    assert defaults
-    own = bundle_of().manifest.mpc.weights
-    for weights in defaults:
-        np.testing.assert_array_equal(weights, own.as_tuple())
-    found = driven(
-        CostWeights(drag_mean=1.0, drag_fluctuation=2.0, lift=3.0, lift_mean=4.0, smoothness=5.0, effort=6.0, rate=7.0)
-    )
-    assert found
-    for weights in found:
-        np.testing.assert_array_equal(weights, [1, 2, 3, 4, 5, 6, 7])

@@ -1,13 +1,16 @@
 """An ECU that plans for the next period: what is settled, what it sends, and that a delay adds to it."""
 
 import numpy as np
+import pytest
 
+from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode
 from contract.config.operating_point import OperatingPoint
 from tests.each import each
 
 WINDOW, HORIZON = 4, 5
 SCALE = OperatingPoint().flow_rate_scale
+QUANTUM = FLOW_RESOLUTION_M2_PER_S / SCALE
 
 
 def numbered(recording_controller):
@@ -31,6 +34,8 @@ def test_the_action_in_force_is_settled_and_the_one_after_it_is_sent(bench_of, r
         # The row of period j holds what the jets had reached when it was sampled, at the end of period j - 1.
         np.testing.assert_array_equal(window[:, 4], [0.0, *reached][k - WINDOW + 1 : k + 1])
         np.testing.assert_array_equal(plan[1 : settled + 1], reached[k : k + settled])
+        # Sent now is what the plan has for as many periods from now as are settled.
+        assert reached[k + settled] == pytest.approx(0.0016 * ((number * HORIZON + settled) % 40), abs=QUANTUM)
     assert len({command.flow_m2_per_s for command in commands[WINDOW:]}) > 5
 
 

@@ -15,7 +15,6 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
-from contract.errors import ConfigError
 from firmware_sim.ecu.ecu import Ecu
 
 KEY, ANOTHER = Key(b"the nodes' secret"[:16]), Key(b"an attacker's own"[:16])
@@ -193,8 +192,3 @@ def test_what_the_ecu_sends_counts_up_in_its_power_cycle(bench_in):
         bench.now_ns += bench.config.period_ns
     expected = [(5 << 32) + count for count in range(300)]
     assert list(values.values()) == [expected, expected]
-
-
-def test_key_and_settings_must_agree(bundle_of, recording_controller):
-    with pytest.raises(ConfigError, match=r"bus\.key = 'file': the node was made without a key"):
-        Ecu(bundle_of(), recording_controller(), Config(bus=BusConfig(key="file")))

@@ -8,10 +8,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition,
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
-from firmware_sim.ecu.state_machine import FailSafe, OperatingMode
-from tests.each import each
 from tests.proofs.ecu.hostile_controller import BAD, GOOD
-from tests.proofs.ecu.hostile_world import FATES, JUMPS_NS, QUEUED_NS, UNEVEN_NS, Events, RandomEvents, World
+from tests.proofs.ecu.hostile_world import FATES, JUMPS_NS, QUEUED_NS, UNEVEN_NS, Events, World
 
 SEEDS = st.integers(0, 2**32 - 1)
 VALUES = st.floats(-0.2, 0.2)
@@ -92,13 +90,6 @@ def test_no_story_that_hypothesis_finds_breaks_a_promise():
     run_state_machine_as_test(HostilePeriods, settings=settings(max_examples=25, stateful_step_count=20, deadline=None))
 
 
-@each("hostility", [0.01, 0.3])
-def test_a_calm_and_a_hostile_while_break_nothing(hostility):
-    world, events = World(Config()), RandomEvents(1, hostility)
-    for _ in range(200):
-        assert world.period(events.next(world.now_ns)) == [], world.seen
-
-
 EVERYTHING = {
     *((mode, Reason.NONE) for mode in (Mode.OFF, Mode.WARMUP, Mode.CONTROL)),
     (Mode.OFF, Reason.NOT_ARMED),
@@ -133,27 +124,3 @@ def test_the_world_leads_everywhere():
             status = world.ecu.status()
             found.add((status.state, status.reason))
     assert found >= EVERYTHING, EVERYTHING - found
-
-
-@each("seed", range(3))
-def test_a_reset_under_a_standing_request_drives_nothing_until_it_is_raised_anew(seed):
-    world = World(Config())
-    for k in range(12):
-        world.period(Events(request=k > 0, value=0.07))
-    assert world.seen.action != 0.0
-    world.period(Events(reset_ecu=True, chance=seed))
-    for _ in range(60):
-        assert world.period(Events(value=0.07)) == []
-    assert world.seen.action == 0.0
-    assert world.ecu.state.fail_safe.mode is OperatingMode.STANDBY
-    for k in range(4):
-        world.period(Events(request=k > 0, value=0.07))
-    assert world.seen.action != 0.0
-
-
-def test_the_world_notices_an_ecu_that_forgets_to_latch(monkeypatch):
-    """The same machine finds a planted defect."""
-    monkeypatch.setattr(FailSafe, "latch", lambda self, reason: self)
-    world = World(Config())
-    stories = [Events(request=k > 0) for k in range(10)] + [Events(deed="raise")]
-    assert "controller" in {name for events in stories for name in world.period(events)}

@@ -11,7 +11,6 @@ from tests.proofs.ecu_in_c.edges import Edges
 from tests.proofs.ecu_in_c.library import Layout, Library, sources
 from tests.proofs.ecu_in_c.planted import PLANTED
 from tests.proofs.ecu_in_c.python_twin import PythonTwin
-from tests.proofs.ecu_in_c.traffic import Traffic
 from tests.proofs.ecu_in_c.variants import VARIANTS
 
 pytestmark = pytest.mark.compiler
@@ -72,12 +71,6 @@ def _modes_of(twin, name, seed):
     return modes
 
 
-def test_the_same_seed_gives_the_same_bytes():
-    layout = _layout("classic")
-    assert campaign.recording("classic", "1", 60, layout) == campaign.recording("classic", "1", 60, layout)
-    assert campaign.recording("classic", "1", 60, layout) != campaign.recording("classic", "3", 60, layout)
-
-
 @pytest.mark.parametrize("planted", PLANTED, ids=lambda item: item.what)
 def test_a_fault_that_is_planted_in_c_is_found(planted, tmp_path):
     contents = planted.into(sources(VARIANTS[planted.variant]))
@@ -96,12 +89,3 @@ def test_a_mismatch_says_where_it_is_and_happens_again(tmp_path):
     assert first is not None
     (field,) = first.fields
     assert field.startswith("state.command_counter: ")
-
-
-def test_traffic_of_a_hostile_bus_has_frames_of_all_kinds():
-    source = Traffic(VARIANTS["as shipped"], 5, "a")
-    frames = [frame for _ in range(2_000) for frame in source.next().frames]
-    assert any(frame.is_extended for frame in frames)
-    assert {frame.is_fd for frame in frames} == {True, False}
-    assert {0x120, 0x130, 0x140} <= {frame.frame_id for frame in frames}
-    assert max(len(frame.data) for frame in frames) == 64

@@ -17,7 +17,7 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode
 from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
-from contract.config.vehicle import BusConfig, VehicleConfig
+from contract.config.vehicle import BusConfig
 from contract.errors import BusError, ConfigError
 from firmware_sim.bench.real_time.pressures import Replay
 from firmware_sim.bench.real_time.running import Course, run_vehicle
@@ -122,30 +122,6 @@ def test_a_vehicle_without_an_ecu_says_once_what_it_hears(replay) -> None:
     said = [line for line in lines if "JetCommand" in line]
     assert len(said) == 1
     assert "nothing at all is heard" in said[0]
-
-
-def test_a_vehicle_that_loses_every_second_command_says_once_that_it_gives_up(
-    bundle_of, recording_controller, replay
-) -> None:
-    config = replace(CONFIG, vehicle=VehicleConfig(loss_window=30, loss_limit=12))
-
-    class Half(Ecu):
-        """Whose frames arrive every second time."""
-
-        def step(self, now_ns, frames, *rest, **more):
-            answers = super().step(now_ns, frames, *rest, **more)
-            return answers if now_ns // CONFIG.period_ns % 2 else []
-
-    ecu = Half(bundle_of(operating_point=POINT), recording_controller(lambda i: 0.02), config)
-    lines: list[str] = []
-    with ecu_on(config, ecu) as seen, PythonCanBus.open(BUS) as bus:
-        figures = run_vehicle(bus, NAMES, replay, config, course(periods=160), report=lines.append)
-    assert figures.modes[Mode.CONTROL] > 0
-    assert len([line for line in lines if line.startswith("12 of 30 periods had no usable command: jets shut")]) == 1
-    requests = [pressure_in(frame).enable_request for frame in seen]
-    # It rises once, falls once, and stays low though the run wants control to its end.
-    assert [request for k, request in enumerate(requests) if request != requests[k - 1]] == [True, False]
-    assert not any(requests[-60:])
 
 
 def test_with_a_key_both_are_believed_and_the_power_cycles_are_counted(

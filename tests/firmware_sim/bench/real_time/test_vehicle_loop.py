@@ -1,6 +1,5 @@
 """The vehicle's side in real time, on a clock of the test's."""
 
-from dataclasses import replace
 from math import cos
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
-from contract.config.vehicle import VehicleConfig
 from contract.errors import BusError
 from firmware_sim.bench.real_time.vehicle_loop import FAREWELL, UNSENT_LIMIT
 from firmware_sim.ecu.ecu import Ecu
@@ -46,14 +44,6 @@ def test_it_is_the_loop_in_virtual_time_to_the_bit(harness, made, way_ms) -> Non
     # The ECU needs a second frame before it trusts the stream, and so does the vehicle; none is lost later.
     assert figures.commands == 39
     assert figures.modes[Mode.CONTROL] == sum(row.mode == Mode.CONTROL for row in rows)
-
-
-def test_an_actuator_that_is_late_is_driven_late(made) -> None:
-    prompt, late = made(), made(replace(Config(), vehicle=VehicleConfig(actuator_delay=3)))
-    for real in (prompt, late):
-        real.run(12)
-    # Until the delayed flow differs, the plans are the same.
-    assert late.flow.driven[3:] == pytest.approx(prompt.flow.driven[:9])
 
 
 def test_ages_are_from_the_sampling_to_the_arrival(made) -> None:

@@ -45,14 +45,6 @@ def slow(rig_of):
     return controller
 
 
-def test_a_vehicle_that_wants_control_gets_it(rig):
-    rig.into_control()
-    assert [line for line in rig.lines if line in ("OFF", "WARMUP", "CONTROL")][-1] == "CONTROL"
-    last = rig.commands[-1]
-    assert (last.mode, last.enable, last.next_period) == (Mode.CONTROL, True, True)
-    assert rig.loop.counters.left_out == rig.loop.counters.not_sent == 0
-
-
 @each("phase_ms", [0, 1, 7, 13, 19])
 def test_steps_come_to_lie_the_offset_behind_the_pressures(rig_of, phase_ms):
     rig = rig_of(phase_ns=phase_ms * MS, step_offset_ms=4.0)
