@@ -161,7 +161,8 @@ def _show_gates(figures: Iterable[tuple[str, Any]]) -> None:
 def _settings(model: Path, file: Path | None, overrides: list[str], *, uses: Sequence[str] = USES) -> Config:
     """The model's own, with what the user gives on top."""
     try:
-        own = (linear_model_folder if is_linear(model) else model_folder).read_description(model)["config"]
+        kind = linear_model_folder.KIND if is_linear(model) else model_folder.KIND
+        own = kind.read_description(model)["config"]
     except ModelError:
         # As for every other command, a setting that does not exist comes first.
         load(file, overrides)
