@@ -1,7 +1,6 @@
 """The calibration's identifiers as bytes; `tests/can_bridge/tester` reads, changes and stores over the server."""
 
 import struct
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,16 +10,9 @@ from can_bridge.calibration.service import DIDS, CalibrationService
 from can_bridge.flashing.medium import MediumError
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.services import Did, Nrc
-from contract.config.controller import CostWeights
-from contract.controller.calibration import Calibration, CalibrationLimits
+from tests.can_bridge.calibration.conftest import LIMITS
+from tests.can_bridge.calibration.conftest import REFERENCE as OWN
 
-OWN = Calibration(weights=CostWeights(), action_limit=0.075, command_step=0.07, delay_steps=1)
-LIMITS = CalibrationLimits(
-    least=replace(
-        OWN, weights=CostWeights(drag_mean=0.0, drag_fluctuation=0.0, lift=0.0, smoothness=0.0), delay_steps=0
-    ),
-    greatest=replace(OWN, weights=CostWeights(**dict.fromkeys(vars(OWN.weights), 10.0)), delay_steps=4),
-)
 WIRE = struct.Struct("<9fI")
 """As a tool reads it that knows nothing of us."""
 
@@ -58,7 +50,7 @@ def refused(service: CalibrationService, did: Did, value: bytes) -> Nrc:
 def values(**changes: float) -> bytes:
     own = {
         **{"drag_mean": 1.0, "drag_fluctuation": 0.1, "lift": 0.01, "lift_mean": 0.0, "smoothness": 8.0},
-        **{"effort": 0.0, "rate": 0.0, "action_limit": 0.075, "command_step": 0.07, "delay_steps": 1},
+        **{"effort": 0.0, "rate": 0.0, "action_limit": 0.075, "command_step": 0.0375, "delay_steps": 1},
         **changes,
     }
     *floats, delay_steps = own.values()
@@ -71,15 +63,15 @@ def test_the_limits_come_with_the_releases_own_values():
     raw = service.read(Did.CALIBRATION_LIMITS)
     least, greatest, own = (WIRE.unpack(raw[start : start + WIRE.size]) for start in (0, 40, 80))
     assert len(raw) == 120
-    np.testing.assert_array_equal(least, np.array([0.0] * 7 + [0.075, 0.07, 0.0], dtype=np.float32))
-    np.testing.assert_array_equal(greatest, np.array([10.0] * 7 + [0.075, 0.07, 4.0], dtype=np.float32))
+    np.testing.assert_array_equal(least, np.zeros(10))
+    np.testing.assert_array_equal(greatest, np.array([1000.0] * 7 + [0.075, 0.0375, 6.0], dtype=np.float32))
     assert WIRE.pack(*own) == values()
 
 
 def test_values_that_are_not_allowed_are_refused_whole():
     service, segment = service_of(Kept())
     nan = values(lift=float("nan"))
-    for value in (values(lift=-0.1), nan, values(action_limit=0.0751), values(delay_steps=5), b"", bytes(39)):
+    for value in (values(lift=-0.1), nan, values(action_limit=0.0751), values(delay_steps=7), b"", bytes(39)):
         assert refused(service, Did.CALIBRATION, value) is Nrc.OUT_OF_RANGE, value
         assert service.read(Did.CALIBRATION) == values()
         assert segment.take() is None

@@ -158,7 +158,3 @@ def test_what_is_no_table_is_refused():
     for damaged in (b"", b"[]", b"\xff", b'{"slots": NaN}', b"[" * 2000, b" " * 2049, *cuts):
         with pytest.raises(BusError, match="damaged"):
             report.decode(damaged)
-
-
-def test_every_reason_has_words():
-    assert len({reason.in_words for reason in BootReason}) == len(BootReason)

@@ -41,25 +41,6 @@ def test_a_message_that_fits_is_one_frame():
     assert endpoint.is_idle
 
 
-def test_a_can_fd_frame_holds_more_by_an_escape_sequence():
-    endpoint = Endpoint(FD)
-    assert endpoint.send(bytes(range(9)))
-    assert texts(endpoint.poll(0)) == ["00 09 00 01 02 03 04 05 06 07 08 CC"]
-    assert endpoint.send(bytes(7))
-    assert texts(endpoint.poll(0)) == ["07 00 00 00 00 00 00 00"]
-    assert endpoint.send(bytes(8))
-    assert texts(endpoint.poll(0)) == ["00 08 00 00 00 00 00 00 00 00 CC CC"]
-    assert receive(endpoint, "00 09 00 01 02 03 04 05 06 07 08 55") == [bytes(range(9))]
-
-
-def test_a_long_message_is_answered_by_flow_control():
-    endpoint = Endpoint(CLASSIC)
-    assert receive(endpoint, "10 0A 00 01 02 03 04 05") == []
-    assert texts(endpoint.poll(0)) == ["30 00 00 CC CC CC CC CC"]
-    assert receive(endpoint, "21 06 07 08 09 CC CC CC") == [bytes(range(10))]
-    assert endpoint.is_idle
-
-
 def test_our_block_size_and_separation_time_are_said_and_kept():
     endpoint = Endpoint(replace(CLASSIC, block_size=2, separation_code=0xF3))
     receive(endpoint, "10 1B 00 00 00 00 00 00")
@@ -70,20 +51,6 @@ def test_our_block_size_and_separation_time_are_said_and_kept():
     assert texts(endpoint.poll(0)) == ["30 02 F3 CC CC CC CC CC"]
     assert receive(endpoint, "23" + "00" * 7) == [bytes(27)]
     assert endpoint.poll(0) == []
-
-
-def test_sequence_numbers_begin_again_after_fifteen():
-    message = bytes(range(6 + 7 * 35))
-    endpoint = Endpoint(replace(CLASSIC, burst=100))
-    frames = [message[begin : begin + 7].hex() for begin in range(6, len(message), 7)]
-    numbered = [f"2{(1 + index) % 16:X}{data}" for index, data in enumerate(frames)]
-    for _ in range(2):
-        assert receive(endpoint, "10 FB" + message[:6].hex(), *numbered) == [message]
-    endpoint = Endpoint(replace(CLASSIC, burst=100))
-    endpoint.send(message)
-    endpoint.poll(0)
-    receive(endpoint, "30 00 00")
-    assert [each.data.hex() for each in endpoint.poll(0)] == [text.lower() for text in numbered]
 
 
 def test_the_others_block_size_is_kept():

@@ -6,7 +6,6 @@ import pytest
 
 from can_bridge.tester import calibration
 from can_bridge.tester.asking import Asking
-from can_bridge.tester.messages import AccessError, NotNowError
 from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.services import Session
 from contract.errors import ConfigError, FlashError
@@ -51,32 +50,6 @@ def test_values_are_read_without_a_key_written_with_one_and_taken_at_once(ecu, a
     assert calibration.read(asking).in_force == wanted
 
 
-def test_stored_values_outlive_power_and_reverted_ones_do_not(ecu, asking):
-    read = calibration.read(asking)
-    calibration.unlock(asking)
-    calibration.write(asking, calibration.changed(read, {"effort": 0.5}))
-    calibration.store(asking)
-    ecu.power_on()
-    read = calibration.read(asking)
-    assert (read.in_force.weights.effort, read.is_stored) == (0.5, True)
-    calibration.unlock(asking)
-    calibration.revert(asking, read.release)
-    ecu.power_on()
-    read = calibration.read(asking)
-    assert (read.in_force, read.is_stored) == (OWN, False)
-
-
-def test_while_the_jets_run_values_change_and_are_not_stored(ecu, asking):
-    ecu.jets = True
-    read = calibration.read(asking)
-    calibration.unlock(asking)
-    calibration.write(asking, calibration.changed(read, {"effort": 0.5}))
-    with pytest.raises(NotNowError, match="its jets are enabled"):
-        calibration.store(asking)
-    assert calibration.read(asking).in_force.weights.effort == 0.5
-    assert ecu.raw is None
-
-
 def test_a_value_is_refused_before_anything_is_sent(asking):
     read = calibration.read(asking)
     for name, value, message in (
@@ -111,15 +84,3 @@ def test_another_tools_values_are_noticed(ecu, asking):
     ecu.service.write = write
     with pytest.raises(FlashError, match="another tool"):
         calibration.write(asking, calibration.changed(read, {"lift": 0.5}))
-
-
-def test_with_another_key_nothing_changes(ecu):
-    with pytest.raises(AccessError, match="refused the key"):
-        calibration.unlock(asking_of(ecu, AccessKey(bytes(range(2, 18)))))
-    assert ecu.server.request(0, b"\x2e\xfd\x10" + OWN.pack()) == [b"\x7f\x2e\x33"]
-
-
-def test_an_ecu_without_a_release_has_none(ecu, asking):
-    ecu.has_release = False
-    with pytest.raises(FlashError, match="no release runs in it"):
-        calibration.read(asking)

@@ -1,7 +1,6 @@
 """The tester's steps against the real server in virtual time, with everything that can go wrong on the way."""
 
 import hashlib
-from collections.abc import Callable
 from random import Random
 from typing import Any
 
@@ -22,7 +21,6 @@ from can_bridge.tester.messages import (
 )
 from can_bridge.tester.sequence import End, Flashed, Options, Step
 from can_bridge.uds.access_key import AccessKey
-from can_bridge.uds.refused import Refused
 from can_bridge.uds.services import Nrc, Routine, Service
 from tests.can_bridge.tester.line import Line, VirtualTime, flash_over
 from tests.can_bridge.tester.played_ecu import SHIPPED, Held, Played, PlayedEcu, played
@@ -106,12 +104,6 @@ def test_a_dry_run_and_a_judge_that_objects_write_nothing(line: Line, kept: Play
     assert kept.log == [Routine.PRECONDITIONS]
 
 
-def test_without_confirmation_it_stays_on_trial(line: Line, kept: Played) -> None:
-    assert flashed(line, options=Options(confirm=False)).end is End.ON_TRIAL
-    assert kept.running.phase == Phase.TRIAL
-    assert Routine.SELF_TEST in kept.log
-
-
 def test_wrong_keys_write_nothing_and_their_delay_is_waited_for(line: Line, kept: Played, time: VirtualTime) -> None:
     for words in (2 * ["it is not its own"]) + ["takes none for 10 s"]:
         with pytest.raises(AccessError, match=words):
@@ -184,20 +176,6 @@ def test_a_release_that_does_not_pass_its_trial_is_left(line: Line, kept: Played
     assert Routine.CONFIRM not in kept.log and kept.log[-1] is Routine.REVERT
 
 
-def test_silence_is_reported_and_gone_on_with_later(line: Line, kept: Played) -> None:
-    kept.is_dead = True
-    with pytest.raises(NoAnswerError, match="see that it has power"):
-        flashed(line)
-    assert line.time.clock() < 5.0
-    kept.is_dead, kept.dead_after = False, 40_000
-    with pytest.raises(LostError, match=f"of {len(SHIPPED)} bytes .* the same command goes on from there"):
-        flashed(line)
-    kept.is_dead, kept.dead_after = False, None
-    done = flashed(line)
-    assert done.transferred is not None and done.transferred.resumed_from >= 40_000
-    assert kept.written == len(SHIPPED)
-
-
 def test_an_ecu_that_resets_itself_or_is_slow_is_gone_on_with(line: Line, kept: Played) -> None:
     kept.resets_after = 40_000
     kept.writing_ns = 3_000_000_000
@@ -232,41 +210,6 @@ def test_a_block_refused_once_begins_the_transfer_again() -> None:
         assert kept.written == len(SHIPPED), code
     with pytest.raises(RefusedError, match=r"take a block of the image: service not supported \(0x11\)"):
         refused_once(Nrc.SERVICE_NOT_SUPPORTED)
-
-
-def test_a_memory_that_fails_is_given_up(line: Line, kept: Played, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(_ecu: PlayedEcu, _data: bytes) -> Any:
-        raise Refused(Nrc.PROGRAMMING_FAILURE)
-
-    monkeypatch.setattr(PlayedEcu, "transfer", fails)
-    with pytest.raises(RefusedError, match=r"take a block of the image: programming failure \(0x72\)"):
-        flashed(line)
-    assert kept.running.name == "old"
-
-
-@pytest.mark.slow
-def test_any_one_request_or_answer_may_be_lost(line: Line) -> None:
-    """Each in turn: whatever of the sequence is not answered is asked again, and nothing is written twice."""
-    flashed(line)
-    for lost in range(len(line.heard)):
-        for to_ecu in (True, False):
-            again, kept = fresh()
-            again.lose = _loses(lost, to_ecu=to_ecu)
-            flashed(again)
-            assert (kept.running.image, kept.running.phase) == (SHIPPED, Phase.CONFIRMED), (lost, to_ecu)
-            # A trial has three boots.
-            assert kept.written == len(SHIPPED) and kept.resets <= 2, (lost, to_ecu)
-
-
-def _loses(number: int, *, to_ecu: bool) -> Callable[[bytes, bool], bool]:
-    """Loses one payload in one direction."""
-    left = [number]
-
-    def lose(_payload: bytes, is_request: bool) -> bool:
-        left[0] -= is_request is to_ecu
-        return is_request is to_ecu and left[0] == -1
-
-    return lose
 
 
 @pytest.mark.slow

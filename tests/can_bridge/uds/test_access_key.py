@@ -1,5 +1,3 @@
-from itertools import product
-
 import pytest
 from cryptography.hazmat.primitives.ciphers import Cipher
 from cryptography.hazmat.primitives.ciphers.algorithms import AES
@@ -50,14 +48,6 @@ def test_answer_is_cmac_under_the_level_s_own_key():
     for level in Level:
         level_key = cmac(SECRET, b"stillwake access" + bytes([level]))
         assert AccessKey(SECRET).answer(level, SEED) == cmac(level_key, SEED)
-
-
-def test_every_part_moves_the_answer():
-    other = bytes([SECRET[0] ^ 1]) + SECRET[1:]
-    answers = {
-        AccessKey(secret).answer(*rest) for secret in (SECRET, other) for rest in product(Level, (SEED, bytes(16)))
-    }
-    assert len(answers) == 8
 
 
 def test_a_key_file_is_read_and_shows_nowhere(tmp_path):

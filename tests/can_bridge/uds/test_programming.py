@@ -9,13 +9,13 @@ import pytest
 
 from can_bridge.flashing import report
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Kind, Slot
+from can_bridge.flashing.backing import Kind
 from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
 from tests.can_bridge.flashing.plain_backing import PlainBacking
-from tests.can_bridge.flashing.releases import RELEASE, SECOND, STRANGER, image, keys, phases, provisioned
+from tests.can_bridge.flashing.releases import RELEASE, SECOND, image, keys, phases, provisioned
 from tests.can_bridge.flashing.store_ecu import KEY, StoreEcu
 from tests.can_bridge.uds.scripted_ecu import MS, S, payload, refused
 
@@ -131,63 +131,6 @@ def test_a_release_is_flashed_and_confirmed(client):
     assert client.routine(Routine.CONFIRM) == refused(0x31, Nrc.SEQUENCE_ERROR)
 
 
-def test_a_trial_is_given_up(client):
-    client.start()
-    assert client.routine(Routine.REVERT) == client.routine(Routine.REVERT) == b"\x71\x01\x02\x07"
-    client.reset()
-    assert client.running() == "one"
-    client.unlock()
-    assert client.routine(Routine.REVERT) == refused(0x31, Nrc.SEQUENCE_ERROR), "there is no release before"
-
-
-def test_what_fails_a_check_is_never_activated(client):
-    before = client.memory.content(Slot.A)
-    for new, verdict in (
-        (image("old", version=0), Verdict.TOO_OLD),
-        (image("stranger's", key=STRANGER), Verdict.UNKNOWN_KEY),
-        (bytes(5000), Verdict.DAMAGED),
-    ):
-        assert client.bring(new) == verdict
-        assert client.routine(Routine.ACTIVATE) == refused(0x31, Nrc.SEQUENCE_ERROR)
-        client.reset()
-        assert client.running() == "one"
-    client.unlock()
-    client.announce(NEWER)
-    client.send(NEWER[:-1] + bytes([NEWER[-1] ^ 1]))
-    assert client.verdict() == Verdict.WRONG_HASH
-    assert client.memory.content(Slot.A) == before
-
-
-def test_nothing_is_programmed_while_the_vehicle_asks_for_control(client):
-    client.ask(0x10, Session.EXTENDED)
-    assert client.routine(Routine.PRECONDITIONS) == b"\x71\x01\x02\x03"
-    client.ecu.is_wanted = True
-    assert client.ask(0x10, Session.PROGRAMMING) == refused(0x10, Nrc.CONDITIONS_NOT_CORRECT)
-    assert client.ask(0x10, Session.EXTENDED)[0] == 0x50
-    assert client.routine(Routine.PRECONDITIONS) == refused(0x31, Nrc.CONDITIONS_NOT_CORRECT)
-    # Nor if it asks later; and no reset takes its control away.
-    client.ecu.is_wanted = False
-    client.unlock()
-    client.ecu.is_wanted = True
-    answer = client.routine(Routine.ERASE, bytes([0, 0, 1, 0]) + bytes(32))
-    assert answer == refused(0x31, Nrc.CONDITIONS_NOT_CORRECT)
-    assert not client.ecu.programming.is_updating
-    assert client.ask(0x11, 1) == refused(0x11, Nrc.CONDITIONS_NOT_CORRECT)
-    assert not client.ecu.is_reset
-
-
-def test_an_announcement_makes_an_update_until_the_reset_which_is_always_allowed(client):
-    client.unlock()
-    assert not client.ecu.programming.is_updating
-    client.announce(NEWER)
-    client.ask(0x10, Session.DEFAULT)
-    assert client.ecu.programming.is_updating
-    client.unlock()
-    client.ecu.is_wanted = True
-    client.reset()
-    assert not client.ecu.programming.is_updating
-
-
 def test_only_the_bytes_that_are_missing_are_taken(client):
     client.unlock()
     for length in (0, CAPACITY + 1, 2**32 - 1):
@@ -267,14 +210,3 @@ def test_identifiers(client):
     assert client.ask(0x22, Did.CAPACITY.to_bytes(2, "big")) == b"\x62\xfd\x03" + CAPACITY.to_bytes(4, "big")
     assert client.ask(0x22, KEY_LIST) == b"\x62\xfd\x02\0\0\0\x01"
     assert client.ask(0x22, Did.HARDWARE.to_bytes(2, "big")) == b"\x62\xf1\x91bench"
-
-
-def test_wrong_keys_are_counted_over_a_reset(client):
-    for _ in range(3):
-        client.ask(0x10, Session.PROGRAMMING)
-        client.ask(0x27, 1)
-        answer = client.ask(0x27, 2, bytes(16))
-        client.ecu.power_on()
-    assert answer == refused(0x27, Nrc.EXCEEDED_ATTEMPTS)
-    client.ask(0x10, Session.PROGRAMMING)
-    assert client.ask(0x27, 1) == refused(0x27, Nrc.DELAY_NOT_EXPIRED)

@@ -30,13 +30,6 @@ def keep_alive(bench: Bench, nanoseconds: int) -> None:
         assert bench.ask(0x3E, 0x80) is None
 
 
-def test_right_key_unlocks():
-    for level in Level:
-        bench = Bench()
-        bench.unlock(level)
-        assert bench.server.unlocked is level
-
-
 def test_unlocked_level_gives_a_seed_of_zeros(bench):
     bench.unlock()
     assert bench.ask(0x27, 1) == b"\x67\x01" + bytes(16)

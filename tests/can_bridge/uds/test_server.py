@@ -25,17 +25,6 @@ def bench() -> Bench:
     return Bench()
 
 
-def test_session_answers_with_its_timing(bench):
-    """P2 50 ms and P2* 500 times 10 ms."""
-    assert bench.ask(0x10, 3) == bytes.fromhex("5003 0032 01f4")
-    assert bench.server.session == Session.EXTENDED
-    assert bench.ask(0x22, Did.ACTIVE_SESSION.to_bytes(2, "big")) == bytes.fromhex("62f186 03")
-
-
-def test_no_bytes_are_no_request(bench):
-    assert bench.server.request(0, b"") == []
-
-
 def test_other_services_are_not_there(bench):
     for service in set(range(256)) - set(Service):
         assert bench.ask(service, 1, 2, 3) == refused(service, Nrc.SERVICE_NOT_SUPPORTED), service
@@ -148,11 +137,6 @@ def test_positive_answers_are_suppressed_and_negative_ones_are_not(bench):
     assert bench.ask(0x10, 0x84) == refused(0x10, Nrc.SUB_FUNCTION_NOT_SUPPORTED)
 
 
-def test_a_block_counter_is_no_sub_function(bench):
-    bench.unlock()
-    assert bench.ask(0x36, 0x81, 0) == refused(0x36, Nrc.SEQUENCE_ERROR)
-
-
 def test_reset_is_answered_before_it_happens(bench):
     bench.ask(0x10, 2)
     assert bench.ask(0x11, 1) == b"\x51\x01"
@@ -180,12 +164,6 @@ def test_long_work_is_announced_in_time(bench):
     assert 0 < pending[0] <= 50 * MS
     assert all(0 < later - earlier <= 5 * S for earlier, later in itertools.pairwise(pending))
     assert sent[-1][0] - pending[-1] <= 5 * S
-
-
-def test_short_work_is_answered_at_once(bench):
-    bench.ask(0x10, 3)
-    bench.ecu.status = b"\x01\x02"
-    assert bench.ask(0x31, 1, PRECONDITIONS) == b"\x71\x01" + PRECONDITIONS + b"\x01\x02"
 
 
 def test_suppressed_work_is_answered_only_to_who_had_to_wait(bench):

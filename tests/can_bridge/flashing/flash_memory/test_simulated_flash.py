@@ -103,19 +103,6 @@ def test_a_torn_erasure_leaves_each_word_old_or_weak_or_random_or_unreadable():
     assert became == {"old", "weak", "random", "unreadable"}
 
 
-def test_the_same_cut_leaves_the_same():
-    def seen(flash: SimulatedFlash) -> list[object]:
-        found: list[object] = []
-        for address in range(0, SECTOR, WORD):
-            try:
-                found.append(flash.read(address, WORD))
-            except UnreadableError:
-                found.append(None)
-        return found
-
-    assert all(seen(torn_word(seed)) == seen(torn_word(seed)) for seed in range(10))
-
-
 def test_sectors_wear_out():
     flash = SimulatedFlash(4, SECTOR, endurance=100, seed=3)
     lived = []
@@ -138,17 +125,3 @@ def test_a_bad_sector_fails_when_its_words_are_used_up():
         flash.erase(1)
     with pytest.raises(WornOutError):
         flash.erase(2)
-
-
-def test_a_copy_goes_its_own_way():
-    flash = SimulatedFlash(2, SECTOR)
-    flash.program(0, DATA)
-    other = flash.copy()
-    other.program(WORD, DATA)
-    flash.erase(0)
-    assert other.read(0, 2 * WORD) == DATA * 2
-    assert flash.read(0, 2 * WORD) == ERASED * 2
-    third = flash.copy()
-    flash.program(SECTOR, DATA)
-    assert third.read(SECTOR, WORD) == ERASED
-    assert (flash.operations, other.operations, third.operations) == (3, 2, 2)

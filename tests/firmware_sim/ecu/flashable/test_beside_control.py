@@ -153,7 +153,8 @@ def test_only_a_reset_leads_out_of_update(rig: Rig) -> None:
         rig.good(b"\x3e\x00")
     assert (rig.statuses[-1].state, rig.statuses[-1].reason) == (Mode.OFF, Reason.UPDATING)
     assert not any(command.enable for command in rig.commands)
-    rig.power_on()
+    # It is allowed though control is asked for.
+    rig.reset()
     rig.request = False
     rig.run(100)
     rig.request = True

@@ -161,15 +161,6 @@ def test_nothing_wider_and_nothing_without_the_key(rig: Rig) -> None:
     assert rig.good(READ)[3:] == own
 
 
-def test_diagnosis_and_a_tool_write_the_same_values(rig: Rig) -> None:
-    connect(rig)
-    unlock(rig)
-    write(rig, effort=0.125)
-    assert good_xcp(rig, b"\xf4\x04\x00\x00" + place("effort")) == b"\xff" + struct.pack("<f", 0.125)
-    assert write_xcp(rig, "effort", 0.25) == b"\xff"
-    assert values(rig)["effort"] == 0.25
-
-
 @pytest.mark.slow
 def test_it_is_stored_with_the_jets_shut_and_kept_with_its_release(rig: Rig) -> None:
     own = shipped().manifest.mpc.weights.lift

@@ -24,12 +24,10 @@ from contract.config.vehicle import BusConfig
 from contract.release.image import files_of
 from contract.release.manifest import MANIFEST, open_manifest
 from firmware_sim.ecu.stepped import SteppedEcu
-from tests.can_bridge.flashing.releases import STRANGER
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import (
     ACTIVATE,
     CONFIRM_ROUTINE,
     MS,
-    REVERT,
     Rig,
     image,
     provision,
@@ -91,20 +89,6 @@ def test_a_release_is_written_tried_and_confirmed(rig: Rig) -> None:
     for name in order[1:]:
         places.append(names.index(name, places[-1] + 1))
     assert places == sorted(places)
-
-
-@pytest.mark.slow
-def test_revert_leads_back_and_a_wrong_image_is_never_booted(rig: Rig) -> None:
-    assert rig.write(image("foreign", key=STRANGER)) is Verdict.UNKNOWN_KEY
-    assert rig.ask(ACTIVATE) == b"\x7f\x31\x24"
-    rig.reset()
-    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
-    rig.start(image("second"))
-    assert rig.statuses[-1].bundle_hash == hash_of(image("second"))
-    rig.programming()
-    rig.good(REVERT)
-    rig.reset()
-    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
 
 
 def test_the_reset_is_answered_before_it_happens_and_restarts_all_counters(rig: Rig) -> None:

@@ -8,7 +8,6 @@ import pytest
 from can_bridge.flashing.verdicts import Verdict
 from contract.config.tree import Config
 from contract.controller.interface import Controller, ControllerError, ControlStep
-from contract.errors import BundleControllerError
 from contract.release.bundle import Bundle
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.flashable.self_test import self_test
@@ -90,19 +89,6 @@ def test_without_a_release_there_is_none(tmp_path: Path) -> None:
     assert rig.ask(SELF_TEST)[2] == 0x22
     assert rig.ask(CONFIRM_ROUTINE)[2] == 0x24
     assert rig.ask(b"\x22\xfd\x10")[2] == 0x31
-
-
-@pytest.mark.slow
-def test_a_controller_that_does_not_load_here_is_a_damaged_release(tmp_path: Path) -> None:
-    provision(tmp_path / "ecu", image("first"))
-
-    def controller_of(bundle: Bundle):
-        if bundle.manifest.name == "second":
-            raise BundleControllerError("controller.onnx does not load")
-        return RecordingController()
-
-    rig = Rig(tmp_path / "ecu", controller_of=controller_of)
-    assert rig.write(image("second")) is Verdict.DAMAGED
 
 
 @pytest.mark.slow
