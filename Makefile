@@ -37,7 +37,7 @@ coverage: $(VENV)/dev.stamp
 		tests/can_bridge/wire/test_codec.py tests/can_bridge/wire/test_classic_codec.py \
 		tests/firmware_sim/ecu/test_state_machine.py tests/firmware_sim/ecu/test_transitions.py \
 		tests/firmware_sim/ecu/test_timing.py \
-		tests/can_bridge/flashing/test_store.py tests/can_bridge/flashing/test_store_damage.py \
+		tests/can_bridge/flashing/test_store.py \
 		tests/can_bridge/flashing/test_store_records.py tests/can_bridge/flashing/test_store_transfer.py \
 		tests/can_bridge/flashing/test_state.py tests/can_bridge/flashing/test_checking.py \
 		--cov=can_bridge.flashing.store --cov=can_bridge.flashing.remembered --cov=can_bridge.flashing.boot \
@@ -107,6 +107,7 @@ release: $(VENV)/dev.stamp
 # Everything slow: all figures in results/, and the tables made of them.
 full: test
 	$(BIN)/python -m pytest -m pages tests/docs/blocks
+	$(BIN)/python -m pytest -m proofs
 	$(BIN)/stillwake run runs/demo --overwrite --json results/demo.json
 	$(BIN)/python -m benchmarks release-loop --json results/release_loop.json
 	$(BIN)/stillwake tune runs/tune --hours 0.38 --phases 2 --seed 1 --try drag_fluctuation=0 \
@@ -125,7 +126,7 @@ full: test
 	$(BIN)/python -m tests.proofs.ecu_in_c ecu-c --steps 1000000 --json results/ecu_c.json
 	$(BIN)/python -m benchmarks ecu-loop --lead-in 10 --controlled 70 --settle 30 \
 		--json results/ecu_loop.json
-	$(BIN)/python -m benchmarks flash --json results/flash.json
+	$(BIN)/python -m tests.proofs.flash --json results/flash.json
 	$(BIN)/python -m benchmarks square --json results/square.json
 	$(BIN)/python -m tests.proofs.bus bus --json results/bus.json
 	$(BIN)/python -m benchmarks isotp --json results/isotp.json
