@@ -57,7 +57,9 @@ def test_formulas_and_links_to_the_code_show(browser):
 def test_everyone_can_read_it(browser, page):
     for dark in (False, True):
         opened = _open(browser, page, dark=dark)
-        assert (opened.troubles, opened.violations()) == ([], []), f"dark: {dark}"
+        assert opened.troubles == [], f"dark: {dark}"
+        # axe asks for the style sheets by requests that a browser refuses for files: troubles of its own.
+        assert opened.violations() == [], f"dark: {dark}"
 
 
 def test_no_page_is_wider_than_a_phone(browser):
