@@ -12,14 +12,12 @@ import numpy as np
 import pytest
 
 from can_bridge.bus.faults.babble import Babble, keep_babbling
-from can_bridge.bus.faults.clocks import ClockDrift
 from can_bridge.bus.faults.connection import Disconnect, SlowConsumer
 from can_bridge.bus.faults.content import FlipBits, StuckAt
 from can_bridge.bus.faults.copies import Duplicate
 from can_bridge.bus.faults.fault import Fault
-from can_bridge.bus.faults.lateness import Delay, Reorder
+from can_bridge.bus.faults.lateness import Delay
 from can_bridge.bus.faults.loss import Drop
-from can_bridge.bus.faults.wire_errors import WireErrors
 from can_bridge.bus.faults.wrapping import FaultyBus, wrap
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
@@ -65,15 +63,14 @@ def during(fault: AnyFault, periods: int) -> AnyFault:
 class Loop:
     """Vehicle and ECU on a simulated bus, each behind a wrapped port."""
 
-    def __init__(self, bundle, controller, *, vehicle=(), ecu=(), ecu_clock=None, seed=1, corrupts=None) -> None:
+    def __init__(self, bundle, controller, *, vehicle=(), ecu=(), seed=1) -> None:
         self.config = Config(ecu=EcuConfig(plan_ahead=False))
-        self.bus = SimulatedBus(self.config.bus, corrupts=corrupts)
+        self.bus = SimulatedBus(self.config.bus)
         self.vehicle: FaultyBus = wrap(self.bus.port("vehicle"), vehicle, lambda: self.bus.now_ns, seed=seed)
         self.ecu_port: FaultyBus = wrap(self.bus.port("ecu"), ecu, lambda: self.bus.now_ns, seed=seed + 1)
         self.node = VehicleNode(NAMES, self.config)
         self.controller = controller
         self.ecu = Ecu(bundle, controller, self.config)
-        self.ecu_clock = ecu_clock or (lambda t_ns: t_ns)
         self.period = 0
         self.plans: list[tuple[int, int]] = []
         """(period, that of the pressures it rests on) of each plan."""
@@ -95,11 +92,11 @@ class Loop:
         self.bus.advance_to(begin_ns + 2 * MS)
         planned = len(self.controller.calls)
         received, health = self.ecu_port.receive_all(), self.ecu_port.health()
-        answers = self.ecu.step(self.ecu_clock(self.bus.now_ns), received, health)
+        answers = self.ecu.step(self.bus.now_ns, received, health)
         self.plans += [(self.period, round(window[-1, 0] / 0.01)) for window, _, _ in self.controller.calls[planned:]]
         self.bus.advance_to(begin_ns + 10 * MS)
         for frame in answers:
-            with suppress(BusError):  # a node that is bus-off
+            with suppress(BusError):  # a bus that is too busy
                 self.ecu_port.send(frame)
         self.bus.advance_to(begin_ns + self.config.period_ns - 1)
         commands = [frame for frame in self.vehicle.receive_all() if frame.frame_id == JET_COMMAND.frame_id]
@@ -172,32 +169,11 @@ def test_lost_pressures_hold_decay_and_latch(loop, lost, expected, fault):
     recovers(h, rearmed=lost >= 4)
 
 
-def test_lost_commands_shut_the_jets_by_the_vehicle_alone(loop):
-    h = loop(ecu=(during(Drop(probability=1.0, frame_ids=(JET_COMMAND.frame_id,)), 6),))
-    before = h.run(START)[-1]
-    rows = h.run(START + 6)
-    assert set(modes(rows)) == {Mode.CONTROL}  # the ECU cannot know
-    assert [row.driven for row in rows] == [before.driven] + [0.0] * 5  # held for one period
-    recovers(h, rearmed=False)
-
-
 def test_copies_change_nothing_but_a_count(loop):
     plain, copied = loop(), loop(vehicle=(Duplicate(copies=2),), ecu=(Duplicate(),))
     rows = [h.run(60) for h in (plain, copied)]
     assert [replace(row, status=None) for row in rows[0]] == [replace(row, status=None) for row in rows[1]]
     assert (rows[0][-1].status.refused, rows[1][-1].status.refused) == (0, 120)
-
-
-def test_flips_that_go_on_make_the_stream_invalid(loop):
-    h = loop(vehicle=(during(FlipBits(frame_ids=(PRESSURE.frame_id,)), 10),))
-    h.run(START)
-    rows = h.run(START + 10)
-    # More than two errors in the window of five end the trust in the stream, and the fault latches.
-    assert modes(rows) == [Mode.HOLD, Mode.DECAY, *[Mode.FAULT] * 8]
-    assert rows[-1].reason is Reason.STREAM_INVALID
-    assert [row.commanded for row in rows[2:]] == [0.0] * 8
-    assert rows[-1].status.crc_errors == 10
-    recovers(h, rearmed=True)
 
 
 def test_flips_ahead_of_the_protection_are_planned_on(loop):
@@ -238,18 +214,6 @@ def test_a_delay_is_seen_where_the_stamp_tells_of_it(loop, restamp):
     recovers(h, rearmed=not restamp)
 
 
-def test_pressures_in_another_order_cost_control_every_other_period(loop):
-    h = loop(ecu=(Reorder(window=2, frame_ids=(PRESSURE.frame_id,), start_s=(START - 0.1) * PERIOD_S, end_s=3.0),))
-    h.run(START)
-    rows = h.run(START + 20)
-    assert modes(rows)[::2] == [Mode.HOLD] * 10
-    assert set(modes(rows)[1::2]) <= {Mode.CONTROL, Mode.DECAY}
-    assert rows[-1].status.refused > 0
-    # Half of the periods without pressures is the limit: in a window of 50 the fault latches.
-    assert h.run(150)[-1].mode is Mode.FAULT
-    recovers(h, rearmed=True)
-
-
 def test_a_slow_consumer_plans_on_nothing_old(loop):
     """Nothing but pressures and babble arrives; one frame a period is taken, so the pressures wait and grow old."""
     babble = during(Babble(rate_hz=100.0, frame_id=0x100), 40)
@@ -264,29 +228,6 @@ def test_a_slow_consumer_plans_on_nothing_old(loop):
     recovers(h, rearmed=True)
 
 
-@each("offset_s", [-0.1, 0.1, 3600.0])
-def test_stamps_of_a_clock_that_disagrees_are_not_believed(loop, offset_s):
-    h = loop(ecu=(during(ClockDrift(offset_s=offset_s), 10),))
-    h.run(START)
-    rows = h.run(START + 10)
-    assert rows[-1].mode is Mode.FAULT
-    assert rows[-1].reason is Reason.STALE
-    assert all(row.commanded == 0.0 for row in rows[3:])
-    recovers(h, rearmed=True)
-
-
-@each("ppm", [300.0, -300.0])
-def test_a_node_whose_own_clock_drifts_stays_in_control(loop, ppm):
-    """Its stamps and its time drift together, so that ages stay right."""
-    drift = ClockDrift(ppm=ppm)
-    h = loop(ecu=(drift,), ecu_clock=drift.local_ns)
-    plain = loop()
-    rows = [item.run(300) for item in (h, plain)]
-    assert modes(rows[0]) == modes(rows[1])
-    assert [row.driven for row in rows[0]] == [row.driven for row in rows[1]]
-    assert h.ecu_port.injectors[0].acted > 250
-
-
 def test_a_babbling_node_shuts_the_jets_at_both_ends(loop):
     h = loop()
     babble = during(Babble(), 10)
@@ -297,17 +238,4 @@ def test_a_babbling_node_shuts_the_jets_at_both_ends(loop):
     assert rows[-1].reason is Reason.STREAM_LOST
     # Nothing gets through to the vehicle either.
     assert [row.driven for row in rows[1:]] == [0.0] * 9
-    recovers(h, rearmed=True)
-
-
-def test_an_ecu_whose_bits_are_wrong_goes_bus_off_and_says_so_when_it_is_back(loop):
-    """The vehicle is without commands at once; the ECU's controller is off after 32 attempts."""
-    errors = WireErrors(bit_error_rate=0.3, nodes=("ecu",), start_s=(START - 0.1) * PERIOD_S, end_s=1.0)
-    h = loop(corrupts=errors.hook(1))
-    h.run(START)
-    rows = h.run(50)
-    assert [row.driven for row in rows[1:]] == [0.0] * 29
-    assert rows[-1].mode is Mode.FAULT
-    assert rows[-1].reason is Reason.BUS_OFF
-    assert rows[-1].status.bus_off >= 1
     recovers(h, rearmed=True)

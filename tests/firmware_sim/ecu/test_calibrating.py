@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.calibration.segment import Page, Segment
-from can_bridge.command_gate import GateLimits, Intervention
+from can_bridge.command_gate import GateLimits
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode
 from contract.config.controller import CostWeights, MpcConfig
@@ -120,19 +120,6 @@ def test_no_command_is_ever_beyond_the_bounds_in_force(bench_of, changes, wanted
             reached = np.clip(sent, -limit, limit)
             assert not command.enable or abs(action - reached) <= step + QUANTUM
             sent = action
-
-
-def test_a_narrower_range_bounds_the_very_next_command(bench_of, recording_controller):
-    bench = bench_of(recording_controller(lambda i: LIMIT))
-    assert bench.into_control().flow_m2_per_s == pytest.approx(LIMIT * SCALE, abs=FLOW_RESOLUTION_M2_PER_S)
-    calibrate(bench, action_limit=0.02, command_step=0.01)
-    command = bench.good(1)[0]
-    assert command.flow_m2_per_s <= 0.02 * SCALE
-    assert command.flow_m2_per_s == pytest.approx(0.02 * SCALE, abs=FLOW_RESOLUTION_M2_PER_S)
-    assert Intervention.RANGE in bench.ecu.trace.interventions
-    calibrate(bench)
-    back = [command.flow_m2_per_s / SCALE for command in bench.good(2)]
-    assert back == pytest.approx([LIMIT, LIMIT], abs=QUANTUM)
 
 
 @each(

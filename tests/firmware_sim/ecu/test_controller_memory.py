@@ -27,50 +27,12 @@ def silent(memory: ControllerMemory, action: float, *, longest_gap: int) -> Cont
     return replace(memory, under_way=DelayLine((action,))).bridged(longest_gap)
 
 
-def test_rows_are_oldest_first_and_as_many_as_the_window():
-    memory = memory_of(3, sensors=2)
-    for i in range(5):
-        assert memory.is_full == (i >= 3)
-        memory = after(memory, [i, 10.0 + i], 0.1 * i)
-    np.testing.assert_allclose(memory.window, [[2, 12, 0.2], [3, 13, 0.3], [4, 14, 0.4]])
-
-
 def test_a_short_gap_repeats_the_pressures_with_the_action_of_its_own():
     memory = silent(memory_of(2), 0.5, longest_gap=2)  # nothing to repeat
     assert memory.rows == 0
     memory = silent(after(memory, [7.0], 0.1), 0.2, longest_gap=2)
     np.testing.assert_array_equal(memory.window, [[7.0, 0.1], [7.0, 0.2]])
     assert memory.is_full
-
-
-def test_a_long_gap_empties_the_window():
-    memory = memory_of(2)
-    for gap, full in ((1, True), (1, True), (2, False)):
-        memory = after(after(memory, [1.0], 0.0), [2.0], 0.0)
-        for _ in range(gap):
-            memory = silent(memory, 0.0, longest_gap=1)
-        assert memory.is_full == full
-    memory = after(memory, [3.0], 0.0)
-    assert memory.rows == 1
-    np.testing.assert_array_equal(memory.window, [[0.0, 0.0], [3.0, 0.0]])
-
-
-def test_a_gap_is_counted_no_further_than_it_matters():
-    memory, longer = silent(memory_of(2), 0.0, longest_gap=3), memory_of(2)
-    for _ in range(50):
-        memory = silent(memory, 0.0, longest_gap=3)
-    for _ in range(4):
-        longer = silent(longer, 0.0, longest_gap=3)
-    assert memory == longer
-
-
-def test_a_row_has_the_action_in_force_when_the_actuator_is_late():
-    memory, rows = memory_of(4, delay=2), []
-    for k, action in enumerate([0.1, 0.2, 0.3, 0.4]):
-        memory = memory.observed(np.array([float(k)])).commanded(action)
-        rows.append([k, [0.0, 0.0, 0.0, 0.1][k]])
-    np.testing.assert_array_equal(memory.window, rows)
-    assert memory.under_way.pending == (0.3, 0.4)
 
 
 @each("delay", [0, 1, 3])
@@ -88,17 +50,6 @@ def test_a_plan_starts_from_the_last_with_what_is_under_way(recording_controller
     np.testing.assert_array_equal(plan, expected[delay])
     np.testing.assert_array_equal(planned.plan, answer.plan)
     assert not planned.without_plan().plan.any()
-
-
-def test_an_answer_that_is_not_finite_is_an_error(recording_controller):
-    memory = after(memory_of(1), [1.0], 0.0)
-    with pytest.raises(ControllerError, match="plan is not finite"):
-        memory.planned(recording_controller(lambda i: np.nan if i == 3 else 0.0))
-    controller = recording_controller()
-    control_step = controller.control_step
-    controller.control_step = lambda *inputs: replace(control_step(*inputs), forces=np.full((4, 2), np.inf))
-    with pytest.raises(ControllerError, match="forecast is not finite"):
-        memory.planned(controller)
 
 
 class Answering:

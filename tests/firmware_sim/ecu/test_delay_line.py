@@ -4,7 +4,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_sim.ecu.delay_line import DelayLine
-from tests.each import each
 
 
 @given(st.lists(st.floats(allow_nan=False), max_size=20), st.integers(0, 5))
@@ -17,11 +16,3 @@ def test_what_goes_in_comes_out_so_many_periods_later(values, delay):
         assert line.newest == value
         assert line.in_force == (values[k - delay] if k >= delay else 0.5)
         assert line.pending == tuple(expected)[1:]
-
-
-@each("delay", [0, 2])
-def test_a_line_is_a_value(delay):
-    line = DelayLine.filled(delay)
-    line.pushed(1.0)
-    assert line == DelayLine.filled(delay)
-    assert {line.pushed(1.0), line.pushed(1.0)} == {line.pushed(1.0)}

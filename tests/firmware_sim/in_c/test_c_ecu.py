@@ -128,16 +128,6 @@ def test_every_value_is_calibrated_while_it_runs_as_in_python(c, python):
         CEcu.restore(c, replace(python.state, memory=python.state.memory.with_delay(3)))
 
 
-def test_settings_of_the_vehicle_are_compiled_in(release):
-    held = replace(CONFIG, ecu=replace(CONFIG.ecu, hold_periods=3))
-    c = CEcu(ecu_sources(release.folder, release.bundle, held), flags=FLAGS)
-    modes = [
-        (c.step(now_ns, frames), c.trace.mode)[1]
-        for now_ns, frames in Feed(held).periods(INTO_CONTROL + 4, lost=tuple(range(INTO_CONTROL, INTO_CONTROL + 4)))
-    ]
-    assert modes[-4:] == [Mode.HOLD] * 3 + [Mode.DECAY]
-
-
 def test_without_an_ecu_it_is_refused_in_one_line(release, sources, tmp_path):
     bare = shutil.copytree(release.folder, tmp_path / "bare")
     (bare / ECU_SETTINGS).unlink()

@@ -102,18 +102,6 @@ def test_a_run_from_the_first_frame_to_the_farewell(bundle_of, recording_control
     assert ((came == 0)[:-1] | ((came >= due)[:-1] & (came[:-1] < due[1:]))).all()
 
 
-def test_a_stop_ends_it_well(bundle_of, recording_controller, replay) -> None:
-    ecu = Ecu(bundle_of(operating_point=POINT), recording_controller(lambda i: 0.02), CONFIG)
-    left = iter(range(40))
-    with ecu_on(CONFIG, ecu) as seen, PythonCanBus.open(BUS) as bus:
-        figures = run_vehicle(
-            bus, NAMES, replay, CONFIG, course(periods=None), is_stopped=lambda: next(left, None) is None
-        )
-    assert figures.periods == 40
-    assert pressure_in(seen[-1]).enable_request is False
-    assert ecu.trace.action == 0.0
-
-
 def test_a_vehicle_without_an_ecu_says_once_what_it_hears(replay) -> None:
     lines: list[str] = []
     with PythonCanBus.open(BUS) as bus:
