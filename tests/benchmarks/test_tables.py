@@ -34,13 +34,6 @@ def test_figures_reach_the_tables(tmp_path, made):
     assert {name for name in made if new[name] != made[name]} == {"summary", "demo", "openfoam_loop"}
 
 
-def test_only_what_stands_between_the_markers_is_replaced():
-    page = "before\n<!-- table one -->\nold\n<!-- end -->\nbetween\n<!-- table two -->\n<!-- end -->\nafter\n"
-    assert fill(page, {"one": "new", "two": "2"}) == (
-        "before\n<!-- table one -->\nnew\n<!-- end -->\nbetween\n<!-- table two -->\n2\n<!-- end -->\nafter\n"
-    )
-
-
 @pytest.mark.parametrize(
     ("page", "message"),
     [("<!-- table other -->\n<!-- end -->\n", "no table 'other'"), ("<!-- table one -->\n", "'one' has no '<!-- end")],

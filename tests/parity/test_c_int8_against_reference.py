@@ -28,6 +28,7 @@ from firmware_sim.in_c.compiler import host_compiler
 from firmware_sim.in_c.host_library import CController
 from tests.each import each
 from tests.examples import examples
+from tests.parity.drawn import drawn_program
 
 HORIZON = 8
 
@@ -66,21 +67,7 @@ def small() -> tuple[ControllerProgram, CController]:
 
 @each("seed", range(3))
 def test_random_nets_of_odd_sizes(seed):
-    rng = np.random.default_rng([seed, 4])
-    model = ModelConfig(
-        window=int(rng.integers(1, 12)),
-        latent=int(rng.integers(1, 11)),
-        lstm_width=int(rng.integers(2, 40)),
-        dynamics_width=int(rng.integers(3, 50)),
-        decoder_width=int(rng.integers(3, 40)),
-        decoder_blocks=int(rng.integers(1, 4)),
-    )
-    mpc = MpcConfig(
-        horizon=int(rng.integers(2, 30)),
-        iterations=int(rng.integers(1, 8)),
-        learning_rate=float(10.0 ** rng.uniform(-4, -2)),
-    )
-    program = random_program(seed, model=model, mpc=mpc, action_limit=float(rng.uniform(0.02, 0.2)))
+    program = drawn_program(seed)
     rounded = rounded_to_nearest(program)
     assert_close(rounded.program, in_integers(rounded), 8)
 
@@ -141,28 +128,16 @@ def test_no_scratch_is_read_before_it_is_written(small):
         np.testing.assert_array_equal(found.forces, expected.forces)
 
 
-def test_activations_beyond_the_table_are_refused():
-    rounded = rounded_to_nearest(random_program(5, model=ModelConfig(window=2, latent=2, lstm_width=3)))
-    ranges = activation_ranges(rounded.program, random_windows(rounded.program, 1))
-    with pytest.raises(ExportError, match=r"ELU outputs reach 7, must stay below 6\.4"):
-        c_library(rounded, replace(ranges, hidden2=7.0))
-
-
-def test_gates_beyond_an_integer_are_refused():
-    rounded = rounded_to_nearest(random_program(5, model=ModelConfig(window=2, latent=2, lstm_width=3)))
-    ranges = activation_ranges(rounded.program, random_windows(rounded.program, 1))
-    with pytest.raises(ExportError, match=r"LSTM's gates reach .*e\+1\d, must stay below 6e\+04"):
-        c_library(rounded, replace(ranges, row=1e12))
-
-
-def test_a_layer_behind_an_elu_must_not_overflow():
-    model = ModelConfig(window=2, latent=2, lstm_width=3, dynamics_width=517)
-    rounded = rounded_to_nearest(random_program(5, model=model))
-    ranges = activation_ranges(rounded.program, random_windows(rounded.program, 1))
-    with pytest.raises(ExportError, match="a layer of width 517 behind an ELU: int8 lowering takes at most 516"):
-        c_library(rounded, ranges)
-
-
-def test_ranges_need_windows():
+def test_what_the_integers_cannot_hold_is_refused():
+    model = ModelConfig(window=2, latent=2, lstm_width=3)
+    for width, change, message in (
+        (256, {"hidden2": 7.0}, r"ELU outputs reach 7, must stay below 6\.4"),
+        (256, {"row": 1e12}, r"LSTM's gates reach .*e\+1\d, must stay below 6e\+04"),
+        (517, {}, "a layer of width 517 behind an ELU: int8 lowering takes at most 516"),
+    ):
+        rounded = rounded_to_nearest(random_program(5, model=replace(model, dynamics_width=width)))
+        ranges = activation_ranges(rounded.program, random_windows(rounded.program, 1))
+        with pytest.raises(ExportError, match=message):
+            c_library(rounded, replace(ranges, **change))
     with pytest.raises(ExportError, match="no windows"):
         activation_ranges(random_program(0), [])

@@ -12,15 +12,15 @@ import pytest
 import torch
 
 from benchmarks.controller.eager import EagerController
-from contract.config.controller import CostWeights, MpcConfig
-from contract.config.learning import ModelConfig
+from contract.config.controller import MpcConfig
 from export.gates.parity import ControlCase, control_cases
 from export.program.controller_program import ControllerProgram
-from export.program.random_program import random_program, random_window
+from export.program.random_program import random_program
 from export.reference.cost import cost_gradient
-from export.reference.model import decode, decode_adjoint, encode, step, step_adjoint
+from export.reference.model import decode, decode_adjoint, step, step_adjoint
 from export.reference.mpc import control_step, gradient
 from tests.each import each
+from tests.parity.drawn import drawn_program
 
 pytestmark = pytest.mark.slow  # seconds of whole control steps by autograd
 
@@ -33,27 +33,6 @@ def one_thread():
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(before)
-
-
-def small_program(seed: int) -> ControllerProgram:
-    """Every width, the horizon and the optimiser's settings drawn at random."""
-    rng = np.random.default_rng([seed, 1])
-    model = ModelConfig(
-        window=int(rng.integers(1, 10)),
-        latent=int(rng.integers(1, 9)),
-        lstm_width=int(rng.integers(1, 12)),
-        dynamics_width=int(rng.integers(2, 24)),
-        decoder_width=int(rng.integers(2, 24)),
-        decoder_blocks=int(rng.integers(1, 4)),
-    )
-    mpc = MpcConfig(
-        horizon=int(rng.integers(2, 12)),
-        iterations=int(rng.integers(1, 8)),
-        learning_rate=float(10.0 ** rng.uniform(-4, -1)),
-        drag_reference=float(rng.uniform(0.5, 1.5)),
-        weights=CostWeights(**dict(zip(vars(CostWeights()), rng.uniform(0.0, 3.0, 7).tolist(), strict=True))),
-    )
-    return random_program(seed, model=model, mpc=mpc, action_limit=float(rng.uniform(0.02, 0.5)))
 
 
 def assert_same_step(program: ControllerProgram, case: ControlCase) -> None:
@@ -69,7 +48,7 @@ def assert_same_step(program: ControllerProgram, case: ControlCase) -> None:
 
 @each("seed", range(12))
 def test_control_step_of_random_small_nets(seed):
-    program = small_program(seed)
+    program = drawn_program(seed)
     for case in control_cases(program, count=3, seed=seed):
         assert_same_step(program, case)
 
@@ -82,16 +61,8 @@ def test_control_step_at_paper_size(mpc):
 
 
 @each("seed", range(10))
-def test_encoder_matches_torch_lstm(seed):
-    program = small_program(seed)
-    window = random_window(program, np.random.default_rng(seed))
-    expected = EagerController(program, torch.float64).encode(window).numpy()
-    np.testing.assert_allclose(encode(program, window), expected, rtol=0, atol=1e-13)
-
-
-@each("seed", range(10))
 def test_gradient_matches_autograd(seed):
-    program = small_program(seed)
+    program = drawn_program(seed)
     rng = np.random.default_rng(seed)
     h = program.mpc.horizon
     z, plan = rng.normal(size=program.latent), rng.uniform(-0.1, 0.1, h)
@@ -108,7 +79,7 @@ def test_gradient_matches_autograd(seed):
 
 def test_adjoints_match_central_differences():
     """Independent of PyTorch as well: directional derivatives of step and decode, batched over leading axes."""
-    program = small_program(3)
+    program = drawn_program(3)
     rng = np.random.default_rng(0)
     z, a = rng.normal(size=(4, program.latent)), rng.uniform(-0.05, 0.05, 4)
     dz, da = rng.normal(size=z.shape), rng.normal(size=a.shape)

@@ -67,17 +67,11 @@ def test_truncation_comes_at_the_last_step_and_stays(env: TruckWakeEnv) -> None:
 def test_what_lies_beyond_the_bound_is_clipped_and_counted(env: TruckWakeEnv) -> None:
     _, info = env.reset(seed=1)
     seen = [(info["clipped"], info["clipped_count"], info["action"])]
-    for value in (0.2, 0.0, -3.0):
+    for value in (0.2, 0.0, -3.0, env.action_space.high[0]):
         info = env.step(action(value))[4]
         seen.append((info["clipped"], info["clipped_count"], info["action"]))
-    assert seen == [(False, 0, 0.0), (True, 1, 0.075), (False, 1, 0.0), (True, 2, -0.075)]
+    assert seen == [(False, 0, 0.0), (True, 1, 0.075), (False, 1, 0.0), (True, 2, -0.075), (False, 2, 0.075)]
     assert env.reset(seed=1)[1]["clipped_count"] == 0
-
-
-def test_the_bound_itself_is_not_clipped(env: TruckWakeEnv) -> None:
-    env.reset(seed=1)
-    assert isinstance(env.action_space, gymnasium.spaces.Box)
-    assert not env.step(env.action_space.high)[4]["clipped"]
 
 
 def test_an_action_that_is_not_finite_is_refused_by_its_value(env: TruckWakeEnv) -> None:
@@ -93,17 +87,6 @@ def test_an_action_of_another_shape_is_refused(env: TruckWakeEnv) -> None:
     env.reset(seed=1)
     with pytest.raises(PlantError, match=r"shape \(2,\): must be one value"):
         env.step(np.zeros(2, dtype=np.float32))
-
-
-def test_the_same_seed_gives_the_same_trajectory(env: TruckWakeEnv) -> None:
-    def trajectory() -> list[np.ndarray]:
-        first = env.reset(seed=3)[0]
-        return [first, *(env.step(action(value))[0] for value in (0.05, -0.07))]
-
-    once = trajectory()
-    env.reset(seed=4)
-    env.step(action(0.075))
-    assert np.array_equal(once, trajectory())
 
 
 def test_seeds_choose_the_phase_and_phases_are_the_uncontrolled_wake(env: TruckWakeEnv, wake: TruckWake) -> None:
@@ -123,12 +106,6 @@ def test_options_choose_the_start(env: TruckWakeEnv, wake: TruckWake) -> None:
     sample = wake.advance(0.06)
     _, info = env.reset(options={"start": wake.state()})
     assert (info["Cd"], info["action"]) == (sample.Cd, 0.06)
-
-
-def test_another_start_is_where_the_phases_begin(wake: TruckWake) -> None:
-    wake.advance(0.0)
-    env = TruckWakeEnv(WATCHED, start=wake.state())
-    assert env.reset(options={"phase_steps": 1})[1]["Cd"] == wake.advance(0.0).Cd
 
 
 def test_options_that_do_not_fit_are_refused(env: TruckWakeEnv) -> None:

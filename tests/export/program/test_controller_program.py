@@ -91,13 +91,6 @@ def test_an_unknown_tensor_is_not_silently_dropped():
         ControllerProgram.from_state(**arguments)
 
 
-def test_a_second_lstm_layer_is_refused():
-    arguments = parts()
-    arguments["encoder"]["lstm.weight_ih_l1"] = np.ones((4 * H, H))
-    with pytest.raises(ExportError, match="weight_ih_l1"):
-        ControllerProgram.from_state(**arguments)
-
-
 def test_settings_that_do_not_fit_are_refused():
     for change, message in (
         ({"sensors": ("base_0", "base_8", "base_9")}, r"scaling\.pressure_mean: 2 values, must be 3"),

@@ -17,8 +17,8 @@ from contract.config.learning import ModelConfig
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window
 from export.reference.cost import cost_gradient, cost_terms
-from export.reference.model import decode_adjoint, encode, encoder_layers, step_adjoint
-from export.reference.mpc import adam, evaluate, gradient, optimise, plan_cost, predict, rollout, shift
+from export.reference.model import encode, encoder_layers
+from export.reference.mpc import adam, evaluate, gradient, optimise, plan_cost, predict, rollout
 from tests.examples import examples
 
 HORIZON, LATENT = 6, 3
@@ -90,22 +90,6 @@ def test_cost_terms_and_their_gradient_are_those_of_each_plan(shape, seed):
         np.testing.assert_allclose(terms[i], cost_terms(forces[i], plan[i], float(before[i]), 1.0), **CLOSE)
         np.testing.assert_allclose(found.forces[i], one.forces, **CLOSE)
         np.testing.assert_allclose(found.plan[i], one.plan, **CLOSE)
-
-
-@examples(20)
-@given(shape=leading, seed=st.integers(0, 5))
-def test_adjoints_are_those_of_each_row(shape, seed):
-    program, (z, plan, a) = small(seed), draw(seed, shape)
-    rng = np.random.default_rng(seed)
-    d_next, d_forces = rng.normal(size=z.shape), rng.normal(size=(*shape, 2))
-    dz, da = step_adjoint(program, z, a, d_next)
-    through = decode_adjoint(program, z, d_forces)
-    for i in np.ndindex(shape):
-        one_z, one_a = step_adjoint(program, z[i], a[i], d_next[i])
-        np.testing.assert_allclose(dz[i], one_z, **CLOSE)
-        np.testing.assert_allclose(da[i], one_a, **CLOSE)
-        np.testing.assert_allclose(through[i], decode_adjoint(program, z[i], d_forces[i]), **CLOSE)
-        np.testing.assert_array_equal(shift(plan)[i], shift(plan[i]))
 
 
 def test_adam_yields_every_iteration_and_the_program_takes_the_last_of_its_own():

@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 
 from can_bridge.wire.messages import Mode
-from contract.controller.c_folder import ECU_SETTINGS
 from contract.errors import ConfigError, McuError
 
 pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
@@ -140,9 +139,3 @@ sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *
     with pytest.raises(McuError, match=r"mcu_ecu_step: the core stopped at 0x8[0-9a-f]+"):
         for now_ns, frames in Feed().periods(PERIODS):
             core.step(now_ns, frames)
-
-
-def test_sources_that_are_no_ecu_do_not_compile(sources):
-    broken = sources | {ECU_SETTINGS: sources[ECU_SETTINGS].replace(b"SW_HOLD_PERIODS", b"SW_HELD_PERIODS")}
-    with pytest.raises(McuError, match=r"^compiling for the microcontroller: "):
-        McuEcu(broken)

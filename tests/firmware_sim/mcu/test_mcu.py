@@ -148,14 +148,6 @@ def test_the_machine_runs_thumb_code():
         machine.call("question")
 
 
-def test_a_wild_jump_is_reported():
-    """LDR r0, [r0] with r0 = -1 shifted left: an address outside all memories."""
-    code = bytes.fromhex("4ff0ff300007006870 47".replace(" ", ""))
-    firmware = Firmware(segments=(Segment(address=FLASH, content=code),), sections={}, symbols={"wild": FLASH})
-    with pytest.raises(McuError, match="wild: the core stopped at 0x8000"):
-        Machine(firmware).call("wild")
-
-
 def test_the_pipeline_model_keeps_its_rules():
     for code, cycles, why in [
         ("0120 0221", 1, "two independent moves go together"),

@@ -21,13 +21,6 @@ def test_side_force_costs_points_above_the_bound_alone() -> None:
         assert goal.score(run_of(reduction, abs_Cl)) == pytest.approx(score), (reduction, abs_Cl)
 
 
-def test_less_drag_and_less_side_force_are_never_worse() -> None:
-    goal = Goal()
-    scores = [[goal.score(run_of(drag, lift)) for lift in (0.0, 0.1, 0.3, 0.9)] for drag in (0.0, 10.0, 30.0)]
-    assert scores == sorted(scores)
-    assert all(row == sorted(row, reverse=True) for row in scores)
-
-
 def test_trouble_in_one_phase_is_trouble() -> None:
     goal = Goal()
     good, held_in_part = run_of(25.0, 0.1), run_of(None, 0.1)

@@ -104,16 +104,6 @@ def test_a_search_that_was_killed_proposes_what_it_would_have_without(tmp_path) 
         assert len(cut.made) - (phase + 1) + len(again.made) == len(whole.made), trials
 
 
-def test_the_seed_decides_what_is_proposed(tmp_path) -> None:
-    found = []
-    for number, seed in enumerate((1, 1, 2)):
-        loop, study = MadeUpLoop(), open_study(tmp_path / str(number), LABEL)
-        search(study, plan_of(trials=4, seed=seed), loop, clock=loop.clock)
-        found.append(proposals(study))
-    assert found[0] == found[1]
-    assert found[0] != found[2]
-
-
 def test_no_trial_begins_after_the_budget_of_all_calls_is_spent(tmp_path) -> None:
     # A trial takes 20 s: the fourth begins at 60 and ends at 80. Without time the present settings are tried.
     for seconds, trials in ((1e-6, 1), (30.0, 2), (30.0, 2), (65.0, 4)):

@@ -1,20 +1,13 @@
 """The plant with icoFoam itself, on a coarse mesh and for a few control periods."""
 
-import os
 import re
 import shutil
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from contract.config.plant import FlowConfig, OpenFoamConfig
 from contract.errors import PlantError
-from wake.openfoam import jets
 from wake.openfoam.develop import developed
 from wake.openfoam.plant import OpenFoamWake
 from wake.openfoam.state import FoamState
@@ -140,51 +133,3 @@ def test_what_cannot_be_done_is_refused(plant, start):
         plant.advance(0.0)
     with pytest.raises(PlantError, match="this mesh has"):
         OpenFoamWake(plant._case.parent / "other", start, CONFIG, 0.6)
-
-
-def test_a_killed_icofoam_is_one_error(plant):
-    plant._child._child.kill()
-    with pytest.raises(PlantError, match=r"SIGKILL|closed its end") as caught:
-        for _ in range(5):
-            plant.advance(0.0)
-    assert "\n" not in str(caught.value)
-
-
-# Shells start background jobs deaf to Ctrl-C, and a test may run in one.
-LOOP = """
-import signal, sys
-signal.signal(signal.SIGINT, signal.default_int_handler)
-from pathlib import Path
-from contract.config.tree import FlowConfig
-from wake.openfoam.plant import OpenFoamWake
-from wake.openfoam.state import load
-start, _ = load(Path(sys.argv[1]) / "state.npz")
-with OpenFoamWake(Path(sys.argv[1]) / "case", start, FlowConfig(substeps=20), 0.5, duration=100.0) as plant:
-    print(plant._child._child.pid, flush=True)
-    while True:
-        plant.advance(0.0)
-"""
-
-
-def test_ctrl_c_ends_icofoam(start, tmp_path):
-    from wake.openfoam.state import save
-
-    save(tmp_path / "state.npz", start, "")
-    root = Path(__file__).resolve().parents[3]
-    parent = subprocess.Popen(
-        [sys.executable, "-c", LOOP, str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-        cwd=root, env={**os.environ, "PYTHONPATH": str(root)},
-    )  # fmt: skip
-    assert parent.stdout is not None
-    pid = int(parent.stdout.readline())
-    time.sleep(0.5)
-    parent.send_signal(signal.SIGINT)
-    assert parent.wait(120.0) != 0
-    parent.stdout.close()
-    with pytest.raises(ProcessLookupError):
-        os.kill(pid, 0)
-
-
-def test_jets_at_rest_and_pipes_are_one_boundary_condition(start):
-    text = start.files["U"][start.files["U"].index(b"boundaryField") :]
-    assert text.count(jets.BOUNDARY["type"].encode()) == 2

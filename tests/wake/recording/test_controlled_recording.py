@@ -155,12 +155,6 @@ class TestOnACheapPlant:
         # The last one saturates, and never beyond the limit.
         assert np.abs(actions).max() == LIMIT and np.mean(np.abs(actions) == LIMIT) > 0.5
 
-    def test_without_exploration_the_controller_is_alone(self, tmp_path: Path) -> None:
-        witness = Witness()
-        witness.gain = 0.0
-        episode = recorded(tmp_path / "a.h5", a_round(episodes=1, exploration=0.0), lambda: witness).episodes[0]
-        assert not episode.series["action"].any()
-
     def test_provenance_names_the_controller(self, tmp_path: Path) -> None:
         wanted = a_round(bundle="mine", bundle_digest="ab" * 32, exploration=0.2, seed=4, role="controlled")
         first, second = recorded(tmp_path / "a.h5", wanted).episodes
@@ -186,11 +180,6 @@ class TestOnACheapPlant:
         actions = np.array([episode.series["action"] for episode in two.episodes[1:]])
         assert len(np.unique(actions, axis=0)) == 4
         assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
-
-    def test_training_leaves_what_is_held_out(self, tmp_path: Path) -> None:
-        recorded(tmp_path / "a.h5", a_round(role="controlled"))
-        found = recorded(tmp_path / "a.h5")
-        assert [episode.name for episode in found.with_role("train")] == ["controlled_2_0", "controlled_2_1"]
 
     def test_a_stopped_recording_continues_without_a_seam(self, tmp_path: Path) -> None:
         # The shipped controller's window takes 32 steps to fill: its plan is stopped as it goes on, too.

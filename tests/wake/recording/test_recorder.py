@@ -66,21 +66,6 @@ def test_provenance_holds_how_each_episode_was_made(tmp_path: Path) -> None:
     assert {"python", "numpy", "numba", "scipy", "stillwake"} <= first["versions"].keys()
 
 
-@pytest.mark.parametrize("done", [0, 6])
-def test_a_stopped_recording_continues_without_a_seam(tmp_path: Path, done: int) -> None:
-    stopped = tmp_path / "stopped.h5"
-
-    def stop(name: str, steps: int, total: int) -> None:
-        if steps >= min(done, total):
-            raise Killed
-
-    with pytest.raises(Killed):
-        recorded(stopped, progress=stop)
-    assert not stopped.exists()
-    assert equal(recorded(stopped), recorded(tmp_path / "whole.h5"))
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["stopped.h5", "whole.h5"]
-
-
 @pytest.mark.slow  # records once for every change
 def test_it_may_be_killed_before_any_change_on_disk(tmp_path: Path, oscillator: type) -> None:
     plans = [EpisodePlan(forcing="training", steps=5, seed=5, lead=2)]
@@ -147,19 +132,6 @@ def test_parts_of_another_recording_are_refused_by_what_differs(tmp_path: Path) 
         recorded(tmp_path / "a.h5")
 
 
-def test_parts_without_a_block_bind_nobody(tmp_path: Path) -> None:
-    with pytest.raises(Killed):
-        recorded(tmp_path / "a.h5", progress=_kill)
-    record(tmp_path / "a.h5", PLANS, Config(), block_steps=4)
-    assert equal(read(tmp_path / "a.h5"), recorded(tmp_path / "whole.h5"))
-
-
-def test_parts_of_unknown_origin_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.h5.parts" / "training_5").mkdir(parents=True)
-    with pytest.raises(StillwakeError, match="unknown recording"):
-        recorded(tmp_path / "a.h5")
-
-
 def test_a_damaged_block_is_named(tmp_path: Path) -> None:
     with suppress(Killed):
         recorded(tmp_path / "a.h5", progress=lambda name, done, total: _kill() if done == 6 else None)
@@ -179,12 +151,6 @@ def test_a_second_call_takes_over_and_the_first_stops(tmp_path: Path) -> None:
     with pytest.raises(StillwakeError, match="taken over"):
         recorded(output, progress=interrupt)
     assert equal(read(output), recorded(tmp_path / "whole.h5"))
-
-
-def test_an_unwritable_place_is_one_clear_error(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(StillwakeError, match="cannot write"):
-        recorded(tmp_path / "file" / "a.h5")
 
 
 def test_the_papers_data_set() -> None:

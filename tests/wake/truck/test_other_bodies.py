@@ -74,16 +74,6 @@ def test_pressure_gradients_give_archimedes_force(body: BodyConfig, area: float)
         assert measured.Cp == pytest.approx(2 * (slope_x * x + slope_y * y), abs=2e-3)
 
 
-def test_a_constant_pressure_acts_on_the_slots_alone(square: TruckWake) -> None:
-    flow = Flow.zeros(square.grid.shape)
-    flow.cells_p[:] = 1.0
-    measured = square.surface.measure(flow)
-    # Front less base is what the slots leave open, to the bit of a quadrature that is exact on straight walls.
-    assert measured.Cd == pytest.approx(2.0 * 2 * JET_WIDTH, abs=1e-12)
-    assert measured.slots.Cd_pressure == pytest.approx(-measured.Cd, abs=1e-12)
-    assert measured.Cp == pytest.approx(2.0, abs=1e-12)
-
-
 def test_a_symmetric_flow_stays_symmetric_but_for_rounding(square: TruckWake) -> None:
     square.solver.run(square.flow, dt=1e-3, steps=50, action_from=0.0, action_to=0.0)
     sample = square.advance(0.0)

@@ -29,9 +29,3 @@ def test_only_the_axis_counts(grid: Grid) -> None:
     axis[grid.shape[1] // 2 - 1 : grid.shape[1] // 2 + 1] = True
     flow.faces_u[:] = np.where(axis, grid.xf[:, None] - LENGTH - 1.25, -1.0)
     assert recirculation_length(grid, flow) == pytest.approx(1.25, abs=1e-9)
-
-
-def test_without_backward_flow_there_is_none(grid: Grid) -> None:
-    flow = Flow.zeros(grid.shape)
-    flow.faces_u[:] = 1.0
-    assert recirculation_length(grid, flow) == 0.0

@@ -1,0 +1,32 @@
+"""Programs whose sizes and settings are drawn at random."""
+
+import numpy as np
+
+from contract.config.controller import CostWeights, MpcConfig
+from contract.config.learning import ModelConfig
+from export.program.controller_program import ControllerProgram
+from export.program.random_program import random_program
+
+NAMES = ("upper_39", "lower_39", "base_0", "base_9", "upper_07", "lower_07")
+
+
+def drawn_program(seed: int) -> ControllerProgram:
+    """Sizes that are mostly no multiple of any padding, and solver settings off their defaults."""
+    rng = np.random.default_rng([seed, 3])
+    model = ModelConfig(
+        window=int(rng.integers(1, 12)),
+        latent=int(rng.integers(1, 11)),
+        lstm_width=int(rng.integers(1, 40)),
+        dynamics_width=int(rng.integers(2, 50)),
+        decoder_width=int(rng.integers(2, 40)),
+        decoder_blocks=int(rng.integers(1, 4)),
+    )
+    mpc = MpcConfig(
+        horizon=int(rng.integers(2, 36)),
+        iterations=int(rng.integers(1, 10)),
+        learning_rate=float(10.0 ** rng.uniform(-4, -2)),
+        drag_reference=float(rng.uniform(0.5, 1.5)),
+        weights=CostWeights(**dict(zip(vars(CostWeights()), rng.uniform(0.0, 3.0, 7).tolist(), strict=True))),
+    )
+    limit, sensors = float(rng.uniform(0.02, 0.2)), NAMES[: int(rng.integers(1, 7))]
+    return random_program(seed, model=model, mpc=mpc, action_limit=limit, sensors=sensors)
