@@ -8,6 +8,7 @@ compared by their root mean square, against the way Adam can take an action.
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -130,11 +131,12 @@ def test_no_scratch_is_read_before_it_is_written(small):
 
 def test_what_the_integers_cannot_hold_is_refused():
     model = ModelConfig(window=2, latent=2, lstm_width=3)
-    for width, change, message in (
+    cases: tuple[tuple[int, dict[str, Any], str], ...] = (
         (256, {"hidden2": 7.0}, r"ELU outputs reach 7, must stay below 6\.4"),
         (256, {"row": 1e12}, r"LSTM's gates reach .*e\+1\d, must stay below 6e\+04"),
         (517, {}, "a layer of width 517 behind an ELU: int8 lowering takes at most 516"),
-    ):
+    )
+    for width, change, message in cases:
         rounded = rounded_to_nearest(random_program(5, model=replace(model, dynamics_width=width)))
         ranges = activation_ranges(rounded.program, random_windows(rounded.program, 1))
         with pytest.raises(ExportError, match=message):

@@ -67,7 +67,7 @@ def test_truncation_comes_at_the_last_step_and_stays(env: TruckWakeEnv) -> None:
 def test_what_lies_beyond_the_bound_is_clipped_and_counted(env: TruckWakeEnv) -> None:
     _, info = env.reset(seed=1)
     seen = [(info["clipped"], info["clipped_count"], info["action"])]
-    for value in (0.2, 0.0, -3.0, env.action_space.high[0]):
+    for value in (0.2, 0.0, -3.0, float(np.float32(0.075))):
         info = env.step(action(value))[4]
         seen.append((info["clipped"], info["clipped_count"], info["action"]))
     assert seen == [(False, 0, 0.0), (True, 1, 0.075), (False, 1, 0.0), (True, 2, -0.075), (False, 2, 0.075)]
