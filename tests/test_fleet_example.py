@@ -155,14 +155,6 @@ def test_older_metadata_are_refused_once_newer_were_seen(office, tmp_path):
     refused(office, tmp_path / "state", "BadVersionNumberError")
 
 
-def test_old_parts_among_new_ones_are_refused(office, tmp_path):
-    """The snapshot says which versions belong together."""
-    old = office.newest("rollout").read_bytes()
-    office.at(NOW).roll_out("next", 100)
-    office.newest("rollout").write_bytes(old)
-    refused(office, tmp_path / "state", "BadVersionNumberError")
-
-
 def test_a_server_that_tells_no_news_is_found_out(office, tmp_path):
     office.at(NOW - timedelta(days=3)).renew()
     refused(office, tmp_path / "state", "ExpiredMetadataError", "timestamp")

@@ -31,9 +31,3 @@ def test_what_is_no_record_is_refused():
     ):
         with pytest.raises(ValueError):  # whatever is wrong with it, nothing was kept
             calibrations.decode(raw)
-
-
-def test_a_calibration_has_a_greatest_length():
-    calibrations.encode({"00": bytes(1024)})
-    with pytest.raises(ValueError, match="1025 bytes, must be at most 1024"):
-        calibrations.encode({"00": bytes(1025)})

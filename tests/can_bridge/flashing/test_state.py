@@ -121,15 +121,3 @@ def test_any_bytes_are_refused_or_are_a_state(body):
     except ValueError:
         return
     assert state.decode(state.encode(found)) == found
-
-
-def test_attempts_are_counted_to_what_fits():
-    many = replace(SAMPLE, failed_attempts={Level.PROGRAMMING: 300, Level.CALIBRATION: 2})
-    assert state.decode(state.encode(many)).failed_attempts == {Level.PROGRAMMING: 255, Level.CALIBRATION: 2}
-
-
-def test_the_trial_boots_next_as_long_as_boots_are_left():
-    on_trial = SAMPLE.with_slot(Slot.B, replace(FULL, phase=Phase.TRIAL, boots_left=1))
-    assert (SAMPLE.next_boot, on_trial.next_boot) == (Slot.A, Slot.B)
-    assert on_trial.with_slot(Slot.B, replace(FULL, phase=Phase.TRIAL, boots_left=0)).next_boot == Slot.A
-    assert StoreState().next_boot is None

@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.uds.refused import Refused
 from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
 from tests.can_bridge.uds.scripted_ecu import MS, Bench, S, refused
 from tests.examples import examples
@@ -279,8 +278,3 @@ def test_any_bytes_are_answered_by_the_form_of_the_standard(requests):
             else:
                 assert answer[0] == raw[0] + 0x40
         assert bench.server.unlocked is None
-
-
-def test_refusal_names_its_code():
-    assert str(Refused(Nrc.OUT_OF_RANGE)) == "OUT_OF_RANGE"
-    assert str(Refused(Nrc.OUT_OF_RANGE, "value 7")) == "value 7"

@@ -9,9 +9,9 @@ from can_bridge.tester.messages import NotNowError
 from can_bridge.tester.sequence import End
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
-from contract.config.vehicle import BusConfig, EcuConfig, SensorCheckConfig
+from contract.config.vehicle import BusConfig
 from tests.can_bridge.flashing.store_ecu import KEY
-from tests.firmware_sim.ecu.flashable.vehicle_ecu import Rig, image, provision
+from tests.firmware_sim.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, provision
 
 pytest.importorskip("udsoncan")
 from firmware_sim.bench.flashing.figures import flash_on, flash_time
@@ -56,10 +56,8 @@ def test_one_frame_in_a_hundred_is_lost_both_ways(tmp_path: Path) -> None:
 
 
 def test_a_vehicle_in_control_keeps_it(tmp_path: Path) -> None:
-    # The bench's pressures are sines: no wake, and the check of the sensors would say so.
-    config = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
-    ecu, rig = made(tmp_path, config)
-    bench = FlashBench(ecu, config, request=lambda now_ns: now_ns > 100_000_000)
+    ecu, rig = made(tmp_path, UNCHECKED)
+    bench = FlashBench(ecu, UNCHECKED, request=lambda now_ns: now_ns > 100_000_000)
     bench.advance(2.0)
     assert bench.status is not None
     assert bench.status.state is Mode.CONTROL

@@ -9,15 +9,11 @@ from can_bridge.flashing.access_level import Level
 from can_bridge.uds.services import REQUEST_ID
 from can_bridge.wire.frame import FD_LENGTHS, Frame
 from can_bridge.wire.messages import Mode, Reason
-from contract.config.tree import Config
-from contract.config.vehicle import EcuConfig, SensorCheckConfig
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.flashable.diagnostic_link import MOST_FRAMES
-from tests.firmware_sim.ecu.flashable.vehicle_ecu import Rig, image, provision
+from tests.firmware_sim.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, provision
 
-# Made-up pressures are no wake: the check of the sensors would shut the jets.
-CONFIG = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
 EXTENDED, PROGRAMMING, PRECONDITIONS = b"\x10\x03", b"\x10\x02", b"\x31\x01\x02\x03"
 NOT_NOW = 0x22
 
@@ -25,29 +21,21 @@ NOT_NOW = 0x22
 @pytest.fixture
 def rig(tmp_path: Path) -> Rig:
     provision(tmp_path / "ecu", image("first"))
-    return Rig(tmp_path / "ecu", CONFIG)
-
-
-def into_control(rig: Rig) -> None:
-    rig.request = False
-    rig.run(100)
-    rig.request = True
-    rig.run(2000)
-    assert rig.statuses[-1].state is Mode.CONTROL
+    return Rig(tmp_path / "ecu", UNCHECKED)
 
 
 def plain(rig: Rig) -> list[list[Frame]]:
     """What the ECU without a store answers to the same pressures at the same times."""
     bundle = rig.ecu.boot.bundle
     assert bundle is not None
-    ecu = Ecu(bundle, OnnxController.of(bundle), CONFIG)
+    ecu = Ecu(bundle, OnnxController.of(bundle), UNCHECKED)
     return [ecu.step(now_ns, frames) for now_ns, frames, _ in rig.controls]
 
 
 def controlling(folder: Path) -> Rig:
     provision(folder, image("first"))
-    rig = Rig(folder, CONFIG, controller_of=OnnxController.of)
-    into_control(rig)
+    rig = Rig(folder, UNCHECKED, controller_of=OnnxController.of)
+    rig.into_control()
     return rig
 
 
@@ -105,7 +93,7 @@ def test_a_flood_of_requests_does_not_stop_long_work(rig: Rig) -> None:
 
 def test_no_programming_while_the_jets_may_run(rig: Rig) -> None:
     rig.good(PROGRAMMING)
-    into_control(rig)
+    rig.into_control()
     # A session from before, to begin which takes no key, resets no control that runs.
     assert rig.ask(b"\x11\x01")[2] == NOT_NOW
     rig.run(100)
@@ -155,11 +143,7 @@ def test_only_a_reset_leads_out_of_update(rig: Rig) -> None:
     assert not any(command.enable for command in rig.commands)
     # It is allowed though control is asked for.
     rig.reset()
-    rig.request = False
-    rig.run(100)
-    rig.request = True
-    rig.run(2000)
-    assert rig.statuses[-1].state is Mode.CONTROL
+    rig.into_control()
 
 
 def test_a_reset_shuts_jets_that_run(rig: Rig) -> None:

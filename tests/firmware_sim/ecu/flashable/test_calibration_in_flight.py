@@ -15,7 +15,6 @@ from can_bridge.flashing.store import Store
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
-from contract.config.vehicle import EcuConfig, SensorCheckConfig
 from contract.controller.calibration import NAMES
 from contract.controller.interface import Controller
 from contract.release import bundle as bundles
@@ -26,7 +25,7 @@ from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
 from tests.can_bridge.flashing.releases import RELEASE
 from tests.can_bridge.flashing.store_ecu import KEY
 from tests.firmware_sim.conftest import RecordingController
-from tests.firmware_sim.ecu.flashable.vehicle_ecu import Rig, image, provision, shipped
+from tests.firmware_sim.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, provision, shipped
 from tests.firmware_sim.ecu_in_c import CONFIG as IN_C
 from tests.firmware_sim.ecu_in_c import exported
 
@@ -42,9 +41,7 @@ LIMIT = 0.075
 def rig(tmp_path: Path) -> Rig:
     """An ECU that always wants the jets full on."""
     provision(tmp_path / "ecu", image("first"))
-    # Made-up pressures are no wake: the check of the sensors would shut the jets.
-    config = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
-    return Rig(tmp_path / "ecu", config, controller_of=lambda bundle: RecordingController(lambda i: 2 * LIMIT))
+    return Rig(tmp_path / "ecu", UNCHECKED, controller_of=lambda bundle: RecordingController(lambda i: 2 * LIMIT))
 
 
 def values(rig: Rig) -> dict[str, float]:
@@ -59,18 +56,6 @@ def write(rig: Rig, **changes: float) -> None:
 def unlock(rig: Rig) -> None:
     rig.good(b"\x10\x03")
     rig.unlock(Level.CALIBRATION)
-
-
-def into_control(rig: Rig) -> None:
-    rig.request = False
-    rig.run(100)
-    rig.request = True
-    for _ in range(5000):
-        if rig.commands[-1].mode is Mode.CONTROL:
-            break
-        rig.millisecond()
-    rig.run(60)
-    assert actions(rig)[-1] == pytest.approx(LIMIT, rel=1e-3)
 
 
 def actions(rig: Rig, since: int = 0) -> list[float]:
@@ -120,7 +105,8 @@ def write_xcp(rig: Rig, name: str, value: float) -> bytes:
 
 def test_the_jets_keep_a_narrower_limit_from_the_next_period_on(rig: Rig) -> None:
     unlock(rig)
-    into_control(rig)
+    rig.into_control()
+    assert actions(rig)[-1] == pytest.approx(LIMIT, rel=1e-3)
     before = len(rig.commands)
     write(rig, action_limit=LIMIT / 2, lift=0.5)
     rig.run(200)
@@ -166,7 +152,7 @@ def test_it_is_stored_with_the_jets_shut_and_kept_with_its_release(rig: Rig) -> 
     own = shipped().manifest.mpc.weights.lift
     unlock(rig)
     connect(rig)
-    into_control(rig)
+    rig.into_control()
     write(rig, lift=0.5)
     # A slow memory must not come into a control period: UDS refuses, XCP waits.
     assert rig.ask(STORE) == b"\x7f\x2e\x22"

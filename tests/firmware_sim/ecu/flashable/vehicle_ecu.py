@@ -20,8 +20,9 @@ from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
-from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure
+from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure
 from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig, SensorCheckConfig
 from contract.release import bundle as bundles
 from contract.release import signing
 from contract.release.image import image_of
@@ -34,6 +35,8 @@ from tests.can_bridge.flashing.store_ecu import KEY
 from tests.firmware_sim.conftest import RecordingController
 
 MS = 1_000_000
+# Made-up pressures are no wake: the check of the sensors would shut the jets.
+UNCHECKED = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
 SELF_TEST, ACTIVATE, CONFIRM_ROUTINE, REVERT = (b"\x31\x01\x02" + bytes([low]) for low in (4, 5, 6, 7))
 
 
@@ -128,6 +131,14 @@ class Rig:
     def run(self, milliseconds: int) -> None:
         for _ in range(milliseconds):
             self.millisecond()
+
+    def into_control(self) -> None:
+        """Raise the request, and let the jets run."""
+        self.request = False
+        self.run(100)
+        self.request = True
+        self.run(2000)
+        assert self.statuses[-1].state is Mode.CONTROL
 
     def pressure(self, enable: bool) -> Frame:
         scale = self.config.operating_point.dynamic_pressure
