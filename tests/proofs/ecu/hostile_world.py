@@ -17,12 +17,11 @@ from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.e2e import profile5
 from can_bridge.wire.message_specs import PRESSURE
 from contract import sensors
-from contract.config.controller import MpcConfig
 from contract.config.tree import Config
 from contract.release.bundle import Bundle
-from contract.release.manifest import Manifest, Scaling
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.ecu.ecu import Ecu
+from tests.firmware_sim.conftest import make_bundle
 from tests.proofs.ecu.hostile_controller import BAD, GOOD, HostileController
 from tests.proofs.ecu.promises import Delivered, EcuJudge, Seen, VehicleJudge
 
@@ -30,8 +29,6 @@ NAMES: Final = ("upper_39", "lower_39", "base_0", "base_9")
 START_NS: Final = 10**12
 FATES: Final = ("pass", "lost", "late1", "late2", "late3", "twice", "flipped", "short", "replayed", "foreign")
 """Fates of a frame on its way; `replayed` and `foreign` add one to it."""
-WINDOW, HORIZON = 4, 5
-"""Sizes of the release: so short that control is often reached."""
 KEPT: Final = 100
 """Old frames that can be replayed."""
 
@@ -209,32 +206,14 @@ class World:
 
 
 def small_bundle(config: Config) -> Bundle:
-    """A release of a few periods' window and horizon, for these settings; there is no model in it."""
-    manifest = Manifest(
+    """A release for these settings, of so short a window and horizon that control is often reached, without a model."""
+    flow = config.flow
+    return make_bundle(
         name="hostile",
-        precision="float32",
-        sensors=NAMES,
-        window=WINDOW,
-        control_period=config.flow.control_period,
-        action_limit=config.flow.action_limit,
+        control_period=flow.control_period,
+        action_limit=flow.action_limit,
         operating_point=config.operating_point,
-        mpc=MpcConfig(horizon=HORIZON),
-        scaling=Scaling(
-            pressure_mean=(0.0,) * 4,
-            pressure_std=(1.0,) * 4,
-            action_std=1.0,
-            force_mean=(1.0, 0.0),
-            force_std=(1.0, 1.0),
-        ),
-        budget_ms=20.0,
-        compute_time_ms=8.0,
-        created="2026-01-02",
-        dataset_sha256="0" * 64,
-        weights_sha256="0" * 64,
-        program_sha256="0" * 64,
-        provenance={},
     )
-    return Bundle(manifest=manifest, files={}, digest="0123456789abcdef" * 4)
 
 
 JUMPS_NS: Final = (0, -1, -200_000_000, -(10**10), -(10**13), 10**8, 10**9, 10**13)

@@ -240,12 +240,3 @@ def test_what_is_broken_is_told_with_its_stretch(monkeypatch):
 def test_a_million_periods_break_nothing():
     figures = hostile.summed(list(hostile.stretches(1_000_000, seed=0, processes=2)))
     assert figures["violations"] == 0, figures["first_violations"]
-
-
-@pytest.mark.processes  # two of them
-def test_two_processes_find_what_one_does():
-    one, two = (
-        [replace(part, rss_kib=0) for part in hostile.stretches(600, seed=1, processes=processes)]
-        for processes in (1, 2)
-    )
-    assert one == two

@@ -1,6 +1,5 @@
 """What is told of the ECU, and what comes of it where nothing can be written."""
 
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,8 +10,8 @@ from firmware_sim.ecu.daemon.counters import Counters
 from firmware_sim.ecu.daemon.events import Event
 from firmware_sim.ecu.daemon.reporter import Reporter
 from firmware_sim.ecu.ecu_state import EcuState
+from tests.firmware_sim.ecu.daemon.conftest import wait_for
 
-PATIENCE_S = 10.0
 OFTEN_S = 0.01
 
 
@@ -23,13 +22,6 @@ def by_name(event: Event) -> str:
 @pytest.fixture
 def counters() -> Counters:
     return Counters(state=EcuState.power_on(window=4, sensors=4, horizon=5, delay=1), steps=3)
-
-
-def wait_for(condition) -> None:
-    begin = time.monotonic()
-    while not condition():
-        assert time.monotonic() - begin < PATIENCE_S
-        time.sleep(0.005)
 
 
 def test_everything_is_told_in_order_before_it_ends():

@@ -14,14 +14,6 @@ PERIOD = 20_000_000
 durations = st.integers(0, 5 * PERIOD)
 
 
-def test_work_that_is_done_in_time_leaves_the_deadlines_a_period_apart():
-    deadlines = Deadlines(period_ns=PERIOD, due_ns=7)
-    for number in range(100):
-        assert (deadlines.due_ns, deadlines.number) == (7 + number * PERIOD, number)
-        deadlines = deadlines.after(deadlines.due_ns + PERIOD)
-    assert deadlines.left_out == 0
-
-
 @each(
     "took, grace, left_out",
     [
