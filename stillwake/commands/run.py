@@ -274,11 +274,13 @@ def asked_calibration(loaded: Loaded, release: Bundle) -> Calibration:
     """What the ECU runs with: the bundle's weights with those of the user, the vehicle's bounds and delay.
 
     Raises:
-        ConfigError: for a weight that is no float32, or another setting of the optimiser: it is fixed in the bundle.
+        ConfigError: for a weight out of the limits, or another setting of the optimiser: it is fixed in the bundle.
     """
-    from firmware_sim.ecu.calibrating import release_calibration
+    from firmware_sim.ecu.calibrating import limits_of, release_calibration
 
-    return replace(release_calibration(release, loaded.config), weights=cost_weights(loaded, release))
+    calibration = replace(release_calibration(release, loaded.config), weights=cost_weights(loaded, release))
+    limits_of(release, loaded.config).check(calibration)
+    return calibration
 
 
 def cost_weights(loaded: Loaded, release: Bundle) -> CostWeights:
