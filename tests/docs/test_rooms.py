@@ -31,13 +31,6 @@ def test_imports_are_counted_by_module_in_every_form(tmp_path):
     assert rooms.imports(tmp_path) == {("wake", "contract"): 2}
 
 
-def test_every_arrow_points_down():
-    uses = rooms.imports(rooms.ROOT)
-    floor = rooms.floors(uses)
-    assert floor["contract"] == 0
-    assert all(floor[upper] > floor[lower] for upper, lower in uses)
-
-
 def test_a_circle_is_refused():
     with pytest.raises(ValueError, match=r"in a circle: .*wake.*: cut one"):
         rooms.floors({("wake", "train"): 1, ("train", "wake"): 1})

@@ -62,16 +62,6 @@ def test_paper_size_as_built_for_speed():
     assert report.action < 2e-6
 
 
-def test_default_weights_are_the_programs_and_others_can_be_given(small):
-    program, controller = small
-    (case,) = control_cases(program, count=1)
-    default = controller.control_step(case.window, case.plan, case.free)
-    given = controller.control_step(case.window, case.plan, case.free, np.array(program.mpc.weights.as_tuple()))
-    np.testing.assert_array_equal(given.plan, default.plan)
-    calm = controller.control_step(case.window, case.plan, case.free, np.eye(7)[5])
-    assert np.abs(calm.plan).sum() < np.abs(default.plan).sum()
-
-
 def test_equal_forces_share_the_subgradient():
     """With the decoder's output switched off every Cd ties and every Cl is 0: the kinks of all terms at once."""
     program = random_program(3, model=SMALL, mpc=MpcConfig(horizon=HORIZON))

@@ -11,7 +11,7 @@ from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from contract.runtime.onnx_session import OnnxController
-from export.gates.parity import check_parity, control_cases
+from export.gates.parity import check_parity
 from export.int8.rounded_program import effective, rounded_to_nearest
 from export.program.random_program import random_program, random_window, random_windows
 from export.reference.mpc import control_step
@@ -54,18 +54,6 @@ def test_a_closed_loop_of_steps_stays_together():
         plan = control_step(program, window, plan, np.ones(10)).plan
         found = controller.control_step(window, found, np.ones(10)).plan
         np.testing.assert_allclose(found, plan, rtol=0, atol=2.5e-5)
-
-
-def test_weights_are_an_optional_input_and_change_the_goal():
-    program = random_program(2, model=SMALL, mpc=MpcConfig(horizon=6))
-    controller = OnnxController(build_controller(program).SerializeToString(), program.sizes)
-    (case,) = control_cases(program, count=1)
-    default = controller.control_step(case.window, case.plan, case.free)
-    given = controller.control_step(case.window, case.plan, case.free, np.array(program.mpc.weights.as_tuple()))
-    np.testing.assert_array_equal(given.plan, default.plan)
-    effort_only = np.eye(7)[5]
-    calm = controller.control_step(case.window, case.plan, case.free, effort_only)
-    assert np.abs(calm.plan).sum() < np.abs(default.plan).sum()
 
 
 def test_actions_stay_within_a_limit_that_float32_rounds_up():

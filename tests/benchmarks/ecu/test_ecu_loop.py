@@ -11,7 +11,4 @@ def test_the_largest_difference_is_of_steps_that_both_made():
     assert largest_difference(one, one) == 0.0
     assert largest_difference(one, other) == 0.04
     assert largest_difference(other, one) == 0.04
-
-
-def test_nothing_in_common_is_no_difference():
     assert largest_difference(np.array([np.nan]), np.array([0.1])) == 0.0

@@ -27,16 +27,6 @@ except LibraryError as error:
     pytest.skip(str(error), allow_module_level=True)
 
 
-def test_in_int8_both_are_compared_with_the_program_before_rounding():
-    rounded = rounded_on(PROGRAM, WINDOWS)
-    gated = gate(lower(rounded, calibration=WINDOWS, with_library=True), WINDOWS[:3], LOOSE, compiled=CController)
-    assert gated.graph.quantisation is not None
-    assert gated.library is not None and gated.library.quantisation is not None
-    assert (gated.graph.quantisation.cases, gated.library.quantisation.cases) == (3, 3)
-    assert gated.graph.quantisation.rms_action_error > 0
-    assert gated.graph.parity.cases == 3
-
-
 def test_rounding_that_changes_too_much_is_refused():
     lowered = lower(rounded_on(PROGRAM, WINDOWS), calibration=WINDOWS, with_library=False)
     with pytest.raises(ExportError, match=r"int8 weights: rms_action_error is .*, at most 1e-15 is allowed"):

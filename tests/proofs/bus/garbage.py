@@ -7,28 +7,12 @@ import can
 import msgpack  # type: ignore[import-untyped]  # ships none
 
 _BAD_LINES: Final = (
-    b"tzzz1AA\r",
-    b"t\r",
-    b"t12\r",
-    b"b12\xff\xfe\r",
-    b"t1231A\r",
-    b"t1238AA\r",
-    b"r1208\r",
-    b"T000001201AA\r",
+    *(b"tzzz1AA\r", b"t\r", b"t12\r", b"b12\xff\xfe\r", b"t1231A\r", b"t1238AA\r", b"r1208\r", b"T000001201AA\r"),
     b"\a",
 )
 _FIELDS: Final = (
-    "arbitration_id",
-    "data",
-    "dlc",
-    "is_extended_id",
-    "is_remote_frame",
-    "is_error_frame",
-    "is_fd",
-    "bitrate_switch",
-    "error_state_indicator",
-    "channel",
-    "surprise",
+    *("arbitration_id", "data", "dlc", "is_extended_id", "is_remote_frame", "is_error_frame", "is_fd"),
+    *("bitrate_switch", "error_state_indicator", "channel", "surprise"),
 )
 
 

@@ -14,8 +14,7 @@ from contract.config.tree import Config
 from contract.errors import OutputError, PlantError, StillwakeError
 from contract.recording.dataset import read
 from contract.shipped import RECORDING
-from tests.wake.recording.test_controlled_recording import Integrator, a_round
-from wake.recording import controlled_recording, recorder
+from wake.recording import recorder
 from wake.recording.episode_plan import EpisodePlan, paper_plans
 from wake.truck.state import Origin, State, save_state
 
@@ -40,13 +39,6 @@ def record(path: Path, plans: tuple[EpisodePlan, ...] = PLANS, config: Config | 
 
 
 def test_the_same_plans_and_settings_leave_a_finished_recording_as_it_is(output: Path) -> None:
-    before = output.read_bytes()
-    assert not record(output)
-    assert output.read_bytes() == before
-
-
-def test_rounds_that_were_added_do_not_count(output: Path) -> None:
-    controlled_recording.record_round(output, a_round(episodes=1), Config(), Integrator, block_steps=3)
     before = output.read_bytes()
     assert not record(output)
     assert output.read_bytes() == before
