@@ -13,7 +13,6 @@ from can_bridge.secoc.key import write_key
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
-from contract.errors import KeyFileError
 from contract.release import bundle
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.run_folder import RunFolder
@@ -69,9 +68,3 @@ def test_one_setting_authenticates_both_nodes(short_release, tmp_path):
         assert secret not in content, path
         assert secret.hex().encode() not in content.lower(), path
     assert sorted(path.name for path in tmp_path.iterdir()) == ["key", "plain", "run"]
-
-
-def test_a_key_that_cannot_be_read_ends_the_run_before_it_begins(random_release, tmp_path):
-    with pytest.raises(KeyFileError, match=r"none: cannot read the key \(No such file"):
-        run(tmp_path / "run", bundle.load(random_release), str(tmp_path / "none"))
-    assert list(tmp_path.iterdir()) == []

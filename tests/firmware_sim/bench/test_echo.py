@@ -16,16 +16,6 @@ def sent(frames: int, period: int, tracker: EchoTracker | None = None, *, first:
 
 
 @each("period", [16, 256])
-def test_an_echo_that_stands_still_grows_old_for_ever(period):
-    tracker, ages = sent(20, period).received(19 % period), []
-    for number in range(20, 20 + 3 * period):
-        tracker = sent(1, period, tracker, first=number).received(19 % period)
-        ages.append(tracker.age)
-        assert tracker.sampled_ns == (19_000 if number - 19 < period else None)
-    assert ages == list(range(1, 3 * period + 1))
-
-
-@each("period", [16, 256])
 def test_an_echo_of_a_frame_that_was_not_sent_is_none(period):
     assert EchoTracker(counter_period=period).received(0).age is None
     tracker = sent(3, period)

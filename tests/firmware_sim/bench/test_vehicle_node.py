@@ -102,14 +102,6 @@ def test_the_very_end_of_the_range_is_valid_and_what_is_next_to_it_is_not(sign):
         assert parsed(node.sample(cp, enable_request=True, now_ns=0)).valid == (valid,) * 4
 
 
-def test_the_jets_follow_the_newest_command(node, trusted):
-    frames = [trusted(0.03), trusted(-0.05)]
-    driven = node.apply_commands(frames)
-    assert driven.action == pytest.approx(-0.05, abs=2e-6)
-    assert driven.command is frames[-1]
-    assert node.frames_rejected == 0
-
-
 def test_commands_are_not_followed_before_the_stream_is_trusted(node):
     request(node)
     commands = Commands()

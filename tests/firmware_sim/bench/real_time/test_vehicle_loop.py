@@ -84,18 +84,6 @@ def test_a_live_wake_that_is_late_leaves_its_instant_without_pressures(made) -> 
     assert len(real.flow.driven) == 28
 
 
-def test_jets_shut_when_the_ecu_falls_silent(made) -> None:
-    real = made()
-    real.run(20)
-    assert real.flow.driven[-1] != 0.0
-    real.ecu = None
-    real.run(5, request_from=0)
-    held = Config().ecu.hold_periods
-    # The last command acts, is held, and is then given up.
-    assert real.flow.driven[-(4 - held) :] == [0.0] * (4 - held)
-    assert real.loop.figures.misses == 4
-
-
 def test_the_end_withdraws_the_request_and_shuts_the_jets(made) -> None:
     real = made()
     real.run(20)

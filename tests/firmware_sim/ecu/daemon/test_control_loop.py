@@ -12,10 +12,8 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import JetCommand, Mode, Reason
 from contract.config.tree import Config
-from contract.config.vehicle import EcuConfig
 from contract.controller.interface import ControlStep
-from contract.errors import ConfigError
-from firmware_sim.ecu.daemon.control_loop import SHUT_FRAMES, check_offset
+from firmware_sim.ecu.daemon.control_loop import SHUT_FRAMES
 from firmware_sim.ecu.real_time.deadlines import wrapped
 from firmware_sim.ecu.real_time.stage_times import EcuStage
 from tests.each import each
@@ -205,12 +203,6 @@ def test_frames_that_the_bus_does_not_take_are_counted_and_the_loop_goes_on(rig,
     assert rig.loop.counters.not_sent == 6
     assert "no buffer space" in rig.connection.why_not_sent
     assert rig.column(EcuStage.SENT)[-3:] == [0, 0, 0]
-
-
-@each("offset", [20.0, 1e9])
-def test_an_offset_of_a_period_or_more_is_refused(offset):
-    with pytest.raises(ConfigError, match=r"ecu\.step_offset_ms = .*must be shorter than the control period of 20 ms"):
-        check_offset(Config(ecu=EcuConfig(step_offset_ms=offset)))
 
 
 def test_steps_make_no_garbage_that_needs_collecting(rig):

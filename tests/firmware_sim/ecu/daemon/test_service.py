@@ -18,7 +18,7 @@ from can_bridge.secoc.key import KEY_LENGTH, read_key, write_key
 from can_bridge.secoc.node import Authentication
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig
-from contract.errors import BundleError, BusError, ConfigError, StillwakeError
+from contract.errors import BundleError, BusError, ConfigError
 from contract.release import bundle as bundles
 from contract.release.bundle import Bundle
 from contract.runtime.onnx_session import OnnxController
@@ -178,19 +178,6 @@ def test_what_cannot_run_is_refused_before_a_frame_is_sent(release, config, chan
                 signature="",
             )
         assert bus.receive_all() == []
-
-
-def test_a_file_that_cannot_be_written_is_refused_before_the_start(release, config, tmp_path):
-    with pytest.raises(StillwakeError, match="cannot write"):
-        serve(
-            release,
-            NeverRun(),
-            config,
-            Options(wanted=PLAIN, environment={}, metrics=tmp_path),
-            is_stopped=lambda: True,
-            write=print,
-            signature="",
-        )
 
 
 def test_whatever_ends_it_the_jets_are_shut(release, config):
