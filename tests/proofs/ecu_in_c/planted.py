@@ -29,6 +29,18 @@ class Planted(NamedTuple):
 
 PLANTED: Final = (
     Planted(
+        "a narrower limit is not brought to a step of the wire", "as shipped", "sw_calibration.c",
+        "(double)(int32_t)steps * SW_FLOW_RESOLUTION", "steps * SW_FLOW_RESOLUTION",
+    ),
+    Planted(
+        "a plan stays where it is when the delay changes", "not planning ahead", "sw_memory.c",
+        "plan[clipped(k - later, SW_HORIZON - 1)]", "plan[k]",
+    ),
+    Planted(
+        "another ECU is gone a nanosecond too early", "classic", "sw_reception.c",
+        "step_ns > other->until_ns", "step_ns >= other->until_ns",
+    ),
+    Planted(
         "pressures of the oldest age are refused", "as shipped", "sw_gate.c",
         "elapsed_ns(pressure_ns, now_ns) <= (uint64_t)oldest_ns",
         "elapsed_ns(pressure_ns, now_ns) < (uint64_t)oldest_ns",

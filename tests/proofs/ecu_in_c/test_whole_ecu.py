@@ -74,7 +74,7 @@ def test_a_fault_that_is_planted_in_c_is_found(planted, tmp_path):
 
 
 def test_a_mismatch_says_where_it_is_and_happens_again(tmp_path):
-    planted = PLANTED[1]
+    planted = PLANTED[4]
     broken = Library(planted.into(sources(VARIANTS[planted.variant])), tmp_path / "broken.so")
     first, again = (campaign.stretch(broken, planted.variant, "1", 400).mismatch for _ in range(2))
     assert first == again
