@@ -1,10 +1,13 @@
 """An ECU that can be flashed, without its control: store, programming services and UDS server over a memory."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from hashlib import sha256
 
 from can_bridge.flashing import report
+from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing
 from can_bridge.flashing.boot import Boot
+from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.diagnostics import Long
 from can_bridge.uds.programming import Programming
@@ -93,3 +96,47 @@ class StoreEcu:
 
     def reset(self) -> None:
         self.is_reset = True
+
+
+class FlashingSteps:
+    """What a tester asks for to flash an ECU."""
+
+    def ask(self, request: bytes, /) -> bytes:
+        """The last answer to a request."""
+        raise NotImplementedError
+
+    def good(self, request: bytes) -> bytes:
+        answer = self.ask(request)
+        assert answer[0] == request[0] + 0x40, (request[:8].hex(), answer.hex())
+        return answer
+
+    def programming(self) -> None:
+        self.good(b"\x10\x02")
+        self.unlock(Level.PROGRAMMING)
+
+    def unlock(self, level: Level) -> None:
+        seed = self.good(bytes([0x27, level]))[2:]
+        self.good(bytes([0x27, level + 1]) + KEY.answer(level, seed))
+
+    def announce(self, raw: bytes) -> int:
+        """The offset wanted."""
+        answer = self.good(b"\x31\x01\xff\x00" + len(raw).to_bytes(4, "big") + sha256(raw).digest())
+        return int.from_bytes(answer[4:], "big")
+
+    def blocks(self, raw: bytes, offset: int, size: int = 4064) -> Iterator[int]:
+        """Sends block by block, yielding how many bytes are there."""
+        self.good(b"\x34\x00\x44" + offset.to_bytes(4, "big") + (len(raw) - offset).to_bytes(4, "big"))
+        for number, at in enumerate(range(offset, len(raw), size), start=1):
+            self.good(bytes([0x36, number % 256]) + raw[at : at + size])
+            yield min(at + size, len(raw))
+        self.good(b"\x37")
+
+    def verdict(self) -> Verdict:
+        return Verdict(self.good(b"\x31\x01\xff\x01")[4])
+
+    def write(self, raw: bytes) -> Verdict:
+        """All of an image, and the ECU's verdict on it."""
+        self.programming()
+        for _ in self.blocks(raw, self.announce(raw)):
+            pass
+        return self.verdict()

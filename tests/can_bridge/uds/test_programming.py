@@ -3,7 +3,7 @@
 What the store itself decides is tested in `tests/can_bridge/flashing`; here, how its answers come over the wire.
 """
 
-import hashlib
+from itertools import islice
 
 import pytest
 
@@ -16,7 +16,7 @@ from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
 from tests.can_bridge.flashing.plain_backing import PlainBacking
 from tests.can_bridge.flashing.releases import RELEASE, SECOND, image, keys, phases, provisioned
-from tests.can_bridge.flashing.store_ecu import KEY, StoreEcu
+from tests.can_bridge.flashing.store_ecu import KEY, FlashingSteps, StoreEcu
 from tests.can_bridge.uds.scripted_ecu import MS, S, payload, refused
 
 NEWER = image("newer", version=2)
@@ -25,7 +25,7 @@ CAPACITY = 200_000
 KEY_LIST, STORE = Did.KEY_LIST.to_bytes(2, "big"), Did.STORE.to_bytes(2, "big")
 
 
-class Client:
+class Client(FlashingSteps):
     """Knows the key, and drives the ECU's clock."""
 
     def __init__(self) -> None:
@@ -41,55 +41,29 @@ class Client:
             answers += self.ecu.server.tick(self.now_ns)
         return answers[-1]
 
-    def unlock(self) -> None:
-        assert self.ask(0x10, Session.PROGRAMMING)[0] == 0x50
-        seed = self.ask(0x27, 1)[2:]
-        assert self.ask(0x27, 2, KEY.answer(Level.PROGRAMMING, seed)) == b"\x67\x02"
-
     def routine(self, number: Routine, option: bytes = b"") -> bytes:
         return self.ask(0x31, 1, number.to_bytes(2, "big"), option)
-
-    def announce(self, new: bytes) -> int:
-        """The offset wanted."""
-        answer = self.routine(Routine.ERASE, len(new).to_bytes(4, "big") + hashlib.sha256(new).digest())
-        assert answer[:4] == b"\x71\x01\xff\x00" and len(answer) == 8
-        return int.from_bytes(answer[4:], "big")
 
     def download(self, offset: int, length: int) -> bytes:
         return self.ask(0x34, 0x00, 0x44, offset.to_bytes(4, "big"), length.to_bytes(4, "big"))
 
     def send(self, new: bytes, *, offset: int = 0, blocks: int | None = None) -> None:
         """So many blocks; all of them, and the exit, if none is given."""
-        assert self.download(offset, len(new) - offset)[0] == 0x74
-        for number, at in list(enumerate(range(offset, len(new), BLOCK), start=1))[:blocks]:
-            assert self.ask(0x36, number, new[at : at + BLOCK]) == bytes([0x76, number])
-        if blocks is None:
-            assert self.ask(0x37) == b"\x77"
+        for _ in islice(self.blocks(new, offset, BLOCK), blocks):
+            pass
 
     def begin(self, blocks: int | None = None) -> None:
         """The newer image, from a locked ECU."""
-        self.unlock()
+        self.programming()
         assert self.announce(NEWER) == 0
         self.send(NEWER, blocks=blocks)
 
-    def bring(self, new: bytes = NEWER) -> Verdict:
-        """A whole image, from a locked ECU; the verdict on it."""
-        self.unlock()
-        self.announce(new)
-        self.send(new)
-        return self.verdict()
-
     def start(self, new: bytes = NEWER) -> None:
         """A whole image, on trial, and the ECU unlocked."""
-        assert self.bring(new) == Verdict.GOOD
+        assert self.write(new) == Verdict.GOOD
         assert self.routine(Routine.ACTIVATE) == b"\x71\x01\x02\x05"
         self.reset()
-        self.unlock()
-
-    def verdict(self) -> Verdict:
-        answer = self.routine(Routine.CHECK)
-        assert answer[:4] == b"\x71\x01\xff\x01" and len(answer) == 5
-        return Verdict(answer[4])
+        self.programming()
 
     def reset(self) -> None:
         """As the vehicle does it; afterwards locked, in the default session."""
@@ -109,7 +83,7 @@ def client() -> Client:
 
 
 def test_a_release_is_flashed_and_confirmed(client):
-    assert client.bring() == Verdict.GOOD
+    assert client.write(NEWER) == Verdict.GOOD
     assert client.running() == "one"
     # Confirmation is for what runs on trial.
     for _ in range(2):
@@ -119,7 +93,7 @@ def test_a_release_is_flashed_and_confirmed(client):
     assert phases(client.ecu.store) == [Phase.CONFIRMED, Phase.TRIAL]
     client.reset()
     assert client.running() == "newer"
-    client.unlock()
+    client.programming()
     assert client.routine(Routine.SELF_TEST) == b"\x71\x01\x02\x04"
     assert client.routine(Routine.CONFIRM) == client.routine(Routine.CONFIRM) == b"\x71\x01\x02\x06"
     # There is no way back to what is too old now.
@@ -127,12 +101,12 @@ def test_a_release_is_flashed_and_confirmed(client):
     client.ecu.power_on()
     assert (client.running(), client.ecu.store.state.least_security_version) == ("newer", 2)
     # A tester whose release was given up must not take the one before for its own.
-    client.unlock()
+    client.programming()
     assert client.routine(Routine.CONFIRM) == refused(0x31, Nrc.SEQUENCE_ERROR)
 
 
 def test_only_the_bytes_that_are_missing_are_taken(client):
-    client.unlock()
+    client.programming()
     for length in (0, CAPACITY + 1, 2**32 - 1):
         answer = client.routine(Routine.ERASE, length.to_bytes(4, "big") + bytes(32))
         assert answer == refused(0x31, Nrc.OUT_OF_RANGE), length
@@ -157,7 +131,7 @@ def test_an_interrupted_transfer_goes_on_where_it_was(client, end):
         client.now_ns += 5 * S
     else:
         client.ecu.power_on()
-    client.unlock()
+    client.programming()
     assert client.ask(0x36, 4, b"x") == refused(0x36, Nrc.SEQUENCE_ERROR)
     assert client.download(3 * BLOCK, len(NEWER) - 3 * BLOCK) == refused(0x34, Nrc.SEQUENCE_ERROR)
     assert client.announce(NEWER) == 3 * BLOCK
@@ -170,7 +144,7 @@ def test_key_lists(client):
         return client.ask(0x2E, KEY_LIST, raw)
 
     both = keys(2, RELEASE, SECOND)
-    client.unlock()
+    client.programming()
     assert write(both) == write(both) == b"\x6e\xfd\x02", "the first answer may have been missed"
     assert client.ask(0x22, KEY_LIST) == b"\x62\xfd\x02\0\0\0\x02"
     client.start(image("second", key=SECOND, version=2))
@@ -190,7 +164,7 @@ def test_a_memory_that_fails_is_a_programming_failure(client, monkeypatch):
     def fail(*_: object) -> None:
         raise MediumError("worn out", 0)
 
-    client.unlock()
+    client.programming()
     client.announce(NEWER)
     monkeypatch.setattr(client.memory, "keep", fail)
     monkeypatch.setattr(client.memory, "append", fail)

@@ -1,9 +1,8 @@
 """An ECU with a store in a folder, and a tester that talks to it frame by frame: no bus, no process, time by hand."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from hashlib import sha256
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -11,7 +10,6 @@ from typing import Any
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from can_bridge.e2e.sender import E2eSender
-from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.isotp.endpoint import Endpoint
@@ -31,7 +29,7 @@ from firmware_sim.ecu.flashable.equipment import Equipment
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
 from tests.can_bridge.flashing import releases
 from tests.can_bridge.flashing.releases import RELEASE, ROOT
-from tests.can_bridge.flashing.store_ecu import KEY
+from tests.can_bridge.flashing.store_ecu import KEY, FlashingSteps
 from tests.firmware_sim.conftest import RecordingController
 
 MS = 1_000_000
@@ -66,7 +64,7 @@ class Log(list[tuple[str, str, dict[str, Any]]]):
         return [event for event, _, _ in self]
 
 
-class Rig:
+class Rig(FlashingSteps):
     """Steps once a period, and looks at diagnosis each millisecond; frames arrive the moment they are sent."""
 
     def __init__(self, folder: Path, config: Config | None = None, controller_of: Any = None, **others: Any) -> None:
@@ -146,7 +144,7 @@ class Rig:
         message = Pressure(pressure_pa=values, valid=(True,) * 4, enable_request=enable, age_ns=0)
         return self.sender.frame(codec.emit_pressure(message), now_ns=self.now_ns)
 
-    def ask(self, request: bytes, patience_ms: int = 30_000) -> bytes:
+    def ask(self, request: bytes, /, patience_ms: int = 30_000) -> bytes:
         """The final answer to a request; response-pending is waited out."""
         self.tester.send(request)
         for _ in range(patience_ms):
@@ -156,40 +154,6 @@ class Rig:
                 if answer[:1] != b"\x7f" or answer[2] != 0x78:
                     return answer
         raise AssertionError(f"no answer to {request[:8].hex()}")
-
-    def good(self, request: bytes) -> bytes:
-        answer = self.ask(request)
-        assert answer[0] == request[0] + 0x40, (request[:8].hex(), answer.hex())
-        return answer
-
-    # The steps of flashing.
-
-    def programming(self) -> None:
-        self.good(b"\x10\x02")
-        self.unlock(Level.PROGRAMMING)
-
-    def unlock(self, level: Level) -> None:
-        seed = self.good(bytes([0x27, level]))[2:]
-        self.good(bytes([0x27, level + 1]) + KEY.answer(level, seed))
-
-    def announce(self, raw: bytes) -> int:
-        answer = self.good(b"\x31\x01\xff\x00" + len(raw).to_bytes(4, "big") + sha256(raw).digest())
-        return int.from_bytes(answer[4:], "big")
-
-    def blocks(self, raw: bytes, offset: int, size: int = 4064) -> Iterator[int]:
-        """Sends block by block, yielding how many bytes are there."""
-        self.good(b"\x34\x00\x44" + offset.to_bytes(4, "big") + (len(raw) - offset).to_bytes(4, "big"))
-        for number, at in enumerate(range(offset, len(raw), size), start=1):
-            self.good(bytes([0x36, number % 256]) + raw[at : at + size])
-            yield min(at + size, len(raw))
-        self.good(b"\x37")
-
-    def write(self, raw: bytes) -> Verdict:
-        """All of an image, and the ECU's verdict on it."""
-        self.programming()
-        for _ in self.blocks(raw, self.announce(raw)):
-            pass
-        return Verdict(self.good(b"\x31\x01\xff\x01")[4])
 
     def reset(self) -> None:
         before = self.ecu.resets
