@@ -127,6 +127,7 @@ full: test
 	$(BIN)/python -m benchmarks ecu-loop --lead-in 10 --controlled 70 --settle 30 \
 		--json results/ecu_loop.json
 	$(BIN)/python -m tests.proofs.flash --json results/flash.json
+	$(BIN)/python -m tests.proofs.release --json results/bundle_fuzz.json
 	$(BIN)/python -m benchmarks square --json results/square.json
 	$(BIN)/python -m tests.proofs.bus bus --json results/bus.json
 	$(BIN)/python -m benchmarks isotp --json results/isotp.json
