@@ -72,7 +72,7 @@ CALLS = (
     call("bundle keylist keys.list --root keys/release.key --version 1 --key keys/release.pub"),
     call("bundle renew", BUNDLE, "renewed", "--name", "renewed", "--key", "keys/release.key", needs=["train"]),
     call("bundle sign renewed --key keys/release.key", needs=["train"]),
-    call("bundle verify renewed --trust keys/release.pub"),
+    call("bundle verify", BUNDLE, "--trust", "project"),
     call("bundle inspect"),
     call("bundle diff", BUNDLE, BUNDLE),
     call("ecu provision slots --root keys/release.pub --keys keys.list"),
