@@ -4,6 +4,8 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ("contract", "wake", "train", "export", "can_bridge", "firmware_sim", "stillwake")
 MOST_MODULES = 15
@@ -56,6 +58,7 @@ def _circle(arrows: set[tuple[str, str]]) -> set[str]:
         left = kept
 
 
+@pytest.mark.slow  # reads every file
 def test_neither_files_nor_folders_import_each_other_in_a_circle():
     modules = _modules()
     arrows = _arrows(modules)

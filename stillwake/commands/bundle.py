@@ -20,8 +20,6 @@ from contract.release.difference import differences
 from contract.release.key_list import KeyList
 from contract.release.manifest import Manifest
 from contract.release.signing import PublicKey
-from contract.runtime.onnx_estimator import OnnxEstimator
-from contract.runtime.onnx_session import OnnxController
 from stillwake.console.outputs import Overwrite, check_output
 from stillwake.console.settings import settings
 from stillwake.console.terminal import Overrides, console, progress_bar
@@ -140,6 +138,10 @@ def verify(path: BundlePath = None, trust: Trust = None) -> None:
 
 def _first_step(release: Bundle) -> Check:
     """A step of each graph, in bounded time and memory, with the inputs and outputs that the manifest gives them."""
+    # ONNX Runtime takes a while to load, and leaves a file in the temporary folder: other commands do without.
+    from contract.runtime.onnx_estimator import OnnxEstimator
+    from contract.runtime.onnx_session import OnnxController
+
     try:
         controller = OnnxController.of(release)
         OnnxEstimator.of(release)

@@ -8,6 +8,7 @@ import pytest
 from docs import rooms
 
 
+@pytest.mark.slow  # reads every file
 def test_the_picture_is_up_to_date():
     assert rooms.PICTURE.read_text(encoding="utf-8") == rooms.draw(), "docs/rooms.svg is stale: run `make generated`"
 

@@ -66,6 +66,7 @@ def small() -> tuple[ControllerProgram, CController]:
     return rounded.program, in_integers(rounded)
 
 
+@pytest.mark.compiler  # compiles a library a net
 @each("seed", range(3))
 def test_random_nets_of_odd_sizes(seed):
     program = drawn_program(seed)
@@ -96,6 +97,7 @@ def test_actions_stay_in_bounds_and_committed_ones_stay_put(small, plan, free, w
     np.testing.assert_array_equal(found[committed], shift(plan).astype(np.float32)[committed])
 
 
+@pytest.mark.compiler  # compiles every variant
 @each("dynamics_width", [3, 13, 70])
 def test_avx2_computes_what_plain_c_does(dynamics_width):
     """Integers, and floats in the same order, so to the bit."""

@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import chdir, redirect_stderr, redirect_stdout
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,9 @@ def no_work() -> Iterator[Callable[[], None]]:
 
     with pytest.MonkeyPatch.context() as patch:
         for name in BEGINNINGS:
-            patch.setattr(name, begins)
+            # By the module itself: another test may have imported its package again.
+            module, _, function = name.rpartition(".")
+            patch.setattr(import_module(module), function, begins)
         patch.setattr("wake.solver.navier_stokes.FlowSolver.run", run)
         patch.setattr("contract.recording.dataset.read", _remembered(dataset.read))
         patch.setenv("PATH", "")

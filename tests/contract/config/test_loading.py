@@ -101,6 +101,7 @@ def test_a_bad_override_is_refused_in_one_short_line_with_its_value_and_what_is_
         assert line in text and len(text) < 250 and text.isprintable(), (override, text)
 
 
+@pytest.mark.slow  # every setting
 @given(st.floats() | st.text() | st.none() | st.booleans() | st.lists(st.integers()))
 def test_no_value_gets_past_the_types(value):
     """Whatever a file holds, the outcome is a Config with that number or a ConfigError."""

@@ -57,6 +57,7 @@ def compiled(tmp_path, contents, shared_builds) -> Callable[..., Path]:
     return run
 
 
+@pytest.mark.compiler  # every warning of gcc
 @each("flags", [("-O0",), ("-O3",), ("-O3", "-march=native")])
 def test_gcc_takes_it_without_a_warning(compiled, flags):
     if shutil.which("gcc") is None:
@@ -106,6 +107,7 @@ def test_it_calls_nothing_and_writes_no_static_memory(compiled):
     assert ("T", "sw_control_step") in symbols
 
 
+@pytest.mark.compiler  # builds with sanitisers
 @pytest.mark.parametrize("flags", [(), ("-march=native",)])
 def test_sanitisers_find_nothing_in_a_recorded_sequence(tmp_path, contents, flags, shared_builds):
     """And the example program prints what the reference computes."""

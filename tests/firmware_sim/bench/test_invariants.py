@@ -121,6 +121,7 @@ HARM = (
 )
 
 
+@pytest.mark.slow  # many runs
 @examples(40)
 @given(
     st.lists(st.sampled_from(HARM), min_size=1, max_size=3, unique=True),

@@ -102,6 +102,7 @@ def test_restored_at_any_step_it_sends_the_rest_of_the_episode(bench_of, saved, 
         assert (other.status(), other.frames_rejected) == (bench.ecu.status(), bench.ecu.frames_rejected)
 
 
+@pytest.mark.slow  # pickles states
 @given(events=st.text(ALPHABET, max_size=40), delay=st.integers(0, 2))
 def test_a_step_is_a_function_of_state_time_and_frames(bench_of, events, delay):
     bench = bench_of(Mixing(), delay_steps=delay)

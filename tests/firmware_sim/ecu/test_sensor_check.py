@@ -106,6 +106,7 @@ def with_value(j: int, value: Callable[[float, int], float]) -> Callable[[Array,
     return read
 
 
+@pytest.mark.slow  # runs of every lie
 @each("j", range(4))
 @each(
     "fault, most",
@@ -179,6 +180,7 @@ def test_a_second_liar_shuts_the_jets() -> None:
     assert (drive.state.set_aside, drive.fault) == (0, None)
 
 
+@pytest.mark.slow  # long runs
 @given(st.integers(0, 2**32), st.floats(0.0, 0.115))
 @examples(10)
 def test_noise_on_all_sensors_is_borne(seed: int, level: float) -> None:

@@ -91,6 +91,7 @@ def test_figures_are_strict_json_with_every_stage(tables):
     assert again["baseline"]["misses"] == 1
 
 
+@pytest.mark.slow  # draws figures
 def test_the_page_begins_with_the_verdict_and_has_its_pictures(tables, tmp_path):
     lost = tables(50)
     for i in range(5, 50):

@@ -260,6 +260,7 @@ def fuzzed(tmp_path_factory) -> Live:
     return Live(saves).run(1)
 
 
+@pytest.mark.slow  # many requests
 @examples(60)
 @given(
     requests=st.lists(

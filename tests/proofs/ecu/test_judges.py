@@ -74,6 +74,7 @@ def test_no_story_breaks_anything_as_it_is(story):
         assert broken_in(World(Config(ecu=settings)), STORIES[story]) == set()
 
 
+@pytest.mark.slow  # a run of every judge
 @each("settings", hostile.SETTINGS)
 @each("hostility", [0.0, 0.03, 0.3])
 def test_nothing_is_broken_as_it_is(settings, hostility):

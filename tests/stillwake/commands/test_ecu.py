@@ -26,6 +26,7 @@ GROUP = f"239.76.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
 UDP = ("--set", "bus.interface=udp_multicast", "--set", f"bus.channel={GROUP}")
 
 
+@pytest.mark.slow  # many calls
 def test_what_cannot_run_is_one_line(refused: Callable[..., str], tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)
     for arguments, words in (

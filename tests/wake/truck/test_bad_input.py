@@ -36,6 +36,7 @@ def test_what_is_refused_at_construction_does_diverge(wake: TruckWake) -> None:
             wake.solver.run(wake.flow, dt=0.2 / 12, steps=12, action_from=0.0, action_to=0.0)
 
 
+@pytest.mark.slow  # builds flows
 def test_a_step_too_long_is_refused_with_one_that_is_not() -> None:
     for config, named in [
         (FlowConfig(action_limit=0.2), "convective number of the jets"),
