@@ -55,7 +55,7 @@ def run_closed_loop(
         config: the vehicle; its operating point and control period must be the bundle's.
         lead_in, controlled, settle, averages: `firmware_sim.bench.spans.Spans`.
         calibration: that the ECU gets before its first step; its own values without one.
-        origin: what the run says about how it came about; made today without one.
+        origin: what the run records about its making; made today without one.
         ready: called with the periods in all, once everything is checked and open, before the first period.
         progress: called with (row, periods done, periods in all) after every period.
         plant: the wake, opened here; the own solver from its shipped start without one.

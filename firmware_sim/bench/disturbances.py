@@ -35,7 +35,7 @@ Share = Annotated[T, Rule(wording="above 0 and at most 1", holds=lambda value: 0
 
 @dataclass(frozen=True, kw_only=True)
 class SensorDisturbance(Span, section="sensor_disturbance"):
-    """Of what the transducers read."""
+    """Faults of what the transducers read."""
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -61,7 +61,7 @@ class Quantise(SensorDisturbance, section="quantise"):
 
 @dataclass(frozen=True, kw_only=True)
 class OneSensor(SensorDisturbance, section="one_sensor"):
-    """Of one sensor."""
+    """A fault of one sensor."""
 
     sensor: str
 
@@ -153,7 +153,7 @@ class Reset(Instant, section="reset"):
 class Clock(Span, section="clock"):
     """The ECU's clock runs at another rate than the vehicle's, whose periods are the run's, or is set.
 
-    It stamps the frames that the ECU receives and tells it the time; right again at the end of the span, with a jump.
+    It stamps the frames that the ECU receives and gives it the time; right again at the end of the span, with a jump.
     """
 
     node: Literal["ecu"] = "ecu"
@@ -184,8 +184,8 @@ class Reynolds(Span, section="reynolds"):
 class Gust(Span, section="gust"):
     """The wind against the vehicle varies: U(t) = U_inf (1 + amplitude sin(2 pi t / period)); own solver alone.
 
-    `wake.plant.gust` says of which frame that is. Forces and pressures stay in units of the mean U_inf, as the jets do.
-    It ends with the last whole period in the span.
+    `wake.plant.gust` defines that frame of reference. Forces and pressures stay in units of the mean U_inf, as
+    the jets do. It ends with the last whole period in the span.
     """
 
     amplitude: Below[float]
@@ -259,7 +259,7 @@ class Disturbances:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Of the items; `parse` takes them."""
+        """Texts of the items, which `parse` takes."""
         return tuple(one.text if isinstance(one, NodeFault) else text_of(one) for one in self.items)
 
     def check(self, config: Config, sensors: tuple[str, ...], *, duration_s: float) -> None:

@@ -17,7 +17,7 @@ CLOCKS_MHZ: Final = (1.0, 10_000.0)
 
 
 def check_ecu(kind: str, clock_mhz: float) -> None:
-    """What can be told before there are sources.
+    """Check what can be checked before there are sources.
 
     Raises:
         ConfigError: no clock that a core could have.

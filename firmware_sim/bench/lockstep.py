@@ -13,11 +13,11 @@ from firmware_sim.ecu.stepped import CalibratedEcu
 from firmware_sim.in_c.c_structs import differing
 
 KEPT: Final = 10
-"""Differences that are told in full."""
+"""Differences that are reported in full."""
 
 
 class Lockstep:
-    """Steps both, hands on what the first one says, and counts where the second one says or remembers something else.
+    """Steps both, hands on the first one's answers, and counts where the second one answers or remembers another thing.
 
     Args:
         driver: whose frames go out.

@@ -2,7 +2,7 @@
 
 It drives them only while it wants control itself, and only by a command that is enabled, in a mode in which jets may
 run, and that rests on pressures it sent not long ago. No single signal of a command decides. Where too many commands
-are missing it gives up control by itself, and says so on the bus: it no longer requests it (`command_losses`).
+are missing it gives up control by itself, and announces it on the bus: it no longer requests it (`command_losses`).
 """
 
 from collections.abc import Callable, Sequence

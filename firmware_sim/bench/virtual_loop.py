@@ -12,7 +12,7 @@ all of higher priority. The plant is held at the command's arrival, rounded up t
 as they were: late commands act late. An answer that arrives at t_{k+1} or later acts in the period it arrives in, and
 an ECU still computing when its next step is due skips that step. Virtual compute time is a setting, a stated budget, or
 what an emulated core takes for this very step by the model of its pipeline: neither depends on the machine. The step's
-wall-clock time is measured beside it.
+wall-clock time is measured separately.
 
 The ECU steps when a pressure frame arrives. It waits for one until half a period has passed (or one frame time, where
 that is longer), and then steps without: its fail-safe counts the miss, and its answer still acts in the period. What

@@ -15,8 +15,8 @@ from contract.controller.calibration import LARGEST_WEIGHT, WEIGHTS, Calibration
 from contract.release.bundle import Bundle
 
 LEAST_SHARE: Final = 0.05
-"""Of the vehicle's `flow.action_limit` and `ecu.command_step` that must be left: smaller ones are not a goal but a way
-to switch the control off, which the enable request is for."""
+"""Share of the vehicle's `flow.action_limit` and `ecu.command_step` that must be left: less is not a goal but a way to
+switch the control off, which the enable request is for."""
 
 
 def release_calibration(bundle: Bundle, config: Config) -> Calibration:

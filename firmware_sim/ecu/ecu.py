@@ -181,7 +181,7 @@ class Ecu:
         self.calibration = calibration
         self._weights = np.array(calibration.weights.as_tuple())
         self._config = with_calibration(self._own_config, calibration)
-        # Whatever the limits above say: nothing is ever wider than the vehicle's settings.
+        # Whatever the limits above are: nothing is ever wider than the vehicle's settings.
         self._limits = GateLimits.from_config(self._config).narrowed(self._own_limits)
         memory = self._state.memory.with_delay(self._config.ecu.frozen_actions)
         self._state = replace(self._state, memory=memory)
@@ -369,7 +369,7 @@ def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
 
 
 def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
-    """BUS_OFF while the CAN controller is, and in the first step after it was: nobody heard what the ECU sent."""
+    """BUS_OFF while the CAN controller is, and in the first step after it was: no node heard what the ECU sent."""
     off = now.state is BusState.BUS_OFF or now.bus_off > before.bus_off
     return Reason.BUS_OFF if off else None
 

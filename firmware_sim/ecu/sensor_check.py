@@ -1,11 +1,11 @@
-"""Whether the pressures are to be believed: each is compared with what the other ones say of it.
+"""Whether the pressures are to be believed: each is compared with what the others predict for it.
 
 Transducers fail without a sign: they stand still, read zero, move away, or are plugged in the wrong way round, and all
 frames are in order. A network of the bundle estimates each pressure from the window of the others
 (`contract.controller.estimator`), and three hypotheses are judged by the residuals:
 
 * one sensor lies: it is far from the estimate by the others, and these agree with each other without it. It is set
-  aside until the ECU is started anew, and its estimate, which is never built on itself, stands in for it;
+  aside until the ECU is restarted, and its estimate, which is never built on itself, stands in for it;
 * two are exchanged: with their readings put right, all agree far better. The jets go to zero, and the fault latches;
 * the pressures disagree, and neither explains it. The same.
 
@@ -14,7 +14,7 @@ shedding cycle. Noise changes from one period to the next, as no lie does: what 
 residuals' differences, and allowed for. So noise on all sensors, which the controller bears, never takes control away.
 
 A sensor whose reading never changes at all needs no estimate: no transducer in a flow does that. Whether there is a
-flow, the others say: of a vehicle that stands or creeps, all pressures rest or nearly so, and none of them lies.
+flow, by the others: on a vehicle that stands or creeps, all pressures rest or nearly so, and none of them lies.
 """
 
 from dataclasses import dataclass, field, replace
@@ -32,8 +32,8 @@ from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimato
 SCORE_PERIODS: Final = 32
 """Over which squares are averaged: a shedding cycle, since a lie may agree with the flow for part of one."""
 NOISE_ALLOWED: Final = 0.3
-"""Of the variance of noise: twice what the fast average leaves of it, 1 / (2 FAST_PERIODS - 1), since the estimate has
-some as well."""
+"""Share of the variance of noise: twice what the fast average leaves of it, 1 / (2 FAST_PERIODS - 1), since the
+estimate has some as well."""
 
 MOVING: Final = 0.4
 """Deviations of sound sensors' residuals by which the others have to move while one rests, or it is no lie. In the
@@ -123,7 +123,7 @@ class SensorCheckState:
 
 
 class Levels(NamedTuple):
-    """What the residuals say in one period; ratios to what sound sensors show.
+    """Residuals of one period, as ratios to what sound sensors show.
 
     Attributes:
         liar: (S,) that this sensor lies, and the others do not.
@@ -139,7 +139,7 @@ class Levels(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What a state says, by the names of its fields."""
+    """The verdict of a state, by the names of its fields."""
 
     set_aside: int | None
     doubt: int
@@ -198,7 +198,7 @@ class SensorCheck:
         try:
             by_view = self.estimator.estimates(seen)
         except ControllerError:
-            # The window goes on, and what stands beside it with it.
+            # The window goes on, and its companions with it.
             held = _appended(state.estimates, state.estimates[-1], 1 + min(skipped, length))
             return replace(state, estimates=held), Reason.INTERNAL
         estimates = _appended(state.estimates, state.estimates[-1], min(skipped, length))
@@ -214,7 +214,7 @@ class SensorCheck:
         return state, Reason.IMPLAUSIBLE if state.implausible else None
 
     def levels(self, state: SensorCheckState) -> Levels:
-        """What the running means of a state say."""
+        """The verdict of the running means of a state."""
         sensors = len(state.readings)
         slow = np.square(state.slow) / (np.square(self.slow) + state.noise / (2 * SLOW_PERIODS - 1))
         fast_each, slow_each = _split(state.score, sensors), _split(slow, sensors)
@@ -275,7 +275,7 @@ class SensorCheck:
 
 
 class _Split(NamedTuple):
-    """Of an array (S + P, S): each sensor by all others, (S,), and the mean of the others without it, (S,)."""
+    """Split an array (S + P, S): each sensor by all others, (S,), and the mean of the others without it, (S,)."""
 
     own: Array
     others: Array

@@ -1,4 +1,4 @@
-"""What the ECU does in each control period: one table of states and transitions, and nothing beside it.
+"""What the ECU does in each control period: one table of states and transitions, and nothing else.
 
 `TRANSITIONS` is read from its first row on; the first one that starts at the present state and whose condition holds
 is taken, in the control step that sees the condition. `docs/reference/states.md` and its picture are made from it.

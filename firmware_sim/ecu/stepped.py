@@ -13,7 +13,7 @@ from firmware_sim.ecu.ecu_state import EcuState
 
 
 class SteppedEcu(Protocol):
-    """`firmware_sim.ecu.ecu.Ecu` is one; its methods say what these do."""
+    """`firmware_sim.ecu.ecu.Ecu` is one; its methods document these."""
 
     @property
     def state(self) -> EcuState:
@@ -22,7 +22,7 @@ class SteppedEcu(Protocol):
 
     @property
     def trace(self) -> Trace:
-        """Of the latest step."""
+        """Trace of the latest step."""
         ...
 
     @property
@@ -70,7 +70,7 @@ class CalibratedEcu(SteppedEcu, Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class LoopEcu:
-    """An ECU for a closed loop, and what a run says of it.
+    """An ECU for a closed loop, and what a run records of it.
 
     Attributes:
         ecu: just powered on.

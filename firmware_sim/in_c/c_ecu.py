@@ -59,7 +59,7 @@ class CEcuState:
 
     @property
     def trace(self) -> Trace:
-        """Of the latest step."""
+        """Trace of the latest step."""
         return self.structs.trace(self._ecu)
 
     @property
@@ -112,7 +112,7 @@ class CEcu(CEcuState):
 
     Args:
         sources: the library's files by name, `sw_ecu_settings.h` among them. Files in place of the library's own, or
-            beside them, are for the caller to put in: a stub controller, a fault that is planted.
+            in addition to them, are for the caller to put in: a stub controller, a fault that is planted.
         compiler: command that compiles C; the one found here if None.
         flags: of the compiler.
         library: a file to keep the compiled library in; a temporary one if None.
@@ -212,11 +212,11 @@ def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes
     sources = read_sources(folder)
     check_program(folder, sources, bundle)
     if c_settings.HEADER not in sources:
-        raise LibraryError(f"library {folder}: it has the control step alone, and no ECU around it; export it anew")
+        raise LibraryError(f"library {folder}: it has the control step alone, and no ECU around it; export it again")
     check = config.ecu.sensor_check
     if bundle.manifest.sensor_estimator is None and check.enabled:
         # As the ECU in Python.
         config = replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))
     elif check.enabled and ESTIMATOR not in sources:
-        raise LibraryError(f"library {folder}: it has no sensor estimator; export it anew, or switch off sensor_check")
+        raise LibraryError(f"library {folder}: it has no sensor estimator; export it again, or switch off sensor_check")
     return sources | {c_settings.HEADER: c_settings.ecu_settings(bundle, config)}

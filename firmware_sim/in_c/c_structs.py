@@ -87,7 +87,7 @@ class Structs:
         return found
 
     def frame(self, found: Any) -> Frame:
-        """Of a `sw_frame`; raises ValueError if no controller could put it on the wire."""
+        """The frame of a `sw_frame`; raises ValueError if no controller could put it on the wire."""
         return Frame(
             frame_id=found.id,
             data=bytes(self.ffi.buffer(found.data, found.length)),
@@ -103,7 +103,7 @@ class Structs:
         surroundings.updating = updating
 
     def trace(self, ecu: Any) -> Trace:
-        """Of a `sw_ecu`."""
+        """Trace of a `sw_ecu`."""
         return Trace(
             mode=_MODES[ecu.state.fail_safe.mode].on_wire,
             action=ecu.trace.action,
@@ -112,7 +112,7 @@ class Structs:
         )
 
     def state(self, state: Any) -> EcuState:
-        """Of a `sw_ecu_state`. Of the controller's error states C keeps bus-off alone.
+        """State of a `sw_ecu_state`. Of the controller's error states C keeps bus-off alone.
 
         Raises:
             ValueError, IndexError: an enumeration has none of its values.

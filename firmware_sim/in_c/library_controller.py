@@ -15,7 +15,7 @@ def open_library(
 ) -> CController:
     """Compile a folder that `stillwake export --c` wrote, to run in place of the bundle's `controller.onnx`.
 
-    The header's hash names the program that the folder was generated from. It guards against mix-ups: nobody signs the
+    The header's hash names the program that the folder was generated from. It guards against mix-ups: no one signs the
     sources, and they are compiled and run as they stand.
 
     Args:

@@ -1,6 +1,6 @@
 """The ECU in C on an emulated Cortex-M7: frames are written into its memory, it steps, and frames are read out.
 
-It has the interface of `firmware_sim.ecu.ecu.Ecu`, and says of each step how long the core would have taken, by the
+It has the interface of `firmware_sim.ecu.ecu.Ecu`, and reports for each step how long the core would have taken, by the
 model of its pipeline (`firmware_sim.mcu.pipeline`) and the basic blocks that this very step executed.
 """
 

@@ -1,7 +1,7 @@
 """The ECU's connection to a bus that may go and come back: an adapter pulled out, an interface taken down.
 
-Opening takes time, a serial adapter seconds, so a thread of its own does it; the control steps go on meanwhile and say
-BUS_OFF, so that control returns by an enable edge only.
+Opening takes time, a serial adapter seconds, so a thread of its own does it; the control steps go on meanwhile and
+report BUS_OFF, so that control returns by an enable edge only.
 """
 
 import time
@@ -108,7 +108,7 @@ class Connection:
         return None if fault is None else self._lose(self._bus, str(fault))
 
     def health(self) -> BusHealth:
-        """Of the CAN controller since the start; a lost bus is one that is off."""
+        """Counters of the CAN controller since the start; a lost bus is one that is off."""
         if self._bus is not None:
             now = self._bus.bus.health()
             self._health = replace(now, bus_off=self._before.bus_off + now.bus_off)

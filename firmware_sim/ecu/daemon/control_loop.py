@@ -180,7 +180,7 @@ class ControlLoop:
         )
 
     def _counter(self, frame: Frame) -> int:
-        """Of a pressure frame's E2E header; NOTHING if it has another length."""
+        """Counter in a pressure frame's E2E header; NOTHING if it has another length."""
         if len(frame.data) != self._pressure.length:
             return NOTHING
         return profile_of(self._pressure).counter_of(frame.data)

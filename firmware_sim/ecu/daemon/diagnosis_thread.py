@@ -71,5 +71,5 @@ class DiagnosisThread:
                 frames = self._inbox.take()
                 for first in range(0, max(1, len(frames)), MOST_FRAMES):
                     self._send(self._ecu.service(self._now_ns(), frames[first : first + MOST_FRAMES]))
-        except BaseException as error:  # noqa: BLE001 - an error that ends a thread is lost unless it is told
+        except BaseException as error:  # noqa: BLE001 - an error that ends a thread is lost unless it is reported
             self._failed(error)

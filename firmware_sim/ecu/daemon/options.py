@@ -20,7 +20,7 @@ FRESHNESS: Final = "freshness.json"
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Of one process.
+    """Options of one process.
 
     Attributes:
         wanted: privileges.
@@ -44,7 +44,7 @@ class Options:
 
 
 def freshness_file(options: Options) -> Path:
-    """Where freshness values outlive a power cycle; raises ConfigError if nobody says where."""
+    """Where freshness values outlive a power cycle; raises ConfigError if no setting gives it."""
     if options.freshness is not None:
         return options.freshness
     folder = options.environment.get("STATE_DIRECTORY", "").partition(":")[0]

@@ -39,7 +39,7 @@ class Served:
         line: what runs, in words.
         fields: of the same event.
         hears: who else takes frames, by identifier; called by the thread that reads the bus.
-        beside: runs while the bus is open, beside the control.
+        beside: runs next to the control while the bus is open.
     """
 
     ecu: SteppedEcu

@@ -14,7 +14,7 @@ from can_bridge.wire.message_sets import MessageSet
 from firmware_sim.ecu.real_time.inbox import Inbox
 
 LONGEST_AGE_NS: Final = 1_000_000_000
-"""Of a frame when it is taken from the bus: any longer would be too old all the same, and may be a clock set on."""
+"""Largest age of a frame when it is taken from the bus: an older one is of no use, and its clock may have been set."""
 STAMPED_WITH_THE_DATE: Final = frozenset({"socketcan", "udp_multicast", "slcan"})
 """Interfaces whose stamps are known to be of the reception, in the computer's date. A `virtual` bus passes on the
 sender's, and vendors' drivers have clocks of their own: there a frame counts as received when it is taken."""

@@ -1,6 +1,7 @@
-"""The thread that tells the outside: log lines, the file of counters, the freshness file. The control loop never waits.
+"""The thread that reports to the outside: log lines, the file of counters, the freshness file.
 
-Writing may block on a slow disk or a full pipe, and may fail on a full one; neither reaches the control steps.
+The control loop never waits. Writing may block on a slow disk or a full pipe, and may fail on a full one; neither
+reaches the control steps.
 """
 
 import time
@@ -23,7 +24,7 @@ INTERVAL_S: Final = 1.0
 
 
 class Reporter:
-    """Works while its `with` block does; at the end everything is told.
+    """Works while its `with` block does; at the end everything is reported.
 
     Args:
         write: writes one line of the log; may raise OSError or ValueError, which costs that line.

@@ -19,7 +19,7 @@ from firmware_sim.ecu.real_time.timed_controller import TimedController
 __all__ = ["WARM_UP_STEPS", "Options", "freshness_file", "serve"]
 
 WARM_UP_STEPS: Final = 50
-"""Of the controller on zeros, and of the ECU without frames: what happens once has then happened. Half a second."""
+"""Warm-up steps of the controller on zeros, and of the ECU without frames; half a second in all."""
 
 
 def serve(

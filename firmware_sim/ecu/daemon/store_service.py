@@ -1,7 +1,7 @@
 """An ECU that runs the release in its folder, and can be flashed and calibrated over the same bus.
 
 The control has the main thread, the tester one of its own (`diagnosis_thread`). A reset that a tester asks for boots
-within the process: the store is read again, and everything volatile is made anew.
+within the process: the store is read again, and everything volatile is made again.
 """
 
 import secrets
@@ -39,7 +39,7 @@ Fields = str | int | float
 
 
 class Log:
-    """Keeps what is told before there is a log, and knows what was booted last.
+    """Keeps events from before there is a log, and knows what was booted last.
 
     Attributes:
         release: what is booted, in words.
@@ -92,7 +92,7 @@ def serve_store(
 
     Raises:
         StillwakeError: another process runs this ECU, the bus cannot be opened, a file cannot be written, or a reset
-            failed within the process: whoever starts it anew boots again.
+            failed within the process: whoever starts it again boots again.
     """
     check(config, options)
     times, log = PlanTimes(), Log()

@@ -1,4 +1,4 @@
-"""What systemd is told, by datagrams to a socket that it names: sd_notify(3), without its library.
+"""Reports to systemd, by datagrams to a socket that it names: sd_notify(3), without its library.
 
 The watchdog hears of control steps that came through, and of nothing else: a loop that hangs is restarted.
 """
@@ -41,7 +41,7 @@ class Notifier:
         self._tell(f"STATUS={' '.join(text.split())}")
 
     def came_through(self, now_ns: int) -> None:
-        """A control step did; tells it now and then."""
+        """Note a control step; report it now and then."""
         if self._interval_ns and now_ns >= self._due_ns:
             self._due_ns = now_ns + self._interval_ns
             self._tell("WATCHDOG=1")

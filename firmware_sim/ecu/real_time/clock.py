@@ -15,7 +15,7 @@ from typing import Any, Final
 TIMER_ABSTIME: Final = 1
 """time.h: the time is an instant, not a duration."""
 LONGEST_NAP_NS: Final = 100_000_000
-"""Of sleeping by duration: what a computer that was asleep as a whole may be late by."""
+"""Excess of a sleep by duration: what a computer that was asleep as a whole may be late by."""
 
 
 class _Timespec(ctypes.Structure):

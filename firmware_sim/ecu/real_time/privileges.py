@@ -1,4 +1,4 @@
-"""What an operating system gives to a process that must be on time: used where it is granted, told where it is not.
+"""What an operating system gives to a process that must be on time: used where it is granted, reported where it is not.
 
 Without any of them everything works, and is late more often.
 """
@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 PRIORITY: Final = 50
-"""Of SCHED_FIFO, 1 to 99: above every ordinary process, and above most of the kernel's interrupt threads no more than
-their equal (they have 50), so that the CAN driver's still come through."""
+"""Priority under SCHED_FIFO, 1 to 99: above every ordinary process, and no more than the equal of most of the
+kernel's interrupt threads (they have 50), so that the CAN driver's still come through."""
 LOWEST_PRIORITY: Final = 1
 TIMER_SLACK_NS: Final = 1
 """Linux wakes ordinary processes up to 50 us late, to wake several at once."""
@@ -148,7 +148,7 @@ def _lock_memory(undo: ExitStack) -> None:
 
 
 def _call(name: str, *arguments: int) -> int:
-    """A function of the C library; raises OSError if it says -1, AttributeError if there is none."""
+    """A function of the C library; raises OSError if it returns -1, AttributeError if there is none."""
     if sys.platform != "linux":
         raise AttributeError(name)
     function: Any = getattr(ctypes.CDLL(None, use_errno=True), name)

@@ -1,4 +1,4 @@
-"""A controller that says when its latest control step began and ended: `Ecu.step` itself knows no clock."""
+"""A controller that records when its latest control step began and ended: `Ecu.step` itself knows no clock."""
 
 from collections.abc import Callable
 
