@@ -22,7 +22,7 @@ SECONDS: Final = {
 }
 """By marker; the largest counts."""
 UNMARKED: Final = 0.5
-ALLOWANCE: Final = 2.0
+ALLOWANCE: Final = 3.0
 """A test fails at this multiple of its budget: machines differ, and neighbours on a core cost time too."""
 MOST_TESTS: Final = 6000
 SHOWN: Final = 10

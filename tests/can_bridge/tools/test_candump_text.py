@@ -3,6 +3,7 @@
 from contextlib import suppress
 
 import can
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,6 +21,7 @@ def by_python_can(text, tmp_path_factory) -> can.Message:
     return message
 
 
+@pytest.mark.slow  # many lines
 @given(
     identifier=st.integers(0, 0x7FF).map("{:03X}".format) | st.integers(0, 0x1FFFFFFF).map("{:08x}".format),
     rest=st.binary(max_size=8).map(lambda data: f"#{data.hex()}")

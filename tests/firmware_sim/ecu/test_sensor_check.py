@@ -190,6 +190,7 @@ def test_noise_on_all_sensors_is_borne(seed: int, level: float) -> None:
         assert (drive.state.set_aside, drive.fault) == (None, None)
 
 
+@pytest.mark.slow  # long runs
 @given(st.lists(st.booleans(), min_size=200, max_size=200))
 @examples(10)
 def test_lost_frames_are_no_lies(heard: list[bool]) -> None:

@@ -60,6 +60,7 @@ def test_the_new_one_has_the_same_controller_and_says_where_it_comes_from(cli, o
             assert getattr(found.manifest, name) == before[name]
 
 
+@pytest.mark.slow  # fits an estimator
 def test_a_sensor_estimator_is_kept_or_fitted_anew(cli, old, keys, tmp_path):
     assert renew(cli, old, keys, tmp_path).code == 0
     kept = bundle.load(tmp_path / "new")

@@ -23,6 +23,7 @@ QUICK = ["--lead-in", 1.2, "--controlled", 1.0, "--no-averages"]
 """Long enough for a window of four rows."""
 
 
+@pytest.mark.slow  # many calls
 def test_what_cannot_be_run_is_one_line(refused, tmp_path, short_release):
     for arguments, named in (
         # Numbers that are none, and spans too short for averages.

@@ -44,6 +44,7 @@ def test_what_cannot_be_is_one_line(refused) -> None:
         assert named in refused("vehicle", "--periods", "3", *arguments), arguments
 
 
+@pytest.mark.slow  # waits for an ECU
 def test_without_an_ecu_the_status_says_so_and_the_figures_are_written(cli, tmp_path: Path) -> None:
     outcome = cli("vehicle", *VIRTUAL, *ORDINARY, "--periods", "5", "--json", tmp_path / "f.json")
     assert outcome.code == 3
