@@ -37,9 +37,9 @@ def test_the_first_page_leads_to_all_parts(browser):
 
 def test_search_finds_a_word_without_a_server(browser):
     found = _open(browser, "search.html?q=freshness")
-    # Hits appear one after the other; the one that is asked for last is lower in the list.
-    found.page.wait_for_selector("#search-results li a:text-is('can_bridge.secoc.freshness_store')")
-    found.page.wait_for_selector("#search-results li a:text-matches('^Protection')")
+    # Hits appear one after the other.
+    for title in ("Protection", "can_bridge.secoc.freshness_store"):
+        found.page.locator("#search-results li a", has_text=title).first.wait_for()
     hits = found.page.locator("#search-results li a").all_inner_texts()
     (prose,) = (number for number, hit in enumerate(hits) if hit.startswith("Protection"))
     assert prose < hits.index("can_bridge.secoc.freshness_store")
