@@ -10,6 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import pytest
 import typer
 
 import benchmarks.__main__ as door
@@ -87,6 +88,7 @@ def test_named_modules_and_what_they_define_exist():
             assert not parts, f"{_id(page)}: no {name}"
 
 
+@pytest.mark.slow  # builds every command
 def test_named_commands_exist():
     targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
     for page in NOW:
