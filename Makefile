@@ -16,7 +16,7 @@ check fast test everything: export OMP_NUM_THREADS := 1
 
 # The loop of the day: what is fast of `test`.
 check: $(VENV)/dev.stamp
-	$(BIN)/python tests/measured.py --wall-s 60 $(MAKE) --no-print-directory fast
+	$(BIN)/python tests/measured.py --wall-s 150 $(MAKE) --no-print-directory fast
 
 fast: lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile --budget --hypothesis-profile=fast \
