@@ -8,6 +8,10 @@ PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint const
 .PHONY: demo check fast test everything lint coverage pristine packages c retrain release full openfoam tables generated docs \
 	pictures clean
 
+# Python keeps what it compiled, also where the environment forbids it: otherwise every process that a test starts would
+# compile the package again, and pytest rewrite every test file in every worker.
+unexport PYTHONDONTWRITEBYTECODE
+
 demo: $(VENV)/run.stamp
 	$(BIN)/stillwake run runs/demo --overwrite
 
