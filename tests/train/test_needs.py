@@ -19,7 +19,7 @@ from train.samples.scaling import fit_scaling
 
 
 @pytest.fixture
-def config(small_config: Config) -> Config:
+def config(small_config) -> Config:
     return replace(small_config, train=replace(small_config.train, epochs=0.01))
 
 
@@ -29,7 +29,7 @@ def rows_of(make_episode, steps: int) -> Rows:
     return prepare([short], fit_scaling([whole]), mirrored=False)
 
 
-def test_the_joint_fit(make_episode, config: Config) -> None:
+def test_the_joint_fit(make_episode, config):
     for finish in (0.0, 0.01):
         config = replace(config, train=replace(config.train, finish=FinishConfig(epochs=finish)))
         need = needs.fitting_need(config)
@@ -38,7 +38,7 @@ def test_the_joint_fit(make_episode, config: Config) -> None:
             fit_joint(rows_of(make_episode, need.steps - 1), config)
 
 
-def test_the_stream(make_episode, config: Config) -> None:
+def test_the_stream(make_episode, config):
     config = replace(config, train=replace(config.train, stream_epochs=0.01))
     need = needs.fitting_need(config)
     assert need.steps == 12 - 1 + 64
@@ -53,7 +53,7 @@ def test_the_stream(make_episode, config: Config) -> None:
         fit(need.steps - 1)
 
 
-def test_the_judging(make_episode, config: Config) -> None:
+def test_the_judging(make_episode, config):
     need = needs.judging_need(config)
     model = WakeModel(90, config.model).eval()
     # One step more, because a single roll-out has no deviation to compare with.
@@ -63,7 +63,7 @@ def test_the_judging(make_episode, config: Config) -> None:
         evaluate(model.encoder, model, rows_of(make_episode, need.steps - 1))
 
 
-def test_the_windows_of_an_episode(make_episode, config: Config) -> None:
+def test_the_windows_of_an_episode(make_episode, config):
     model = WakeModel(90, config.model).eval()
     for steps in (5, 11, 12, 40):
         latents = encode_all(model.encoder, rows_of(make_episode, steps))

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -68,12 +67,12 @@ def recording() -> Dataset:
 
 
 @pytest.fixture(scope="module")
-def rows(recording: Dataset) -> Rows:
+def rows(recording) -> Rows:
     episodes = recording.with_role("train")
     return prepare(episodes, fit_scaling(episodes, LAYOUT), mirrored=False, layout=LAYOUT)
 
 
-def test_without_mirror_images_scaling_is_that_of_the_recording_alone(recording: Dataset, rows: Rows) -> None:
+def test_without_mirror_images_scaling_is_that_of_the_recording_alone(recording, rows):
     assert rows.inputs.shape == (870, 8)
     assert rows.names == ("sweep", "calm", "blink")
     for values in (rows.inputs[:, :7], rows.forces):
@@ -85,14 +84,14 @@ def test_without_mirror_images_scaling_is_that_of_the_recording_alone(recording:
         prepare(recording.episodes, fit_scaling(recording.episodes, LAYOUT), mirrored=True, layout=LAYOUT)
 
 
-def test_every_method_but_hand_chooses_among_the_seven(rows: Rows) -> None:
+def test_every_method_but_hand_chooses_among_the_seven(rows):
     encoder = WakeModel(7, CONFIG.model).encoder
     for method in METHODS:
         if method != "hand":
             assert set(select(method, encoder, rows, 7, settings=CONFIG.train)) == set(NAMES), method
 
 
-def test_by_hand_is_refused_by_name_where_the_places_do_not_allow_it() -> None:
+def test_by_hand_is_refused_by_name_where_the_places_do_not_allow_it():
     with pytest.raises(ConfigError, match="'hand': these sensors have no mirror images"):
         select_by_hand(2, LAYOUT)
     flat = SensorLayout.of(("up", "down"), np.array([[1.0, 0.5], [1.0, -0.5]]))
@@ -100,7 +99,7 @@ def test_by_hand_is_refused_by_name_where_the_places_do_not_allow_it() -> None:
         select_by_hand(2, flat)
 
 
-def test_by_hand_goes_outward_from_the_rear_corners_of_any_symmetric_body() -> None:
+def test_by_hand_goes_outward_from_the_rear_corners_of_any_symmetric_body():
     names = ("nose", "roof", "floor", "top", "centre", "bottom")
     places = np.array([[0.0, 0.0], [0.8, 0.3], [0.8, -0.3], [1.0, 0.2], [1.0, 0.0], [1.0, -0.2]])
     layout = SensorLayout.of(names, places, base=(3, 4, 5))
@@ -112,7 +111,7 @@ def never(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> No
     raise AssertionError("training started")
 
 
-def test_what_cannot_be_is_refused_before_training(recording: Dataset, tmp_path: Path) -> None:
+def test_what_cannot_be_is_refused_before_training(recording, tmp_path):
     first, *others = recording.episodes
     s = first.series
     for flow, changed, message in (
@@ -130,7 +129,7 @@ def test_what_cannot_be_is_refused_before_training(recording: Dataset, tmp_path:
 
 
 @pytest.mark.slow  # a whole training
-def test_a_model_of_it_predicts_its_forces_and_keeps_its_layout(recording: Dataset, tmp_path: Path) -> None:
+def test_a_model_of_it_predicts_its_forces_and_keeps_its_layout(recording, tmp_path):
     dataset.write(tmp_path / "my.h5", recording)
     lines: list[str] = []
     trained = train_all(tmp_path / "my.h5", CONFIG, tmp_path / "model", notice=lines.append)

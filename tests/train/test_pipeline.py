@@ -27,14 +27,14 @@ pytestmark = pytest.mark.slow  # whole trainings
 
 
 @pytest.fixture(scope="module")
-def recording(small_recording: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(small_recording, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("recording") / "recording.h5"
     dataset.write(path, small_recording)
     return path
 
 
 @pytest.fixture(scope="module")
-def trained_once(recording: Path, small_config: Config, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def trained_once(recording, small_config, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("trained") / "model"
     train_all(recording, small_config, path)
     assert [item.name for item in path.parent.iterdir()] == ["model"], "checkpoints are left"
@@ -42,12 +42,12 @@ def trained_once(recording: Path, small_config: Config, tmp_path_factory: pytest
 
 
 @pytest.fixture
-def stored(trained_once: Path, tmp_path: Path) -> Path:
+def stored(trained_once, tmp_path) -> Path:
     """A copy that a test may change."""
     return Path(shutil.copytree(trained_once, tmp_path / "model"))
 
 
-def test_the_stored_model_is_the_trained_one(stored: Path, recording: Path, small_config: Config) -> None:
+def test_the_stored_model_is_the_trained_one(stored, recording, small_config):
     assert sorted(item.name for item in stored.iterdir()) == ["model.json", "model.safetensors"]
     model = model_store.load(stored)
     assert model.config == small_config
@@ -64,9 +64,7 @@ def test_the_stored_model_is_the_trained_one(stored: Path, recording: Path, smal
     assert encode_all(model.slim, slim_rows).shape == (200, 8)
 
 
-def test_an_interrupted_run_goes_on_to_the_same_model(
-    stored: Path, recording: Path, small_config: Config, tmp_path: Path
-) -> None:
+def test_an_interrupted_run_goes_on_to_the_same_model(stored, recording, small_config, tmp_path):
     output = tmp_path / "resumed"
     for reached in ("rank", "distil"):
 
@@ -83,9 +81,7 @@ def test_an_interrupted_run_goes_on_to_the_same_model(
     assert (output / "model.safetensors").read_bytes() == (stored / "model.safetensors").read_bytes()
 
 
-def test_another_method_s_choice_is_stored_and_survives_an_interruption(
-    recording: Path, small_config: Config, tmp_path: Path
-) -> None:
+def test_another_method_s_choice_is_stored_and_survives_an_interruption(recording, small_config, tmp_path):
     config = replace(small_config, train=replace(small_config.train, selection="greedy", shap_explained=5000))
     phases: list[str] = []
     whole = train_all(recording, config, tmp_path / "whole", progress=lambda *args: phases.append(args[0]))
@@ -106,9 +102,7 @@ def test_another_method_s_choice_is_stored_and_survives_an_interruption(
     assert (resumed / "model.safetensors").read_bytes() == (tmp_path / "whole" / "model.safetensors").read_bytes()
 
 
-def test_what_cannot_be_trained_is_refused_before_training(
-    recording: Path, small_recording: Dataset, small_config: Config, tmp_path: Path
-) -> None:
+def test_what_cannot_be_trained_is_refused_before_training(recording, small_recording, small_config, tmp_path):
     def never(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
         raise AssertionError("training started")
 
@@ -142,9 +136,7 @@ def test_what_cannot_be_trained_is_refused_before_training(
         refused(DatasetError, message, broken, small_config)
 
 
-def test_slim_dynamics_and_decoder_are_distilled_stored_and_judged(
-    stored: Path, recording: Path, small_config: Config, tmp_path: Path
-) -> None:
+def test_slim_dynamics_and_decoder_are_distilled_stored_and_judged(stored, recording, small_config, tmp_path):
     narrow = replace(small_config.model, slim_dynamics_width=24, slim_decoder_width=16)
     config = replace(
         small_config, model=narrow, train=replace(small_config.train, predictor_epochs=0.1, predictor_lessons=512)
@@ -164,7 +156,7 @@ def test_slim_dynamics_and_decoder_are_distilled_stored_and_judged(
     assert again == model.metrics.deployed
 
 
-def test_an_altered_or_incomplete_model_is_refused(stored: Path) -> None:
+def test_an_altered_or_incomplete_model_is_refused(stored):
     weights, text = (stored / "model.safetensors").read_bytes(), (stored / "model.json").read_text()
 
     def refused(message: str) -> None:

@@ -28,7 +28,7 @@ def episode(name: str, role: Role, steps: int, *, constant: bool = False) -> Epi
 
 
 @pytest.mark.slow  # some hundred batches
-def test_sensors_that_follow_one_motion_are_known_by_each_other() -> None:
+def test_sensors_that_follow_one_motion_are_known_by_each_other():
     recording = Dataset(episodes=(episode("a", "train", 600), episode("test", "test", 400)))
     done: list[tuple[int, int]] = []
     fitted = fit_estimator(recording, CHOSEN, WINDOW, epochs=300, progress=lambda *at: done.append(at))
@@ -40,7 +40,7 @@ def test_sensors_that_follow_one_motion_are_known_by_each_other() -> None:
 
 
 @pytest.mark.slow  # two fits
-def test_the_same_recording_and_seed_give_the_same_network() -> None:
+def test_the_same_recording_and_seed_give_the_same_network():
     recording = Dataset(episodes=(episode("a", "train", 100),))
     first, again = (fit_estimator(recording, CHOSEN, WINDOW, epochs=20) for _ in range(2))
     assert first.judged_on == ("train",)
@@ -48,7 +48,7 @@ def test_the_same_recording_and_seed_give_the_same_network() -> None:
         np.testing.assert_array_equal(mine[0], its[0])
 
 
-def test_a_recording_that_does_not_do_is_refused() -> None:
+def test_a_recording_that_does_not_do_is_refused():
     for recording, sensors, error, named in (
         (Dataset(episodes=(episode("a", "train", 60),)), ("upper_39", "nose"), ConfigError, "nose"),
         (Dataset(episodes=(episode("a", "train", 8),)), CHOSEN, DatasetError, "longer than the window of 8"),

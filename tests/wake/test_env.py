@@ -30,7 +30,7 @@ def action(value: float) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_gymnasiums_own_checker_is_content() -> None:
+def test_gymnasiums_own_checker_is_content():
     made = gymnasium.make("stillwake/TruckWake-v0", sensor_names=WATCHED, max_phase_steps=1)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -39,7 +39,7 @@ def test_gymnasiums_own_checker_is_content() -> None:
     assert all("infinity. This is probably too" in str(warning.message) for warning in caught)
 
 
-def test_one_step_is_one_control_period_of_the_plant(env: TruckWakeEnv, wake: TruckWake) -> None:
+def test_one_step_is_one_control_period_of_the_plant(env, wake):
     observation, info = env.reset(options={"phase_steps": 0})
     assert observation.shape == (2,) and observation.dtype == np.float32
     for value in (0.05, -0.02):
@@ -56,7 +56,7 @@ def test_one_step_is_one_control_period_of_the_plant(env: TruckWakeEnv, wake: Tr
         assert parts == pytest.approx(info["Cd_slot"])
 
 
-def test_truncation_comes_at_the_last_step_and_stays(env: TruckWakeEnv) -> None:
+def test_truncation_comes_at_the_last_step_and_stays(env):
     env.reset(seed=1)
     ends = [env.step(action(0.0))[2:4] for _ in range(4)]
     assert ends == [(False, False), (False, False), (False, True), (False, True)]
@@ -64,7 +64,7 @@ def test_truncation_comes_at_the_last_step_and_stays(env: TruckWakeEnv) -> None:
     assert env.step(action(0.0))[3] is False
 
 
-def test_what_lies_beyond_the_bound_is_clipped_and_counted(env: TruckWakeEnv) -> None:
+def test_what_lies_beyond_the_bound_is_clipped_and_counted(env):
     _, info = env.reset(seed=1)
     seen = [(info["clipped"], info["clipped_count"], info["action"])]
     for value in (0.2, 0.0, -3.0, float(np.float32(0.075))):
@@ -74,7 +74,7 @@ def test_what_lies_beyond_the_bound_is_clipped_and_counted(env: TruckWakeEnv) ->
     assert env.reset(seed=1)[1]["clipped_count"] == 0
 
 
-def test_an_action_that_is_not_finite_is_refused_by_its_value(env: TruckWakeEnv) -> None:
+def test_an_action_that_is_not_finite_is_refused_by_its_value(env):
     for value in [float("nan"), float("inf"), -float("inf")]:
         env.reset(seed=1)
         with pytest.raises(PlantError, match=f"action {value}: must be finite"):
@@ -83,13 +83,13 @@ def test_an_action_that_is_not_finite_is_refused_by_its_value(env: TruckWakeEnv)
         assert env.step(action(0.0))[4]["clipped_count"] == 0
 
 
-def test_an_action_of_another_shape_is_refused(env: TruckWakeEnv) -> None:
+def test_an_action_of_another_shape_is_refused(env):
     env.reset(seed=1)
     with pytest.raises(PlantError, match=r"shape \(2,\): must be one value"):
         env.step(np.zeros(2, dtype=np.float32))
 
 
-def test_seeds_choose_the_phase_and_phases_are_the_uncontrolled_wake(env: TruckWakeEnv, wake: TruckWake) -> None:
+def test_seeds_choose_the_phase_and_phases_are_the_uncontrolled_wake(env, wake):
     starts = [env.reset(seed=seed) for seed in range(12)]
     samples = [wake.sample(), *(wake.advance(0.0) for _ in range(3))]
     seen = {round(info["t"] / 0.2) for _, info in starts}
@@ -101,14 +101,14 @@ def test_seeds_choose_the_phase_and_phases_are_the_uncontrolled_wake(env: TruckW
     assert len({env.reset()[1]["t"] for _ in range(12)}) > 1
 
 
-def test_options_choose_the_start(env: TruckWakeEnv, wake: TruckWake) -> None:
+def test_options_choose_the_start(env, wake):
     assert env.reset(options={"phase_steps": 2})[1]["t"] == pytest.approx(0.4)
     sample = wake.advance(0.06)
     _, info = env.reset(options={"start": wake.state()})
     assert (info["Cd"], info["action"]) == (sample.Cd, 0.06)
 
 
-def test_options_that_do_not_fit_are_refused(env: TruckWakeEnv) -> None:
+def test_options_that_do_not_fit_are_refused(env):
     cases: list[tuple[dict[str, Any], str]] = [
         ({"phase": 1}, r"reset options \['phase'\]: must be one of 'start' and 'phase_steps'"),
         ({"phase_steps": 1, "start": None}, "must be one of"),
@@ -122,13 +122,13 @@ def test_options_that_do_not_fit_are_refused(env: TruckWakeEnv) -> None:
             env.reset(options=options)
 
 
-def test_a_start_inside_a_period_is_refused(env: TruckWakeEnv) -> None:
+def test_a_start_inside_a_period_is_refused(env):
     start = dataclasses.replace(developed_state(), substep=11)
     with pytest.raises(PlantError, match="11 substeps inside a control period"):
         env.reset(options={"start": start})
 
 
-def test_settings_that_do_not_fit_are_refused() -> None:
+def test_settings_that_do_not_fit_are_refused():
     cases: list[tuple[dict[str, Any], str]] = [
         ({"sensor_names": ("left_front",)}, "left_front"),
         (
@@ -146,7 +146,7 @@ def test_settings_that_do_not_fit_are_refused() -> None:
             TruckWakeEnv(**settings)
 
 
-def test_nothing_works_before_the_first_reset() -> None:
+def test_nothing_works_before_the_first_reset():
     env = TruckWakeEnv(render_mode="rgb_array")
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(action(0.0))
@@ -154,7 +154,7 @@ def test_nothing_works_before_the_first_reset() -> None:
         env.render()
 
 
-def test_frames_have_one_size_and_follow_the_flow(env: TruckWakeEnv) -> None:
+def test_frames_have_one_size_and_follow_the_flow(env):
     env.reset(seed=1)
     first = env.render()
     env.step(action(0.075))
@@ -166,7 +166,7 @@ def test_frames_have_one_size_and_follow_the_flow(env: TruckWakeEnv) -> None:
 
 @pytest.mark.parametrize("mode", ["sync", "async"])
 @pytest.mark.slow
-def test_a_vector_of_environments_is_each_of_them(env: TruckWakeEnv, mode: str) -> None:
+def test_a_vector_of_environments_is_each_of_them(env, mode):
     several = gymnasium.make_vec(
         "stillwake/TruckWake-v0", num_envs=2, vectorization_mode=mode, sensor_names=WATCHED, episode_steps=1
     )
@@ -183,7 +183,7 @@ def test_a_vector_of_environments_is_each_of_them(env: TruckWakeEnv, mode: str) 
     assert truncated.tolist() == [True, True]
 
 
-def test_another_body_shows_its_own_sensors_and_needs_its_own_start(square_start: State) -> None:
+def test_another_body_shows_its_own_sensors_and_needs_its_own_start(square_start):
     body = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=3, sensors_on_base=2)
     config = FlowConfig(reynolds=150.0)
     env = TruckWakeEnv(config=config, body=body, start=square_start, max_phase_steps=0)

@@ -12,13 +12,13 @@ from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, JET_WIDTH, WAKE_PROBE
 
 
-def test_the_defaults_are_the_papers_truck() -> None:
+def test_the_defaults_are_the_papers_truck():
     assert (TRUCK_BODY.length, TRUCK_BODY.leading_edge_radius) == (7.647, 0.118)
     assert layout_of(BodyConfig()) is sensors.TRUCK
     assert TRUCK_BODY.wake_probe == WAKE_PROBE == (10.0, 0.0)
 
 
-def test_the_rule_gives_the_papers_table_but_for_its_misprint() -> None:
+def test_the_rule_gives_the_papers_table_but_for_its_misprint():
     """With another length the rule decides. The paper's table has 0.204555 once, for 0.204545."""
     near = layout_of(BodyConfig(length=7.648))
     assert near.names == sensors.NAMES
@@ -26,15 +26,8 @@ def test_the_rule_gives_the_papers_table_but_for_its_misprint() -> None:
     assert np.abs(near.positions[:80] - sensors.positions()[:80]).max() < 1.1e-3
 
 
-@given(
-    length=st.floats(0.5, 15.0),
-    radius=st.floats(0.0, 0.5),
-    sides=st.integers(1, 120),
-    on_base=st.integers(1, 20),
-)
-def test_sensors_lie_on_sides_and_base_clear_of_edge_and_slots(
-    length: float, radius: float, sides: int, on_base: int
-) -> None:
+@given(length=st.floats(0.5, 15.0), radius=st.floats(0.0, 0.5), sides=st.integers(1, 120), on_base=st.integers(1, 20))
+def test_sensors_lie_on_sides_and_base_clear_of_edge_and_slots(length, radius, sides, on_base):
     assume(radius <= 0.5 * length)
     body = BodyConfig(length=length, leading_edge_radius=radius, sensors_per_side=sides, sensors_on_base=on_base)
     layout = layout_of(body)
@@ -49,7 +42,7 @@ def test_sensors_lie_on_sides_and_base_clear_of_edge_and_slots(
     assert (np.diff(x[:sides]) >= 0).all() and (np.diff(y[base]) < 0).all()
 
 
-def test_the_mirror_image_of_the_upper_side_is_the_lower() -> None:
+def test_the_mirror_image_of_the_upper_side_is_the_lower():
     for count in (1, 2, 5, 10):
         body = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=count, sensors_on_base=count)
         layout = layout_of(body)
@@ -59,6 +52,6 @@ def test_the_mirror_image_of_the_upper_side_is_the_lower() -> None:
         assert layout.mirror[upper] == lower
 
 
-def test_the_nose_must_fit_into_the_body() -> None:
+def test_the_nose_must_fit_into_the_body():
     with pytest.raises(ConfigError, match=r"leading_edge_radius = 0\.4: must be at most half the length"):
         BodyConfig(length=0.6, leading_edge_radius=0.4)

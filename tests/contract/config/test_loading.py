@@ -158,7 +158,7 @@ def test_a_file_from_windows_is_read(tmp_path):
     assert load_config(tmp_path / "mine.toml").mpc.horizon == 9
 
 
-def test_the_quick_training_differs_from_the_release_in_training_alone() -> None:
+def test_the_quick_training_differs_from_the_release_in_training_alone():
     fast, usual = quick(), load_config()
     assert fast.train != usual.train
     assert replace(fast, train=usual.train) == usual

@@ -91,16 +91,7 @@ def test_any_name_is_read_as_it_was_written(text):
 
 
 def test_a_size_that_is_none_is_named():
-    for value in (
-        "-1",
-        "1.5",
-        "x",
-        "0x10",
-        "9" * 10,
-        "9" * 5000,
-        '"3"x',
-        "\x1b[2J",
-    ):
+    for value in ("-1", "1.5", "x", "0x10", "9" * 10, "9" * 5000, '"3"x', "\x1b[2J"):
         settings = Settings(f"#define SW_WINDOW {value}\n".encode())
         with pytest.raises(LibraryError, match=r"SW_WINDOW is .*: must be a whole number") as refused:
             settings.number("SW_WINDOW")

@@ -7,22 +7,18 @@ import numpy as np
 from contract.controller.estimator import EstimatorNetwork, Hypotheses, View, estimator_shapes, pairs, views
 
 
-def test_views_are_one_or_two_left_out_and_every_exchange_with_one_left_out() -> None:
-    for sensors, count in (
-        (2, 2 + 1 + 2),
-        (3, 3 + 3 + 9),
-        (4, 4 + 6 + 24),
-    ):
+def test_views_are_one_or_two_left_out_and_every_exchange_with_one_left_out():
+    for sensors, count in ((2, 2 + 1 + 2), (3, 3 + 3 + 9), (4, 4 + 6 + 24)):
         found = views(sensors)
         assert len(found) == len(set(found)) == count
         assert estimator_shapes(7, sensors) == {"window": (7, sensors + 1), "estimates": (count, sensors)}
 
 
-def test_an_exchange_moves_the_readings_and_leaves_the_action() -> None:
+def test_an_exchange_moves_the_readings_and_leaves_the_action():
     assert View((0,), (1, 3)).order(4) == [0, 3, 2, 1, 4]
 
 
-def test_residuals_of_three_sensors_are_those_worked_out_by_hand() -> None:
+def test_residuals_of_three_sensors_are_those_worked_out_by_hand():
     estimates = np.arange(15.0 * 3).reshape(15, 3)
     # Rows of `views(3)`: 0 1 2 leave out one; 3 4 5 leave out 01 02 12; then exchanged 01, 02, 12, three rows each.
     residuals = Hypotheses.of(3).residuals(np.array([100.0, 200.0, 300.0]), estimates)
@@ -45,7 +41,7 @@ def random_network(window: int = 5, sensors: int = 4, width: int = 9) -> Estimat
     return EstimatorNetwork(window=window, mean=mean, std=rng.uniform(0.5, 2.0, sensors + 1), layers=layers)
 
 
-def test_an_estimate_is_never_built_on_what_its_view_leaves_out() -> None:
+def test_an_estimate_is_never_built_on_what_its_view_leaves_out():
     network, rng = random_network(), np.random.default_rng(2)
     window = rng.normal(size=(5, 5))
     for row, view in enumerate(views(4)):
@@ -56,7 +52,7 @@ def test_an_estimate_is_never_built_on_what_its_view_leaves_out() -> None:
         np.testing.assert_array_equal(before, after)
 
 
-def test_an_exchanged_view_of_exchanged_readings_is_the_plain_view() -> None:
+def test_an_exchanged_view_of_exchanged_readings_is_the_plain_view():
     network, window = random_network(), np.random.default_rng(3).normal(size=(5, 5))
     place = {view: row for row, view in enumerate(views(4))}
     plain = network.estimates(window)

@@ -144,10 +144,7 @@ def test_altered_weights_are_refused(folder):
 
 
 def test_a_missing_file_is_named(folder):
-    for name in (
-        WEIGHTS,
-        DESCRIPTION,
-    ):
+    for name in (WEIGHTS, DESCRIPTION):
         (folder / name).unlink()
         with pytest.raises(ModelError, match=f"{name} cannot be read"):
             model_folder.read(folder)

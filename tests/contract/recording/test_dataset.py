@@ -52,12 +52,7 @@ def test_round_trip_keeps_order_and_all_but_half_a_quantum(tmp_path, written):
 
 
 def test_a_series_that_reaches_far_is_kept_more_coarsely_but_whole(tmp_path):
-    for field, peak in (
-        ("Cp", 4.1),
-        ("Cd", 2.3),
-        ("Cl", -127.0),
-        ("jet_power", 1.0),
-    ):
+    for field, peak in (("Cp", 4.1), ("Cd", 2.3), ("Cl", -127.0), ("jet_power", 1.0)):
         series = dict(episode().series)
         series[field] = series[field].copy()
         series[field].flat[5] = peak

@@ -167,10 +167,7 @@ def test_a_sensor_without_a_partner_is_named(sound):
 
 
 def test_a_missing_role_is_named(sound):
-    for role, index in (
-        ("train", slice(2, 3)),
-        ("test", slice(0, 2)),
-    ):
+    for role, index in (("train", slice(2, 3)), ("test", slice(0, 2))):
         assert texts(replace(sound, episodes=sound.episodes[index]))[0].startswith(
             f"dataset has no episode with role '{role}'"
         )

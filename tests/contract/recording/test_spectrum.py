@@ -9,11 +9,7 @@ PERIOD = 0.25
 
 
 def test_a_frequency_between_the_lines_of_the_spectrum_is_found():
-    for cycle in (
-        7.3,
-        25.0,
-        60.0,
-    ):
+    for cycle in (7.3, 25.0, 60.0):
         values = 3.0 + np.sin(2 * np.pi * np.arange(500) / cycle + 1.0)
         # An eighth of 1 / duration.
         assert dominant_frequency(values, PERIOD) == pytest.approx(1 / (cycle * PERIOD), abs=1 / (8 * 500 * PERIOD))

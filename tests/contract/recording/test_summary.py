@@ -20,11 +20,7 @@ def wave(name: str, steps: int, cycle: float, amplitude: float) -> Episode:
     phase = 2 * np.pi * np.arange(steps) / cycle
     series = {"t": t, "action": amplitude * np.sin(phase), "Cd": np.full(steps, 1.25), "Cl": 0.5 + 2 * np.cos(phase)}
     return Episode(
-        name=name,
-        role="train",
-        series={**series, "Cp": np.zeros((steps, 2))},
-        initial_action=0.0,
-        provenance={},
+        name=name, role="train", series={**series, "Cp": np.zeros((steps, 2))}, initial_action=0.0, provenance={}
     )
 
 

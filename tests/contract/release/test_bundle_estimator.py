@@ -21,7 +21,7 @@ def shipped() -> Bundle:
     return bundle.load(BUNDLE)
 
 
-def test_the_shipped_bundle_has_one_and_shows_its_check(shipped: Bundle) -> None:
+def test_the_shipped_bundle_has_one_and_shows_its_check(shipped):
     assert shipped.manifest.sensor_estimator is not None
     checks = {item.name: item for item in bundle.examine(BUNDLE)}
     assert checks[ESTIMATOR].error is None
@@ -29,7 +29,7 @@ def test_the_shipped_bundle_has_one_and_shows_its_check(shipped: Bundle) -> None
     assert [check.error for check in checks.values()] == [None] * 9
 
 
-def test_a_bundle_without_one_loads_and_is_not_asked_for_it(shipped: Bundle, tmp_path: Path) -> None:
+def test_a_bundle_without_one_loads_and_is_not_asked_for_it(shipped, tmp_path):
     contents = {CONTROLLER: shipped.files[CONTROLLER]}
     bundle.write(tmp_path / "bare", replace(shipped.manifest, sensor_estimator=None), contents)
     assert ESTIMATOR not in bundle.load(tmp_path / "bare").files
@@ -45,19 +45,19 @@ def refused(path: Path) -> BundleError:
     return said.value
 
 
-def test_a_file_that_the_manifest_says_nothing_of_is_refused(shipped: Bundle, tmp_path: Path) -> None:
+def test_a_file_that_the_manifest_says_nothing_of_is_refused(shipped, tmp_path):
     bundle.write(tmp_path / "b", replace(shipped.manifest, sensor_estimator=None), shipped.files)
     error = refused(tmp_path / "b")
     assert isinstance(error, BundleFileError)
     assert "sensors.onnx: manifest.json does not mention it" in str(error)
 
 
-def test_a_file_that_the_manifest_speaks_of_must_be_there(shipped: Bundle, tmp_path: Path) -> None:
+def test_a_file_that_the_manifest_speaks_of_must_be_there(shipped, tmp_path):
     bundle.write(tmp_path / "b", shipped.manifest, {CONTROLLER: shipped.files[CONTROLLER]})
     assert "sensors.onnx is missing: manifest.json has a sensor_estimator" in str(refused(tmp_path / "b"))
 
 
-def test_renewal_keeps_it_or_puts_another_one_in_its_place(shipped: Bundle, tmp_path: Path) -> None:
+def test_renewal_keeps_it_or_puts_another_one_in_its_place(shipped, tmp_path):
     kept = bundle.renew(BUNDLE, tmp_path / "kept", name="kept", created="2026-01-02", key=KEY)
     assert kept.files[ESTIMATOR] == shipped.files[ESTIMATOR]
     assert kept.manifest.sensor_estimator == shipped.manifest.sensor_estimator

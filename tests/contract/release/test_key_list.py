@@ -17,12 +17,7 @@ TRUSTED = signing.public_key(ROOT)
 KEYS = [PublicKey(bytes([number]) * 32) for number in range(40)]
 LISTED = KeyList(version=3, keys=frozenset(KEYS[:2]), revoked=frozenset(KEYS[2:3]))
 RAW = key_list.encode(LISTED, ROOT)
-BODY = {
-    "schema": "stillwake-keys/1",
-    "version": 3,
-    "keys": ["00" * 32, "01" * 32],
-    "revoked": ["02" * 32],
-}
+BODY = {"schema": "stillwake-keys/1", "version": 3, "keys": ["00" * 32, "01" * 32], "revoked": ["02" * 32]}
 
 
 def signed(text: bytes, key: Ed25519PrivateKey = ROOT) -> bytes:

@@ -43,10 +43,7 @@ def test_the_list_has_all_eight_points():
 
 
 def test_a_signature_by_such_a_key_is_bad():
-    for sign_bit in (
-        0,
-        0x80,
-    ):
+    for sign_bit in (0, 0x80):
         for raw in sorted(signing._SMALL_ORDER):
             key = bytes([*raw[:31], raw[31] | sign_bit])
             # R the neutral point and s = 0 is what passes for any text where the library does not look.

@@ -103,10 +103,7 @@ def test_constants_that_multiply_to_gigabytes_are_not_computed(release):
 
 def test_answers_that_are_not_finite_are_named(release):
     """3e38 is a float32; its square is not."""
-    for bad in (
-        np.nan,
-        3e38,
-    ):
+    for bad in (np.nan, 3e38):
         model = graphs.graph_of(
             [
                 onnx.helper.make_node("Mul", ["bad", "bad"], ["worse"]),

@@ -64,11 +64,7 @@ def test_weights_are_copies_that_cannot_be_written():
 
 
 def test_every_tensor_is_needed_and_checked():
-    for network in (
-        "encoder",
-        "dynamics",
-        "decoder",
-    ):
+    for network in ("encoder", "dynamics", "decoder"):
         for name, tensor in parts()[network].items():
             missing = parts()
             del missing[network][name]

@@ -39,9 +39,6 @@ def test_windows_are_consecutive_and_reach_back_to_the_action_in_force_at_the_st
 
 
 def test_an_episode_that_is_too_short_is_refused():
-    for count in (
-        0,
-        5,
-    ):
+    for count in (0, 5):
         with pytest.raises(ExportError, match="episode chirp: 6 steps"):
             recorded_windows(PROGRAM, episode(6), count)

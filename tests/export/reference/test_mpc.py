@@ -134,8 +134,7 @@ def _mirrored(program: ControllerProgram, swap: np.ndarray) -> ControllerProgram
         encoder=replace(encoder, lstm=lstm),
         dynamics=replace(dynamics, input=replace(dynamics.input, weight=dynamics.input.weight * by_action)),
         decoder=replace(
-            decoder,
-            output=Linear(weight=decoder.output.weight * lift[:, None], bias=decoder.output.bias * lift),
+            decoder, output=Linear(weight=decoder.output.weight * lift[:, None], bias=decoder.output.bias * lift)
         ),
         scaling=scaling,
     )

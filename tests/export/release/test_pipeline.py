@@ -35,7 +35,6 @@ from firmware_sim.in_c.host_library import CController
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train import model_store
-from train.distillation.evaluate import ModelMetrics
 from train.networks.model import Encoder, WakeModel
 from train.samples.scaling import fit_scaling
 from train.selection.choice import GIVEN, SensorChoice
@@ -71,7 +70,7 @@ def recording(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory, recording: Path, metrics: ModelMetrics) -> Path:
+def model(tmp_path_factory, recording, metrics) -> Path:
     """Untrained, but for that as `train` writes it."""
     torch.manual_seed(0)
     path: Path = tmp_path_factory.mktemp("model") / "model"
@@ -98,7 +97,7 @@ Export = Callable[..., Gated]
 
 
 @pytest.fixture
-def export(model: Path, recording: Path, tmp_path: Path) -> Export:
+def export(model, recording, tmp_path) -> Export:
     def run(*, library: bool = False, **changes: Any) -> Gated:
         arguments: dict[str, Any] = {
             "precision": "int8",
@@ -114,7 +113,7 @@ def export(model: Path, recording: Path, tmp_path: Path) -> Export:
     return run
 
 
-def test_a_bundle_of_another_plant_runs_on_that_plant_and_on_no_other(export: Export, tmp_path: Path) -> None:
+def test_a_bundle_of_another_plant_runs_on_that_plant_and_on_no_other(export, tmp_path):
     lines: list[str] = []
     export(library=True, named=False, notice=lines.append)
     assert lines == []
@@ -136,7 +135,7 @@ def test_a_bundle_of_another_plant_runs_on_that_plant_and_on_no_other(export: Ex
         BundlePolicy(read, OnnxController.of(read))
 
 
-def test_calibration_leaves_out_what_is_too_short_and_takes_what_there_is() -> None:
+def test_calibration_leaves_out_what_is_too_short_and_takes_what_there_is():
     program = random_program(0, model=MODEL, mpc=CONFIG.mpc, sensors=CHOSEN)
     windows = pipeline.calibration_windows(program, EPISODES[:2], LAYOUT)
     assert len(windows) == 200 - (MODEL.window - 1)
@@ -144,7 +143,7 @@ def test_calibration_leaves_out_what_is_too_short_and_takes_what_there_is() -> N
         pipeline.calibration_windows(program, EPISODES[1:2], LAYOUT)
 
 
-def test_gates_replay_the_first_test_episode_that_is_long_enough() -> None:
+def test_gates_replay_the_first_test_episode_that_is_long_enough():
     program = random_program(0, model=MODEL, mpc=CONFIG.mpc, sensors=CHOSEN)
     one, two = pipeline.gate_windows(program, EPISODES[1:], LAYOUT)[-1], EPISODES[2].series["Cp"][-1]
     np.testing.assert_array_equal(one[-1, :-1], two[LAYOUT.indices(CHOSEN)])
@@ -159,7 +158,7 @@ def other_recording(folder: Path, layout: SensorLayout) -> Path:
     return path
 
 
-def test_another_recording_is_taken_if_it_is_named_and_said(export: Export, tmp_path: Path) -> None:
+def test_another_recording_is_taken_if_it_is_named_and_said(export, tmp_path):
     other = other_recording(tmp_path, LAYOUT)
     lines: list[str] = []
     with pytest.raises(ExportError, match=r"other\.h5 .* is not the recording that the model .* with --dataset"):
@@ -171,7 +170,7 @@ def test_another_recording_is_taken_if_it_is_named_and_said(export: Export, tmp_
     assert "is not the recording that the model was fitted to" in line
 
 
-def test_a_recording_of_other_sensors_is_refused(export: Export, tmp_path: Path) -> None:
+def test_a_recording_of_other_sensors_is_refused(export, tmp_path):
     places = np.array(POSITIONS)
     places[2, 0] = 0.72
     moved = SensorLayout.of(NAMES, places, base=LAYOUT.base.tolist(), symmetric=False)
@@ -179,7 +178,7 @@ def test_a_recording_of_other_sensors_is_refused(export: Export, tmp_path: Path)
         export(recording=other_recording(tmp_path, moved))
 
 
-def test_settings_that_do_not_fit_are_refused_before_the_work(export: Export, tmp_path: Path) -> None:
+def test_settings_that_do_not_fit_are_refused_before_the_work(export, tmp_path):
     # A rig of 0.1 m at 20 m/s: a period of 0.3 t_c is 1.5 ms.
     rig = replace(CONFIG, operating_point=OperatingPoint(width=0.1, speed=20.0, density=1.2))
     changes: tuple[tuple[dict[str, Any], str], ...] = (
@@ -196,7 +195,7 @@ def test_settings_that_do_not_fit_are_refused_before_the_work(export: Export, tm
     assert list(tmp_path.iterdir()) == []
 
 
-def test_bundle_and_library_are_of_one_program(export: Export, tmp_path: Path) -> None:
+def test_bundle_and_library_are_of_one_program(export, tmp_path):
     for precision in ("float32", "int8"):
         begun: list[str] = []
         gated = export(library=True, precision=precision, phase=begun.append)
@@ -210,7 +209,7 @@ def test_bundle_and_library_are_of_one_program(export: Export, tmp_path: Path) -
         assert tuple(begun) == pipeline.PHASES
 
 
-def test_a_lowering_that_fails_its_gate_keeps_both_from_the_disk(export: Export, tmp_path: Path, monkeypatch) -> None:
+def test_a_lowering_that_fails_its_gate_keeps_both_from_the_disk(export, tmp_path, monkeypatch):
     for broken in ("graph", "library"):
 
         def lower_wrongly(program: Any, *, of: str = broken, **arguments: Any) -> Lowered:
@@ -227,7 +226,7 @@ def test_a_lowering_that_fails_its_gate_keeps_both_from_the_disk(export: Export,
         assert list(tmp_path.iterdir()) == [], broken
 
 
-def test_neither_is_written_where_one_place_holds_something_else(export: Export, tmp_path: Path) -> None:
+def test_neither_is_written_where_one_place_holds_something_else(export, tmp_path):
     for occupied in ("bundle", "c"):
         (tmp_path / occupied).mkdir()
         (tmp_path / occupied / "thesis.txt").write_text("years of work")

@@ -94,10 +94,7 @@ def test_the_same_program_gives_the_same_bytes():
 
 
 def test_values_that_float32_cannot_hold_are_refused():
-    for lowered in (
-        as_it_is,
-        rounded_to_nearest,
-    ):
+    for lowered in (as_it_is, rounded_to_nearest):
         program = random_program(0, model=SMALL)
         hidden = program.dynamics.hidden
         for layer in (

@@ -22,7 +22,7 @@ def built(network: EstimatorNetwork | None = None) -> onnx.ModelProto:
     return build_estimator(rounded_estimator(random_network() if network is None else network))
 
 
-def test_onnx_runtime_and_numpy_estimate_the_same() -> None:
+def test_onnx_runtime_and_numpy_estimate_the_same():
     rounded = rounded_estimator(random_network())
     network = rounded.network
     estimator = OnnxEstimator(build_estimator(rounded).SerializeToString(), SIZES)
@@ -32,7 +32,7 @@ def test_onnx_runtime_and_numpy_estimate_the_same() -> None:
         np.testing.assert_allclose(estimator.estimates(window), network.estimates(window), atol=5e-6)
 
 
-def test_a_graph_of_other_sizes_is_refused() -> None:
+def test_a_graph_of_other_sizes_is_refused():
     content = built().SerializeToString()
     assert check_model(content) == len(onnx.load_from_string(content).graph.node)
     for sizes in (Sizes(window=6, sensors=4, horizon=3), Sizes(window=5, sensors=3, horizon=3)):
@@ -40,20 +40,20 @@ def test_a_graph_of_other_sizes_is_refused() -> None:
             OnnxEstimator(content, sizes)
 
 
-def test_estimates_that_are_not_finite_are_no_estimates() -> None:
+def test_estimates_that_are_not_finite_are_no_estimates():
     estimator = OnnxEstimator(built().SerializeToString(), SIZES)
     with pytest.raises(ControllerError, match="not finite"):
         estimator.estimates(np.full((5, 5), np.nan))
 
 
-def test_numbers_without_a_float32_are_refused() -> None:
+def test_numbers_without_a_float32_are_refused():
     network = random_network()
     network.mean[0] = 1e300
     with pytest.raises(ExportError, match="mean"):
         built(network)
 
 
-def test_readings_out_of_reach_count_as_those_at_its_end() -> None:
+def test_readings_out_of_reach_count_as_those_at_its_end():
     rounded = rounded_estimator(random_network())
     estimator, network = OnnxEstimator(build_estimator(rounded).SerializeToString(), SIZES), rounded.network
     window = np.random.default_rng(0).normal(size=(5, 5))
@@ -64,7 +64,7 @@ def test_readings_out_of_reach_count_as_those_at_its_end() -> None:
     np.testing.assert_allclose(estimator.estimates(beyond)[own], network.estimates(at_the_end)[own], atol=5e-6)
 
 
-def test_what_is_written_is_read_again() -> None:
+def test_what_is_written_is_read_again():
     rounded = rounded_estimator(random_network())
     found = read_estimator(build_estimator(rounded).SerializeToString())
     assert found.network.window == 5
@@ -76,7 +76,7 @@ def test_what_is_written_is_read_again() -> None:
     np.testing.assert_allclose(found.network.estimates(window), rounded.network.estimates(window), atol=1e-6)
 
 
-def test_equal_numbers_of_two_layers_are_read_for_each() -> None:
+def test_equal_numbers_of_two_layers_are_read_for_each():
     network = random_network(width=4)
     (first, _), (second, _), (last, _) = network.layers
     alike = replace(network, layers=[(first, np.zeros(4)), (second, np.zeros(4)), (last, np.zeros(4))])
@@ -84,7 +84,7 @@ def test_equal_numbers_of_two_layers_are_read_for_each() -> None:
     assert [bias.tolist() for _, bias in found.layers] == [[0.0] * 4] * 3
 
 
-def test_a_graph_of_another_make_is_not_read() -> None:
+def test_a_graph_of_another_make_is_not_read():
     model = built()
     for node in model.graph.node:
         if node.op_type == "DequantizeLinear":

@@ -7,8 +7,6 @@ import pytest
 import torch
 
 from contract import sensors
-from contract.config.tree import Config
-from contract.recording.dataset import Dataset
 from train.distillation.distil import distil, encode_all
 from train.distillation.evaluate import latent_error
 from train.fitting.fit import seeded
@@ -17,7 +15,7 @@ from train.samples.rows import prepare
 from train.samples.scaling import fit_scaling
 
 
-def test_encode_all_is_the_encoder_window_by_window(small_recording: Dataset, small_config: Config) -> None:
+def test_encode_all_is_the_encoder_window_by_window(small_recording, small_config):
     episodes = small_recording.with_role("train")
     rows = prepare(episodes, fit_scaling(episodes), mirrored=False)
     encoder = WakeModel(90, small_config.model).encoder
@@ -33,7 +31,7 @@ def test_encode_all_is_the_encoder_window_by_window(small_recording: Dataset, sm
 
 
 @pytest.mark.slow  # trains
-def test_the_student_follows_a_frozen_teacher(small_recording: Dataset, small_config: Config) -> None:
+def test_the_student_follows_a_frozen_teacher(small_recording, small_config):
     episodes = small_recording.with_role("train")
     scaling = fit_scaling(episodes)
     rows = prepare(episodes, scaling, mirrored=True)

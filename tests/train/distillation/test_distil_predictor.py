@@ -14,7 +14,7 @@ from train.networks.model import Predictor
 
 
 @pytest.mark.slow
-def test_the_student_rolls_out_as_the_teacher(fitted, small_config: Config) -> None:
+def test_the_student_rolls_out_as_the_teacher(fitted, small_config):
     teacher, scaling, rows, test = fitted.model, fitted.scaling, fitted.rows, fitted.unseen
     config = replace(
         small_config,
@@ -48,7 +48,7 @@ def test_the_student_rolls_out_as_the_teacher(fitted, small_config: Config) -> N
     assert error(student) < 0.25
 
 
-def test_without_slim_widths_there_is_nothing_to_distil() -> None:
+def test_without_slim_widths_there_is_nothing_to_distil():
     model = Config().model
     assert not model.is_slimmed
     assert replace(model, slim_decoder_width=64).is_slimmed

@@ -46,7 +46,7 @@ def run(rows: Rows, bias: float = 0.0, horizons: tuple[int, ...] = (2, 5)):
     return evaluate(LastRow(bias), SimpleNamespace(dynamics=Add(), decoder=nn.Identity()), rows, horizons=horizons)  # type: ignore[arg-type]
 
 
-def test_a_perfect_model_has_no_error() -> None:
+def test_a_perfect_model_has_no_error():
     metrics = run(make_rows((40, 30)))
     assert metrics.drag.r2 == pytest.approx(1.0)
     assert metrics.lift.l1_over_sigma == pytest.approx(0.0)
@@ -54,7 +54,7 @@ def test_a_perfect_model_has_no_error() -> None:
         assert max(item.latent, item.drag, item.lift) < 1e-5
 
 
-def test_errors_by_the_formula() -> None:
+def test_errors_by_the_formula():
     rows, bias = make_rows((40, 30)), 0.3
     metrics = run(rows, bias)
     seen = np.concatenate([rows.forces[WINDOW - 1 : 40, 0], rows.forces[40 + WINDOW - 1 :, 0]]).astype(float)
@@ -67,7 +67,7 @@ def test_errors_by_the_formula() -> None:
     assert [item["horizon"] for item in metrics.as_tree()["rollout"]] == [2, 5]
 
 
-def test_short_and_constant_test_episodes_are_refused() -> None:
+def test_short_and_constant_test_episodes_are_refused():
     with pytest.raises(DatasetError, match="a window of 4 and 5 steps ahead"):
         run(make_rows((8, 8)))
     rows = make_rows((40,))

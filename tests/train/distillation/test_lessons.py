@@ -1,13 +1,11 @@
 """Lessons hold the teacher's own answers, and half of their plans go down its cost."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 import torch
 
 from contract.config.tree import Config
-from contract.recording.dataset import Episode
 from contract.release.manifest import Scaling
 from train.distillation.distil import encode_all
 from train.distillation.lessons import Lessons, teach
@@ -17,9 +15,7 @@ from train.samples.scaling import fit_scaling
 
 
 @pytest.fixture(scope="module")
-def taught(
-    make_episode: Callable[..., Episode], small_config: Config
-) -> tuple[WakeModel, Rows, Scaling, Config, Lessons]:
+def taught(make_episode, small_config) -> tuple[WakeModel, Rows, Scaling, Config, Lessons]:
     episodes = (make_episode("a", "train", 300, 1),)
     scaling = fit_scaling(episodes)
     rows = prepare(episodes, scaling, mirrored=True)
@@ -33,9 +29,7 @@ def taught(
     return teacher, rows, scaling, config, teach(teacher, encode_all(teacher.encoder, rows), rows, scaling, config)
 
 
-def test_there_are_as_many_as_asked_for_and_all_are_the_teachers(
-    taught: tuple[WakeModel, Rows, Scaling, Config, Lessons],
-) -> None:
+def test_there_are_as_many_as_asked_for_and_all_are_the_teachers(taught):
     teacher, _, _, _, lessons = taught
     assert len(lessons) >= 1000
     some = lessons.drawn(torch.tensor([0, 17, 999]))
@@ -45,9 +39,7 @@ def test_there_are_as_many_as_asked_for_and_all_are_the_teachers(
         assert torch.allclose(some.forces, teacher.decoder(some.latents), atol=1e-5)
 
 
-def test_plans_on_their_way_cost_less_step_by_step_and_stay_within_the_limit(
-    taught: tuple[WakeModel, Rows, Scaling, Config, Lessons],
-) -> None:
+def test_plans_on_their_way_cost_less_step_by_step_and_stay_within_the_limit(taught):
     _, _, scaling, config, lessons = taught
     weights = config.mpc.weights
     drag, lift = (lessons.forces[:, 1:] * torch.tensor(scaling.force_std) + torch.tensor(scaling.force_mean)).unbind(-1)
@@ -63,7 +55,7 @@ def test_plans_on_their_way_cost_less_step_by_step_and_stay_within_the_limit(
     assert lessons.actions.abs().max() * scaling.action_std <= config.flow.action_limit * (1.0 + 1e-6)
 
 
-def test_the_same_seed_gives_the_same_lessons(taught: tuple[WakeModel, Rows, Scaling, Config, Lessons]) -> None:
+def test_the_same_seed_gives_the_same_lessons(taught):
     teacher, rows, scaling, config, lessons = taught
     latents = encode_all(teacher.encoder, rows)
     again = teach(teacher, latents, rows, scaling, config)

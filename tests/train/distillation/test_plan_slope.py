@@ -48,7 +48,7 @@ def _with_program() -> tuple[Predictor, ControllerProgram]:
     )
 
 
-def test_the_slope_is_the_reference_adjoints() -> None:
+def test_the_slope_is_the_reference_adjoints():
     predictor, program = _with_program()
     generator = np.random.default_rng(1)
     z = generator.standard_normal((4, 3))
@@ -62,7 +62,7 @@ def test_the_slope_is_the_reference_adjoints() -> None:
     assert np.allclose(slope.numpy() / program.scaling.action_std, expected, rtol=1e-9, atol=1e-12)
 
 
-def test_the_slope_is_differentiable_by_the_weights() -> None:
+def test_the_slope_is_differentiable_by_the_weights():
     predictor, _ = _with_program()
     weight = predictor.dynamics.output.weight
     actions = torch.linspace(-1.0, 1.0, HORIZON, dtype=torch.float64)[None].requires_grad_(True)
@@ -84,7 +84,7 @@ def test_the_slope_is_differentiable_by_the_weights() -> None:
     assert abs((values[0] - values[1]) / (2.0 * step) - found[0, 0].item()) < 1e-7
 
 
-def test_terms_without_weight_have_no_slope() -> None:
+def test_terms_without_weight_have_no_slope():
     _, program = _with_program()
     nothing = replace(WEIGHTS, drag_mean=0.0, drag_fluctuation=0.0, lift=0.0, lift_mean=0.0)
     assert not force_slope(torch.randn(HORIZON, 2, 2), nothing, program.scaling).any()

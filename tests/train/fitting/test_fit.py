@@ -4,7 +4,6 @@ import errno
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,7 +17,6 @@ from train.fitting.checkpoint import Identity
 from train.fitting.fit import Checkpoints, device_named, fit_joint
 from train.fitting.progress import Phase
 from train.networks.model import WakeModel
-from train.samples.rows import Rows
 
 pytestmark = pytest.mark.slow  # networks are trained
 
@@ -45,7 +43,7 @@ def assert_equal(one: torch.nn.Module, two: torch.nn.Module) -> None:
 
 
 @pytest.mark.slow
-def test_it_predicts_unseen_forcing(fitted) -> None:
+def test_it_predicts_unseen_forcing(fitted):
     model, test = fitted.model, fitted.unseen
     metrics = evaluate(model.encoder, model, test)
     # measured: R2 0.987 and 0.996; at 25 steps L1/sigma 0.25 and 0.19
@@ -57,7 +55,7 @@ def test_it_predicts_unseen_forcing(fitted) -> None:
     assert bool((latents.std(dim=0) > 0.2).all()), "a latent dimension collapsed"
 
 
-def test_a_seed_makes_a_run_repeatable_and_leaves_the_caller_s_alone(rows: Rows, small_config: Config) -> None:
+def test_a_seed_makes_a_run_repeatable_and_leaves_the_caller_s_alone(rows, small_config):
     torch.manual_seed(11)
     expected = torch.rand(3)
     torch.manual_seed(11)
@@ -69,14 +67,12 @@ def test_a_seed_makes_a_run_repeatable_and_leaves_the_caller_s_alone(rows: Rows,
 
 
 @pytest.fixture(scope="module")
-def whole(rows: Rows, small_config: Config) -> WakeModel:
+def whole(rows, small_config) -> WakeModel:
     """A fit of `BRIEF` that was left alone."""
     return fit_joint(rows, trained(small_config, **BRIEF))
 
 
-def test_a_resumed_fit_equals_an_uninterrupted_one(
-    rows: Rows, small_config: Config, tmp_path: Path, whole: WakeModel
-) -> None:
+def test_a_resumed_fit_equals_an_uninterrupted_one(rows, small_config, tmp_path, whole):
     config = trained(small_config, **BRIEF)
     kept = Checkpoints(folder=tmp_path, identity=IDENTITY, every=3)
     with pytest.raises(KeyboardInterrupt):
@@ -92,7 +88,7 @@ def test_a_resumed_fit_equals_an_uninterrupted_one(
     assert_equal(whole, resumed)
 
 
-def test_a_checkpoint_of_another_run_is_refused(rows: Rows, small_config: Config, tmp_path: Path) -> None:
+def test_a_checkpoint_of_another_run_is_refused(rows, small_config, tmp_path):
     kept = Checkpoints(folder=tmp_path, identity=IDENTITY, resume=True)
     fit_joint(rows, small_config, checkpoints=kept)
     with pytest.raises(ConfigError, match=r"fit\.pt: made with other settings"):
@@ -104,7 +100,7 @@ def test_a_checkpoint_of_another_run_is_refused(rows: Rows, small_config: Config
         fit_joint(rows, small_config, checkpoints=kept)
 
 
-def test_a_loss_that_is_not_finite_ends_the_training_at_once(rows: Rows, small_config: Config, tmp_path: Path) -> None:
+def test_a_loss_that_is_not_finite_ends_the_training_at_once(rows, small_config, tmp_path):
     steps: list[int] = []
     config = trained(small_config, learning_rate=1e30, epochs=12.0)
     kept = Checkpoints(folder=tmp_path / "model.checkpoints", identity=IDENTITY, every=1)
@@ -115,9 +111,7 @@ def test_a_loss_that_is_not_finite_ends_the_training_at_once(rows: Rows, small_c
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_at_a_checkpoint_costs_nothing(
-    rows: Rows, small_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: WakeModel
-) -> None:
+def test_a_full_disk_at_a_checkpoint_costs_nothing(rows, small_config, tmp_path, monkeypatch, whole):
     config = trained(small_config, **BRIEF)
     kept = Checkpoints(folder=tmp_path, identity=IDENTITY, resume=True, every=7)
     written = 0
@@ -139,7 +133,7 @@ def test_a_full_disk_at_a_checkpoint_costs_nothing(
     assert_equal(whole, resumed)
 
 
-def test_devices() -> None:
+def test_devices():
     assert device_named("cpu").type == "cpu"
     with pytest.raises(ConfigError, match="device 'tpu'"):
         device_named("tpu")
@@ -148,9 +142,7 @@ def test_devices() -> None:
             device_named("cuda")
 
 
-def test_the_finish_lengthens_the_unroll_and_a_resume_goes_on_inside_it(
-    rows: Rows, small_config: Config, tmp_path: Path
-) -> None:
+def test_the_finish_lengthens_the_unroll_and_a_resume_goes_on_inside_it(rows, small_config, tmp_path):
     config = trained(small_config, epochs=2.0, finish=FinishConfig(epochs=4.0, unroll=9))
     whole = fit_joint(rows, config)
     unfinished = fit_joint(rows, trained(config, finish=FinishConfig()))

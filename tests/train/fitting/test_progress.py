@@ -5,7 +5,7 @@ import pytest
 from train.fitting.progress import Phase, Stopwatch
 
 
-def test_time_belongs_to_the_phase_that_reports_next() -> None:
+def test_time_belongs_to_the_phase_that_reports_next():
     now = {"cpu": 100.0, "wall": 5000.0}
     watch = Stopwatch(cpu=lambda: now["cpu"], wall=lambda: now["wall"])
     for phase, step, cpu, wall in (

@@ -8,19 +8,17 @@ import pytest
 import torch
 
 from contract import sensors
-from contract.config.tree import Config
-from contract.recording.dataset import Dataset
 from train.distillation.distil import encode_all
 from train.distillation.evaluate import latent_error
 from train.fitting.fit import fit_joint, seeded
 from train.fitting.progress import Phase
 from train.fitting.streaming import encode_stream, fit_stream
 from train.networks.model import Encoder, WakeModel
-from train.samples.rows import Rows, prepare
+from train.samples.rows import prepare
 from train.samples.scaling import fit_scaling
 
 
-def test_a_stream_is_one_cell_step_a_sample(small_recording: Dataset, small_config: Config) -> None:
+def test_a_stream_is_one_cell_step_a_sample(small_recording, small_config):
     episodes = small_recording.with_role("train")
     rows = prepare(episodes, fit_scaling(episodes), mirrored=False)
     torch.manual_seed(0)
@@ -44,9 +42,7 @@ def test_a_stream_is_one_cell_step_a_sample(small_recording: Dataset, small_conf
 
 
 @pytest.mark.slow  # trains
-def test_a_streaming_student_follows_the_teacher_past_the_stretches_it_learned_from(
-    make_episode, small_config: Config
-) -> None:
+def test_a_streaming_student_follows_the_teacher_past_the_stretches_it_learned_from(make_episode, small_config):
     training = [make_episode("waveform", "train", 600, 1)]
     scaling = fit_scaling(training)
     rows = prepare(training, scaling, mirrored=True)
@@ -64,9 +60,7 @@ def test_a_streaming_student_follows_the_teacher_past_the_stretches_it_learned_f
     assert error < 0.3
 
 
-def test_the_fit_streams_and_the_finish_does_not(
-    rows: Rows, small_config: Config, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_fit_streams_and_the_finish_does_not(rows, small_config, monkeypatch):
     calls: Counter[str] = Counter()
 
     def count(name: str) -> None:

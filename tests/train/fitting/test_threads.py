@@ -11,7 +11,6 @@ import torch
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.recording import dataset
-from contract.recording.dataset import Dataset
 from train import model_store
 from train.fitting import unfinished
 from train.fitting.progress import Phase, Progress
@@ -31,14 +30,14 @@ def three_threads() -> Iterator[None]:
 
 
 @pytest.fixture
-def recording(small_recording: Dataset, tmp_path: Path) -> Path:
+def recording(small_recording, tmp_path) -> Path:
     path = tmp_path / "recording.h5"
     dataset.write(path, small_recording)
     return path
 
 
 @pytest.fixture
-def brief(small_config: Config) -> Config:
+def brief(small_config) -> Config:
     """Every phase, in a few steps too small to be shared among threads: waiting threads would spin."""
     narrow = replace(
         small_config.model,
@@ -59,7 +58,7 @@ def seen_by(threads: dict[Phase, set[int]]) -> Progress:
     return progress
 
 
-def test_every_phase_has_one_unless_more_are_asked_for(recording: Path, brief: Config, tmp_path: Path) -> None:
+def test_every_phase_has_one_unless_more_are_asked_for(recording, brief, tmp_path):
     seen: dict[Phase, set[int]] = {}
     train_all(recording, brief, tmp_path / "model", chosen=CHOSEN, progress=seen_by(seen))
     assert set(seen) == set(Phase) - {Phase.RANK, Phase.SELECT}
@@ -68,9 +67,7 @@ def test_every_phase_has_one_unless_more_are_asked_for(recording: Path, brief: C
     assert model_store.load(tmp_path / "model").versions["torch_threads"] == "1"
 
 
-def test_one_that_began_with_another_number_says_so_and_keeps_both(
-    recording: Path, brief: Config, tmp_path: Path
-) -> None:
+def test_one_that_began_with_another_number_says_so_and_keeps_both(recording, brief, tmp_path):
     lines: list[str] = []
     digest = sha256(recording.read_bytes()).hexdigest()
     begun = unfinished.Identity.of(brief, digest, "cpu", CHOSEN, threads=4)
@@ -82,7 +79,7 @@ def test_one_that_began_with_another_number_says_so_and_keeps_both(
     assert model_store.load(tmp_path / "model").versions["torch_threads"] == "1, 4"
 
 
-def test_none_are_refused_and_a_stop_gives_them_back() -> None:
+def test_none_are_refused_and_a_stop_gives_them_back():
     with pytest.raises(ConfigError, match="threads = 0: must be at least 1"), torch_threads(0):
         raise AssertionError("computed")
     with pytest.raises(KeyboardInterrupt), torch_threads(2):

@@ -20,7 +20,7 @@ REACHED = Reached(phase=Phase.FINISH, step=300, total=4000)
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path) -> Path:
     """Of a training that wrote a checkpoint."""
     folder = unfinished.folder_of(tmp_path / "model")
     unfinished.note(folder, identity(), REACHED)
@@ -32,14 +32,14 @@ def identity(config: Config = CONFIG, data: str = DATA, chosen: tuple[str, ...] 
     return Identity.of(config, data, "cpu", chosen)
 
 
-def test_the_same_training_goes_on_from_where_it_was(folder: Path) -> None:
+def test_the_same_training_goes_on_from_where_it_was(folder):
     assert unfinished.check(folder, identity()) == REACHED
     assert str(REACHED) == "longer unroll, iteration 300 of 4000"
     # What the training does not read does not bind it.
     assert unfinished.check(folder, identity(replace(CONFIG, mpc=replace(CONFIG.mpc, iterations=3)))) == REACHED
 
 
-def test_another_training_is_refused_by_what_differs_and_with_both_ways(folder: Path) -> None:
+def test_another_training_is_refused_by_what_differs_and_with_both_ways(folder):
     other = replace(CONFIG, train=replace(CONFIG.train, seed=5))
     ways = "finish it with those, or start over with --restart"
     with pytest.raises(
@@ -52,12 +52,12 @@ def test_another_training_is_refused_by_what_differs_and_with_both_ways(folder: 
         unfinished.check(folder, identity(data="1" * 64))
 
 
-def test_a_folder_without_a_checkpoint_binds_no_training(folder: Path) -> None:
+def test_a_folder_without_a_checkpoint_binds_no_training(folder):
     (folder / "fit.pt").unlink()
     assert unfinished.check(folder, identity(data="1" * 64)) is None
 
 
-def test_a_damaged_label_is_no_reason_to_fail(folder: Path) -> None:
+def test_a_damaged_label_is_no_reason_to_fail(folder):
     path = folder / "training.json"
     body = json.loads(path.read_text())
     assert (body["reached"], body["dataset_sha256"]) == ({"phase": "finish", "step": 300, "total": 4000}, DATA)
@@ -69,6 +69,6 @@ def test_a_damaged_label_is_no_reason_to_fail(folder: Path) -> None:
 
 
 @pytest.mark.processes
-def test_it_needs_no_torch() -> None:
+def test_it_needs_no_torch():
     script = "import sys; import train.fitting.unfinished; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0

@@ -5,14 +5,7 @@ import pytest
 
 from tests.train.linear.systems import KNOWN, LAYOUT, NAMES, PERIOD, episode, growing
 from train.linear.differences import Series, series_of
-from train.linear.identification import (
-    Arx,
-    IdentificationError,
-    fit,
-    growing_modes,
-    refuse_spurious,
-    roll_out_r2,
-)
+from train.linear.identification import Arx, IdentificationError, fit, growing_modes, refuse_spurious, roll_out_r2
 
 
 def series(steps: int = 400, seed: int = 0, *, noise: float = 0.0) -> Series:

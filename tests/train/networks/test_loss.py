@@ -12,19 +12,19 @@ from train.networks.model import WakeModel
 from train.samples.sampler import Batch
 
 
-def test_prediction_loss_by_hand() -> None:
+def test_prediction_loss_by_hand():
     predicted = torch.tensor([[[1.0, 2.0]], [[0.0, 0.0]]])
     target = torch.tensor([[[0.0, 0.0]], [[3.0, 0.0]]])
     assert prediction_loss(predicted, target).item() == pytest.approx((1 + 4 + 9) / 4)
 
 
-def test_variance_loss_by_hand() -> None:
+def test_variance_loss_by_hand():
     latents = torch.tensor([[0.0, 0.0], [1.0, 10.0]])  # variances 1/2 and 50
     assert variance_loss(latents).item() == pytest.approx((1 - math.sqrt(0.5 + EPSILON)) / 2, rel=1e-6)
     assert variance_loss(torch.zeros(4, 3)).item() == pytest.approx(1 - math.sqrt(EPSILON), rel=1e-6)
 
 
-def test_covariance_loss_against_the_formula() -> None:
+def test_covariance_loss_against_the_formula():
     latents = np.random.default_rng(0).normal(size=(3, 20, 4))
     expected = 0.0
     for batch in latents:
@@ -34,7 +34,7 @@ def test_covariance_loss_against_the_formula() -> None:
     assert covariance_loss(torch.randn(5, 1)).item() == 0.0
 
 
-def test_joint_loss_against_a_sample_by_sample_unroll() -> None:
+def test_joint_loss_against_a_sample_by_sample_unroll():
     torch.manual_seed(0)
     segment, steps, window, segments = 3, 2, 4, 5
     settings = TrainConfig(

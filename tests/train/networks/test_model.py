@@ -6,7 +6,7 @@ from contract.config.learning import ModelConfig
 from train.networks.model import Encoder, ResidualBlock, WakeModel
 
 
-def test_names_and_shapes_of_the_weights_are_the_paper_s() -> None:
+def test_names_and_shapes_of_the_weights_are_the_paper_s():
     shapes = {key: tuple(value.shape) for key, value in WakeModel(90, ModelConfig()).state_dict().items()}
     norm = {64: ("encoder.norm",), 256: ("dynamics.norm_in", "dynamics.norm_hidden")}
     expected = {
@@ -35,7 +35,7 @@ def test_names_and_shapes_of_the_weights_are_the_paper_s() -> None:
     assert shapes == expected
 
 
-def test_the_encoder_is_lstm_norm_and_perceptron_of_the_last_state() -> None:
+def test_the_encoder_is_lstm_norm_and_perceptron_of_the_last_state():
     torch.manual_seed(0)
     encoder = Encoder(4, ModelConfig(window=6))
     windows = torch.randn(3, 6, 5)
@@ -48,7 +48,7 @@ def test_the_encoder_is_lstm_norm_and_perceptron_of_the_last_state() -> None:
         torch.testing.assert_close(shared[:, w], encoder(segments[:, w : w + 6]), rtol=1e-5, atol=1e-6)
 
 
-def test_dynamics_and_blocks_are_residual_and_the_rollout_recurs() -> None:
+def test_dynamics_and_blocks_are_residual_and_the_rollout_recurs():
     torch.manual_seed(0)
     model = WakeModel(4, ModelConfig()).eval()
     latent, actions = torch.randn(5, 8), torch.randn(5, 3)
@@ -65,7 +65,7 @@ def test_dynamics_and_blocks_are_residual_and_the_rollout_recurs() -> None:
     assert torch.equal(block(wide), wide)
 
 
-def test_dropout_acts_in_training_only() -> None:
+def test_dropout_acts_in_training_only():
     torch.manual_seed(0)
     decoder = WakeModel(4, ModelConfig()).decoder
     latent = torch.randn(5, 8)

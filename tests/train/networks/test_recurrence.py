@@ -21,7 +21,7 @@ def one_by_one(lstm: nn.LSTM, segments: torch.Tensor) -> torch.Tensor:
     return torch.stack(finals, dim=1)
 
 
-def test_values_and_gradients_are_those_of_nn_lstm(lstm: nn.LSTM) -> None:
+def test_values_and_gradients_are_those_of_nn_lstm(lstm):
     for count, rows in ((1, WINDOW), (4, WINDOW), (1, 20), (3, 12)):
         segments = torch.randn(count, rows, FEATURES, dtype=torch.float64, requires_grad=True)
         shared = last_hidden(segments, WINDOW, *lstm.all_weights[0])
@@ -39,7 +39,7 @@ def test_values_and_gradients_are_those_of_nn_lstm(lstm: nn.LSTM) -> None:
             torch.testing.assert_close(gradient, true, rtol=1e-10, atol=1e-12)
 
 
-def test_gradient_of_the_input_alone(lstm: nn.LSTM) -> None:
+def test_gradient_of_the_input_alone(lstm):
     segments = torch.randn(2, 9, FEATURES, dtype=torch.float64, requires_grad=True)
     lstm.requires_grad_(False)
     (found,) = torch.autograd.grad(last_hidden(segments, WINDOW, *lstm.all_weights[0]).sum(), segments)

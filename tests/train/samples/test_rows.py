@@ -6,17 +6,17 @@ import pytest
 import torch
 
 from contract import sensors
-from train.samples.rows import Rows, prepare
+from train.samples.rows import prepare
 from train.samples.scaling import fit_scaling
 
 
-def test_rows_are_standardised_over_the_recording_and_its_mirror_image(rows: Rows) -> None:
+def test_rows_are_standardised_over_the_recording_and_its_mirror_image(rows):
     for values in (rows.inputs[:, : sensors.COUNT], rows.actions[:, None], rows.forces):
         torch.testing.assert_close(values.mean(dim=0), torch.zeros(values.shape[1]), rtol=0, atol=1e-5)
         torch.testing.assert_close(values.std(dim=0, correction=0), torch.ones(values.shape[1]), rtol=1e-5, atol=0)
 
 
-def test_a_row_holds_the_pressures_and_the_action_before_them(make_episode) -> None:
+def test_a_row_holds_the_pressures_and_the_action_before_them(make_episode):
     episode = replace(make_episode("one", "train", 20, 1), initial_action=0.03)
     scaling = fit_scaling([episode])
     rows = prepare([episode], scaling, mirrored=False)
@@ -28,6 +28,6 @@ def test_a_row_holds_the_pressures_and_the_action_before_them(make_episode) -> N
         assert physical == pytest.approx(episode.series["Cp"][k, 55], rel=1e-5)
 
 
-def test_chosen_sensors_keep_their_order_and_the_action(rows: Rows) -> None:
+def test_chosen_sensors_keep_their_order_and_the_action(rows):
     slim = rows.with_sensors(sensors.TRUCK.indices(["base_9", "upper_02"]))
     assert torch.equal(slim.inputs, rows.inputs[:, [89, 2, 90]])

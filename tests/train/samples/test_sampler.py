@@ -6,7 +6,6 @@ import torch
 
 from contract import sensors
 from contract.errors import ConfigError, DatasetError
-from contract.recording.dataset import Dataset
 from train.samples.rows import Rows, prepare
 from train.samples.sampler import SegmentSampler, add_sensor_noise
 from train.samples.scaling import fit_scaling
@@ -18,7 +17,7 @@ def sampler(rows: Rows, segment: int, *, batch_size: int = 64, seed: int = 0) ->
     return SegmentSampler(rows, window=WINDOW, ahead=AHEAD, segment=segment, batch_size=batch_size, seed=seed)
 
 
-def test_one_pass_holds_every_sample_and_none_across_a_boundary(rows: Rows) -> None:
+def test_one_pass_holds_every_sample_and_none_across_a_boundary(rows):
     wanted = {
         end
         for span in rows.spans()
@@ -35,7 +34,7 @@ def test_one_pass_holds_every_sample_and_none_across_a_boundary(rows: Rows) -> N
         assert len(seen) >= (1.0 if segment == 1 else 0.9) * len(wanted), segment
 
 
-def test_a_batch_agrees_with_brute_force(rows: Rows) -> None:
+def test_a_batch_agrees_with_brute_force(rows):
     drawn = sampler(rows, 3)
     batch = drawn.batch(5)
     for segment, first in enumerate(drawn.first_rows(5)):
@@ -48,7 +47,7 @@ def test_a_batch_agrees_with_brute_force(rows: Rows) -> None:
             assert torch.equal(batch.forces[segment, w], rows.forces[end])
 
 
-def test_batches_depend_on_seed_and_step_alone(rows: Rows) -> None:
+def test_batches_depend_on_seed_and_step_alone(rows):
     one, two = sampler(rows, 4, seed=3), sampler(rows, 4, seed=3)
     later = one.first_rows(40)
     for step in (0, 17):
@@ -58,7 +57,7 @@ def test_batches_depend_on_seed_and_step_alone(rows: Rows) -> None:
     assert not np.array_equal(one.first_rows(0), later)
 
 
-def test_the_shortest_episode_that_fits(make_episode) -> None:
+def test_the_shortest_episode_that_fits(make_episode):
     episode = make_episode("short", "train", WINDOW - 1 + 4 + AHEAD, 1)
     fits = prepare([episode], fit_scaling([episode]), mirrored=False)
     assert sampler(fits, 4).samples == 4
@@ -66,7 +65,7 @@ def test_the_shortest_episode_that_fits(make_episode) -> None:
         sampler(fits, 5)
 
 
-def test_noise_is_one_pressure_everywhere_and_spares_the_action(small_recording: Dataset) -> None:
+def test_noise_is_one_pressure_everywhere_and_spares_the_action(small_recording):
     episodes = small_recording.with_role("train")
     scaling = fit_scaling(episodes)
     rows = prepare(episodes, scaling, mirrored=False)

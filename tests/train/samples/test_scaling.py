@@ -8,7 +8,7 @@ import torch
 
 from contract import sensors
 from contract.errors import DatasetError
-from contract.recording.dataset import Dataset, Episode
+from contract.recording.dataset import Episode
 from contract.release.manifest import Scaling
 from train.samples.rows import prepare
 from train.samples.scaling import fit_scaling, global_deviation, unit_steps
@@ -18,7 +18,7 @@ def with_series(episode: Episode, **series: np.ndarray) -> Episode:
     return replace(episode, series={**episode.series, **series})
 
 
-def test_scaling_commutes_with_mirroring(small_recording: Dataset) -> None:
+def test_scaling_commutes_with_mirroring(small_recording):
     scaling = fit_scaling(small_recording.with_role("train"))
     (episode,) = small_recording.with_role("test")
     reflected = replace(
@@ -40,7 +40,7 @@ def test_scaling_commutes_with_mirroring(small_recording: Dataset) -> None:
     np.testing.assert_array_equal(np.array(scaling.pressure_mean)[mirror], scaling.pressure_mean)
 
 
-def test_a_signal_that_never_changes_is_refused(small_recording: Dataset) -> None:
+def test_a_signal_that_never_changes_is_refused(small_recording):
     for series, message in (
         ("Cp", "sensor upper_03 is constant at 0.25"),
         ("action", "action is constant at 0 "),
@@ -67,7 +67,7 @@ def scaling() -> Scaling:
     )
 
 
-def test_one_level_is_the_same_pressure_at_every_sensor(scaling: Scaling) -> None:
+def test_one_level_is_the_same_pressure_at_every_sensor(scaling):
     assert global_deviation(scaling) == pytest.approx(np.sqrt(np.mean(np.array(scaling.pressure_std) ** 2)))
     chosen = np.array([0, 89])
     physical = unit_steps(scaling, chosen) * np.array(scaling.pressure_std)[chosen]

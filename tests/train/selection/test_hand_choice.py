@@ -6,11 +6,11 @@ from contract import sensors
 from train.selection.hand_choice import select_by_hand
 
 
-def test_four_are_the_two_corners_from_both_sides() -> None:
+def test_four_are_the_two_corners_from_both_sides():
     assert [sensors.NAMES[index] for index in select_by_hand(4)] == ["upper_39", "lower_39", "base_0", "base_9"]
 
 
-def test_even_counts_are_their_own_mirror_image_and_odd_ones_lack_one() -> None:
+def test_even_counts_are_their_own_mirror_image_and_odd_ones_lack_one():
     for count in range(1, 91):
         chosen = select_by_hand(count)
         assert len(set(chosen)) == count
@@ -22,7 +22,7 @@ def test_even_counts_are_their_own_mirror_image_and_odd_ones_lack_one() -> None:
             assert sensors.positions()[alone, 1] > 0
 
 
-def test_none_left_out_is_nearer_to_a_corner_along_its_own_wall() -> None:
+def test_none_left_out_is_nearer_to_a_corner_along_its_own_wall():
     corner = np.array([sensors.positions()[:, 0].max(), 0.5])
     position = np.abs(sensors.positions())
     distance = np.abs(position - corner).sum(axis=1)

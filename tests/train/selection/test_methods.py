@@ -5,22 +5,18 @@ from dataclasses import replace
 import pytest
 
 from contract import sensors
-from contract.config.tree import Config
 from contract.errors import ConfigError
 from train.networks.model import Encoder, WakeModel
-from train.samples.rows import Rows
 from train.selection.methods import METHODS, select
 
 
 @pytest.fixture
-def encoder(small_config: Config) -> Encoder:
+def encoder(small_config) -> Encoder:
     return WakeModel(90, small_config.model).encoder
 
 
 @pytest.mark.slow  # two rankings by SHAP
-def test_every_method_chooses_as_many_as_asked_and_the_same_again(
-    encoder: Encoder, rows: Rows, small_config: Config
-) -> None:
+def test_every_method_chooses_as_many_as_asked_and_the_same_again(encoder, rows, small_config):
     settings = replace(small_config.train, shap_background=4, shap_explained=5, shap_samples=2)
     for method in METHODS:
         names = select(method, encoder, rows, 3, settings=settings)
@@ -31,11 +27,11 @@ def test_every_method_chooses_as_many_as_asked_and_the_same_again(
                 select(method, encoder, rows, count, settings=settings)
 
 
-def test_an_unknown_method_is_refused_with_the_known_ones(encoder: Encoder, rows: Rows, small_config: Config) -> None:
+def test_an_unknown_method_is_refused_with_the_known_ones(encoder, rows, small_config):
     with pytest.raises(ConfigError, match=r"'entropy': use shap, qr, greedy, random, hand$"):
         select("entropy", encoder, rows, 4, settings=small_config.train)  # type: ignore[arg-type]
 
 
-def test_all_sensors_can_be_chosen(encoder: Encoder, rows: Rows, small_config: Config) -> None:
+def test_all_sensors_can_be_chosen(encoder, rows, small_config):
     for method in ("qr", "hand"):
         assert set(select(method, encoder, rows, 90, settings=small_config.train)) == set(sensors.NAMES)

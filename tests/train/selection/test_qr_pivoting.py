@@ -29,20 +29,20 @@ def concentrated() -> tuple[Rows, np.ndarray]:
     return rows_of(amplitudes @ modes.T), modes
 
 
-def test_modes_are_the_pressures_own_in_the_order_of_their_variance() -> None:
+def test_modes_are_the_pressures_own_in_the_order_of_their_variance():
     rows, modes = concentrated()
     found = pod_modes(rows, 3)
     np.testing.assert_allclose(np.abs(found.T @ modes), np.eye(3), atol=1e-6)  # single precision of the rows
 
 
-def test_pivots_are_the_peaks_of_disjoint_modes() -> None:
+def test_pivots_are_the_peaks_of_disjoint_modes():
     rows, _ = concentrated()
     assert set(select_qr(rows, 3)) == set(PEAKS)
     assert select_qr(rows, 1) == (PEAKS[0],)  # of one mode, the strongest
     assert set(select_qr(rows, 2)) == set(PEAKS[:2])
 
 
-def test_a_sensor_that_repeats_a_pivot_is_passed_over() -> None:
+def test_a_sensor_that_repeats_a_pivot_is_passed_over():
     # Sensors 10 and 11 hear the same amplitude, 70 another at half the strength: QR takes one of the two, then 70.
     t = 2 * np.pi * np.arange(200) / 200
     pressure = np.zeros((200, sensors.COUNT))
@@ -52,7 +52,7 @@ def test_a_sensor_that_repeats_a_pivot_is_passed_over() -> None:
     assert {first, second} in ({10, 70}, {11, 70})
 
 
-def test_more_modes_than_sensors_are_used_as_told() -> None:
+def test_more_modes_than_sensors_are_used_as_told():
     # Sensor 5 is largest in the strong mode, 8 has the longest row of both: 0.36 / 2.17 + 0.81 / 1.17.
     t = 2 * np.pi * np.arange(400) / 400
     strong, weak = np.zeros(sensors.COUNT), np.zeros(sensors.COUNT)

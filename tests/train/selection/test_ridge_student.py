@@ -17,7 +17,7 @@ MakeRows = Callable[..., Rows]
 MakeTeacher = Callable[..., Encoder]
 
 
-def test_the_error_is_that_of_numpy_s_least_squares(listener: MakeTeacher, noise_rows: MakeRows) -> None:
+def test_the_error_is_that_of_numpy_s_least_squares(listener, noise_rows):
     teacher = listener((("upper_03", 0, 1.0), ("action", 4, 0.5)), (("base_2", 8, 1.0), ("lower_10", 3, 1.0)))
     rows = noise_rows((500, 300))
     rows.inputs[:, 20] += 2.0  # an offset, which the student's intercept must take up
@@ -38,15 +38,13 @@ def test_the_error_is_that_of_numpy_s_least_squares(listener: MakeTeacher, noise
     assert student.error(chosen) == pytest.approx(expected, rel=1e-9)
 
 
-def test_lags_are_every_fourth_row_from_the_newest() -> None:
+def test_lags_are_every_fourth_row_from_the_newest():
     windows = np.arange(2 * 32 * 3, dtype=float).reshape(2, 32, 3)
     lags = lagged(windows).reshape(2, 3, 8)
     np.testing.assert_array_equal(lags[1, 2], windows[1, [31, 27, 23, 19, 15, 11, 7, 3], 2])
 
 
-def test_nothing_is_left_where_all_is_heard_and_all_where_nothing_is(
-    listener: MakeTeacher, noise_rows: MakeRows
-) -> None:
+def test_nothing_is_left_where_all_is_heard_and_all_where_nothing_is(listener, noise_rows):
     # Only ages that are multiples of four are lags; the action is always one of the inputs.
     teacher = listener((("upper_07", 12, 1.0), ("action", 28, 1.0)))
     student = ridge_student(teacher, noise_rows((2000,)), seed=0)
@@ -57,9 +55,7 @@ def test_nothing_is_left_where_all_is_heard_and_all_where_nothing_is(
     assert deaf.error([7]) == pytest.approx(1.0, abs=0.1)
 
 
-def test_fitted_and_judged_windows_are_others_and_none_crosses_an_episode_s_end(
-    listener: MakeTeacher, noise_rows: MakeRows
-) -> None:
+def test_fitted_and_judged_windows_are_others_and_none_crosses_an_episode_s_end(listener, noise_rows):
     rows = noise_rows((60, 50))
     rows.inputs[:, 0] = torch.arange(110.0)
     (x, _), (judged_x, _) = sample(listener((("action", 0, 1.0),)), rows, seed=1)
@@ -68,7 +64,7 @@ def test_fitted_and_judged_windows_are_others_and_none_crosses_an_episode_s_end(
     assert newest | judged == {*range(31, 60), *range(91, 110)}
 
 
-def test_too_few_windows_and_a_teacher_without_opinion_are_refused(listener: MakeTeacher, noise_rows: MakeRows) -> None:
+def test_too_few_windows_and_a_teacher_without_opinion_are_refused(listener, noise_rows):
     teacher = listener((("upper_07", 0, 1.0),))
     with pytest.raises(DatasetError, match="5 windows, too few to fit and judge a student: must be at least 6"):
         ridge_student(teacher, noise_rows((36,)), seed=0)
@@ -78,7 +74,7 @@ def test_too_few_windows_and_a_teacher_without_opinion_are_refused(listener: Mak
         ridge_student(teacher, still, seed=0)
 
 
-def test_noise_on_the_sensors_is_priced_as_if_it_had_been_drawn(listener: MakeTeacher, noise_rows: MakeRows) -> None:
+def test_noise_on_the_sensors_is_priced_as_if_it_had_been_drawn(listener, noise_rows):
     teacher = listener((("upper_07", 12, 1.0), ("base_2", 12, 0.5)))
     clean = noise_rows((6000,))
     unit = torch.full((90,), 1.0)

@@ -1,12 +1,8 @@
 """Greedy selection and random draws, judged by a ridge student whose answers are known."""
 
-from collections.abc import Callable
-
 import pytest
 
 from contract import sensors
-from train.networks.model import Encoder
-from train.samples.rows import Rows
 from train.selection.greedy_forward import select_greedy
 from train.selection.random_draws import draw_choices, select_random
 from train.selection.ridge_student import RidgeStudent, ridge_student
@@ -15,13 +11,13 @@ HEARD = ("lower_35", "base_0", "upper_12")
 
 
 @pytest.fixture(scope="module")
-def student(listener: Callable[..., Encoder], noise_rows: Callable[..., Rows]) -> RidgeStudent:
+def student(listener, noise_rows) -> RidgeStudent:
     """Of a teacher with two latents, which depends on three sensors; the first the most."""
     teacher = listener((("lower_35", 0, 2.0), ("base_0", 12, 1.0)), (("base_0", 4, -1.0), ("upper_12", 8, 0.7)))
     return ridge_student(teacher, noise_rows((3000,)), seed=0)
 
 
-def test_greedy_finds_the_sensors_the_latents_are_made_of_the_weightiest_first(student: RidgeStudent) -> None:
+def test_greedy_finds_the_sensors_the_latents_are_made_of_the_weightiest_first(student):
     reports = []
     chosen = select_greedy(student, 3, progress=lambda *now: reports.append(now))
     assert tuple(sensors.NAMES[index] for index in chosen) == HEARD
@@ -35,11 +31,11 @@ def test_greedy_finds_the_sensors_the_latents_are_made_of_the_weightiest_first(s
     assert [terms["error"] for *_, terms in reports] == pytest.approx([2.49 / 6.49, 0.49 / 6.49, 0.0], abs=0.03)
 
 
-def test_greedy_is_a_prefix_of_itself(student: RidgeStudent) -> None:
+def test_greedy_is_a_prefix_of_itself(student):
     assert select_greedy(student, 2) == select_greedy(student, 3)[:2]
 
 
-def test_random_is_the_best_of_its_own_draws_and_repeats_with_its_seed(student: RidgeStudent) -> None:
+def test_random_is_the_best_of_its_own_draws_and_repeats_with_its_seed(student):
     drawn = draw_choices(20, 12, seed=4, available=sensors.COUNT)
     assert all(len(set(chosen)) == 20 for chosen in drawn)
     assert len(set(drawn)) == 12

@@ -8,7 +8,6 @@ import torch
 from torch import Tensor, nn
 
 from contract import sensors
-from contract.config.tree import Config
 from contract.errors import DatasetError
 from train.networks.model import WakeModel
 from train.samples.rows import Rows
@@ -29,7 +28,7 @@ class Linear(nn.Module):
         return torch.einsum("blf,zlf->bz", windows, self.weight)
 
 
-def test_scores_of_a_linear_encoder_are_its_shapley_values(rows: Rows) -> None:
+def test_scores_of_a_linear_encoder_are_its_shapley_values(rows):
     window, count = 4, 57
     few = Rows(
         inputs=rows.inputs[: count + window - 1],
@@ -46,7 +45,7 @@ def test_scores_of_a_linear_encoder_are_its_shapley_values(rows: Rows) -> None:
     np.testing.assert_allclose(scores, expected, rtol=0.03)
 
 
-def test_only_sensors_the_encoder_listens_to_score(rows: Rows, small_config: Config) -> None:
+def test_only_sensors_the_encoder_listens_to_score(rows, small_config):
     torch.manual_seed(0)
     encoder = WakeModel(90, small_config.model).encoder
     strong, weak = sensors.TRUCK.indices(["base_2", "upper_30"]), sensors.TRUCK.indices(["lower_11"])
@@ -66,7 +65,7 @@ def test_only_sensors_the_encoder_listens_to_score(rows: Rows, small_config: Con
     assert np.count_nonzero(ranking.mean) == 3
 
 
-def test_repeats_differ_a_seed_repeats_and_numpy_is_left_alone(rows: Rows, small_config: Config) -> None:
+def test_repeats_differ_a_seed_repeats_and_numpy_is_left_alone(rows, small_config):
     encoder = WakeModel(90, small_config.model).encoder
     ranker = ShapRanker(background=5, explained=6, samples=2)
     np.random.seed(1)
@@ -87,7 +86,7 @@ def scored(*best: Sequence[int]) -> Ranking:
     return Ranking(scores=scores)
 
 
-def test_sets_are_compared_without_their_order() -> None:
+def test_sets_are_compared_without_their_order():
     ranking = scored([3, 5, 7], [5, 3, 8])
     assert ranking.is_stable(2)
     assert not ranking.is_stable(3)
@@ -96,13 +95,13 @@ def test_sets_are_compared_without_their_order() -> None:
     np.testing.assert_allclose(ranking.std[[3, 7]], [np.sqrt(0.5), 8 / np.sqrt(2)])
 
 
-def test_differences_name_the_sensors_some_repeats_lack() -> None:
+def test_differences_name_the_sensors_some_repeats_lack():
     ranking = scored([3, 5, 7], [5, 3, 8], [3, 5, 8], [5, 3, 8])
     assert ranking.differences(2) == {}
     assert ranking.differences(3) == {"upper_07": 0.25, "upper_08": 0.75}
 
 
-def test_too_few_windows_to_draw_from(rows: Rows, small_config: Config) -> None:
+def test_too_few_windows_to_draw_from(rows, small_config):
     encoder = WakeModel(90, small_config.model).encoder
     with pytest.raises(DatasetError, match="716 windows, too few to draw 800 explanation samples"):
         ShapRanker(background=5, explained=800, samples=1)(encoder, rows, 0)

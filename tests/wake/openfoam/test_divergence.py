@@ -15,7 +15,6 @@ import pytest
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from wake.openfoam.measurements import Readings
-from wake.openfoam.mesh import Mesh
 from wake.openfoam.plant import OpenFoamWake
 from wake.openfoam.sensing import pressure_points
 from wake.openfoam.state import FoamState
@@ -43,7 +42,7 @@ def _field(values: np.ndarray, kind: str) -> bytes:
 
 
 @pytest.fixture
-def start(coarse_mesh: Mesh) -> FoamState:
+def start(coarse_mesh) -> FoamState:
     cells, probes = len(coarse_mesh.cells), len(pressure_points(coarse_mesh))
     files = {"U": _field(np.ones((cells, 3)), "vector"), "p": _field(np.ones(cells), "scalar")}
     return FoamState(

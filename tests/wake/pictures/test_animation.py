@@ -1,6 +1,3 @@
-from pathlib import Path
-from typing import Any
-
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -12,13 +9,12 @@ from PIL.WebPImagePlugin import WebPImageFile
 from contract.errors import ConfigError, PlantError
 from wake.pictures.animation import animate
 from wake.pictures.drawing import WakePicture
-from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # frames are drawn
 
 
 @pytest.fixture
-def picture(wake: TruckWake) -> WakePicture:
+def picture(wake) -> WakePicture:
     return WakePicture(wake, width=500)
 
 
@@ -27,9 +23,7 @@ def picture(wake: TruckWake) -> WakePicture:
     ("skip", "every", "fps", "frames", "duration"),
     [(0, 1, 10, 4, 100), (1, 2, 30, 2, 30)],
 )
-def test_a_gif_has_its_frames_and_their_time(
-    wake: TruckWake, picture: WakePicture, tmp_path: Path, skip: int, every: int, fps: int, frames: int, duration: int
-) -> None:
+def test_a_gif_has_its_frames_and_their_time(wake, picture, tmp_path, skip, every, fps, frames, duration):
     path, calls = tmp_path / "a.gif", []
     actions = np.array([0.01, 0.03, 0.07])
     made = animate(
@@ -51,7 +45,7 @@ def test_a_gif_has_its_frames_and_their_time(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_webp_has_its_frames_and_holds_the_last(wake: TruckWake, picture: WakePicture, tmp_path: Path) -> None:
+def test_a_webp_has_its_frames_and_holds_the_last(wake, picture, tmp_path):
     path = tmp_path / "a.webp"
     assert animate(path, picture, wake, np.array([0.0, 0.03]), fps=20, hold=1.5) == 3
     with Image.open(path) as webp:
@@ -66,7 +60,7 @@ def test_a_webp_has_its_frames_and_holds_the_last(wake: TruckWake, picture: Wake
     assert np.abs(last - picture.pixels()).mean() < 3.0
 
 
-def test_a_run_that_fails_leaves_nothing(wake: TruckWake, picture: WakePicture, tmp_path: Path) -> None:
+def test_a_run_that_fails_leaves_nothing(wake, picture, tmp_path):
     with pytest.raises(PlantError, match=r"action 0\.2"):
         animate(tmp_path / "a.gif", picture, wake, np.array([0.0, 0.2]))
     assert list(tmp_path.iterdir()) == []
@@ -82,9 +76,7 @@ def test_a_run_that_fails_leaves_nothing(wake: TruckWake, picture: WakePicture, 
         ("a.gif", {"skip": 4}, "skip = 4"),
     ],
 )
-def test_what_cannot_be_made_is_refused_before_the_run(
-    wake: TruckWake, picture: WakePicture, tmp_path: Path, name: str, settings: dict[str, Any], message: str
-) -> None:
+def test_what_cannot_be_made_is_refused_before_the_run(wake, picture, tmp_path, name, settings, message):
     with mpl.rc_context({"animation.ffmpeg_path": "no-such-program"}), pytest.raises(ConfigError, match=message):
         animate(tmp_path / name, picture, wake, np.zeros(3), **settings)
     assert wake.t == 0.0
@@ -92,6 +84,6 @@ def test_what_cannot_be_made_is_refused_before_the_run(
 
 
 @pytest.mark.skipif(not FFMpegWriter.isAvailable(), reason="ffmpeg is not installed")
-def test_an_mp4_where_ffmpeg_is_installed(wake: TruckWake, picture: WakePicture, tmp_path: Path) -> None:
+def test_an_mp4_where_ffmpeg_is_installed(wake, picture, tmp_path):
     assert animate(tmp_path / "a.mp4", picture, wake, np.zeros(2)) == 3
     assert (tmp_path / "a.mp4").read_bytes()[4:8] == b"ftyp"

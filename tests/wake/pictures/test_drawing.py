@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +20,6 @@ from wake.pictures.drawing import (
     vorticity_figure,
 )
 from wake.truck.state import State
-from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # figures are drawn and written
 
@@ -47,7 +44,7 @@ def halves(picture: WakePicture, pixels: Pixels) -> tuple[Pixels, Pixels]:
     return behind[: pixels.shape[0] - int(row)], behind[pixels.shape[0] - int(row) :]
 
 
-def test_vorticity_is_red_where_it_turns_to_the_left(wake: TruckWake) -> None:
+def test_vorticity_is_red_where_it_turns_to_the_left(wake):
     grid = wake.grid
     for sign in (1.0, -1.0):
         wake.flow.faces_u[:] = -sign * grid.yc
@@ -59,7 +56,7 @@ def test_vorticity_is_red_where_it_turns_to_the_left(wake: TruckWake) -> None:
         assert drawn == pytest.approx(expected, abs=0.02)
 
 
-def test_sensors_take_the_colour_of_their_pressure_and_the_truck_is_filled(wake: TruckWake) -> None:
+def test_sensors_take_the_colour_of_their_pressure_and_the_truck_is_filled(wake):
     wake.flow.flat[:] = 0.0
     wake.flow.p[:] = -0.2
     names = ("upper_10", "lower_20", "base_4")
@@ -72,7 +69,7 @@ def test_sensors_take_the_colour_of_their_pressure_and_the_truck_is_filled(wake:
     assert colour_at(picture, pixels, 0.5 * LENGTH, 0.0) == pytest.approx((0.82, 0.82, 0.82), abs=0.01)
 
 
-def test_pressure_is_drawn_on_a_scale_about_zero(wake: TruckWake) -> None:
+def test_pressure_is_drawn_on_a_scale_about_zero(wake):
     wake.flow.flat[:] = 0.0
     wake.flow.p[:] = 0.25
     picture = WakePicture(wake, "pressure")
@@ -80,7 +77,7 @@ def test_pressure_is_drawn_on_a_scale_about_zero(wake: TruckWake) -> None:
     assert colour_at(picture, picture.pixels(), 13.0, 1.5) == pytest.approx(expected, abs=0.02)
 
 
-def test_blowing_and_sucking_differ_and_grow_with_the_action(wake: TruckWake) -> None:
+def test_blowing_and_sucking_differ_and_grow_with_the_action(wake):
     state = wake.state()
     # The picture of a wake this long resolves an arrow only at some width.
     picture = WakePicture(wake, width=2200)
@@ -96,7 +93,7 @@ def test_blowing_and_sucking_differ_and_grow_with_the_action(wake: TruckWake) ->
     assert orange[3][0] == purple[3][1] == 0 and min(orange[3][1], purple[3][0]) > 0
 
 
-def test_arrows_start_at_the_base_when_blowing_and_end_there_when_sucking() -> None:
+def test_arrows_start_at_the_base_when_blowing_and_end_there_when_sucking():
     blowing, sucking = jet_arrow(0.5, 1, LENGTH), jet_arrow(-0.5, -1, LENGTH)
     assert blowing[3] == pytest.approx((LENGTH + 0.5, 0.475))
     assert sucking[3] == pytest.approx((LENGTH, -0.475))
@@ -104,7 +101,7 @@ def test_arrows_start_at_the_base_when_blowing_and_end_there_when_sucking() -> N
         assert arrow[:, 0].min() == pytest.approx(LENGTH) and arrow[:, 0].max() == pytest.approx(LENGTH + 0.5)
 
 
-def test_every_picture_of_a_run_has_the_same_size(wake: TruckWake) -> None:
+def test_every_picture_of_a_run_has_the_same_size(wake):
     picture = WakePicture(wake, width=900)
     first = picture.pixels()
     wake.advance(0.075)
@@ -114,14 +111,14 @@ def test_every_picture_of_a_run_has_the_same_size(wake: TruckWake) -> None:
     assert np.array_equal(first[:, -120:], second[:, -120:]) and not np.array_equal(first, second)
 
 
-def test_figures_are_written_in_the_format_they_are_named_after(wake: TruckWake, tmp_path: Path) -> None:
+def test_figures_are_written_in_the_format_they_are_named_after(wake, tmp_path):
     figure = vorticity_figure(wake, ("base_0",), title="one")
     for name, head in (("a.png", b"\x89PNG"), ("a.PDF", b"%PDF"), ("a.svg", b"<?xml")):
         save_figure(tmp_path / name, figure)
         assert (tmp_path / name).read_bytes().startswith(head)
 
 
-def test_a_mean_is_drawn_with_the_numbers_of_its_flow(wake: TruckWake, tmp_path: Path) -> None:
+def test_a_mean_is_drawn_with_the_numbers_of_its_flow(wake, tmp_path):
     wake.flow.faces_u[:] = wake.grid.xf[:, None] - LENGTH - 1.25
     figure = mean_figure(wake.grid, wake.body, wake.flow, 10.0)
     assert "bubble 1.25 W" in figure.axes[0].get_title()
@@ -129,13 +126,13 @@ def test_a_mean_is_drawn_with_the_numbers_of_its_flow(wake: TruckWake, tmp_path:
     assert Image.open(tmp_path / "a.png").size == (1100, 506)
 
 
-def test_another_format_is_refused(wake: TruckWake, tmp_path: Path) -> None:
+def test_another_format_is_refused(wake, tmp_path):
     with pytest.raises(ConfigError, match=r"a\.bmp: must be a file ending in \.png, \.pdf, \.svg"):
         save_figure(tmp_path / "a.bmp", vorticity_figure(wake))
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_plant_without_pressure_in_the_flow_draws_vorticity_only(wake: TruckWake, monkeypatch) -> None:
+def test_a_plant_without_pressure_in_the_flow_draws_vorticity_only(wake, monkeypatch):
     monkeypatch.setattr(wake, "pressure", lambda: None)
     with pytest.raises(ConfigError, match="own solver only"):
         WakePicture(wake, "pressure")

@@ -6,7 +6,6 @@ from contract.errors import PlantError
 from wake.pictures.fields import Raster, TimeMean, mean_flow, velocity
 from wake.solver.flow import Flow
 from wake.solver.grid import Grid
-from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # seconds of flow
 
@@ -20,7 +19,7 @@ def filled(grid: Grid, u, v, p=lambda x, y: 0.0 * x * y) -> Flow:
     return flow
 
 
-def test_vorticity_of_taylor_green_vortices(wake: TruckWake) -> None:
+def test_vorticity_of_taylor_green_vortices(wake):
     grid = wake.grid
     flow = filled(grid, lambda x, y: np.sin(x) * np.cos(y), lambda x, y: -np.cos(x) * np.sin(y))
     wake.flow.flat[:] = flow.flat
@@ -30,7 +29,7 @@ def test_vorticity_of_taylor_green_vortices(wake: TruckWake) -> None:
     assert wake.vorticity()[near] == pytest.approx(exact[near], abs=2e-3)
 
 
-def test_velocity_in_the_cell_centres(wake: TruckWake) -> None:
+def test_velocity_in_the_cell_centres(wake):
     grid = wake.grid
     u, v = velocity(filled(grid, lambda x, y: 2.0 * x + y, lambda x, y: x - 3.0 * y))
     x, y = grid.xc[:, None], grid.yc[None, :]
@@ -38,7 +37,7 @@ def test_velocity_in_the_cell_centres(wake: TruckWake) -> None:
     assert v == pytest.approx(x - 3.0 * y, abs=1e-12)
 
 
-def test_a_flow_and_its_mirror_image_have_a_symmetric_mean(wake: TruckWake) -> None:
+def test_a_flow_and_its_mirror_image_have_a_symmetric_mean(wake):
     wake.advance(0.05)
     flow = wake.flow
     mirrored = Flow.zeros(wake.grid.shape)
@@ -56,7 +55,7 @@ def test_a_flow_and_its_mirror_image_have_a_symmetric_mean(wake: TruckWake) -> N
     assert measured.Cl == pytest.approx(0.0, abs=1e-10)
 
 
-def test_a_mean_leaves_out_what_is_skipped(wake: TruckWake) -> None:
+def test_a_mean_leaves_out_what_is_skipped(wake):
     start, calls = wake.state(), []
     mean = mean_flow(wake, np.array([0.01, 0.02, 0.03]), 1, lambda done, total: calls.append((done, total)))
     wake.reset(start)
@@ -69,12 +68,12 @@ def test_a_mean_leaves_out_what_is_skipped(wake: TruckWake) -> None:
     assert calls == [(1, 3), (2, 3), (3, 3)]
 
 
-def test_a_mean_of_nothing_is_refused(wake: TruckWake) -> None:
+def test_a_mean_of_nothing_is_refused(wake):
     with pytest.raises(PlantError, match="0 instants"):
         mean_flow(wake, np.zeros(0))
 
 
-def test_a_raster_keeps_linear_fields(wake: TruckWake) -> None:
+def test_a_raster_keeps_linear_fields(wake):
     grid = wake.grid
     raster = Raster.of(grid.xc, grid.yc, (0.0, 10.0, -1.0, 1.0), 50)
     pixels = raster(3.0 * grid.xc[:, None] - grid.yc[None, :])

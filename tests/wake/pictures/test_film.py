@@ -37,7 +37,7 @@ class Played:
 
 
 @pytest.fixture
-def played(wake: TruckWake) -> Played:
+def played(wake) -> Played:
     return Played(wake)
 
 
@@ -46,7 +46,7 @@ def count(pixels: npt.NDArray[np.uint8], colour: str) -> int:
     return int((np.abs(pixels - wanted) < 3.0).all(axis=2).sum())
 
 
-def test_the_frame_lights_up_when_control_begins_and_fades(played: Played) -> None:
+def test_the_frame_lights_up_when_control_begins_and_fades(played):
     film = Film(played, STORY, ("base_0",), 480)
     lit = []
     for t in (9.8, 10.0, 11.0, 14.0):
@@ -60,7 +60,7 @@ def test_the_frame_lights_up_when_control_begins_and_fades(played: Played) -> No
 
 
 @pytest.mark.parametrize(("share", "upper", "lower"), [(0.8, BLOWING, SUCKING), (-0.8, SUCKING, BLOWING)])
-def test_the_jets_show_their_sign(played: Played, share: float, upper: str, lower: str) -> None:
+def test_the_jets_show_their_sign(played, share, upper, lower):
     film = Film(played, replace(STORY, control=0.0), ("base_0",), 960)
     played.says(5.0, share=share)
     flow = film.pixels()[: int(960 * 4.3 / 15.0)]
@@ -72,7 +72,7 @@ def test_the_jets_show_their_sign(played: Played, share: float, upper: str, lowe
     assert count(still[: len(flow)], BLOWING) == count(still, SUCKING) == 0
 
 
-def test_the_number_is_the_mean_of_a_cycle_under_control_only(played: Played) -> None:
+def test_the_number_is_the_mean_of_a_cycle_under_control_only(played):
     film = Film(played, STORY, ("base_0",), 480)
     shown = []
     for t in np.arange(0.0, 18.01, 0.5):
@@ -87,13 +87,13 @@ def test_the_number_is_the_mean_of_a_cycle_under_control_only(played: Played) ->
     assert shown[36] == "\N{MINUS SIGN}22 %"
 
 
-def test_where_nothing_turns_it_is_dark(played: Played) -> None:
+def test_where_nothing_turns_it_is_dark(played):
     played._curl = np.zeros_like(played._curl)
     flow = Film(played, STORY, (), 480).pixels()[:130]
     assert count(flow[:, 240:380], NIGHT) == 130 * 140
 
 
-def test_a_gif_has_colours_for_it(played: Played) -> None:
+def test_a_gif_has_colours_for_it(played):
     film = Film(played, STORY, ("base_0",), 480)
     played.says(12.0, share=0.5)
     table = Film.palette()

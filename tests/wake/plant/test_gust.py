@@ -59,7 +59,7 @@ def test_a_steady_wind_is_no_wind_to_the_bit():
 
 
 @pytest.fixture
-def developed(shared_wake: TruckWake) -> Iterator[TruckWake]:
+def developed(shared_wake) -> Iterator[TruckWake]:
     shared_wake.reset(developed_state())
     yield shared_wake
     shared_wake.wind = None

@@ -19,7 +19,7 @@ START = np.array([0.3, -0.1])
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Path:
+def start(tmp_path) -> Path:
     """A state of the cheap plant, in a file as the steady wake's."""
     path = tmp_path / "start" / "steady.npz"
     path.parent.mkdir()
@@ -34,25 +34,25 @@ def recorded(output: Path, start: Path, wanted: CalmRound, **arguments: Any) -> 
     return read(output)
 
 
-def test_the_random_actions_have_the_amplitudes_asked_for() -> None:
+def test_the_random_actions_have_the_amplitudes_asked_for():
     plans = CalmRound(episodes=4, steps=100_000, smallest=0.001, largest=0.008).plans(1)
     rms = [np.sqrt(np.mean(plan.signal(Config()) ** 2)) for plan in plans]
     # A correlation time of five steps leaves some 20,000 independent values: four standard errors of a deviation.
     assert rms == pytest.approx([0.001, 0.002, 0.004, 0.008], rel=4 / np.sqrt(2 * 20_000))
 
 
-def test_one_episode_has_the_smallest_amplitude() -> None:
+def test_one_episode_has_the_smallest_amplitude():
     assert [plan.amplitude for plan in CalmRound(episodes=1, smallest=0.003).plans(1)] == [0.003]
 
 
-def test_no_two_episodes_are_disturbed_alike() -> None:
+def test_no_two_episodes_are_disturbed_alike():
     rounds = [CalmRound(steps=9), CalmRound(steps=9, seed=2), CalmRound(steps=9, role="calm")]
     plans = [plan for wanted in rounds for number in (1, 2) for plan in wanted.plans(number)]
     signals = np.array([plan.signal(Config()) / plan.amplitude for plan in plans])
     assert len(np.unique(signals.round(9), axis=0)) == len(plans) == 48
 
 
-def test_what_makes_no_sense_is_refused_by_name() -> None:
+def test_what_makes_no_sense_is_refused_by_name():
     cases: list[tuple[dict[str, Any], str]] = [
         ({"episodes": 0}, "episodes = 0: must be at least 1"),
         ({"steps": 0}, "steps = 0"),
@@ -69,9 +69,7 @@ def test_what_makes_no_sense_is_refused_by_name() -> None:
 
 @pytest.mark.usefixtures("cheap_plant")
 class TestOnACheapPlant:
-    def test_episodes_begin_in_the_file_and_are_driven_by_the_signal(
-        self, tmp_path: Path, start: Path, oscillator: type
-    ) -> None:
+    def test_episodes_begin_in_the_file_and_are_driven_by_the_signal(self, tmp_path, start, oscillator):
         wanted = CalmRound(episodes=2, steps=7)
         for plan, episode in zip(wanted.plans(1), recorded(tmp_path / "a.h5", start, wanted).episodes, strict=True):
             plant, expected = oscillator(), []
@@ -84,7 +82,7 @@ class TestOnACheapPlant:
             assert episode.series["Cd"] == pytest.approx(expected, abs=2**-15)
             assert episode.initial_action == 0.0
 
-    def test_provenance_names_start_amplitude_and_controller(self, tmp_path: Path, start: Path) -> None:
+    def test_provenance_names_start_amplitude_and_controller(self, tmp_path, start):
         wanted = CalmRound(episodes=2, steps=4, smallest=0.001, largest=0.002, seed=4, role="calm", bundle="mine")
         found = recorded(tmp_path / "a.h5", start, wanted)
         facts = {"forcing_signal": "calm", "round": 1, "seed": 4, "lead_steps": 0, "bundle": "mine",
@@ -95,7 +93,7 @@ class TestOnACheapPlant:
         with pytest.raises(DatasetError, match="no episode with role 'train'"):
             found.with_role("train")
 
-    def test_rounds_of_both_kinds_count_on_in_one_file(self, tmp_path: Path, start: Path) -> None:
+    def test_rounds_of_both_kinds_count_on_in_one_file(self, tmp_path, start):
         output, wanted = tmp_path / "a.h5", CalmRound(episodes=1, steps=3)
         recorded(output, start, wanted)
         controlled = ControlledRound(episodes=1, steps=3, bundle="none", bundle_digest="0" * 64)

@@ -72,7 +72,7 @@ def recorded(
     return read(output)
 
 
-def test_exploration_has_the_variance_and_the_memory_it_should() -> None:
+def test_exploration_has_the_variance_and_the_memory_it_should():
     for time in [0.4, 1.0, 3.0]:
         n, rms = 400_000, 0.15
         x = exploration(n, ForcingConfig(exploration_time=time), FLOW, np.random.default_rng(3), rms=rms) / LIMIT
@@ -90,21 +90,21 @@ def test_exploration_has_the_variance_and_the_memory_it_should() -> None:
         assert np.mean(np.abs(x) > 2 * rms) == pytest.approx(0.0455, abs=4 * np.sqrt(0.0455 / few))
 
 
-def test_exploration_is_stationary_from_the_first_step_on() -> None:
+def test_exploration_is_stationary_from_the_first_step_on():
     runs = np.array([exploration(4, ForcingConfig(), FLOW, np.random.default_rng(i), rms=0.5) for i in range(3000)])
     # Four standard errors of a standard deviation from 3000 values.
     assert runs.std(axis=0) / LIMIT == pytest.approx(np.full(4, 0.5), rel=4 / np.sqrt(6000))
 
 
 @given(seed=st.integers(0, 2**32 - 1), steps=st.integers(1, 60), more=st.integers(0, 60))
-def test_exploration_is_a_function_of_seed_and_step(seed: int, steps: int, more: int) -> None:
+def test_exploration_is_a_function_of_seed_and_step(seed, steps, more):
     longer = exploration(steps + more, ForcingConfig(), FLOW, np.random.default_rng(seed), rms=0.2)
     assert np.array_equal(
         exploration(steps, ForcingConfig(), FLOW, np.random.default_rng(seed), rms=0.2), longer[:steps]
     )
 
 
-def test_no_two_episodes_explore_alike() -> None:
+def test_no_two_episodes_explore_alike():
     wanted = [a_round(), a_round(seed=2), a_round(role="controlled")]
     plans = [plan for item in wanted for number in (1, 2) for plan in item.plans(number)]
     signals = np.array([plan.signal(Config()) for plan in plans])
@@ -116,7 +116,7 @@ def test_no_two_episodes_explore_alike() -> None:
     assert [p.lead for p in many] != [p.lead for p in a_round(episodes=24).plans(2)]
 
 
-def test_what_makes_no_sense_is_refused_by_name() -> None:
+def test_what_makes_no_sense_is_refused_by_name():
     cases: list[tuple[dict[str, Any], str]] = [
         ({"exploration": -0.1}, "exploration = -0.1: must be finite and at least 0"),
         ({"exploration": np.nan}, "exploration = nan"),
@@ -132,14 +132,14 @@ def test_what_makes_no_sense_is_refused_by_name() -> None:
 
 @pytest.mark.usefixtures("cheap_plant")
 class TestOnACheapPlant:
-    def test_the_controller_gets_what_acted_and_what_was_measured(self, tmp_path: Path) -> None:
+    def test_the_controller_gets_what_acted_and_what_was_measured(self, tmp_path):
         witness = Witness()
         episode = recorded(tmp_path / "a.h5", a_round(episodes=1, steps=20), lambda: witness).episodes[0]
         assert [action for _, action in witness.seen] == episode.previous_action.tolist()
         # Stored in 16 bits.
         assert np.array([Cp for Cp, _ in witness.seen]) == pytest.approx(episode.series["Cp"], abs=2**-14)
 
-    def test_what_acts_is_command_and_exploration_cut_to_the_limit(self, tmp_path: Path, oscillator: type) -> None:
+    def test_what_acts_is_command_and_exploration_cut_to_the_limit(self, tmp_path, oscillator):
         for policy in (Integrator, Eager):
             wanted = a_round(episodes=1, steps=40)
             actions = recorded(tmp_path / f"{policy.gain}.h5", wanted, policy).episodes[0].series["action"]
@@ -155,7 +155,7 @@ class TestOnACheapPlant:
         # The last one saturates, and never beyond the limit.
         assert np.abs(actions).max() == LIMIT and np.mean(np.abs(actions) == LIMIT) > 0.5
 
-    def test_provenance_names_the_controller(self, tmp_path: Path) -> None:
+    def test_provenance_names_the_controller(self, tmp_path):
         wanted = a_round(bundle="mine", bundle_digest="ab" * 32, exploration=0.2, seed=4, role="controlled")
         first, second = recorded(tmp_path / "a.h5", wanted).episodes
         facts = {"forcing_signal": "controlled", "round": 1, "bundle": "mine", "bundle_digest": "ab" * 32,
@@ -167,7 +167,7 @@ class TestOnACheapPlant:
         assert first.provenance["lead_steps"] != second.provenance["lead_steps"]
         assert first.provenance["forcing"]["exploration_time"] == 1.0
 
-    def test_a_second_call_adds_a_round_that_repeats_nothing(self, tmp_path: Path) -> None:
+    def test_a_second_call_adds_a_round_that_repeats_nothing(self, tmp_path):
         output = tmp_path / "a.h5"
         recorder.record(output, [EpisodePlan(forcing="training", steps=7, seed=5)], Config())
         begun = read(output)
@@ -181,7 +181,7 @@ class TestOnACheapPlant:
         assert len(np.unique(actions, axis=0)) == 4
         assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
 
-    def test_a_stopped_recording_continues_without_a_seam(self, tmp_path: Path) -> None:
+    def test_a_stopped_recording_continues_without_a_seam(self, tmp_path):
         # The shipped controller's window takes 32 steps to fill: its plan is stopped as it goes on, too.
         wanted = a_round(steps=44)
         arguments: dict[str, Any] = {"policy": partial(BundlePolicy, load(BUNDLE)), "block_steps": 11}
@@ -206,7 +206,7 @@ class TestOnACheapPlant:
         assert stops >= 6
         assert equal(read(stopped), whole)
 
-    def test_a_forgotten_memory_would_show(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_a_forgotten_memory_would_show(self, tmp_path, monkeypatch):
         whole = recorded(tmp_path / "whole.h5")
         remembered = EpisodeBlocks.end
         monkeypatch.setattr(EpisodeBlocks, "end", lambda blocks: (remembered(blocks)[0], np.zeros(2)))
@@ -219,7 +219,7 @@ class TestOnACheapPlant:
             recorded(tmp_path / "a.h5", progress=stop)
         assert not equal(recorded(tmp_path / "a.h5"), whole)
 
-    def test_another_flow_is_refused_before_anything_is_recorded(self, tmp_path: Path) -> None:
+    def test_another_flow_is_refused_before_anything_is_recorded(self, tmp_path):
         output = tmp_path / "a.h5"
         recorder.record(output, [EpisodePlan(forcing="none", steps=2, seed=0)], Config())
         other = Config(flow=FlowConfig(substeps=40))
@@ -227,7 +227,7 @@ class TestOnACheapPlant:
             record_round(output, a_round(), other, Integrator)
         assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
 
-    def test_parts_of_another_controller_are_refused(self, tmp_path: Path) -> None:
+    def test_parts_of_another_controller_are_refused(self, tmp_path):
         with pytest.raises(Killed):
             recorded(tmp_path / "a.h5", progress=_kill_after_a_block)
         with pytest.raises(StillwakeError, match=r"unfinished recording with other settings \(plans\)"):
@@ -235,7 +235,7 @@ class TestOnACheapPlant:
 
 
 @pytest.mark.processes
-def test_side_by_side_under_a_release_gives_the_same(tmp_path: Path, short_release: Path) -> None:
+def test_side_by_side_under_a_release_gives_the_same(tmp_path, short_release):
     release = load(short_release)
     # A step longer than the window, so that the controller has its say twice; and a seed whose leads are 1 and 0 steps.
     wanted = a_round(steps=release.manifest.window + 1, exploration=0.1, seed=22)

@@ -24,12 +24,12 @@ PLANS = (TRAINING, NONE)
 
 
 @pytest.fixture(autouse=True)
-def every_plant_is_cheap(cheap_plant: None) -> None:
+def every_plant_is_cheap(cheap_plant) -> None:
     pass
 
 
 @pytest.fixture
-def output(tmp_path: Path) -> Path:
+def output(tmp_path) -> Path:
     assert record(tmp_path / "a.h5")
     return tmp_path / "a.h5"
 
@@ -38,20 +38,20 @@ def record(path: Path, plans: tuple[EpisodePlan, ...] = PLANS, config: Config | 
     return recorder.record(path, plans, Config() if config is None else config, block_steps=3, **options)
 
 
-def test_the_same_plans_and_settings_leave_a_finished_recording_as_it_is(output: Path) -> None:
+def test_the_same_plans_and_settings_leave_a_finished_recording_as_it_is(output):
     before = output.read_bytes()
     assert not record(output)
     assert output.read_bytes() == before
 
 
-def test_another_version_of_the_software_made_the_same_recording(output: Path) -> None:
+def test_another_version_of_the_software_made_the_same_recording(output):
     with h5py.File(output, "r+") as file:
         for node in file["episodes"].values():
             node.attrs["provenance"] = node.attrs["provenance"].replace('"numba": "', '"numba": "9')
     assert not record(output)
 
 
-def test_another_recording_is_refused_by_what_differs(output: Path) -> None:
+def test_another_recording_is_refused_by_what_differs(output):
     cases: list[tuple[tuple[EpisodePlan, ...], dict[str, Any], str]] = [
         ((replace(TRAINING, steps=20), NONE), {}, "episode training_5 has 7 steps, not 20"),
         ((replace(TRAINING, seed=6), NONE), {}, "no episode training_6, but training_5, none_0"),
@@ -67,7 +67,7 @@ def test_another_recording_is_refused_by_what_differs(output: Path) -> None:
         assert [path.name for path in output.parent.iterdir()] == ["a.h5"]
 
 
-def test_the_shipped_recording_is_the_papers_with_rounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_shipped_recording_is_the_papers_with_rounds(tmp_path, monkeypatch):
     monkeypatch.undo()
     copy = Path(shutil.copy(RECORDING, tmp_path / "a.h5"))
     assert not record(copy, paper_plans())
@@ -75,14 +75,14 @@ def test_the_shipped_recording_is_the_papers_with_rounds(tmp_path: Path, monkeyp
         record(copy, paper_plans(seed=2))
 
 
-def test_what_is_no_data_set_is_not_replaced_either(tmp_path: Path) -> None:
+def test_what_is_no_data_set_is_not_replaced_either(tmp_path):
     (tmp_path / "a.h5").write_text("a thesis")
     with pytest.raises(OutputError, match="there is a file that is not read"):
         record(tmp_path / "a.h5")
     assert (tmp_path / "a.h5").read_text() == "a thesis"
 
 
-def test_the_old_one_stays_until_the_new_one_is_whole(output: Path) -> None:
+def test_the_old_one_stays_until_the_new_one_is_whole(output):
     before = output.read_bytes()
 
     def stop(name: str, done: int, total: int) -> None:
@@ -100,7 +100,7 @@ def test_the_old_one_stays_until_the_new_one_is_whole(output: Path) -> None:
     assert [len(episode) for episode in read(output).episodes] == [9, 2]
 
 
-def test_a_start_that_failed_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_start_that_failed_leaves_nothing(tmp_path, monkeypatch):
     def diverging(config: object, body: object) -> None:
         raise PlantError("flow diverged")
 
@@ -113,7 +113,7 @@ def test_a_start_that_failed_leaves_nothing(tmp_path: Path, monkeypatch: pytest.
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_recording_begins_in_the_state_it_is_given(tmp_path: Path, oscillator: type) -> None:
+def test_a_recording_begins_in_the_state_it_is_given(tmp_path, oscillator):
     flat = np.array([0.3, -0.2])
     start = tmp_path / "start.npz"
     save_state(start, State(flat=flat, substep=0, action=0.0, origin=Origin(shape=(443, 164), reynolds=1000.0)))

@@ -6,20 +6,20 @@ from scipy.signal import chirp as scipy_chirp
 from scipy.signal import hilbert
 
 from contract.config.plant import FlowConfig, ForcingConfig
-from wake.recording.forcing import SIGNALS, ForcingName
+from wake.recording.forcing import SIGNALS
 
 FLOW, FORCING = FlowConfig(), ForcingConfig()
 
 
 @given(seed=st.integers(0, 2**32 - 1), name=st.sampled_from(sorted(SIGNALS)), steps=st.integers(1, 400))
-def test_every_signal_keeps_the_bound_and_is_repeatable(seed: int, name: ForcingName, steps: int) -> None:
+def test_every_signal_keeps_the_bound_and_is_repeatable(seed, name, steps):
     first, second = (SIGNALS[name](steps, FORCING, FLOW, np.random.default_rng(seed)) for _ in range(2))
     assert first.shape == (steps,)
     assert np.abs(first).max() <= FLOW.action_limit
     assert np.array_equal(first, second)
 
 
-def test_chirp_is_scipys() -> None:
+def test_chirp_is_scipys():
     steps = 5000
     t = np.arange(steps) * FLOW.control_period
     expected = FLOW.action_limit * scipy_chirp(t, 0.1, steps * FLOW.control_period, 0.4, phi=-90)
@@ -27,7 +27,7 @@ def test_chirp_is_scipys() -> None:
     assert actual == pytest.approx(expected, abs=1e-9)
 
 
-def test_training_waveform_wanders_around_the_shedding_frequency() -> None:
+def test_training_waveform_wanders_around_the_shedding_frequency():
     signal = SIGNALS["training"](50_000, FORCING, FLOW, np.random.default_rng(1))
     phase = np.unwrap(np.angle(hilbert(signal)))
     frequency = np.diff(phase) / (2 * np.pi * FLOW.control_period)

@@ -11,16 +11,16 @@ TASK = {"plans": [1, 2], "block_steps": 3}
 
 
 @pytest.fixture
-def parts(tmp_path: Path) -> PartsFolder:
+def parts(tmp_path) -> PartsFolder:
     return PartsFolder.for_output(tmp_path / "a.h5")
 
 
-def test_it_stands_next_to_its_output_by_an_absolute_path(tmp_path: Path, monkeypatch) -> None:
+def test_it_stands_next_to_its_output_by_an_absolute_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert PartsFolder.for_output(Path("a.h5")).path == tmp_path / "a.h5.parts"
 
 
-def test_the_last_call_that_claims_it_owns_it(parts: PartsFolder) -> None:
+def test_the_last_call_that_claims_it_owns_it(parts):
     assert not parts.is_owned_by("one")
     parts.claim(TASK, "one")
     assert parts.is_owned_by("one")
@@ -33,7 +33,7 @@ def test_the_last_call_that_claims_it_owns_it(parts: PartsFolder) -> None:
     parts.disown("two")
 
 
-def test_it_stays_as_soon_as_a_block_is_recorded(parts: PartsFolder) -> None:
+def test_it_stays_as_soon_as_a_block_is_recorded(parts):
     parts.claim(TASK, "one")
     (parts.path / "episode").mkdir()
     # The state is written before the samples it belongs to.
@@ -48,7 +48,7 @@ def test_it_stays_as_soon_as_a_block_is_recorded(parts: PartsFolder) -> None:
     assert parts.task() == TASK
 
 
-def test_only_the_same_task_continues_what_was_begun(parts: PartsFolder) -> None:
+def test_only_the_same_task_continues_what_was_begun(parts):
     parts.claim(TASK, "one")
     # As long as nothing is recorded, another task may have the folder.
     parts.claim(TASK | {"block_steps": 4}, "two")
@@ -61,7 +61,7 @@ def test_only_the_same_task_continues_what_was_begun(parts: PartsFolder) -> None
     assert parts.is_owned_by("four")
 
 
-def test_parts_without_a_readable_label_are_refused(parts: PartsFolder) -> None:
+def test_parts_without_a_readable_label_are_refused(parts):
     for label in [None, "{", "nonsense"]:
         (parts.path / "episode").mkdir(parents=True, exist_ok=True)
         if label is not None:
@@ -71,7 +71,7 @@ def test_parts_without_a_readable_label_are_refused(parts: PartsFolder) -> None:
             parts.claim(TASK, "one")
 
 
-def test_clearing_leaves_nothing_even_after_a_clearing_that_was_stopped(parts: PartsFolder) -> None:
+def test_clearing_leaves_nothing_even_after_a_clearing_that_was_stopped(parts):
     parts.claim(TASK, "one")
     half_cleared = parts.path.with_name(parts.path.name + ".done")
     half_cleared.mkdir()
@@ -79,5 +79,5 @@ def test_clearing_leaves_nothing_even_after_a_clearing_that_was_stopped(parts: P
     assert list(parts.path.parent.iterdir()) == []
 
 
-def test_differing_entries_are_named() -> None:
+def test_differing_entries_are_named():
     assert differing({"a": 1, "b": 2}, {"b": 3, "a": 1, "c": 4}) == "b, c"

@@ -18,16 +18,12 @@ from wake.recording import recorder
 from wake.recording.episode_plan import EpisodePlan, paper_plans
 from wake.recording.recorder import record
 from wake.solver.grid import truck_grid
-from wake.truck.truck_wake import TruckWake
 
-PLANS = [
-    EpisodePlan(forcing="training", steps=7, seed=5, lead=2),
-    EpisodePlan(forcing="none", steps=2, seed=0),
-]
+PLANS = [EpisodePlan(forcing="training", steps=7, seed=5, lead=2), EpisodePlan(forcing="none", steps=2, seed=0)]
 
 
 @pytest.fixture(autouse=True)
-def every_plant_is_cheap(cheap_plant: None) -> None:
+def every_plant_is_cheap(cheap_plant) -> None:
     pass
 
 
@@ -36,7 +32,7 @@ def recorded(output: Path, plans: list[EpisodePlan] = PLANS, **arguments: Any) -
     return read(output)
 
 
-def test_samples_follow_the_timing_convention(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wake: TruckWake) -> None:
+def test_samples_follow_the_timing_convention(tmp_path, monkeypatch, wake):
     monkeypatch.undo()
     monkeypatch.setattr(recorder, "TruckWake", lambda config, *, body: wake)
     first = wake.sample()
@@ -49,7 +45,7 @@ def test_samples_follow_the_timing_convention(tmp_path: Path, monkeypatch: pytes
     assert episode.initial_action == 0.0
 
 
-def test_a_lead_passes_before_the_first_sample(tmp_path: Path, oscillator: type) -> None:
+def test_a_lead_passes_before_the_first_sample(tmp_path, oscillator):
     plan, plant = EpisodePlan(forcing="none", steps=4, seed=0, lead=6), oscillator()
     expected = [plant.advance(0.0) for _ in range(9)][5:]
     series = recorded(tmp_path / "a.h5", [plan]).episodes[0].series
@@ -57,7 +53,7 @@ def test_a_lead_passes_before_the_first_sample(tmp_path: Path, oscillator: type)
     assert series["Cl"] == pytest.approx([sample.Cl for sample in expected], abs=2**-15)
 
 
-def test_provenance_holds_how_each_episode_was_made(tmp_path: Path) -> None:
+def test_provenance_holds_how_each_episode_was_made(tmp_path):
     first, second = (episode.provenance for episode in recorded(tmp_path / "a.h5").episodes)
     assert (first["seed"], first["lead_steps"], first["forcing_signal"]) == (5, 2, "training")
     assert (second["seed"], second["lead_steps"], second["forcing_signal"]) == (0, 0, "none")
@@ -67,7 +63,7 @@ def test_provenance_holds_how_each_episode_was_made(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow  # records once for every change
-def test_it_may_be_killed_before_any_change_on_disk(tmp_path: Path, oscillator: type) -> None:
+def test_it_may_be_killed_before_any_change_on_disk(tmp_path, oscillator):
     plans = [EpisodePlan(forcing="training", steps=5, seed=5, lead=2)]
     whole = recorded(tmp_path / "whole.h5", plans)
     number, killed = 1, True
@@ -89,7 +85,7 @@ def test_it_may_be_killed_before_any_change_on_disk(tmp_path: Path, oscillator: 
     assert number > 20
 
 
-def test_a_full_disk_is_named_and_costs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_named_and_costs_nothing(tmp_path, monkeypatch):
     output, written = tmp_path / "a.h5", 0
 
     def fsync(descriptor: int) -> None:
@@ -110,7 +106,7 @@ def test_a_full_disk_is_named_and_costs_nothing(tmp_path: Path, monkeypatch: pyt
     assert equal(resumed, recorded(tmp_path / "whole.h5"))
 
 
-def test_only_the_last_states_are_kept(tmp_path: Path) -> None:
+def test_only_the_last_states_are_kept(tmp_path):
     most = 0
 
     def count(name: str, done: int, total: int) -> None:
@@ -121,7 +117,7 @@ def test_only_the_last_states_are_kept(tmp_path: Path) -> None:
     assert most == 2
 
 
-def test_parts_of_another_recording_are_refused_by_what_differs(tmp_path: Path) -> None:
+def test_parts_of_another_recording_are_refused_by_what_differs(tmp_path):
     with pytest.raises(Killed):
         recorded(tmp_path / "a.h5", progress=lambda name, done, total: _kill() if done == 3 else None)
     with pytest.raises(StillwakeError, match=r"other settings \(block_steps\)"):
@@ -132,7 +128,7 @@ def test_parts_of_another_recording_are_refused_by_what_differs(tmp_path: Path) 
         recorded(tmp_path / "a.h5")
 
 
-def test_a_damaged_block_is_named(tmp_path: Path) -> None:
+def test_a_damaged_block_is_named(tmp_path):
     with suppress(Killed):
         recorded(tmp_path / "a.h5", progress=lambda name, done, total: _kill() if done == 6 else None)
     block = tmp_path / "a.h5.parts" / "training_5" / "000000.npz"
@@ -141,7 +137,7 @@ def test_a_damaged_block_is_named(tmp_path: Path) -> None:
         recorded(tmp_path / "a.h5")
 
 
-def test_a_second_call_takes_over_and_the_first_stops(tmp_path: Path) -> None:
+def test_a_second_call_takes_over_and_the_first_stops(tmp_path):
     output = tmp_path / "a.h5"
 
     def interrupt(name: str, done: int, total: int) -> None:
@@ -153,7 +149,7 @@ def test_a_second_call_takes_over_and_the_first_stops(tmp_path: Path) -> None:
     assert equal(read(output), recorded(tmp_path / "whole.h5"))
 
 
-def test_the_papers_data_set() -> None:
+def test_the_papers_data_set():
     plans = paper_plans()
     steps = {role: sum(plan.steps for plan in plans if plan.role == role) for role in ("train", "test", "extended")}
     assert steps == {"train": 52_500, "test": 10_000, "extended": 10_000}

@@ -34,14 +34,14 @@ record(Path(sys.argv[1]), {PLANS!r}, Config(), block_steps={BLOCK_STEPS},
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+def whole(tmp_path_factory) -> Dataset:
     """Recorded in this process, in one go."""
     path = tmp_path_factory.mktemp("whole") / "whole.h5"
     record(path, PLANS, Config(), block_steps=BLOCK_STEPS)
     return read(path)
 
 
-def test_killed_at_random_instants_it_continues_without_a_seam(tmp_path: Path, whole: Dataset) -> None:
+def test_killed_at_random_instants_it_continues_without_a_seam(tmp_path, whole):
     output, rng, kills = tmp_path / "a.h5", np.random.default_rng(), 0
     while not output.exists():
         with subprocess.Popen(
@@ -70,7 +70,7 @@ def is_worker(process: psutil.Process) -> bool:
     return "spawn_main" in title or "dask worker" in title
 
 
-def test_side_by_side_with_a_worker_killed_gives_the_same(tmp_path: Path, whole: Dataset) -> None:
+def test_side_by_side_with_a_worker_killed_gives_the_same(tmp_path, whole):
     output = tmp_path / "a.h5"
     notices: list[str] = []
     victims: list[psutil.Process] = []
@@ -94,7 +94,7 @@ def _command(*arguments: object, scratch: Path | None = None) -> subprocess.Pope
     )  # fmt: skip
 
 
-def test_a_signal_to_the_group_ends_the_workers_too(tmp_path: Path) -> None:
+def test_a_signal_to_the_group_ends_the_workers_too(tmp_path):
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     with _command(tmp_path / "a.h5", scratch=scratch) as process:
@@ -112,7 +112,7 @@ def test_a_signal_to_the_group_ends_the_workers_too(tmp_path: Path) -> None:
     assert list(tmp_path.rglob("*")) == [scratch]
 
 
-def test_a_workers_error_is_one_line(tmp_path: Path) -> None:
+def test_a_workers_error_is_one_line(tmp_path):
     steps = ("--training", 20, "--chirp", 0, "--uncontrolled", 20)
     with _command(tmp_path / "a.h5", *steps, "--set", "flow.substeps=3") as process:
         err = process.communicate()[1]

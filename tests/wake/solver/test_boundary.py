@@ -30,7 +30,7 @@ def _ghost_error(cells: int) -> float:
     return float(np.abs(np.array(values) - flat[ghosts.target]).max())
 
 
-def test_ghosts_are_second_order_on_a_curved_wall() -> None:
+def test_ghosts_are_second_order_on_a_curved_wall():
     errors = np.array([_ghost_error(cells) for cells in (40, 80, 160)])
     orders = np.log2(errors[:-1] / errors[1:])
     assert errors[-1] < 2e-3
@@ -38,7 +38,7 @@ def test_ghosts_are_second_order_on_a_curved_wall() -> None:
     assert np.mean(orders) > 1.7, orders
 
 
-def test_straight_walls_reflect_in_one_point() -> None:
+def test_straight_walls_reflect_in_one_point():
     grid = truck_grid()
     ghosts = boundary.build(grid, signed_distance).u_ghosts
     columns = grid.shape[1] + 2
@@ -51,7 +51,7 @@ def test_straight_walls_reflect_in_one_point() -> None:
     assert ghosts.weight[ghosts.start[:-1][middle]] == pytest.approx(-1.0, rel=5e-3)
 
 
-def test_closed_faces_surround_the_body() -> None:
+def test_closed_faces_surround_the_body():
     grid = truck_grid(0.5)
     walls = boundary.build(grid, signed_distance)
     assert not walls.open_u[grid.rear, grid.lower : grid.upper].any()

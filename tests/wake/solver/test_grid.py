@@ -10,7 +10,7 @@ from wake.solver.grid import bilinear, box_grid, truck_grid
 
 
 @pytest.mark.parametrize("refinement", [0.5, 1.0, 1.7])
-def test_faces_lie_on_walls_and_slot_edges(refinement: float) -> None:
+def test_faces_lie_on_walls_and_slot_edges(refinement):
     grid = truck_grid(refinement)
     assert grid.xf[grid.front] == 0.0
     assert grid.xf[grid.rear] == geometry.LENGTH
@@ -21,7 +21,7 @@ def test_faces_lie_on_walls_and_slot_edges(refinement: float) -> None:
     assert (grid.yf[0], grid.yf[-1]) == geometry.DOMAIN_Y
 
 
-def test_grid_is_symmetric_and_smooth() -> None:
+def test_grid_is_symmetric_and_smooth():
     grid = truck_grid()
     assert np.array_equal(grid.yf, -grid.yf[::-1])
     assert len(grid.yc) % 2 == 0
@@ -31,7 +31,7 @@ def test_grid_is_symmetric_and_smooth() -> None:
         assert ratio.max() < 1.15 and ratio.min() > 1 / 1.15
 
 
-def test_the_trucks_grid_is_the_one_all_shipped_data_was_recorded_on() -> None:
+def test_the_trucks_grid_is_the_one_all_shipped_data_was_recorded_on():
     """Hash of the faces from before other bodies had grids."""
     grid = truck_grid()
     faces = hashlib.sha256(grid.xf.tobytes() + grid.yf.tobytes()).hexdigest()
@@ -40,7 +40,7 @@ def test_the_trucks_grid_is_the_one_all_shipped_data_was_recorded_on() -> None:
 
 
 @given(length=st.floats(0.5, 15.0), refinement=st.sampled_from([0.7, 1.0, 1.4]))
-def test_every_box_has_faces_on_its_walls_and_is_resolved_as_the_truck(length: float, refinement: float) -> None:
+def test_every_box_has_faces_on_its_walls_and_is_resolved_as_the_truck(length, refinement):
     grid, truck = box_grid(length, refinement), truck_grid(refinement)
     assert (grid.xf[grid.front], grid.xf[grid.rear]) == (0.0, length)
     assert (grid.xf[0], grid.xf[-1]) == geometry.DOMAIN_X
@@ -57,7 +57,7 @@ def test_every_box_has_faces_on_its_walls_and_is_resolved_as_the_truck(length: f
     assert max(ratio.max(), 1 / ratio.min()) < 1.0 + 0.15 / min(1.0, refinement) * rounding
 
 
-def test_bilinear_reproduces_a_bilinear_field() -> None:
+def test_bilinear_reproduces_a_bilinear_field():
     x, y = np.array([0.0, 0.3, 1.0]), np.array([-1.0, 0.5, 0.7])
     field = 2.0 + 3.0 * x[:, None] - y[None, :] + 0.5 * x[:, None] * y[None, :]
     value = sum(w * field[node] for node, w in bilinear(x, y, 0.8, 0.1))

@@ -6,7 +6,6 @@ import pytest
 from wake.solver import boundary
 from wake.solver.grid import from_faces
 from wake.solver.navier_stokes import FlowSolver
-from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # seconds of flow
 
@@ -35,13 +34,13 @@ def _kovasznay_error(rows: int) -> float:
     return float(np.abs(flow.faces_u - exact_u(grid.xf, grid.yc))[inner].max())
 
 
-def test_second_order_in_space_on_the_kovasznay_flow() -> None:
+def test_second_order_in_space_on_the_kovasznay_flow():
     coarse, fine = _kovasznay_error(16), _kovasznay_error(32)
     assert fine < 0.02
     assert np.log2(coarse / fine) == pytest.approx(2.0, abs=0.3)
 
 
-def test_mirrored_flow_and_action_give_the_mirrored_future(wake: TruckWake) -> None:
+def test_mirrored_flow_and_action_give_the_mirrored_future(wake):
     first = wake.advance(0.04)
     state = wake.state()
     straight = wake.advance(-0.03)

@@ -35,7 +35,7 @@ def _assembled(grid: Grid, fluid: np.ndarray) -> csr_array:
     return coo_array(triplets, shape=(nx * ny, nx * ny)).tocsr()
 
 
-def test_agrees_with_a_sparse_direct_solve_around_the_truck() -> None:
+def test_agrees_with_a_sparse_direct_solve_around_the_truck():
     grid = truck_grid(0.4)
     fluid = signed_distance(*np.meshgrid(grid.xc, grid.yc, indexing="ij")) > 0
     b = np.random.default_rng(3).standard_normal(grid.shape) * fluid
@@ -45,7 +45,7 @@ def test_agrees_with_a_sparse_direct_solve_around_the_truck() -> None:
     assert np.abs(phi - expected)[fluid].max() < 1e-9 * np.abs(expected).max()
 
 
-def test_even_source_gives_an_exactly_even_solution() -> None:
+def test_even_source_gives_an_exactly_even_solution():
     grid = truck_grid(0.4)
     fluid = signed_distance(*np.meshgrid(grid.xc, grid.yc, indexing="ij")) > 0
     b = np.random.default_rng(4).standard_normal(grid.shape) * fluid

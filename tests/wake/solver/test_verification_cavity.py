@@ -67,11 +67,7 @@ def _cavity(cells: int) -> Profiles:
     grid = from_faces(np.concatenate([inner + 0.5, [1.0 + h, 1.0 + 2 * h]]), yf)
     lid = np.where(np.abs(grid.yf) < 0.5 - 1e-9, -1.0, 0.0)
     solver = FlowSolver(
-        grid,
-        boundary.build(grid, _distance_into_cavity),
-        1e-3,
-        inflow_u=np.zeros(grid.shape[1]),
-        inflow_v=lid,
+        grid, boundary.build(grid, _distance_into_cavity), 1e-3, inflow_u=np.zeros(grid.shape[1]), inflow_v=lid
     )
     flow = Flow.zeros(grid.shape)
     # 50 lid passages from rest: nothing changes in the fifth digit any more.
@@ -91,21 +87,21 @@ def fine() -> Profiles:
     return _cavity(64)
 
 
-def test_the_spectral_table_is_met(fine: Profiles) -> None:
+def test_the_spectral_table_is_met(fine):
     # Second order on 64 cells leaves 6e-3 (measured), and a quarter of it on 128.
     assert fine.errors(2).max() < 8e-3
     assert np.sqrt((fine.errors(2) ** 2).mean()) < 4e-3
 
 
-def test_the_classic_table_is_met_within_its_own_error(fine: Profiles) -> None:
+def test_the_classic_table_is_met_within_its_own_error(fine):
     assert fine.errors(1).max() < 0.02
 
 
-def test_the_error_falls_with_the_square_of_the_cells(fine: Profiles) -> None:
+def test_the_error_falls_with_the_square_of_the_cells(fine):
     coarse = _cavity(32)
     ratio = np.sqrt((coarse.errors(2) ** 2).mean() / (fine.errors(2) ** 2).mean())
     assert np.log2(ratio) == pytest.approx(2.0, abs=0.3)
 
 
-def test_no_fluid_cell_leaks(fine: Profiles) -> None:
+def test_no_fluid_cell_leaks(fine):
     assert fine.leak < 1e-12

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ Box = tuple[float, float, float]
 """Left, right and half height."""
 
 
-def test_at_every_step_cells_hold_their_mass_and_jets_take_what_they_give(wake: TruckWake) -> None:
+def test_at_every_step_cells_hold_their_mass_and_jets_take_what_they_give(wake):
     grid = wake.grid
     for action in (0.075, -0.06):
         for step in range(1, wake.config.substeps + 1):
@@ -96,7 +95,7 @@ def _mean_forces(wake: TruckWake, action: Callable[[float], float], boxes: list[
     return np.asarray(np.trapezoid(np.array(surface), axis=0) / (len(surface) - 1)), list(balance)
 
 
-def test_the_force_on_the_truck_is_what_the_flow_around_it_loses(wake: TruckWake) -> None:
+def test_the_force_on_the_truck_is_what_the_flow_around_it_loses(wake):
     surface, (near, far) = _mean_forces(wake, lambda t: 0.0, [(-1.0, 10.0, 1.5), (-5.0, 20.0, 6.0)])
     # The boxes' own quadrature is of second order on cells a hundred times larger than the wall's.
     assert near == pytest.approx(far, abs=1e-3)
@@ -105,7 +104,7 @@ def test_the_force_on_the_truck_is_what_the_flow_around_it_loses(wake: TruckWake
     assert near[1] == pytest.approx(surface[1], abs=2e-4)
 
 
-def test_slot_force_and_jet_momentum_complete_the_balance(wake: TruckWake) -> None:
+def test_slot_force_and_jet_momentum_complete_the_balance(wake):
     surface, (balance,) = _mean_forces(wake, lambda t: 0.06 * np.sin(2 * np.pi * 0.2 * t), [(-3.0, 15.0, 4.0)])
     # Four cells a slot: the jets carry 5 % less momentum than their parabola, and the slots' pressure is steep.
     assert balance[0] == pytest.approx(surface[0], abs=0.05)
@@ -117,7 +116,7 @@ def _sample_at(wake: TruckWake, substep: int, action: float) -> Sample:
     return wake.sample()
 
 
-def test_a_restart_amid_a_ramp_and_on_another_plant_continues_to_the_bit(wake: TruckWake, tmp_path: Path) -> None:
+def test_a_restart_amid_a_ramp_and_on_another_plant_continues_to_the_bit(wake, tmp_path):
     wake.advance(0.05)
     wake.advance_to(11, -0.04)
     save_state(tmp_path / "state.npz", wake.state())

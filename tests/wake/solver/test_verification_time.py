@@ -20,7 +20,7 @@ def _after_two_ramps(wake: TruckWake, steps: int) -> tuple[np.ndarray, np.ndarra
 
 
 @pytest.mark.slow  # runs the solver with three time steps
-def test_velocity_is_of_second_order_in_time_and_pressure_of_first(shared_wake: TruckWake) -> None:
+def test_velocity_is_of_second_order_in_time_and_pressure_of_first(shared_wake):
     results = [_after_two_ramps(shared_wake, steps) for steps in STEPS]
     orders = []
     for quantity in (0, 1):

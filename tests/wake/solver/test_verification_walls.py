@@ -91,19 +91,19 @@ def _orders(spun: list[list[Spun]], name: str) -> Array:
     return np.asarray(np.log2(errors[:-1] / errors[1:]))
 
 
-def test_the_flow_inside_a_curved_wall_is_of_second_order(spun: list[list[Spun]]) -> None:
+def test_the_flow_inside_a_curved_wall_is_of_second_order(spun):
     # Measured 1.8 to 2.1; single ratios scatter with the cuts.
     assert _orders(spun, "inside").mean() > 1.7
     assert spun[-1][0].inside < 6e-4
 
 
-def test_at_the_wall_the_staircase_of_the_mass_balance_leaves_first_order(spun: list[list[Spun]]) -> None:
+def test_at_the_wall_the_staircase_of_the_mass_balance_leaves_first_order(spun):
     # In cells the wall cuts, what the staircase lets through is of the order of the distance squared over the cell.
     assert _orders(spun, "largest").mean() > 0.7
     assert _orders(spun, "everywhere").mean() > 1.3
 
 
-def test_a_viscous_vortex_loses_energy_at_the_exact_rate(spun: list[list[Spun]]) -> None:
+def test_a_viscous_vortex_loses_energy_at_the_exact_rate(spun):
     exact = np.exp(-2.0 * VISCOSITY * ROOT**2)
     for one in spun[-1]:
         assert one.energy_left == pytest.approx(exact, rel=0.01)
@@ -135,7 +135,7 @@ def _energy_lost(dt: float) -> float:
     return 1.0 - _energy(grid, walls, flow) / before
 
 
-def test_without_viscosity_only_the_time_step_costs_energy() -> None:
+def test_without_viscosity_only_the_time_step_costs_energy():
     losses = np.array([_energy_lost(dt) for dt in (0.02, 0.01, 0.005)])
     # Central differences conserve energy on the stretched grid; what is left falls with the step (measured 2.6).
     assert (losses > 0).all()

@@ -17,7 +17,7 @@ def series(frequency: float, phase: float, count: int) -> tuple[np.ndarray, np.n
 
 # A period of 24.2 control steps, never a whole number of samples.
 @pytest.mark.parametrize("count", [75, 140, 300])
-def test_a_sine_and_its_drag(count: int) -> None:
+def test_a_sine_and_its_drag(count):
     for phase in np.linspace(0.0, 1.0, 7, endpoint=False):
         _check_a_sine_and_its_drag(phase, count)
 
@@ -39,7 +39,7 @@ def _check_a_sine_and_its_drag(phase: float, count: int) -> None:
     assert average.std(drag) == pytest.approx(0.03 / np.sqrt(2.0), rel=5e-3)
 
 
-def test_the_cut_does_not_matter() -> None:
+def test_the_cut_does_not_matter():
     t, lift = series(0.2066, 0.13, 200)
     drag = 1.0 + 0.1 * lift
     whole = over_cycles(t, lift)
@@ -48,7 +48,7 @@ def test_the_cut_does_not_matter() -> None:
     assert over_cycles(t[shorter], lift[shorter]).mean(drag[shorter]) == pytest.approx(whole.mean(drag), abs=1e-14)
 
 
-def test_a_straight_line_is_integrated_exactly() -> None:
+def test_a_straight_line_is_integrated_exactly():
     t, lift = series(0.19, 0.4, 90)
     average = over_cycles(t, lift)
     up = np.flatnonzero((lift[:-1] < 0) & (lift[1:] >= 0))
@@ -56,7 +56,7 @@ def test_a_straight_line_is_integrated_exactly() -> None:
     assert average.mean(3.0 * t - 1.0) == pytest.approx(1.5 * sum(ends) - 1.0, abs=1e-12)
 
 
-def test_many_signals_at_once() -> None:
+def test_many_signals_at_once():
     t, lift = series(0.2, 0.3, 120)
     average = over_cycles(t, lift)
     columns = np.column_stack([lift, np.ones_like(lift)])
@@ -64,13 +64,13 @@ def test_many_signals_at_once() -> None:
     assert average.std(columns) == pytest.approx([float(average.std(lift)), 0.0], abs=1e-12)
 
 
-def test_less_than_a_cycle_is_refused() -> None:
+def test_less_than_a_cycle_is_refused():
     t, lift = series(0.2, 0.0, 30)
     with pytest.raises(PlantError, match=r"crosses zero upwards 1 times in 30 samples: .* run longer"):
         over_cycles(t, lift)
 
 
-def test_the_last_cycles_of_a_known_frequency() -> None:
+def test_the_last_cycles_of_a_known_frequency():
     """The mean of a sine over its whole cycles is zero wherever they begin; a transient at the start is left out."""
     for count in [60, 83, 300]:
         frequency = 0.2
@@ -84,7 +84,7 @@ def test_the_last_cycles_of_a_known_frequency() -> None:
         assert not average.weights[:left_out].any()
 
 
-def test_a_cycle_of_no_whole_number_of_samples_is_cut_between_them() -> None:
+def test_a_cycle_of_no_whole_number_of_samples_is_cut_between_them():
     t, _ = series(0.1994, 0.0, 200)
     average = over_last_cycles(t, 0.1994)
     # A straight line's mean is its value in the middle of the span, to the bit of the arithmetic.
@@ -92,7 +92,7 @@ def test_a_cycle_of_no_whole_number_of_samples_is_cut_between_them() -> None:
     assert average.mean(3.0 * t - 1.0) == pytest.approx(3.0 * middle - 1.0, abs=1e-12)
 
 
-def test_noise_that_crosses_zero_marks_no_cycles() -> None:
+def test_noise_that_crosses_zero_marks_no_cycles():
     """A controlled wake: little of the shedding is left, and something faster crosses zero in between."""
     t: np.ndarray = np.linspace(DT, 300 * DT, 300)
     lift = 0.05 * np.sin(2 * np.pi * 0.2 * t) + 0.1 * np.sin(2 * np.pi * 0.71 * t)
@@ -101,7 +101,7 @@ def test_noise_that_crosses_zero_marks_no_cycles() -> None:
     assert over_last_cycles(t, 0.2).mean(drag) == pytest.approx(0.8, abs=1e-12)
 
 
-def test_less_than_a_known_cycle_is_refused() -> None:
+def test_less_than_a_known_cycle_is_refused():
     for count in [0, 1, 20]:
         with pytest.raises(PlantError, match=r"a whole cycle of 5\.00 t_c, so run longer"):
             over_last_cycles(np.linspace(0.0, DT * (count - 1), count), 0.2)

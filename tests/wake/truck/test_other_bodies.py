@@ -2,7 +2,6 @@
 
 import dataclasses
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,13 +28,13 @@ def square_plant() -> TruckWake:
 
 
 @pytest.fixture
-def square(square_plant: TruckWake) -> TruckWake:
+def square(square_plant) -> TruckWake:
     """At rest in uniform flow."""
     square_plant.reset(dataclasses.replace(square_plant.state(), flat=square_plant.solver.start().flat, substep=0))
     return square_plant
 
 
-def test_the_trucks_first_steps_are_those_from_before_other_bodies(wake: TruckWake) -> None:
+def test_the_trucks_first_steps_are_those_from_before_other_bodies(wake):
     for action in (0.02, 0.07, -0.05):
         sample = wake.advance(action)
     # The last bit depends on the processor's linear algebra.
@@ -44,7 +43,7 @@ def test_the_trucks_first_steps_are_those_from_before_other_bodies(wake: TruckWa
     assert sample.Uy_probe == pytest.approx(-0.5623716000360626, rel=1e-12)
 
 
-def test_distance_to_a_square() -> None:
+def test_distance_to_a_square():
     distance = partial(signed_distance, body=SQUARE)
     assert distance(-0.3, 0.2) == pytest.approx(0.3)
     assert distance(0.5, 0.9) == pytest.approx(0.4)
@@ -58,7 +57,7 @@ def test_distance_to_a_square() -> None:
 @pytest.mark.parametrize(
     ("body", "area"), [(SQUARE, 1.0), (ROUND_NOSE, 2.0 - 2 * (1 - np.pi / 4) * 0.25)], ids=["square", "round nose"]
 )
-def test_pressure_gradients_give_archimedes_force(body: BodyConfig, area: float) -> None:
+def test_pressure_gradients_give_archimedes_force(body, area):
     """Gauss's theorem on the outline, as for the truck: -integral p n dS = -grad p * area."""
     wake = TruckWake(FlowConfig(reynolds=100.0, substeps=50), body=body)
     grid, flow, balance = wake.grid, Flow.zeros(wake.grid.shape), 50.0
@@ -74,7 +73,7 @@ def test_pressure_gradients_give_archimedes_force(body: BodyConfig, area: float)
         assert measured.Cp == pytest.approx(2 * (slope_x * x + slope_y * y), abs=2e-3)
 
 
-def test_a_symmetric_flow_stays_symmetric_but_for_rounding(square: TruckWake) -> None:
+def test_a_symmetric_flow_stays_symmetric_but_for_rounding(square):
     square.solver.run(square.flow, dt=1e-3, steps=50, action_from=0.0, action_to=0.0)
     sample = square.advance(0.0)
     u, v, p = square.flow.u, square.flow.v, square.flow.p
@@ -86,7 +85,7 @@ def test_a_symmetric_flow_stays_symmetric_but_for_rounding(square: TruckWake) ->
     assert sample.Cl == pytest.approx(0.0, abs=1e-12)
 
 
-def test_opposite_jets_give_mirror_images(square: TruckWake) -> None:
+def test_opposite_jets_give_mirror_images(square):
     square.solver.run(square.flow, dt=1e-3, steps=50, action_from=0.0, action_to=0.0)
     start = square.state()
     up = square.advance(0.05)
@@ -99,7 +98,7 @@ def test_opposite_jets_give_mirror_images(square: TruckWake) -> None:
 
 
 @pytest.mark.slow
-def test_the_force_is_the_momentum_that_a_far_control_volume_loses(square: TruckWake) -> None:
+def test_the_force_is_the_momentum_that_a_far_control_volume_loses(square):
     """Of the steady wake: no time derivative, and no formula in common with the wall's."""
     settled = steady.settle(square, tolerance=3e-3)
     grid, flow = square.grid, square.flow
@@ -117,7 +116,7 @@ def test_the_force_is_the_momentum_that_a_far_control_volume_loses(square: Truck
     assert settled.recirculation_length > 3.0
 
 
-def test_a_state_of_another_body_is_refused_by_name(square: TruckWake, wake: TruckWake, tmp_path: Path) -> None:
+def test_a_state_of_another_body_is_refused_by_name(square, wake, tmp_path):
     with pytest.raises(
         PlantError, match=r"body of length 7\.647 and leading-edge radius 0\.118, this plant has 1 and 0"
     ):
@@ -130,13 +129,13 @@ def test_a_state_of_another_body_is_refused_by_name(square: TruckWake, wake: Tru
     square.reset(loaded)
 
 
-def test_sensors_do_not_matter_to_a_state(square: TruckWake) -> None:
+def test_sensors_do_not_matter_to_a_state(square):
     more = TruckWake(square.config, body=dataclasses.replace(SQUARE, sensors_per_side=9))
     more.reset(square.state())
     assert len(more.sample().Cp) == 22
 
 
-def test_the_trucks_state_files_are_as_they_were(wake: TruckWake, tmp_path: Path) -> None:
+def test_the_trucks_state_files_are_as_they_were(wake, tmp_path):
     save_state(tmp_path / "truck.npz", wake.state())
     with np.load(tmp_path / "truck.npz") as data:
         assert set(data.files) == {
@@ -147,7 +146,7 @@ def test_the_trucks_state_files_are_as_they_were(wake: TruckWake, tmp_path: Path
     assert Origin(shape=(3, 2), reynolds=1.0).is_truck
 
 
-def test_openfoam_refuses_another_body_by_name(tmp_path: Path) -> None:
+def test_openfoam_refuses_another_body_by_name(tmp_path):
     config = Config(body=SQUARE)
     with (
         pytest.raises(PlantError, match=r"body\.length = 1\.0: OpenFOAM's mesh is the truck's, with 7\.647"),
@@ -157,7 +156,7 @@ def test_openfoam_refuses_another_body_by_name(tmp_path: Path) -> None:
     assert not any(tmp_path.iterdir())
 
 
-def test_the_slots_lie_at_the_edges_of_the_base(square: TruckWake) -> None:
+def test_the_slots_lie_at_the_edges_of_the_base(square):
     grid = square.grid
     upper = slice(grid.upper - grid.slot_cells, grid.upper)
     square.flow.flat[:] = 0.0

@@ -14,7 +14,7 @@ def grid() -> Grid:
     return truck_grid(0.7)
 
 
-def test_it_ends_where_the_axis_turns_downstream(grid: Grid) -> None:
+def test_it_ends_where_the_axis_turns_downstream(grid):
     """At the base at the least, at the outlet at the most. Backward flow ahead of the truck does not count."""
     for turn, length in [(0.37, 0.37), (2.0, 2.0), (3.3, 3.3), (-1.0, 0.0), (100.0, 23.0 - LENGTH)]:
         flow = Flow.zeros(grid.shape)
@@ -23,7 +23,7 @@ def test_it_ends_where_the_axis_turns_downstream(grid: Grid) -> None:
         assert recirculation_length(grid, flow) == pytest.approx(length, abs=1e-9)
 
 
-def test_only_the_axis_counts(grid: Grid) -> None:
+def test_only_the_axis_counts(grid):
     flow = Flow.zeros(grid.shape)
     axis = np.zeros(grid.shape[1], dtype=bool)
     axis[grid.shape[1] // 2 - 1 : grid.shape[1] // 2 + 1] = True

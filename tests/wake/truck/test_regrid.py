@@ -19,7 +19,7 @@ from wake.truck.truck_wake import TruckWake
 COARSE = FlowConfig(refinement=0.4, substeps=12)
 
 
-def test_a_linear_flow_is_interpolated_exactly() -> None:
+def test_a_linear_flow_is_interpolated_exactly():
     fine, coarse = truck_grid(), truck_grid(0.4)
 
     def linear(grid):
@@ -34,7 +34,7 @@ def test_a_linear_flow_is_interpolated_exactly() -> None:
     assert np.abs(found.flat - linear(coarse).flat).max() < 1e-12
 
 
-def test_the_same_grid_gives_the_same_flow() -> None:
+def test_the_same_grid_gives_the_same_flow():
     state, grid = developed_state(), truck_grid()
     flow, before = interpolated(state, grid, grid), Flow.of(state.flat, grid.shape)
     for one, other in ((flow.faces_u, before.faces_u), (flow.faces_v, before.faces_v), (flow.cells_p, before.cells_p)):
@@ -42,7 +42,7 @@ def test_the_same_grid_gives_the_same_flow() -> None:
 
 
 @pytest.mark.slow  # 25 t_c of the wake
-def test_the_wake_goes_on_shedding_on_the_coarse_grid() -> None:
+def test_the_wake_goes_on_shedding_on_the_coarse_grid():
     wake = TruckWake(COARSE)
     told: list[tuple[float, float]] = []
     state = moved(developed_state(), truck_grid(), wake, 10.0, lambda t, total: told.append((t, total)))
@@ -55,7 +55,7 @@ def test_the_wake_goes_on_shedding_on_the_coarse_grid() -> None:
     assert np.abs(wake.solver.divergence(wake.flow)).max() < 1e-9
 
 
-def test_a_run_begins_in_the_shipped_wake_on_any_grid(tmp_path, monkeypatch) -> None:
+def test_a_run_begins_in_the_shipped_wake_on_any_grid(tmp_path, monkeypatch):
     monkeypatch.setattr("wake.plants.SETTLE_TIME", 0.2)
     told: list[float] = []
     with open_plant("stillwake", tmp_path, Config(flow=COARSE), progress=lambda t, _: told.append(t)) as wake:
@@ -64,7 +64,7 @@ def test_a_run_begins_in_the_shipped_wake_on_any_grid(tmp_path, monkeypatch) -> 
     assert told == [pytest.approx(0.2)]
 
 
-def test_a_start_of_another_grid_is_refused_with_what_would_do(tmp_path) -> None:
+def test_a_start_of_another_grid_is_refused_with_what_would_do(tmp_path):
     save_state(tmp_path / "fine.npz", replace(developed_state(), substep=0))
     with (
         pytest.raises(PlantError, match=r"443 x 164 cells, this grid needs 177 x 66: .*flow\.refinement"),
@@ -73,7 +73,7 @@ def test_a_start_of_another_grid_is_refused_with_what_would_do(tmp_path) -> None
         pass
 
 
-def test_openfoam_has_a_mesh_of_its_own(tmp_path) -> None:
+def test_openfoam_has_a_mesh_of_its_own(tmp_path):
     with (
         pytest.raises(PlantError, match=r"flow\.refinement = 0\.4: .* openfoam\.refinement"),
         open_plant("openfoam", tmp_path, Config(flow=COARSE)),
@@ -81,7 +81,7 @@ def test_openfoam_has_a_mesh_of_its_own(tmp_path) -> None:
         pass
 
 
-def test_a_grid_too_coarse_for_the_slots_is_refused_with_what_would_do() -> None:
+def test_a_grid_too_coarse_for_the_slots_is_refused_with_what_would_do():
     with pytest.raises(ConfigError, match=r"refinement = 0\.35: gives 1 cells a slot, .* take 0\.38 or more"):
         TruckWake(FlowConfig(refinement=0.35))
     assert truck_grid(0.38).slot_cells == 2

@@ -19,17 +19,17 @@ def coarse() -> TruckWake:
 
 
 @pytest.fixture(scope="module")
-def settled(coarse: TruckWake) -> steady.SteadyWake:
+def settled(coarse) -> steady.SteadyWake:
     return steady.settle(coarse, tolerance=3e-3)
 
 
 @pytest.fixture
-def plant(coarse: TruckWake, settled: steady.SteadyWake) -> TruckWake:
+def plant(coarse, settled) -> TruckWake:
     coarse.reset(settled.state)
     return coarse
 
 
-def test_it_is_steady_and_symmetric_to_the_bit(plant: TruckWake, settled: steady.SteadyWake) -> None:
+def test_it_is_steady_and_symmetric_to_the_bit(plant, settled):
     u, v, p = plant.flow.u, plant.flow.v, plant.flow.p
     assert np.array_equal(u, u[:, ::-1])
     assert np.array_equal(v, -v[:, ::-1])
@@ -42,7 +42,7 @@ def test_it_is_steady_and_symmetric_to_the_bit(plant: TruckWake, settled: steady
     assert np.abs(plant.flow.flat - settled.state.flat)[:velocities].max() < 3e-3
 
 
-def test_without_shedding_a_third_of_the_drag_is_gone(settled: steady.SteadyWake) -> None:
+def test_without_shedding_a_third_of_the_drag_is_gone(settled):
     # The shedding wake has 1.0 to 1.08 on every grid and in OpenFOAM, a base Cp of -0.44 to -0.49.
     assert 0.55 < settled.sample.Cd < 0.75
     assert -0.25 < settled.figures()["base_Cp"] < -0.1
@@ -50,11 +50,11 @@ def test_without_shedding_a_third_of_the_drag_is_gone(settled: steady.SteadyWake
     assert settled.sample.Cl == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_steady_wake_is_taken_for_it(plant: TruckWake, settled: steady.SteadyWake) -> None:
+def test_the_steady_wake_is_taken_for_it(plant, settled):
     steady.check_steady(plant, settled.state)
 
 
-def test_what_is_not_steady_is_refused(plant: TruckWake, settled: steady.SteadyWake) -> None:
+def test_what_is_not_steady_is_refused(plant, settled):
     with pytest.raises(PlantError, match=r"with an action of 0\.01 in force: `stillwake steady FILE` computes"):
         steady.check_steady(plant, replace(settled.state, action=0.01))
     plant.reset(settled.state)
@@ -70,6 +70,6 @@ def test_what_is_not_steady_is_refused(plant: TruckWake, settled: steady.SteadyW
         steady.check_steady(plant, replace(plant.state(), action=0.0))
 
 
-def test_a_wake_that_does_not_settle_is_an_error(coarse: TruckWake) -> None:
+def test_a_wake_that_does_not_settle_is_an_error(coarse):
     with pytest.raises(PlantError, match=r"not steady after 0\.4 t_c: max \|du/dt\| = .* must be below 1e-09"):
         steady.settle(coarse, tolerance=1e-9, longest=0.4)

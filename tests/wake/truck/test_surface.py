@@ -27,14 +27,14 @@ def _measure(wake: TruckWake, constant: float, slope_x: float = 0.0, slope_y: fl
     return wake.surface.measure(flow)
 
 
-def test_sensors_read_a_linear_pressure_exactly(shared_wake: TruckWake) -> None:
+def test_sensors_read_a_linear_pressure_exactly(shared_wake):
     measured = _measure(shared_wake, 0.3, 0.1, -0.7)
     x, y = sensors.positions().T
     # What is left is the balancing velocity's square of the distance, interpolated linearly between rows.
     assert measured.Cp == pytest.approx(2 * (0.3 + 0.1 * x - 0.7 * y), abs=1e-7)
 
 
-def test_uniform_pressure_pushes_only_through_the_left_out_slots(shared_wake: TruckWake) -> None:
+def test_uniform_pressure_pushes_only_through_the_left_out_slots(shared_wake):
     measured = _measure(shared_wake, 1.0)
     slots = 2 * 2 * JET_WIDTH
     assert measured.Cd == pytest.approx(slots, abs=1e-4)  # the arc's quadrature
@@ -44,7 +44,7 @@ def test_uniform_pressure_pushes_only_through_the_left_out_slots(shared_wake: Tr
     assert (measured.slots.Cp_upper, measured.slots.Cp_lower) == pytest.approx((2.0, 2.0), abs=1e-12)
 
 
-def test_pressure_gradients_give_archimedes_force(shared_wake: TruckWake) -> None:
+def test_pressure_gradients_give_archimedes_force(shared_wake):
     # -Integral p n dS = -grad p * area, and a force coefficient is twice the kinematic force. The balancing
     # velocity is interpolated on the corners, and the slots' pressure is taken half a cell before them.
     along = _measure(shared_wake, 0.0, 1.0, 0.0)
@@ -53,7 +53,7 @@ def test_pressure_gradients_give_archimedes_force(shared_wake: TruckWake) -> Non
     assert across.Cl == pytest.approx(-2 * AREA, rel=1e-4)
 
 
-def test_the_corners_are_resolved_by_their_quadrature(wake: TruckWake, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_corners_are_resolved_by_their_quadrature(wake, monkeypatch):
     coarse = wake.surface.measure(wake.flow)
     monkeypatch.setattr(surface, "_ARC_POINTS", 2 * surface._ARC_POINTS)
     viscosity = 1.0 / wake.config.reynolds
@@ -65,7 +65,7 @@ def test_the_corners_are_resolved_by_their_quadrature(wake: TruckWake, monkeypat
     assert fine.Cl == pytest.approx(coarse.Cl, abs=1e-4)
 
 
-def test_pressure_falls_towards_a_slot_as_the_flow_quickens(shared_wake: TruckWake) -> None:
+def test_pressure_falls_towards_a_slot_as_the_flow_quickens(shared_wake):
     # Along x alone, momentum holds p + u^2 - 2 nu du/dx constant.
     grid, nu, at_face, slope, total = shared_wake.grid, 1.0 / shared_wake.config.reynolds, 1.5, -20.0, 0.4
     flow = Flow.zeros(grid.shape)
@@ -79,7 +79,7 @@ def test_pressure_falls_towards_a_slot_as_the_flow_quickens(shared_wake: TruckWa
     assert slots.Cd_viscous == pytest.approx(2 * 2 * nu * slope * 2 * JET_WIDTH, rel=1e-9)
 
 
-def test_wall_shear_of_a_known_layer(shared_wake: TruckWake) -> None:
+def test_wall_shear_of_a_known_layer(shared_wake):
     grid, nu = shared_wake.grid, 1.0 / shared_wake.config.reynolds
     flow = Flow.zeros(grid.shape)
     above = np.maximum(np.abs(grid.yc) - HALF_WIDTH, 0.0)

@@ -1,15 +1,13 @@
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from contract.errors import PlantError
 from wake.truck.state import developed_state, load_state
-from wake.truck.truck_wake import TruckWake
 
 
-def test_a_command_at_once_is_a_full_period(wake: TruckWake) -> None:
+def test_a_command_at_once_is_a_full_period(wake):
     whole = wake.advance(0.03)
     wake.reset(developed_state())
     wake.advance_to(1, 0.03)
@@ -20,7 +18,7 @@ def test_a_command_at_once_is_a_full_period(wake: TruckWake) -> None:
     assert split.action == whole.action == 0.03
 
 
-def test_a_late_command_leaves_the_jets_alone_until_it_comes(wake: TruckWake) -> None:
+def test_a_late_command_leaves_the_jets_alone_until_it_comes(wake):
     wake.advance(0.05)
     wake.advance_to(20)
     assert wake.sample().action == 0.05
@@ -38,7 +36,7 @@ class Uncontrolled:
 
 
 @pytest.fixture(scope="module")
-def uncontrolled(shared_wake: TruckWake) -> Uncontrolled:
+def uncontrolled(shared_wake) -> Uncontrolled:
     shared_wake.reset(developed_state())
     inside = int(np.searchsorted(shared_wake.grid.xc, 22.0))
     lift, transverse = [], []
@@ -49,7 +47,7 @@ def uncontrolled(shared_wake: TruckWake) -> Uncontrolled:
 
 
 @pytest.mark.slow
-def test_shedding_is_established_near_the_known_frequency(uncontrolled: Uncontrolled) -> None:
+def test_shedding_is_established_near_the_known_frequency(uncontrolled):
     cl = uncontrolled.Cl
     up = np.flatnonzero((cl[:-1] < 0) & (cl[1:] >= 0))
     assert len(up) >= 3
@@ -62,7 +60,7 @@ def test_shedding_is_established_near_the_known_frequency(uncontrolled: Uncontro
 
 
 @pytest.mark.slow
-def test_vortices_leave_through_the_outlet(uncontrolled: Uncontrolled) -> None:
+def test_vortices_leave_through_the_outlet(uncontrolled):
     """An outlet whose velocity is copied from upstream allows no transverse flow there, and shakes the pressure."""
     upstream, last = uncontrolled.transverse[:25].max(axis=0)
     assert upstream > 0.1
@@ -70,12 +68,12 @@ def test_vortices_leave_through_the_outlet(uncontrolled: Uncontrolled) -> None:
 
 
 @pytest.mark.parametrize("action", [float("nan"), float("inf"), 0.0751, -1.0])
-def test_impossible_actions_are_refused(wake: TruckWake, action: float) -> None:
+def test_impossible_actions_are_refused(wake, action):
     with pytest.raises(PlantError, match="within"):
         wake.advance(action)
 
 
-def test_a_state_of_another_grid_is_refused(wake: TruckWake) -> None:
+def test_a_state_of_another_grid_is_refused(wake):
     state = developed_state()
     with pytest.raises(PlantError, match="this grid needs"):
         wake.reset(dataclasses.replace(state, flat=state.flat[:-1]))
@@ -85,7 +83,7 @@ def test_a_state_of_another_grid_is_refused(wake: TruckWake) -> None:
         wake.reset(dataclasses.replace(state, flat=broken))
 
 
-def test_a_damaged_state_file_is_one_clear_error(tmp_path: Path) -> None:
+def test_a_damaged_state_file_is_one_clear_error(tmp_path):
     path = tmp_path / "state.npz"
     with pytest.raises(PlantError, match="not a flow state"):
         load_state(path)

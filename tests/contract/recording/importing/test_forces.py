@@ -26,9 +26,7 @@ def series(t: Any, values: Any) -> TimeSeries:
     knots=st.lists(st.floats(0, 100), min_size=2, max_size=30, unique_by=lambda t: round(t, 3)),
     data=st.data(),
 )
-def test_a_straight_line_is_itself_at_any_time(
-    slope: float, offset: float, knots: list[float], data: st.DataObject
-) -> None:
+def test_a_straight_line_is_itself_at_any_time(slope, offset, knots, data):
     t = np.sort(knots)
     wanted = np.sort(data.draw(st.lists(st.floats(t[0], t[-1]), min_size=1, max_size=30)))
     found = series(t, offset + slope * t).at(wanted, longest_gap=1000.0, slack=0.0)
@@ -36,7 +34,7 @@ def test_a_straight_line_is_itself_at_any_time(
     np.testing.assert_allclose(found, offset + slope * wanted, atol=1e-9)
 
 
-def test_what_lies_outside_or_in_a_gap_is_refused_by_time() -> None:
+def test_what_lies_outside_or_in_a_gap_is_refused_by_time():
     one = series([0.0, 0.1, 0.5, 0.6], [1.0, 2.0, 3.0, 4.0])
     wide = {"longest_gap": 0.2, "slack": 0.01}
     with pytest.raises(DatasetError, match=r"goes from 0 to 0\.6 s .* rows from -0\.02 to 0\.1 s: it must cover them"):
@@ -49,7 +47,7 @@ def test_what_lies_outside_or_in_a_gap_is_refused_by_time() -> None:
     assert one.at(np.array([0.0, 0.1, 0.5, 0.605]), **wide).tolist() == [1.0, 2.0, 3.0, 4.0]
 
 
-def test_series_that_are_none_are_refused() -> None:
+def test_series_that_are_none_are_refused():
     for t, values, text in (
         ([0.0, 1.0, 1.0], [1.0, 2.0, 3.0], "do not rise from row 1 to 2: 1, 1"),
         ([0.0, 1.0, 0.5], [1.0, 2.0, 3.0], "do not rise from row 1 to 2"),
@@ -74,12 +72,8 @@ def write(path: Path, values: dict[str, Any]) -> Path:
     return path
 
 
-def test_tables_are_read_whatever_holds_them(tmp_path: Path) -> None:
-    for suffix in (
-        ".csv",
-        ".npz",
-        ".h5",
-    ):
+def test_tables_are_read_whatever_holds_them(tmp_path):
+    for suffix in (".csv", ".npz", ".h5"):
         for names, renamed, clock in (
             (("t", "Cd", "Cl"), {}, None),
             (("t [t_c]", "Cd [1]", "Cl"), {}, "t_c"),
@@ -95,7 +89,7 @@ def test_tables_are_read_whatever_holds_them(tmp_path: Path) -> None:
                 np.testing.assert_array_equal(found.forces[name].values, VALUES[name])
 
 
-def test_a_table_without_a_force_or_of_two_lengths_is_refused(tmp_path: Path) -> None:
+def test_a_table_without_a_force_or_of_two_lengths_is_refused(tmp_path):
     for values, text in (
         ({"t": T, "Cd": T}, "no column 'Cl' for the forces' table; it has t, Cd"),
         ({"t": T, "Cd": T, "Cl [1]": T, "Cl [-]": T}, "no column 'Cl'"),
@@ -107,7 +101,7 @@ def test_a_table_without_a_force_or_of_two_lengths_is_refused(tmp_path: Path) ->
         read_forces(write(tmp_path / "forces.npz", VALUES).rename(tmp_path / "forces.xls"), {})
 
 
-def test_times_are_moved_to_another_clock() -> None:
+def test_times_are_moved_to_another_clock():
     moved = series([0.0, 2.0], [5.0, 6.0]).shifted(scale=0.1, origin=1000.0)
     assert moved.t.tolist() == [1000.0, 1000.2]
     assert moved.values.tolist() == [5.0, 6.0]
