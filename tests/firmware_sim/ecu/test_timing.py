@@ -13,27 +13,19 @@ PERIOD = 20_000_000
 MS = 1_000_000
 
 
-def after(*elapsed_ms: float, start_ns: int = 0, config: EcuConfig | None = None) -> list[Timing]:
+def after(*elapsed_ms: float, start_ns: int = 0, **settings: int) -> list[Timing]:
     """The timing after each of these intervals, from a first step on."""
-    config = EcuConfig() if config is None else config
-    now_ns, timing, found = start_ns, Timing().next(start_ns, PERIOD, config), []
+    config = EcuConfig(**settings)
+    now_ns, timing, timings = start_ns, Timing().next(start_ns, PERIOD, config), []
     for elapsed in elapsed_ms:
         now_ns += round(elapsed * MS)
         timing = timing.next(now_ns, PERIOD, config)
-        found.append(timing)
-    return found
+        timings.append(timing)
+    return timings
 
 
-def first_fault(*elapsed_ms: float, config: EcuConfig | None = None) -> tuple[int, Reason] | None:
-    faults = [(k, timing.fault) for k, timing in enumerate(after(*elapsed_ms, config=config)) if timing.fault]
-    return faults[0] if faults else None
-
-
-def test_steps_on_time_leave_no_trace():
+def test_steps_on_time_leave_no_trace_and_the_first_is_never_late():
     assert set(after(*[20.0] * 5)) == {Timing(step_ns=k * PERIOD) for k in range(1, 6)}
-
-
-def test_the_first_step_is_never_late():
     assert Timing().next(10**18, PERIOD, EcuConfig()) == Timing(step_ns=10**18)
 
 
@@ -43,56 +35,53 @@ def test_skipped_periods_are_whole_ones_to_the_nearest(elapsed, skipped):
     assert (timing.skipped, timing.off_time, timing.fault) == (skipped, int(skipped > 0), None)
 
 
-@each("jitter", [1.0, 5.0, 9.0])
-def test_jitter_about_the_due_time_is_no_lateness(jitter):
-    """A step `jitter` late and the next one on time, for ever."""
-    assert first_fault(*[20.0 + jitter, 20.0 - jitter] * 200) is None
-    assert sum(timing.skipped for timing in after(*[20.0 + jitter, 20.0 - jitter] * 200)) == 0
+@each(
+    "intervals",
+    [
+        # A step late and the next one on time, for ever.
+        *([20.0 + jitter, 20.0 - jitter] * 200 for jitter in (1.0, 5.0, 9.0)),
+        # A clock that differs by up to 4.5 %: an eighth forgotten with each step bounds the sum to eight times that.
+        *([period] * 1000 for period in (19.1, 19.9, 20.1, 20.9)),
+    ],
+)
+def test_jitter_and_a_clock_that_differs_a_little_never_add_up_to_a_period(intervals):
+    assert {(timing.skipped, timing.fault) for timing in after(*intervals)} == {(0, None)}
 
 
-@each("period", [19.9, 20.1, 20.9, 19.1])
-def test_a_clock_that_differs_a_little_never_adds_up_to_a_period(period):
-    """Up to 4.5 %, where an eighth forgotten with each step bounds the sum to eight times the difference."""
-    assert {timing.skipped for timing in after(*[period] * 1000)} == {0}
-    assert first_fault(*[period] * 1000) is None
+LATE, EARLY = Reason.DEADLINE, Reason.CLOCK
 
 
-@each("period", [25.0, 29.9, 30.1, 39.0])
-def test_steps_that_are_always_late_switch_off_however_little_each(period):
-    fault = first_fault(*[period] * 20)
-    assert fault is not None
-    assert fault[1] is Reason.DEADLINE
-    # The rows that stand in for skipped periods keep the window on the clock, but for what is forgotten.
-    timings = after(*[29.9] * 200)
-    assert sum(timing.skipped for timing in timings) == pytest.approx(200 * 9.9 / 20.0, rel=0.15)
+@each(
+    "intervals, settings, expected",
+    [
+        # Late steps count in a window and not in a row: here the third of ten.
+        ([60.0, 60.0, 20.0, 60.0], {}, (3, LATE)),
+        ([40.0, *[20.0] * 4, 40.0, *[20.0] * 3, 40.0], {}, (9, LATE)),
+        ([40.0, *[20.0] * 4, 40.0, *[20.0] * 4, 40.0], {}, None),
+        ([40.0] * 50, {"deadline_misses": 10}, (9, LATE)),
+        ([40.0] * 50, {"deadline_misses": 11}, None),
+        # A silence longer than hold and decay is a fault by itself.
+        ([80.0], {}, None),
+        ([100.0], {}, (0, LATE)),
+        ([100.0], {"hold_periods": 2}, None),
+    ],
+)
+def test_misses_end_in_a_fault_when_the_settings_say(intervals, settings, expected):
+    faults = [(k, timing.fault) for k, timing in enumerate(after(*intervals, **settings)) if timing.fault]
+    assert (faults[0] if faults else None) == expected
 
 
-@each("period", [5.0, 10.0, 12.0])
-def test_steps_that_are_always_early_are_a_wrong_clock(period):
-    fault = first_fault(*[period] * 20)
-    assert fault is not None
-    assert fault[1] is Reason.CLOCK
-    assert {timing.skipped for timing in after(*[period] * 20)} == {0}
+@each("period, fault", [*((late, LATE) for late in (25.0, 29.9, 30.1, 39.0)), *((e, EARLY) for e in (5.0, 10.0, 12.0))])
+def test_steps_that_are_always_late_or_early_switch_off_however_little_each(period, fault):
+    timings = after(*[period] * 20)
+    assert next(timing.fault for timing in timings if timing.fault) is fault
+    assert fault is LATE or {timing.skipped for timing in timings} == {0}
 
 
-def test_late_steps_count_in_a_window_and_not_in_a_row():
-    assert first_fault(60.0, 60.0, 20.0, 60.0) == (3, Reason.DEADLINE)
-    # The third one comes when the first has left the window of ten.
-    assert first_fault(*[40.0], *[20.0] * 4, *[40.0], *[20.0] * 4, 40.0) is None
-    assert first_fault(*[40.0], *[20.0] * 4, *[40.0], *[20.0] * 3, 40.0) == (9, Reason.DEADLINE)
-
-
-def test_more_misses_than_the_window_never_come():
-    assert first_fault(*[40.0] * 50, config=EcuConfig(deadline_misses=11)) is None
-    assert first_fault(*[40.0] * 50, config=EcuConfig(deadline_misses=10)) == (9, Reason.DEADLINE)
-
-
-def test_a_silence_longer_than_hold_and_decay_is_a_fault_by_itself():
-    assert first_fault(80.0) is None
-    assert first_fault(100.0) == (0, Reason.DEADLINE)
-    assert first_fault(100.0, config=EcuConfig(hold_periods=2)) is None
+def test_rows_for_skipped_periods_keep_the_window_on_the_clock_but_for_what_is_forgotten():
+    assert sum(timing.skipped for timing in after(*[29.9] * 200)) == pytest.approx(200 * 9.9 / 20.0, rel=0.15)
     timing = after(3.6e6)[0]
-    assert (timing.fault, timing.skipped, timing.lag_ns) == (Reason.DEADLINE, 180_000 - 1, 0)
+    assert (timing.fault, timing.skipped, timing.lag_ns) == (LATE, 180_000 - 1, 0)
 
 
 @each("back_ms", [0.0, 1e-6, 200.0, 1e4, 1e9])
@@ -102,14 +91,8 @@ def test_a_clock_that_stands_or_goes_back_is_a_fault_and_is_then_followed(back_m
     assert (followed.fault, followed.skipped) == (None, 0)
 
 
-def test_a_time_before_zero_is_a_fault_even_in_the_first_step():
-    timing = Timing().next(-1, PERIOD, EcuConfig())
-    assert (timing.fault, timing.step_ns) == (Reason.CLOCK, -1)
-    assert timing.next(0, PERIOD, EcuConfig()).fault is None
-
-
 @each("start_ns", [None, 0, LATEST_NS - PERIOD, LATEST_NS])
-def test_a_time_beyond_the_latest_is_a_fault_until_the_clock_is_within_its_limits_again(start_ns):
+def test_a_time_out_of_the_limits_is_a_fault_until_the_clock_is_within_them_again(start_ns):
     timing = Timing(step_ns=start_ns)
     for now_ns in (LATEST_NS + 1, 2**63 - 1, 10**30):
         timing = timing.next(now_ns, PERIOD, EcuConfig())
@@ -117,13 +100,13 @@ def test_a_time_beyond_the_latest_is_a_fault_until_the_clock_is_within_its_limit
     back = timing.next(LATEST_NS - PERIOD, PERIOD, EcuConfig())
     assert back.fault is Reason.CLOCK
     assert back.next(LATEST_NS, PERIOD, EcuConfig()) == Timing(step_ns=LATEST_NS)
-
-
-def test_the_longest_time_between_two_steps_fits_64_bits():
-    """From the moment before the clock's start to its last."""
-    timing = Timing().next(-(10**30), PERIOD, EcuConfig()).next(LATEST_NS, PERIOD, EcuConfig())
-    assert timing.fault is Reason.DEADLINE
-    assert 2 * (timing.skipped + 1) * PERIOD < 2**63
+    # Before 0, even in the first step; from there to the last moment every time between two has room in 64 bits.
+    before = Timing().next(-(10**30), PERIOD, EcuConfig())
+    assert before == Timing(step_ns=-1, fault=Reason.CLOCK)
+    assert before.next(0, PERIOD, EcuConfig()).fault is None
+    longest = before.next(LATEST_NS, PERIOD, EcuConfig())
+    assert longest.fault is Reason.DEADLINE
+    assert 2 * (longest.skipped + 1) * PERIOD < 2**63
 
 
 @given(st.lists(st.integers(-(2**63), 2**63 - 1) | st.integers(0, 10**18), max_size=20))
