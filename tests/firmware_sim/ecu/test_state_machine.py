@@ -75,7 +75,8 @@ STORIES = [
     *((ON, "g" + "TGGgG", "a" + "FFFFC", Reason.NONE, {"rearm_frames": rearm}) for rearm in (1, 2)),
     # One that stands is none the less one: good frames count from the last period with it.
     *((ON, "xxxx" + "gTgTgG", "HDDF" + "FFFFFC", Reason.NONE, {"rearm_frames": rearm}) for rearm in (1, 2)),
-    (ON, "xxxx" + "gggggTgG", "HDDF" + "FFFFFFFF", Reason.STREAM_LOST, {"rearm_frames": 4}),
+    (ON, "xxxx" + "gggggtgggG", "HDDF" + "FFFFFFFFFC", Reason.NONE, {}),
+    (ON, "xxxx" + "gggggtggG", "HDDF" + "FFFFFFFFF", Reason.STREAM_LOST, {}),
     # The request must be seen low in it or after: it may have risen before, in frames that were lost.
     (ON, "g" + "cGGgG", "a" + "FFFFC", Reason.NONE, {"rearm_frames": 1}),
     (ON, "g" + "dG", "a" + "FC", Reason.NONE, {"rearm_frames": 1}),

@@ -16,9 +16,9 @@ LONG_HOLD = EcuConfig(hold_periods=3, decay_periods=3, rearm_frames=3, loss_wind
 """One in which misses in a row latch first, and one in which it is their number."""
 OTHERS = [
     EcuConfig(hold_periods=hold, decay_periods=decay, rearm_frames=1, loss_window=4, loss_limit=limit)
-    for hold, decay, limit in ((0, 0, 4), (3, 3, 1))
+    for hold, decay, limit in ((0, 0, 4), (0, 2, 4), (1, 0, 4), (3, 3, 1))
 ]
-"""Without hold and decay, and with the first loss one too many."""
+"""Without hold, without decay, without either, and with the first loss one too many."""
 
 INPUTS = [
     PeriodInputs(
