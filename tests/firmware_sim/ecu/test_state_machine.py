@@ -1,5 +1,7 @@
 """The fail-safe through histories written out by hand; `test_transitions` goes through all that can happen."""
 
+from typing import Any
+
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.vehicle import EcuConfig
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode, PeriodInputs
@@ -35,7 +37,7 @@ def after(state: FailSafe, event: str, config: EcuConfig) -> FailSafe:
     return state.next(inputs, config)
 
 
-def through(state: FailSafe, events: str, **settings: int) -> tuple[str, FailSafe]:
+def through(state: FailSafe, events: str, **settings: Any) -> tuple[str, FailSafe]:
     """The letters of the states gone through, and the last one."""
     letters, config = "", EcuConfig(**settings)
     for event in events:

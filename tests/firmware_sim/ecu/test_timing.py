@@ -1,5 +1,7 @@
 """Steps on time, late, early, and on a clock that goes wrong."""
 
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,7 +15,7 @@ PERIOD = 20_000_000
 MS = 1_000_000
 
 
-def after(*elapsed_ms: float, start_ns: int = 0, **settings: int) -> list[Timing]:
+def after(*elapsed_ms: float, start_ns: int = 0, **settings: Any) -> list[Timing]:
     """The timing after each of these intervals, from a first step on."""
     config = EcuConfig(**settings)
     now_ns, timing, timings = start_ns, Timing().next(start_ns, PERIOD, config), []
