@@ -4,7 +4,6 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.resources import files
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from contract.config.names import check_names, takes_text
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.printable import quoted
+from contract.toml_file import read_toml
 from contract.typed import LONGEST_SHOWN, typed
 
 RELEASE = "release"
@@ -20,8 +20,6 @@ PAPER = "paper"
 """Name of the bare defaults."""
 BASE_KEY = "base"
 """In a TOML file: which of the two it goes on top of."""
-LARGEST_FILE = 2**20
-"""Bytes; all settings take three thousand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +58,8 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
     Raises:
         ConfigError: unreadable file, unknown key, wrong type or value out of range.
     """
-    tree = _parsed(files("contract.config").joinpath(f"{RELEASE}.toml")) if base is None else to_tree(base)
-    asked = {} if path is None else _parsed(path)
+    tree = _packaged(RELEASE) if base is None else to_tree(base)
+    asked = {} if path is None else read_toml(path, "configuration")
     chosen = asked.pop(BASE_KEY, RELEASE)
     if chosen not in (RELEASE, PAPER):
         raise ConfigError(f"configuration {path}: {BASE_KEY} = {_short(chosen)}: must be {PAPER!r} or {RELEASE!r}")
@@ -80,8 +78,8 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
 
 def quick() -> Config:
     """The release's settings with those of a quicker training on top."""
-    tree = _parsed(files("contract.config").joinpath(f"{RELEASE}.toml"))
-    _merge(tree, _parsed(files("contract.config").joinpath("quick.toml")))
+    tree = _packaged(RELEASE)
+    _merge(tree, _packaged("quick"))
     return from_tree(tree)
 
 
@@ -96,26 +94,15 @@ def to_tree(config: Config) -> dict[str, Any]:
     return asdict(config)
 
 
+def _packaged(name: str) -> dict[str, Any]:
+    return read_toml(files("contract.config").joinpath(f"{name}.toml"), "configuration")
+
+
 def _check(tree: Mapping[str, Any], source: str) -> None:
     try:
         check_names(tree)
     except ConfigError as error:
         raise ConfigError(f"{source}: {error}") from error
-
-
-def _parsed(source: Traversable) -> dict[str, Any]:
-    try:
-        with source.open("rb") as file:
-            data = file.read(LARGEST_FILE + 1)
-        if len(data) > LARGEST_FILE:
-            raise ConfigError(f"configuration {source}: larger than {LARGEST_FILE} bytes, is no file of settings")
-        return tomllib.loads(data.decode("utf-8-sig"))
-    except OSError as error:
-        raise ConfigError(f"configuration {source}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"configuration {source}: is no text in UTF-8") from error
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"configuration {source}: {error}") from error
 
 
 def _parsed_override(text: str) -> dict[str, Any]:

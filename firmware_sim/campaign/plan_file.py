@@ -17,7 +17,6 @@ texts `{each}` is the value, `{base_sensor}` the release's first sensor on the b
 """
 
 import re
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -26,13 +25,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from contract.errors import ConfigError
+from contract.toml_file import read_toml
 from contract.typed import typed
 from firmware_sim.campaign.scenario import LONGEST_NAME, Criteria, Place, Scenario, check_names
 
 BUILT_IN: Final = ("paper", "sensors", "bus", "flow")
 """Names of the files in `plans/`, in the plan's order."""
-LARGEST_FILE: Final = 2**20
-"""Bytes; the built-in plan takes ten thousand."""
 MOST_SCENARIOS: Final = 1000
 SENSORS: Final = "sensors"
 """In place of a list of values: the release's sensors."""
@@ -83,8 +81,9 @@ def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
 
 def read_plan(source: Traversable, place: Place) -> tuple[Scenario, ...]:
     """The scenarios of one file; raises ConfigError as `whole_plan` does."""
+    tree = read_toml(source, "plan")
     try:
-        plan = typed(_parsed(source), _PlanForm)
+        plan = typed(tree, _PlanForm)
         return tuple(
             made for group in plan.group for raw in group.scenario for made in _made(raw, group, plan.criteria, place)
         )
@@ -148,18 +147,3 @@ def _filled(text: str, words: Mapping[str, object]) -> str:
 def _slug(value: int | float | str) -> str:
     """A value as part of a name."""
     return re.sub(r"[^a-z0-9_.]+", "_", str(value).lower())
-
-
-def _parsed(source: Traversable) -> dict[str, Any]:
-    try:
-        with source.open("rb") as file:
-            data = file.read(LARGEST_FILE + 1)
-        if len(data) > LARGEST_FILE:
-            raise ConfigError(f"larger than {LARGEST_FILE} bytes, is no test plan")
-        return tomllib.loads(data.decode("utf-8-sig"))
-    except OSError as error:
-        raise ConfigError(error.strerror or str(error)) from error
-    except UnicodeDecodeError as error:
-        raise ConfigError("is no text in UTF-8") from error
-    except (ValueError, RecursionError) as error:  # tomllib's errors, or that of a NUL in the path
-        raise ConfigError(str(error)) from error

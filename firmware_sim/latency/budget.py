@@ -1,22 +1,39 @@
 """A latency budget: limits in a TOML file, held against what was measured."""
 
-import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, make_dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from contract.errors import ConfigError
+from contract.toml_file import read_toml
+from contract.typed import typed
 from firmware_sim.latency.quantiles import Quantiles
 from firmware_sim.latency.stages import Stage
 
-LIMITS: Final[Mapping[str, str]] = {"p50_ms": "p50", "p99_ms": "p99", "p99_9_ms": "p99_9", "max_ms": "max"}
-"""What may be limited of a stage, and the field of `Quantiles` that it limits."""
 COUNTS: Final = ("misses", "misses_ours")
 """What may be limited of a run as a whole: all misses, and those beyond the idle loop's."""
-LARGEST_FILE: Final = 2**16
-"""Bytes."""
-LONGEST_MS: Final = 86_400_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """The most that a stage may take, in ms; None where it is not limited."""
+
+    p50_ms: float | None = None
+    p99_ms: float | None = None
+    p99_9_ms: float | None = None
+    max_ms: float | None = None
+
+
+_Form: Final[Any] = make_dataclass(
+    "_Form",
+    [
+        *((name, int | None, field(default=None)) for name in COUNTS),
+        *((stage.value, Limits, field(default=Limits())) for stage in Stage),
+    ],
+)
+"""The whole file."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,26 +74,24 @@ def read_budget(path: Path) -> Budget:
     Raises:
         ConfigError: it cannot be read, limits something unknown or nothing, or a limit is out of range.
     """
+    tree = read_toml(path, "budget")
     try:
-        with path.open("rb") as file:
-            text = file.read(LARGEST_FILE + 1)
-        if len(text) > LARGEST_FILE:
-            raise ConfigError(f"budget {path}: more than {LARGEST_FILE} bytes")
-        tree = tomllib.loads(text.decode())
-    except OSError as error:
-        raise ConfigError(f"budget {path}: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"budget {path}: not TOML: {error}") from error
-    counts: dict[str, int] = {}
-    latencies: dict[tuple[Stage, str], float] = {}
-    for name, value in tree.items():
-        if name in COUNTS:
-            counts[name] = _count(path, name, value)
-        elif name in list(Stage) and isinstance(value, dict):
-            latencies |= {(Stage(name), limit): _ms(path, f"{name}.{limit}", limit, ms) for limit, ms in value.items()}
-        else:
-            known = ", ".join((*COUNTS, *(f"[{stage}]" for stage in Stage)))
-            raise ConfigError(f"budget {path}: {name!r} cannot be limited: must be one of {known}")
+        form = typed(tree, _Form)
+    except ConfigError as error:
+        raise ConfigError(f"budget {path}: {error}") from error
+    counts = {name: limit for name in COUNTS if (limit := getattr(form, name)) is not None}
+    latencies = {
+        (stage, name): limit
+        for stage in Stage
+        for name, limit in vars(getattr(form, stage)).items()
+        if limit is not None
+    }
+    for name, count in counts.items():
+        if count < 0:
+            raise ConfigError(f"budget {path}: {name} = {count}: must be at least 0")
+    for (stage, name), limit in latencies.items():
+        if not (isfinite(limit) and limit > 0.0):
+            raise ConfigError(f"budget {path}: {stage}.{name} = {limit}: must be a positive number of ms")
     if not counts and not latencies:
         raise ConfigError(f"budget {path}: it limits nothing; for example misses_ours = 0")
     return Budget(counts=counts, latencies=latencies)
@@ -91,28 +106,6 @@ def verdicts(budget: Budget, counts: Mapping[str, int], latencies: Mapping[Stage
         latencies: of every stage.
     """
     judged = [Verdict(name, allowed, counts[name]) for name, allowed in budget.counts.items()]
-    for (stage, limit), allowed in budget.latencies.items():
-        judged.append(Verdict(f"{stage}.{limit}", allowed, getattr(latencies[stage], LIMITS[limit])))
+    for (stage, name), allowed in budget.latencies.items():
+        judged.append(Verdict(f"{stage}.{name}", allowed, getattr(latencies[stage], name.removesuffix("_ms"))))
     return judged
-
-
-def _count(path: Path, name: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**53:
-        raise ConfigError(f"budget {path}: {name} = {_short(value)}: must be a whole number, at least 0")
-    return value
-
-
-def _ms(path: Path, name: str, limit: str, value: Any) -> float:
-    if limit not in LIMITS:
-        raise ConfigError(f"budget {path}: {name} is not known: must be one of {', '.join(LIMITS)}")
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not 0 < value <= LONGEST_MS:
-        raise ConfigError(
-            f"budget {path}: {name} = {_short(value)}: must be a number of ms, positive and at most a day"
-        )
-    return float(value)
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 40 else f"{text[:37]}..."

@@ -6,12 +6,10 @@ import subprocess
 from dataclasses import dataclass
 from typing import Final
 
-PRIORITY: Final = 50
-"""SCHED_FIFO: the ECU's."""
-_THREAD: Final = re.compile(
-    r"T:\s*\d+ .*?P:\s*(?P<priority>\d+) .*?C:\s*(?P<count>\d+) .*?"
-    r"Min:\s*(?P<min>\d+) .*?Avg:\s*(?P<avg>\d+) .*?Max:\s*(?P<max>\d+)"
-)
+# Without --default-system it would keep the processors awake, also for the processes that are measured. SCHED_FIFO
+# with the ECU's priority.
+_COMMAND: Final = ("cyclictest", "--quiet", "--default-system", "--mlockall", "--priority=50")
+_THREAD: Final = re.compile(r"P:\s*(\d+) .*?C:\s*(\d+) .*?Min:\s*(\d+) .*?Avg:\s*(\d+) .*?Max:\s*(\d+)")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,34 +31,24 @@ class Cyclictest:
 
 def started(period_ns: int) -> "subprocess.Popen[str] | None":
     """Start cyclictest, which runs until `ended`; None where it is not installed."""
-    program = shutil.which("cyclictest")
-    if program is None:
+    if shutil.which(_COMMAND[0]) is None:
         return None
-    # Without --default-system it would keep the processors awake, also for the processes that are measured.
-    command = [
-        program,
-        "--quiet",
-        "--default-system",
-        "--mlockall",
-        f"--priority={PRIORITY}",
-        f"--interval={period_ns // 1000}",
-    ]
+    command = [*_COMMAND, f"--interval={period_ns // 1000}"]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
 def ended(process: "subprocess.Popen[str]", timeout_s: float) -> Cyclictest | None:
-    """Stop it and read what it found; None where it did not run, for example without permission."""
+    """Stop it and read its output; None where it did not run, for example without permission."""
     process.terminate()
-    output, _ = process.communicate(timeout=timeout_s)
-    return parsed(output)
+    return parsed(process.communicate(timeout=timeout_s)[0])
 
 
 def parsed(output: str) -> Cyclictest | None:
     """Its summary line, whose times are in us."""
     line = _THREAD.search(output)
-    if line is None or int(line["count"]) == 0:
+    if line is None:
         return None
-    minimum, mean, maximum = (int(line[name]) / 1e3 for name in ("min", "avg", "max"))
-    return Cyclictest(
-        priority=int(line["priority"]), count=int(line["count"]), min_ms=minimum, mean_ms=mean, max_ms=maximum
-    )
+    priority, count, least, mean, most = map(int, line.groups())
+    if count == 0:
+        return None
+    return Cyclictest(priority=priority, count=count, min_ms=least / 1e3, mean_ms=mean / 1e3, max_ms=most / 1e3)

@@ -20,24 +20,16 @@ BINS: Final = 120
 LONGEST_SHOWN: Final = 4
 """Periods of a timeline at most."""
 
-_COLOURS: Final = {
-    Stage.SAMPLE: "#d95f02",
-    Stage.BUS_TO_ECU: "#7570b3",
-    Stage.WAIT: "0.85",
-    Stage.RECEIVE: "#66a61e",
-    Stage.PLAN: "#1f78b4",
-    Stage.GATE: "#e6ab02",
-    Stage.BUS_TO_VEHICLE: "#a6761d",
+_DRAWN: Final = {
+    Stage.SAMPLE: ("vehicle", "#d95f02"),
+    Stage.BUS_TO_ECU: ("bus", "#7570b3"),
+    Stage.WAIT: ("ECU", "0.85"),
+    Stage.RECEIVE: ("ECU", "#66a61e"),
+    Stage.PLAN: ("ECU", "#1f78b4"),
+    Stage.GATE: ("ECU", "#e6ab02"),
+    Stage.BUS_TO_VEHICLE: ("bus", "#a6761d"),
 }
-_LANES: Final = {
-    Stage.SAMPLE: "vehicle",
-    Stage.BUS_TO_ECU: "bus",
-    Stage.WAIT: "ECU",
-    Stage.RECEIVE: "ECU",
-    Stage.PLAN: "ECU",
-    Stage.GATE: "ECU",
-    Stage.BUS_TO_VEHICLE: "bus",
-}
+"""Row and colour of each stage in a timeline."""
 _ROWS: Final = ("idle loop", "ECU", "bus", "vehicle")
 """From below."""
 
@@ -51,10 +43,12 @@ def histogram_figure(runs: Sequence[Measured]) -> Figure:
     answers = [_finite(run.periods.values(Stage.ALL)) / 1e6 for run in runs]
     longest = max(float(values.max(initial=period_ms)) for values in (*answers, *idle))
     bins = np.linspace(0.0, 1.02 * longest, BINS + 1).tolist()
-    for run, values, colour in zip(runs, answers, ("#1f78b4", "#d95f02"), strict=False):
-        above.hist(values, bins=bins, histtype="stepfilled", alpha=0.6, color=colour, label=f"{run.name}: {run.about}")
-    for run, values, colour in zip(runs, idle, ("#1f78b4", "#d95f02"), strict=False):
-        below.hist(values, bins=bins, histtype="stepfilled", alpha=0.6, color=colour, label=f"next to {run.name}")
+    for axes, values_of, labels in (
+        (above, answers, [f"{run.name}: {run.about}" for run in runs]),
+        (below, idle, [f"next to {run.name}" for run in runs]),
+    ):
+        for values, label, colour in zip(values_of, labels, ("#1f78b4", "#d95f02"), strict=False):
+            axes.hist(values, bins=bins, histtype="stepfilled", alpha=0.6, color=colour, label=label)
     above.axvline(period_ms, color="tab:red", linestyle="--", linewidth=1.2, label="boundary that a command is due at")
     above.set_ylabel("periods")
     above.set_title("from the sampling instant to the command", fontsize=10, loc="left")
@@ -96,13 +90,8 @@ def timeline_figure(run: Measured) -> Figure:
     took = f"{waited_ms:.2f} ms" if isfinite(waited_ms) else "never answered"
     came = "missed its boundary" if worst in periods.missed else "in time"
     axes.set_title(f"{run.name}, period {periods.first + worst}: {took}, {came}", fontsize=10, loc="left")
-    figure.legend(
-        handles=[_patch(stage) for stage in CHAIN],
-        loc="outside lower center",
-        ncols=len(CHAIN),
-        frameon=False,
-        fontsize=8,
-    )
+    patches = [Patch(color=colour, label=stage.value.replace("_", " ")) for stage, (_, colour) in _DRAWN.items()]
+    figure.legend(handles=patches, loc="outside lower center", ncols=len(patches), frameon=False, fontsize=8)
     return figure
 
 
@@ -113,10 +102,9 @@ def _draw_period(axes: Axes, run: Measured, i: int, origin: float, *, strong: bo
         took = float(run.periods.stages[stage][i]) / 1e6
         if not isfinite(took):
             return
-        axes.barh(
-            _ROWS.index(_LANES[stage]), took, left=at, height=0.62,
-            color=_COLOURS[stage], alpha=1.0 if strong else 0.4, linewidth=0,
-        )  # fmt: skip
+        row, colour = _DRAWN[stage]
+        alpha = 1.0 if strong else 0.4
+        axes.barh(_ROWS.index(row), took, left=at, height=0.62, color=colour, alpha=alpha, linewidth=0)
         at += took
 
 
@@ -131,10 +119,6 @@ def _draw_idle(axes: Axes, run: Measured, origin: float, *, shown_ms: float) -> 
     late = (rows[:, IdleStage.WOKE] - rows[:, IdleStage.SCHEDULED]) / 1e6
     axes.barh(_ROWS.index("idle loop"), late, left=scheduled, height=0.62, color="0.3", linewidth=0)
     axes.plot(scheduled, np.full(len(rows), _ROWS.index("idle loop")), "|", color="0.3", markersize=9)
-
-
-def _patch(stage: Stage) -> Patch:
-    return Patch(color=_COLOURS[stage], label=stage.value.replace("_", " "))
 
 
 def _finite(values: Array) -> Array:

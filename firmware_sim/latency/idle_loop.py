@@ -16,11 +16,10 @@ from typing import Final
 import numpy as np
 
 from contract.arrays import Array
-from contract.atomic import replacing
-from contract.errors import StillwakeError
 from firmware_sim.ecu.real_time.clock import now_ns, sleep_until
 from firmware_sim.ecu.real_time.deadlines import Deadlines
 from firmware_sim.ecu.real_time.privileges import PRIORITY, Wanted, in_words, taken
+from firmware_sim.ecu.real_time.stage_times import StageTimes
 from firmware_sim.latency.stages import Times
 
 WANTED: Final = Wanted(priority=PRIORITY + 1)
@@ -36,20 +35,20 @@ class IdleStage(IntEnum):
     WOKE = 2
 
 
-_COLUMNS: Final = [stage.name.lower() for stage in IdleStage]
-
-
-def run(period_ns: int, is_stopped: Callable[[], bool], *, longest: int) -> Times:
-    """Sleep from deadline to deadline until stopped, or for `longest` periods; rows of `IdleStage`."""
-    table = np.zeros((longest, len(IdleStage)), dtype=np.int64)
+def run(period_ns: int, is_stopped: Callable[[], bool], *, longest: int) -> StageTimes:
+    """Sleep from deadline to deadline until stopped, or for `longest` periods; the table of `IdleStage`."""
+    table = StageTimes(IdleStage, longest)
     deadlines = Deadlines(period_ns=period_ns, due_ns=now_ns() + period_ns)
-    count = 0
-    while count < longest and not is_stopped():
+    for _ in range(longest):
+        if is_stopped():
+            break
         sleep_until(deadlines.due_ns)
-        table[count] = (deadlines.number, deadlines.due_ns, now_ns())
-        count += 1
+        woke_ns = now_ns()
+        table.begin()
+        for stage, value in zip(IdleStage, (deadlines.number, deadlines.due_ns, woke_ns), strict=True):
+            table.note(stage, value)
         deadlines = deadlines.after(now_ns())
-    return table[:count]
+    return table
 
 
 def between(rows: Times, begin_ns: int, end_ns: int) -> Times:
@@ -67,24 +66,6 @@ def lateness(rows: Times, period_ns: int) -> Array:
     return late
 
 
-def save(rows: Times, path: Path) -> None:
-    """Write the table as .npz, whole or not at all; raises StillwakeError."""
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, columns=np.array(_COLUMNS), rows=rows)
-
-
-def load(path: Path) -> Times:
-    """Read what `save` wrote; raises StillwakeError if it is not that."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            columns, rows = file["columns"].tolist(), np.asarray(file["rows"])
-    except (OSError, ValueError, KeyError, EOFError, TypeError) as error:
-        raise StillwakeError(f"{path}: no table of an idle loop ({error})") from error
-    if columns != _COLUMNS or rows.dtype != np.int64 or rows.ndim != 2 or rows.shape[1] != len(_COLUMNS):
-        raise StillwakeError(f"{path}: no table of the columns {', '.join(_COLUMNS)}")
-    return rows
-
-
 def main(arguments: Sequence[str]) -> None:
     """Run until SIGTERM."""
     path, period_ns, periods = arguments
@@ -99,8 +80,8 @@ def main(arguments: Sequence[str]) -> None:
     with taken(WANTED) as privileges:
         sys.stdout.write(f"{in_words(privileges)}\n")
         sys.stdout.flush()
-        rows = run(int(period_ns), lambda: bool(stopped), longest=int(periods))
-    save(rows, Path(path))
+        table = run(int(period_ns), lambda: bool(stopped), longest=int(periods))
+    table.save(Path(path))
 
 
 if __name__ == "__main__":

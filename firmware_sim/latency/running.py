@@ -15,8 +15,9 @@ from typing import Final
 
 from contract.errors import BusError, StillwakeError
 from firmware_sim.ecu.real_time.stage_times import EcuStage, VehicleStage, load
-from firmware_sim.latency import cyclictest, idle_loop
+from firmware_sim.latency import cyclictest
 from firmware_sim.latency.cyclictest import Cyclictest
+from firmware_sim.latency.idle_loop import IdleStage
 from firmware_sim.latency.stages import Times
 
 READY_S: Final = 120.0
@@ -100,7 +101,7 @@ def recorded(
     return Recorded(
         vehicle=load(tables[VEHICLE], VehicleStage),
         ecu=load(tables[ECU], EcuStage),
-        idle=idle_loop.load(tables[IDLE]),
+        idle=load(tables[IDLE], IdleStage),
         cyclictest=wake_ups,
         privileges=idle.last_line,
     )

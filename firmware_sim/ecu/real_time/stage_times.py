@@ -70,7 +70,7 @@ class StageTimes:
         periods: rows. When all are used, the oldest ones are used again.
     """
 
-    def __init__(self, stages: type[EcuStage] | type[VehicleStage], periods: int = LONGEST) -> None:
+    def __init__(self, stages: type[IntEnum], periods: int = LONGEST) -> None:
         if periods < 1:
             raise ValueError(f"periods = {periods}: must be at least 1")
         self._stages = stages
@@ -86,7 +86,7 @@ class StageTimes:
         self._row[:] = self._blank
         self._begun += 1
 
-    def note(self, stage: EcuStage | VehicleStage, value: int) -> None:
+    def note(self, stage: IntEnum, value: int) -> None:
         """A time or a count of this period."""
         self._row[stage] = value
 
@@ -106,7 +106,7 @@ class StageTimes:
             np.savez(file, columns=np.array([stage.name.lower() for stage in self._stages]), rows=self.rows())
 
 
-def load(path: Path, stages: type[EcuStage] | type[VehicleStage]) -> NDArray[np.int64]:
+def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
     """The rows of a saved table, (rows, stages).
 
     Raises:

@@ -137,7 +137,7 @@ def test_a_bad_file_is_refused_with_its_name(tmp_path):
         (b"\xff\xfe", "is no text in UTF-8"),
         (b"[flow]\nreynolds = " + b"9" * 5000, "configuration"),
         (b"x = " + b"[" * 5000, "recursion"),
-        (b"#" * 2**20 + b"\n", "is no file of settings"),
+        (b"#" * 2**20 + b"\n", "larger than 1048576 bytes"),
         (b'base = "thesis"\n', "base = 'thesis': must be 'paper' or 'release'"),
     ):
         path.write_bytes(text)

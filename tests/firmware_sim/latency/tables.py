@@ -1,10 +1,8 @@
 """Tables of stage times made by hand: every stage takes a known time, and faults are planted."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-import pytest
 
 from firmware_sim.ecu.real_time.stage_times import NOTHING, EcuStage, VehicleStage
 from firmware_sim.latency.idle_loop import IdleStage
@@ -98,8 +96,3 @@ class Tables:
         counters = self.ecu[after, EcuStage.PRESSURE_COUNTER]
         self.ecu[after, EcuStage.PRESSURE_COUNTER] = (counters - periods) % COUNTERS
         self.vehicle = np.delete(self.vehicle, slice(i, i + periods), axis=0)
-
-
-@pytest.fixture
-def tables() -> Callable[..., Tables]:
-    return Tables

@@ -1,0 +1,26 @@
+"""TOML files of a user: read as a whole, refused in one line."""
+
+import tomllib
+from importlib.resources.abc import Traversable
+from typing import Any, Final
+
+from contract.errors import ConfigError
+
+LARGEST_FILE: Final = 2**20
+"""Bytes; all settings take three thousand."""
+
+
+def read_toml(source: Traversable, what: str) -> dict[str, Any]:
+    """The tree of a file; raises ConfigError, which names it as `what` it is."""
+    try:
+        with source.open("rb") as file:
+            data = file.read(LARGEST_FILE + 1)
+        if len(data) > LARGEST_FILE:
+            raise ConfigError(f"{what} {source}: larger than {LARGEST_FILE} bytes")
+        return tomllib.loads(data.decode("utf-8-sig"))
+    except OSError as error:
+        raise ConfigError(f"{what} {source}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{what} {source}: is no text in UTF-8") from error
+    except (ValueError, RecursionError) as error:  # tomllib's errors, or that of a NUL in the path
+        raise ConfigError(f"{what} {source}: {error}") from error
