@@ -1,7 +1,6 @@
 """The drag ledger adds up, for one instant and for a series."""
 
 import numpy as np
-import pytest
 
 from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
 
@@ -18,8 +17,3 @@ def test_a_series_has_the_ledger_of_every_instant():
     for k in range(5):
         one = ledger_of({name: float(values[k]) for name, values in series.items()})
         assert (whole.Cd_slot[k], whole.Cd_net[k]) == (one.Cd_slot, one.Cd_net)
-
-
-def test_a_missing_entry_is_named():
-    with pytest.raises(KeyError, match="Cd_momentum"):
-        ledger_of({name: 0.0 for name in LEDGER_FIELDS if name != "Cd_momentum"})

@@ -19,7 +19,8 @@ def test_mirror_image_of_any_symmetric_layout_is_found(half, random):
 
 
 def test_one_sensor_without_a_partner_leaves_no_mirror_image():
-    assert SensorLayout.of("abc", np.array([(0.0, 1.0), (0.0, -1.0), (1.0, 0.5)])).mirror is None
+    layout = SensorLayout.of("abc", np.array([(0.0, 1.0), (0.0, -1.0), (1.0, 0.5)]))
+    assert layout.mirror is None and layout.without_partner() == ("c",)
     assert SensorLayout.of("ab", np.array([(0.0, 1.0), (0.0, -1.0)]), symmetric=False).mirror is None
 
 

@@ -1,6 +1,6 @@
 import numpy as np
 
-from contract import geometry, sensors
+from contract import sensors
 
 
 def test_order_is_upper_lower_base():
@@ -9,19 +9,6 @@ def test_order_is_upper_lower_base():
         "upper_00", "upper_39", "lower_00", "lower_39", "base_0", "base_9",
     ]  # fmt: skip
     assert all(name.startswith("base_") for name in sensors.NAMES[sensors.BASE])
-
-
-def test_positions_lie_on_the_body_and_run_rearwards_and_downwards():
-    positions = sensors.positions()
-    upper, lower, base = positions[:40], positions[40:80], positions[80:]
-    assert (upper[:, 1] == geometry.HALF_WIDTH).all()
-    assert (lower[:, 1] == -geometry.HALF_WIDTH).all()
-    assert (base[:, 0] == geometry.LENGTH).all()
-    assert (np.diff(upper[:, 0]) > 0).all()
-    assert (np.diff(base[:, 1]) < 0).all()
-    # No sensor sits on the rounded edge or in a slot.
-    assert upper[0, 0] > geometry.LEADING_EDGE_RADIUS
-    assert np.abs(base[:, 1]).max() < geometry.HALF_WIDTH - geometry.JET_WIDTH
 
 
 def test_positions_are_the_papers():

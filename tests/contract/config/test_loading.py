@@ -1,55 +1,28 @@
-import math
 from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contract.config.controller import CostWeights, MpcConfig
-from contract.config.learning import TrainConfig
-from contract.config.loading import from_tree, load, load_config, quick, to_tree
+from contract.config.loading import load, load_config, quick
 from contract.config.tree import Config
 from contract.errors import ConfigError
 
 
-def test_release_settings_are_packaged_and_differ_from_the_papers():
-    assert load_config() != Config()
-
-
 def test_file_goes_on_top_of_the_releases_settings(tmp_path):
-    (tmp_path / "mine.toml").write_text("[mpc]\niterations = 3\n")
-    release, mine = load_config(), load(tmp_path / "mine.toml", ["mpc.weights.lift=0.2"])
-    assert mine.config.mpc == replace(release.mpc, iterations=3, weights=replace(release.mpc.weights, lift=0.2))
+    """One from Windows; the overrides go on top of it."""
+    (tmp_path / "mine.toml").write_bytes(b"\xef\xbb\xbf[mpc]\r\niterations = 3\r\n[mpc.weights]\r\nlift = 1\r\n")
+    release, mine = load_config(), load(tmp_path / "mine.toml", ["mpc.weights.lift = 2"])
+    assert mine.config.mpc == replace(release.mpc, iterations=3, weights=replace(release.mpc.weights, lift=2.0))
+    assert isinstance(mine.config.mpc.weights.lift, float)
     assert mine.config.train == release.train != Config().train
-    assert mine.in_file == frozenset({"mpc.iterations"})
+    assert mine.in_file == frozenset({"mpc.iterations", "mpc.weights.lift"})
     assert mine.in_overrides == frozenset({"mpc.weights.lift"})
 
 
 def test_file_may_go_on_top_of_the_papers(tmp_path):
     (tmp_path / "paper.toml").write_text('base = "paper"\n')
     assert load_config(tmp_path / "paper.toml") == Config()
-
-
-@given(horizon=st.integers(2, 1000), lift=st.floats(0, 1e3), epochs=st.integers(1, 1000))
-def test_tree_round_trip(horizon, lift, epochs):
-    config = Config(
-        mpc=MpcConfig(horizon=horizon, weights=CostWeights(lift=lift)), train=TrainConfig(epochs=float(epochs))
-    )
-    assert from_tree(to_tree(config)) == config
-
-
-def test_file_then_overrides(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text("[mpc]\nhorizon = 10\n[mpc.weights]\nlift = 1\n")
-    config = load_config(
-        path, ["mpc.weights.lift=2", 'bus.channel="can0"', "flow.reynolds = 100", "train.selection=qr"]
-    )
-    assert config.mpc.horizon == 10
-    assert config.mpc.weights.lift == 2.0
-    assert isinstance(config.mpc.weights.lift, float)
-    assert config.bus.channel == "can0"
-    assert config.train.selection == "qr"
-    assert config.flow.reynolds == 100.0
 
 
 REFUSED = {
@@ -73,11 +46,8 @@ REFUSED = {
     "mpc.weights.lift=false": "mpc.weights.lift = False: must be a number",
     "train.schedule=cosine": "train.schedule = 'cosine': must be 'constant' or 'one_cycle'",
     "model.slim_decoder_width=1.5": "model.slim_decoder_width = 1.5: must be a whole number or left out",
-    "mpc.horizon=1": "mpc.horizon = 1: must be at least 2",
     "flow.reynolds=nan": "flow.reynolds = nan: must be positive",
     "flow.reynolds=inf": "flow.reynolds = inf: must be positive",
-    "ecu.delay_steps=-1": "ecu.delay_steps = -1: must be non-negative",
-    "bus.e2e.max_delta=128": "bus.e2e.max_delta = 128: must be in 1..127",
     "operating_point.speed=0": "operating_point.speed = 0.0: must be positive",
     "flow.reynolds=" + "9" * 400: "flow.reynolds = a number of more than 18 digits",
     "flow.substeps=" + "9" * 400: "flow.substeps = a number of more than 18 digits: must be at least 1",
@@ -99,18 +69,6 @@ def test_a_bad_override_is_refused_in_one_short_line_with_its_value_and_what_is_
             load_config(None, [override])
         text = str(refused.value)
         assert line in text and len(text) < 250 and text.isprintable(), (override, text)
-
-
-@pytest.mark.slow  # every setting
-@given(st.floats() | st.text() | st.none() | st.booleans() | st.lists(st.integers()))
-def test_no_value_gets_past_the_types(value):
-    """Whatever a file holds, the outcome is a Config with that number or a ConfigError."""
-    try:
-        config = from_tree({"flow": {"reynolds": value}})
-    except ConfigError:
-        assert not (isinstance(value, float) and value > 0 and math.isfinite(value))
-    else:
-        assert config.flow.reynolds == value
 
 
 def test_text_needs_no_quotation_marks():
@@ -151,11 +109,6 @@ def test_what_cannot_be_read_is_named(tmp_path):
         load_config(tmp_path / "nowhere.toml")
     with pytest.raises(ConfigError, match=r"Is a directory$"):
         load_config(tmp_path)
-
-
-def test_a_file_from_windows_is_read(tmp_path):
-    (tmp_path / "mine.toml").write_bytes(b"\xef\xbb\xbf[mpc]\r\nhorizon = 9\r\n")
-    assert load_config(tmp_path / "mine.toml").mpc.horizon == 9
 
 
 def test_the_quick_training_differs_from_the_release_in_training_alone():

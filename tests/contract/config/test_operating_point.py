@@ -1,8 +1,3 @@
-import math
-
-from hypothesis import given
-from hypothesis import strategies as st
-
 from contract.config.operating_point import OperatingPoint
 
 
@@ -13,11 +8,3 @@ def test_default_truck():
     assert point.dynamic_pressure == 375.0
     assert point.flow_rate_scale == 62.5
     assert point.period_ns(0.2) == 20_000_000
-
-
-@given(speed=st.floats(1.0, 100.0), factor=st.floats(1.1, 4.0))
-def test_faster_truck_shortens_time_and_scales_pressure_and_flow(speed, factor):
-    slow, fast = OperatingPoint(speed=speed), OperatingPoint(speed=speed * factor)
-    assert math.isclose(slow.convective_time, factor * fast.convective_time)
-    assert math.isclose(slow.dynamic_pressure * factor**2, fast.dynamic_pressure)
-    assert math.isclose(slow.flow_rate_scale * factor, fast.flow_rate_scale)

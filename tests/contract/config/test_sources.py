@@ -49,9 +49,3 @@ def test_what_is_the_papers_stands_at_that_place():
 def test_a_page_that_says_more_is_there():
     for page in {one.source.page for one in listed()} - {""}:
         assert (DOCS / page.partition("#")[0]).is_file(), page
-
-
-def test_a_fields_own_source_goes_before_its_sections():
-    found = {one.name: one.source for one in listed()}
-    assert (found["mpc.iterations"].name, found["mpc.horizon"].name) == ("paper, section 2.4.2", "paper, section 2.4")
-    assert found["bus.nominal_bitrate"].name == "SAE J2284-4"

@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from contract.config.controller import CostWeights, MpcConfig
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
@@ -23,7 +24,8 @@ def groups(tree: Any, above: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def test_every_number_must_be_finite_and_none_but_a_reference_may_be_negative():
-    for _, group in groups(Config()):
+    for name, group in groups(Config()):
+        assert group.section == name
         for field in fields(group):
             value = getattr(group, field.name)
             if isinstance(value, str | bool) or is_dataclass(value):
@@ -36,41 +38,28 @@ def test_every_number_must_be_finite_and_none_but_a_reference_may_be_negative():
                     type(group)(**{field.name: wrong})
 
 
-def test_value_out_of_range_is_refused_by_name():
-    refused: list[tuple[type[Any], str, object, str]] = [
-        (OperatingPoint, "speed", 0.0, "positive"),
-        (MpcConfig, "horizon", 1, "at least 2"),
-        (FlowConfig, "action_limit", 0.0, "positive"),
-        (EcuConfig, "rearm_frames", 0, "at least 1"),
-        (EcuConfig, "loss_limit", 0, r"in 1\.\.loss_window"),
-        (EcuConfig, "loss_limit", 51, r"in 1\.\.loss_window"),
-        (BusConfig, "channel", "", "the name of a channel"),
-        (BusConfig, "nominal_bitrate", 1_000_001, "at most 1000000"),
-        (BusConfig, "data_bitrate", 499_999, r"in nominal_bitrate\.\.8000000"),
-        (BusConfig, "data_bitrate", 8_000_001, r"in nominal_bitrate\.\.8000000"),
-        (E2eConfig, "min_ok", 6, r"in 1\.\.window"),
-        (E2eConfig, "max_errors", 5, r"in 0\.\.window-1"),
-        (E2eConfig, "max_delta", 128, r"in 1\.\.127"),
-        (E2eConfig, "window", 0, "at least 1"),
+def test_a_rule_holds_up_to_its_bound_and_no_further():
+    bounds: list[tuple[type[Any], str, object, object, str]] = [
+        (OperatingPoint, "speed", 1e-300, 0.0, "positive"),
+        (FlowConfig, "action_limit", 1e-300, 0.0, "positive"),
+        (EcuConfig, "delay_steps", 0, -1, "non-negative"),
+        (EcuConfig, "rearm_frames", 1, 0, "at least 1"),
+        (EcuConfig, "loss_limit", 1, 0, r"in 1\.\.loss_window"),
+        (EcuConfig, "loss_limit", 50, 51, r"in 1\.\.loss_window"),
+        (ModelConfig, "dropout", math.nextafter(1.0, 0.0), 1.0, r"in \[0, 1\)"),
+        (ModelConfig, "slim_decoder_width", None, 0, "at least 1"),
+        (MpcConfig, "horizon", 2, 1, "at least 2"),
+        (TrainConfig, "batch_size", 2, 1, "at least 2, for the variance over a batch"),
+        (BusConfig, "channel", "a", "", "the name of a channel"),
+        (BusConfig, "nominal_bitrate", 1_000_000, 1_000_001, "at most 1000000"),
+        (BusConfig, "data_bitrate", 500_000, 499_999, r"in nominal_bitrate\.\.8000000"),
+        (BusConfig, "data_bitrate", 8_000_000, 8_000_001, r"in nominal_bitrate\.\.8000000"),
+        (E2eConfig, "min_ok", 5, 6, r"in 1\.\.window"),
+        (E2eConfig, "max_errors", 4, 5, r"in 0\.\.window-1"),
+        (E2eConfig, "max_delta", 127, 128, r"in 1\.\.127"),
     ]
-    for kind, name, value, must in refused:
-        with pytest.raises(ConfigError, match=rf"\.{name} = {value!r}: must be {must}"):
-            kind(**{name: value})
+    for kind, name, good, bad, must in bounds:
+        assert getattr(kind(**{name: good}), name) == good
+        with pytest.raises(ConfigError, match=rf"\.{name} = {bad!r}: must be {must}"):
+            kind(**{name: bad})
     assert BusConfig(frames="classic", data_bitrate=1).data_bitrate == 1, "classic frames have no data bit rate"
-
-
-def test_defaults_are_the_papers():
-    config = Config()
-    assert (config.model.window, config.model.latent, config.mpc.horizon, config.mpc.iterations) == (32, 8, 25, 5)
-    assert config.flow.action_limit == 0.075
-    assert config.period_ns == 20_000_000
-
-
-def test_weights_keep_declaration_order():
-    weights = CostWeights(**{field.name: float(i) for i, field in enumerate(fields(CostWeights))})
-    assert weights.as_tuple() == tuple(map(float, range(len(fields(CostWeights)))))
-
-
-def test_a_section_is_called_by_its_place_in_the_tree():
-    for name, group in groups(Config()):
-        assert group.section == name

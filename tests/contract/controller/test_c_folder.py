@@ -78,6 +78,9 @@ def test_what_is_missing_or_damaged_is_named(tmp_path):
     (tmp_path / RECORDED).write_text("1 2\n3 four\n")
     with pytest.raises(LibraryError, match=r"recorded\.txt: .*four"):
         read_recorded(tmp_path)
+    (tmp_path / RECORDED).write_text("")
+    with pytest.raises(LibraryError, match=r"recorded\.txt: holds no rows"):
+        read_recorded(tmp_path)
     with pytest.raises(LibraryError, match=r"sw_settings\.h is missing"):
         Settings.of({})
 
@@ -111,12 +114,6 @@ def test_files_without_end_are_refused(tmp_path):
     with pytest.raises(LibraryError, match="more than 67108864 bytes"):
         read_sources(tmp_path)
     with pytest.raises(LibraryError, match="more than 67108864 bytes"):
-        read_recorded(tmp_path)
-
-
-def test_no_rows_are_none(tmp_path):
-    (tmp_path / RECORDED).write_text("")
-    with pytest.raises(LibraryError, match=r"recorded\.txt: holds no rows"):
         read_recorded(tmp_path)
 
 

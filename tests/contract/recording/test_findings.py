@@ -16,7 +16,7 @@ from contract.errors import DatasetError
 from contract.recording import dataset, needs
 from contract.recording.dataset import Dataset, Episode, Role
 from contract.recording.facts import PlantFacts
-from contract.recording.findings import agreeing, findings, left_out, longest_run, refuse_unfit, trainable
+from contract.recording.findings import agreeing, findings, left_out, refuse_unfit, trainable
 from contract.sensor_layout import SensorLayout
 from contract.shipped import RECORDING
 from tests import foreign_plant
@@ -92,25 +92,22 @@ T = PERIOD * np.arange(120)
 
 
 def test_times_and_actions_are_checked(sound):
+    action = sound.episodes[0].series["action"]
     for series, message in (
         ({"t": T[::-1]}, "episode sweep: t does not rise from step 0 to 1: 35.7, 35.4"),
         ({"t": 2 * T}, "episode sweep: t rises by 0.6, must rise by the control period of 0.3"),
         ({"t": np.where(np.arange(120) > 50, T + 0.1, T)}, "t rises by 0.4 from step 50 to 51"),
         ({"action": np.linspace(0, 2.0, 120)}, r"episode sweep: action is 2 at step 119, beyond the limit of 0.2 \(10"),
-        ({"Cd": np.ones(120)}, None),
+        ({"Cd": np.ones(120)}, None),  # the other training episode has a Cd that changes
+        ({"t": np.round(T, 2), "action": np.round(action, 3)}, None),  # rounded, as in text files
     ):
         found = texts(with_first(sound, **series))
         if message is None:
-            assert found == []  # the other training episode has a Cd that changes
+            assert found == []
         else:
             assert len(found) == 1
             with pytest.raises(DatasetError, match=message):
                 refuse_unfit(findings(with_first(sound, **series), CONFIG), "a.h5")
-
-
-def test_times_and_actions_may_be_rounded_as_text_files_are(sound):
-    rounded = with_first(sound, t=np.round(T, 2), action=np.round(sound.episodes[0].series["action"], 3))
-    assert texts(rounded) == []
 
 
 def test_the_action_before_the_first_sample_counts(sound):
@@ -158,12 +155,6 @@ def test_slips_of_units_are_noted(sound):
     )
     config = replace(CONFIG, flow=replace(CONFIG.flow, control_period=period))
     assert any("divide seconds by that" in text for text in texts(seconds, config, stops=None))
-
-
-def test_a_sensor_without_a_partner_is_named(sound):
-    layout = SensorLayout.of(("up", "down", "odd"), np.array([[1, 0.5], [1, -0.5], [0.5, 0.5]]))
-    assert layout.mirror is None
-    assert layout.without_partner() == ("odd",)
 
 
 def test_a_missing_role_is_named(sound):
@@ -225,12 +216,6 @@ def test_all_is_said_at_once(sound):
         refuse_unfit(found, "a.h5")
 
 
-def test_the_longest_stretch():
-    assert longest_run(np.array([True, False, True, True, False])) == (2, 2)
-    assert longest_run(np.zeros(4, dtype=bool)) == (0, 0)
-    assert longest_run(np.ones(4, dtype=bool)) == (0, 4)
-
-
 def test_the_shipped_recording_is_sound():
 
     assert findings(dataset.read(RECORDING), Config()) == ()
@@ -249,21 +234,17 @@ def sine(frequency: float) -> Callable[[Array], Array]:
     return lambda t: np.sin(2.0 * np.pi * frequency * t)
 
 
-@pytest.mark.parametrize(
-    ("waves", "noted"),
-    [
-        ([sine(0.2)], True),
-        ([lambda t: sine(0.2)(t) * (1.0 + 0.45 * sine(0.005)(t))], True),
-        ([sine(0.2), sine(0.205)], True),
-        ([sine(0.15), sine(0.25)], False),
-        ([lambda t: np.sin(2.0 * np.pi * (0.1 + 0.1 * t / t[-1]) * t)], False),
-    ],
-    ids=["sine", "envelope", "two alike", "two", "sweep"],
-)
-def test_forcing_at_one_frequency_is_noted(waves, noted):
-    found = texts(forced_by(*waves), stops=None)
-    assert any("are of one frequency, 0.2 U_inf / W" in text for text in found) == noted
-
-
-def test_an_episode_too_short_to_tell_frequencies_apart_is_not_blamed():
-    assert not any("one frequency" in text for text in texts(forced_by(sine(0.2), steps=120), stops=None))
+def test_forcing_at_one_frequency_is_noted():
+    envelope = [lambda t: sine(0.2)(t) * (1.0 + 0.45 * sine(0.005)(t))]
+    sweep = [lambda t: np.sin(2.0 * np.pi * (0.1 + 0.1 * t / t[-1]) * t)]
+    cases: list[tuple[str, list[Any], int, bool]] = [
+        ("sine", [sine(0.2)], 500, True),
+        ("envelope", envelope, 500, True),
+        ("two alike", [sine(0.2), sine(0.205)], 500, True),
+        ("two", [sine(0.15), sine(0.25)], 500, False),
+        ("sweep", sweep, 500, False),
+        ("too short to tell frequencies apart", [sine(0.2)], 120, False),
+    ]
+    for name, waves, steps, noted in cases:
+        found = texts(forced_by(*waves, steps=steps), stops=None)
+        assert any("are of one frequency, 0.2 U_inf / W" in text for text in found) == noted, name

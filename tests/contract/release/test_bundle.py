@@ -6,7 +6,7 @@ import pytest
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.operating_point import OperatingPoint
-from contract.errors import BundleError, StillwakeError
+from contract.errors import BundleError
 from contract.release import bundle
 from contract.release.bundle import CONTROLLER, SIGNATURE
 from contract.release.manifest import MANIFEST, Manifest, Scaling
@@ -50,23 +50,11 @@ def written(tmp_path, request) -> Path:
     return path
 
 
-@pytest.fixture
-def directory(tmp_path) -> Path:
-    bundle.write(tmp_path / "bundle", manifest(), CONTENTS)
-    return tmp_path / "bundle"
-
-
 def test_round_trip(written):
     loaded = bundle.load(written)
     assert loaded.manifest == manifest()
     assert loaded.files == CONTENTS
     assert loaded.short_hash == int.from_bytes(bytes.fromhex(loaded.digest)[:4], "big")
-
-
-def test_directory_and_zip_are_the_same_bundle(tmp_path):
-    bundle.write(tmp_path / "a", manifest(), CONTENTS)
-    bundle.write(tmp_path / "a.zip", manifest(), CONTENTS)
-    assert bundle.load(tmp_path / "a").digest == bundle.load(tmp_path / "a.zip").digest
 
 
 def test_equal_bundles_are_equal_byte_for_byte(tmp_path):
@@ -114,15 +102,3 @@ def test_directory_with_something_else_in_it_is_not_replaced(tmp_path):
     with pytest.raises(BundleError, match="holds something else"):
         bundle.write(tmp_path, manifest(), CONTENTS)
     assert (tmp_path / "precious").read_text() == "thesis"
-
-
-def test_bundle_is_replaced_whole(directory):
-    bundle.write(directory, manifest(name="second"), {CONTROLLER: GRAPH})
-    loaded = bundle.load(directory)
-    assert (loaded.manifest.name, set(loaded.files)) == ("second", {CONTROLLER})
-
-
-def test_unwritable_place_is_named(tmp_path):
-    (tmp_path / "file").write_text("in the way")
-    with pytest.raises(StillwakeError, match="file/b"):
-        bundle.write(tmp_path / "file" / "b", manifest(), CONTENTS)

@@ -7,8 +7,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given
-from hypothesis import strategies as st
 
 from contract.errors import DatasetError
 from contract.recording import dataset
@@ -18,7 +16,6 @@ from contract.recording.importing.assemble import Source, assemble
 from contract.recording.importing.sensor_table import read_sensors
 from contract.sensor_layout import SensorLayout
 from tests import foreign_plant
-from tests.examples import examples
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS, WRITERS
 
 FACTS = PlantFacts(control_period=PERIOD, action_limit=LIMIT)
@@ -61,28 +58,6 @@ def test_every_format_gives_the_same_data_set_within_half_a_quantum(tmp_path, la
             # Cd and Cl stay within +-2, so their quantum is the next power of two above the finest.
             half = {"t": 0.0, "action": 0.0, "Cp": CP_QUANTUM / 2}.get(name, QUANTUM)
             assert np.abs(episode.series[name] - values[name]).max() <= half, name
-
-
-@examples(30, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    st.lists(
-        st.tuples(st.floats(-LIMIT, LIMIT), st.floats(-100, 100), st.floats(-1, 1), *(st.floats(-4, 4) for _ in NAMES)),
-        min_size=1,
-        max_size=12,
-    )
-)
-def test_what_goes_in_comes_out(tmp_path, layout, rows):
-    columns = np.array(rows).T
-    values = {"action": columns[0], "Cd": columns[1], "Cl": columns[2], "Cp": columns[3:].T}
-    values["Cp"][:, :] += 0.01 * np.arange(len(rows))[:, None]  # a sensor that hardly varies is refused
-    made = imported(foreign_plant.write_npz(tmp_path / "in.npz", values), layout)
-    dataset.write(tmp_path / "out.h5", made)
-    series = dataset.read(tmp_path / "out.h5").episodes[0].series
-    np.testing.assert_array_equal(series["action"], values["action"])
-    np.testing.assert_array_equal(series["t"], PERIOD * np.arange(len(rows)))
-    for name, reach in (("Cd", 100.0), ("Cl", 1.0), ("Cp", 4.2)):
-        # 16 bits over the reach, and at worst twice that, because quanta are powers of two.
-        assert np.abs(series[name] - values[name]).max() <= max(reach, 1.0) / 32767
 
 
 def test_pressures_in_pascal_and_other_names(tmp_path, layout):
