@@ -1,6 +1,7 @@
 """A small release, a controller that records what it is asked, and a bench that feeds one ECU by hand."""
 
 from collections.abc import Callable, Sequence
+from itertools import count
 
 import numpy as np
 import pytest
@@ -35,6 +36,12 @@ class RecordingController:
         shifted = np.append(plan[1:], plan[-1])
         forces, terms = np.full((len(plan), 2), 0.5), np.zeros(7)
         return ControlStep(plan=np.where(free > 0.5, new, shifted), forces=forces, terms=terms, cost=1.0)
+
+
+def numbered() -> RecordingController:
+    """A controller none of whose actions comes twice soon, in steps of the wire."""
+    numbers = count()
+    return RecordingController(lambda i: 0.0016 * (next(numbers) % 40))
 
 
 class Bench:

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.calibration.segment import Page, Segment
-from can_bridge.command_gate import GateLimits
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode
 from contract.config.controller import CostWeights, MpcConfig
@@ -24,25 +23,11 @@ from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.ecu import Ecu
 from tests.each import each
 from tests.examples import examples
-from tests.firmware_sim.conftest import RecordingController, make_bundle
+from tests.firmware_sim.conftest import HORIZON, RecordingController, make_bundle, numbered
 
-WINDOW, HORIZON = 4, 5
 SCALE = OperatingPoint().flow_rate_scale
 QUANTUM = FLOW_RESOLUTION_M2_PER_S / SCALE
 LIMIT, STEP = FlowConfig().action_limit, EcuConfig().command_step
-
-
-class WeighedController:
-    """As the recording one, and keeps the weights that it was given."""
-
-    def __init__(self, inner) -> None:
-        self.inner = inner
-        self.weights: list[tuple[float, ...]] = []
-
-    def control_step(self, window, plan, free, weights=None):
-        assert weights is not None
-        self.weights.append(tuple(weights.tolist()))
-        return self.inner.control_step(window, plan, free, weights)
 
 
 def calibration_of(bench, **changes) -> Calibration:
@@ -55,41 +40,36 @@ def calibrate(bench, **changes) -> None:
     bench.ecu.calibrate(calibration_of(bench, **changes))
 
 
-def numbered(recording_controller):
-    """A controller none of whose actions comes twice soon, in steps of the wire."""
-    counter = iter(range(100_000))
-    return recording_controller(lambda i: 0.0016 * (next(counter) % 40))
-
-
-@each("delay", [0, 2])
-@each("plan_ahead", [False, True])
-def test_the_releases_own_values_change_no_bit(bench_of, recording_controller, delay, plan_ahead):
+@each("delay, plan_ahead", [(0, True), (2, False)])
+def test_the_releases_own_values_change_no_bit(bench_of, delay, plan_ahead):
     """Also where the calibration is rounded to float32, as over the bus: 0.075 and 0.1 are no float32."""
     settings = {"delay_steps": delay, "plan_ahead": plan_ahead}
-    plain, other = (bench_of(WeighedController(numbered(recording_controller)), **settings) for _ in range(2))
+    plain, other = (bench_of(numbered(), **settings) for _ in range(2))
     for k in range(30):
         frames = [bench.pressure((0.1 * k, -0.02 * k, 0.3, 0.4)) for bench in (plain, other)]
         if k % 3 == 0:
             other.ecu.calibrate(Calibration.unpack(calibration_of(other).pack()))
-        elif k % 7 == 0:
-            calibrate(other)
         now_ns = plain.now_ns
         assert plain.ecu.step(now_ns, frames[:1]) == other.ecu.step(now_ns, frames[1:])
         plain.now_ns = other.now_ns = now_ns + plain.config.period_ns
     assert plain.ecu.state == other.ecu.state
     assert plain.ecu.trace.mode is Mode.CONTROL
-    assert plain.controller.weights == other.controller.weights
 
 
-def test_the_weights_are_those_of_the_period(bench_of, recording_controller):
-    controller = WeighedController(recording_controller())
-    bench = bench_of(controller)
+def test_the_weights_are_those_of_the_period_in_the_order_of_the_controllers_input(bench_of):
+    given: list[tuple[float, ...]] = []
+
+    class Weighed(RecordingController):
+        def control_step(self, window, plan, free, weights=None):
+            given.append(tuple(weights.tolist()))
+            return super().control_step(window, plan, free)
+
+    bench = bench_of(Weighed())
     bench.into_control()
     own = bench.bundle.manifest.mpc.weights.as_tuple()
     calibrate(bench, drag_mean=1.0, drag_fluctuation=2.0, lift=3.0, lift_mean=4.0, smoothness=5.0, effort=6.0, rate=7.0)
     bench.good(2)
-    # In the order of the controller's input.
-    assert controller.weights == [own, *[(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)] * 2]
+    assert given == [own, *[(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)] * 2]
 
 
 bounds = st.fixed_dictionaries(
@@ -97,7 +77,7 @@ bounds = st.fixed_dictionaries(
 ).map(lambda item: {name: max(value, 0.0501 * LIMIT) for name, value in item.items()})
 
 
-@examples(60)
+@examples(40)
 @given(
     changes=st.lists(st.tuples(st.integers(1, 4), bounds), min_size=1, max_size=6),
     wanted=st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=20),
@@ -126,26 +106,23 @@ def test_no_command_is_ever_beyond_the_bounds_in_force(bench_of, changes, wanted
     "changes, message",
     [
         ({"action_limit": 1.001 * LIMIT}, "action_limit = 0.075075: must be in 0.00375..0.075"),
-        ({"action_limit": 0.0}, "action_limit = 0"),
-        ({"action_limit": -LIMIT}, "action_limit"),
+        ({"action_limit": -LIMIT}, "action_limit = -0.075"),
         ({"command_step": 1.001 * STEP}, "command_step"),
-        ({"command_step": 0.0}, "command_step"),
+        ({"command_step": 0.0}, "command_step = 0"),
         ({"delay_steps": HORIZON}, "delay_steps = 5: must be in 0..4"),
-        ({"lift": -0.1}, "lift"),
         ({"lift": 1001.0}, "lift = 1001: must be in 0..1000"),
         ({"lift": float("nan")}, "lift"),
     ],
 )
 def test_values_out_of_the_limits_are_refused_and_change_nothing(bench_of, changes, message):
     bench = bench_of()
-    bench.into_control()
     before = bench.ecu.state, bench.ecu.calibration
     with pytest.raises(ConfigError, match=message):
         calibrate(bench, **changes)
     assert (bench.ecu.state, bench.ecu.calibration) == before
 
 
-@examples(100)
+@examples(50)
 @given(data=st.data(), limit=st.sampled_from([0.075, 0.07, 0.1]), step=st.floats(1e-4, 0.2))
 def test_what_the_segment_takes_the_ecu_takes(data, limit, step):
     """Also at the limits, which are no float32: a set that came over the bus never stops the control."""
@@ -171,55 +148,22 @@ def test_limits_are_the_vehicles_and_a_release_may_weigh_more(bundle_of):
     assert greatest["delay_steps"] == HORIZON - 2  # planning ahead settles one more
 
 
-def test_the_gate_is_never_wider_than_the_vehicle(bundle_of):
-    """float32(0.075) is greater than 0.075: a step that rounds up is still no wider."""
-    vehicle = GateLimits.from_config(Config())
-    wide = Config(flow=FlowConfig(action_limit=0.08), ecu=EcuConfig(command_step=float(np.float32(0.075))))
-    narrowed = GateLimits.from_config(wide).narrowed(vehicle)
-    assert narrowed == vehicle
-    slim = GateLimits.from_config(Config(flow=FlowConfig(action_limit=0.05), ecu=EcuConfig(command_step=0.01)))
-    assert slim.narrowed(vehicle) == slim
-    assert vehicle.narrowed(slim) == slim
-
-
-def test_the_gate_holds_the_vehicles_bounds_though_the_limits_fail(bench_of, recording_controller, monkeypatch):
-    bench = bench_of(recording_controller(lambda i: 1.0))
+def test_the_gate_holds_the_vehicles_bounds_though_the_limits_fail(bench_of, monkeypatch):
+    bench = bench_of(RecordingController(lambda i: 1.0))
     bench.into_control()
     monkeypatch.setattr(CalibrationLimits, "check", lambda limits, calibration: None)
     calibrate(bench, action_limit=1.2 * LIMIT, command_step=1.2 * LIMIT)
     assert [command.flow_m2_per_s <= LIMIT * SCALE for command in bench.good(3)] == [True] * 3
 
 
-@each("plan_ahead", [False, True])
-@each("before, after", [(0, 1), (1, 0), (0, 3), (3, 0), (2, 1)])
-def test_another_delay_settles_what_is_under_way_by_it(bench_of, recording_controller, before, after, plan_ahead):
-    controller = numbered(recording_controller)
-    bench = bench_of(controller, delay_steps=before, plan_ahead=plan_ahead)
-    commands = bench.good(WINDOW + 9)
-    calibrate(bench, delay_steps=after)
-    commands += bench.good(3)
-    settled = after + plan_ahead
-    for back in (3, 2, 1):
-        window, plan, free = controller.calls[-back]
-        sent = [command.flow_m2_per_s / SCALE for command in commands[:-back]]
-        np.testing.assert_array_equal(free, [0.0] * settled + [1.0] * (HORIZON - settled))
-        np.testing.assert_array_equal(plan[1 : settled + 1], sent[len(sent) - settled :])
-        # In force, by the delay as it is now, when each row was sampled; the padded first rows aside.
-        in_force = sent[: len(sent) - settled][-WINDOW:]
-        known = slice(max(0, after - before), None)
-        np.testing.assert_array_equal(window[known, 4], in_force[known])
-    # No jump: without a new plan the next action would have been the same.
-    assert {command.mode for command in commands[WINDOW + 1 :]} == {Mode.CONTROL}
-
-
-def test_a_state_goes_with_its_calibration(bench_of, recording_controller):
-    bench = bench_of(numbered(recording_controller))
+def test_a_state_goes_with_its_calibration(bench_of):
+    bench = bench_of(numbered())
     bench.into_control()
     state = bench.ecu.state
     calibrate(bench, delay_steps=2)
     with pytest.raises(ValueError, match="calibration"):
         bench.ecu.restore(state)
-    fresh = Ecu(bench.bundle, numbered(recording_controller), bench.config)
+    fresh = Ecu(bench.bundle, numbered(), bench.config)
     fresh.calibrate(calibration_of(bench, delay_steps=2))
     fresh.restore(bench.ecu.state)
     assert fresh.state == bench.ecu.state

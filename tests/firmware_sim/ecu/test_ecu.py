@@ -1,29 +1,31 @@
-"""One control step at a time: window, plan, command on the wire, fail-safe and counters."""
+"""One control step at a time: window, plan, and command on the wire."""
+
+from itertools import product
 
 import numpy as np
 import pytest
 
-from can_bridge.command_gate import Intervention
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Mode
 from contract.config.operating_point import OperatingPoint
-from contract.config.plant import FlowConfig
 from tests.each import each
+from tests.firmware_sim.conftest import HORIZON, WINDOW, numbered
 
-WINDOW, HORIZON = 4, 5
 SCALE = OperatingPoint().flow_rate_scale
 QUANTUM = FLOW_RESOLUTION_M2_PER_S / SCALE  # one step of the wire as an action
 CP_QUANTUM = 0.1 / OperatingPoint().dynamic_pressure
 
 
-def test_it_warms_up_until_the_window_is_full(bench):
-    # The first frame makes the stream known, from the second on it is trusted.
+def test_it_warms_up_until_the_window_is_full(bench, bundle_of):
+    # The first frame makes the stream known, from the second on it is trusted and echoed.
     commands = bench.good(WINDOW + 3)
     assert [command.mode for command in commands] == [Mode.OFF, *[Mode.WARMUP] * 3, *[Mode.CONTROL] * 3]
     assert [command.enable for command in commands] == [False] * 4 + [True] * 3
+    assert [command.pressure_counter for command in commands] == [None, 1, 2, 3, 4, 5, 6]
     assert all(command.flow_m2_per_s == 0.0 for command in commands[:4])
     assert len(bench.controller.calls) == 3
-    assert bench.status.state is Mode.CONTROL
+    assert (bench.status.state, bench.status.overruns) == (Mode.CONTROL, 0)
+    assert bench.status.bundle_hash == bundle_of().short_hash == 0x01234567
 
 
 def test_without_a_request_it_stays_off_and_fills_the_window(bench):
@@ -32,24 +34,26 @@ def test_without_a_request_it_stays_off_and_fills_the_window(bench):
     assert bench.good(1)[0].mode is Mode.CONTROL
 
 
-def test_a_row_is_the_pressures_now_and_the_action_before(bench_of, recording_controller):
-    actions = iter(0.001 * np.arange(1, 100))
-    controller = recording_controller()
-    controller.plan = lambda i: next(actions) if i == 0 else 0.0
-    bench = bench_of(controller)
-    rng = np.random.default_rng(0)
-    pressures, sent = rng.uniform(-2.0, 2.0, (WINDOW + 6, 4)), [0.0]
-    for cp in pressures:
-        sent.append(bench.step(bench.pressure(cp)).flow_m2_per_s / SCALE)
-    assert len(set(sent)) > 5
-    # The stream is trusted from frame 1 on.
-    for number, (window, _, free) in enumerate(controller.calls):
-        newest = WINDOW + number
-        rows = slice(newest - WINDOW + 1, newest + 1)
+@each("plan_ahead, delay", product([False, True], [0, 1, 3]))
+def test_a_row_is_the_pressures_now_and_the_action_before_and_what_is_under_way_is_settled(bench_of, plan_ahead, delay):
+    bench = bench_of(numbered(), plan_ahead=plan_ahead, delay_steps=delay)
+    pressures = np.random.default_rng(0).uniform(-2.0, 2.0, (WINDOW + 8, 4))
+    commands = [bench.step(bench.pressure(cp)) for cp in pressures]
+    settled = delay + plan_ahead
+    assert {command.next_period for command in commands} == {plan_ahead}
+    assert len({command.flow_m2_per_s for command in commands[WINDOW:]}) > 5
+    # reached[k]: by the jets at the end of period k. The stream is trusted from frame 1 on.
+    reached = [0.0] * settled + [command.flow_m2_per_s / SCALE for command in commands]
+    for number, (window, plan, free) in enumerate(bench.controller.calls):
+        k = WINDOW + number
         # Pressures lose half a step of the wire at most; actions are what the wire carried, to the bit.
-        np.testing.assert_allclose(window[:, :4], pressures[rows], atol=0.501 * CP_QUANTUM)
-        np.testing.assert_array_equal(window[:, 4], sent[rows])
-        np.testing.assert_array_equal(free, np.ones(HORIZON))
+        np.testing.assert_allclose(window[:, :4], pressures[k - WINDOW + 1 : k + 1], atol=0.501 * CP_QUANTUM)
+        # The row of period j holds what the jets had reached when it was sampled, at the end of period j - 1.
+        np.testing.assert_array_equal(window[:, 4], [0.0, *reached][k - WINDOW + 1 : k + 1])
+        np.testing.assert_array_equal(free, [0.0] * settled + [1.0] * (HORIZON - settled))
+        np.testing.assert_array_equal(plan[1 : settled + 1], reached[k : k + settled])
+        # Sent now is what the plan has for as many periods from now as are settled.
+        assert reached[k + settled] == pytest.approx(0.0016 * ((number * HORIZON + settled) % 40), abs=QUANTUM)
 
 
 def test_pressures_from_before_a_long_gap_are_never_planned_on(bench_of):
@@ -67,33 +71,9 @@ def test_pressures_from_before_a_long_gap_are_never_planned_on(bench_of):
         assert window[:, 0].max() < 1.0
 
 
-def test_the_gate_bounds_what_the_controller_wants(bench_of, recording_controller):
-    limit = FlowConfig().action_limit
-    bench = bench_of(recording_controller(lambda i: 10.0), command_step=0.03)
-    bench.into_control()
-    sent = [bench.ecu.trace.action, *(bench.step(bench.pressure()).flow_m2_per_s / SCALE for _ in range(3))]
-    assert sent == pytest.approx([0.03, 0.06, limit, limit], abs=QUANTUM)
-    assert bench.ecu.trace.interventions == Intervention.RANGE
-
-
-def test_overruns_are_whole_periods_left_out(bench):
-    bench.good(3)
-    assert bench.status.overruns == 0
-    bench.step(bench.pressure(), periods=3)
-    bench.step(bench.pressure())
-    assert bench.status.overruns == 2
-    bench.now_ns += bench.config.period_ns * 4 // 10  # jitter is none
-    bench.good(2)
-    assert bench.status.overruns == 2
-    bench.now_ns += 10**9 * 3600
-    bench.good(1)
-    assert bench.status.overruns == 0xFFFF
-
-
 @each("delay", [0, 1])
-def test_a_skipped_period_has_a_row_of_its_own(bench_of, recording_controller, delay):
-    counter = iter(range(10_000))
-    bench = bench_of(recording_controller(lambda i: 0.0005 * next(counter)), delay_steps=delay)
+def test_a_skipped_period_has_a_row_of_its_own_and_is_counted(bench_of, delay):
+    bench = bench_of(numbered(), delay_steps=delay)
     bench.into_control()
     sent = [bench.good(1)[0].flow_m2_per_s / SCALE]
     sent.append(bench.step(bench.pressure((0.5, 0.5, 0.5, 0.5)), periods=2).flow_m2_per_s / SCALE)
@@ -104,9 +84,22 @@ def test_a_skipped_period_has_a_row_of_its_own(bench_of, recording_controller, d
     in_force = sent if delay == 0 else sent[:-1]
     np.testing.assert_array_equal(window[-len(in_force) :, 4], in_force)
     assert len(set(sent)) == 2
+    assert bench.status.overruns == 1
 
 
-def test_status_names_the_bundle(bench, bundle_of):
+def test_a_jump_of_the_clock_costs_no_more_rows_than_the_gap_that_is_bridged(bench, monkeypatch):
+    """Sixty-five thousand of them took long enough to miss the deadline once more."""
+    bench.into_control()
+    memory, rows = type(bench.ecu.state.memory), 0
+    bridged = memory.bridged
+
+    def counted(self, longest_gap: int):
+        nonlocal rows
+        rows += 1
+        return bridged(self, longest_gap)
+
+    monkeypatch.setattr(memory, "bridged", counted)
+    bench.now_ns += 10**17
     bench.good(1)
-    assert bench.status.bundle_hash == bundle_of().short_hash == 0x01234567
-    assert bench.status.bus_off == 0
+    assert 0 < rows <= bench.config.ecu.hold_periods + bench.config.ecu.decay_periods + 1
+    assert bench.status.overruns == 0xFFFF
