@@ -10,8 +10,10 @@ from can_bridge.wire.messages import Mode, Reason
 from contract import sensors
 from contract.recording import dataset
 from contract.release import bundle
+from contract.release.bundle import Bundle
 from contract.shipped import BUNDLE, recording
-from tests.firmware_sim.conftest import make_bench
+from tests.each import each
+from tests.firmware_sim.conftest import RecordingController, make_bench
 
 RELEASE = bundle.load(BUNDLE)
 COLUMNS = sensors.TRUCK.indices(RELEASE.manifest.sensors)
@@ -26,9 +28,8 @@ def pressures() -> np.ndarray:
     return episode.series["Cp"][:, COLUMNS]
 
 
-@pytest.fixture
-def bench(recording_controller):
-    return make_bench(recording_controller(lambda i: 0.0), bundle=RELEASE)
+def started(bundle: Bundle = RELEASE, **settings: Any) -> Any:
+    return make_bench(RecordingController(lambda i: 0.0), bundle=bundle, **settings)
 
 
 def drive(bench: Any, pressures, steps, read=lambda cp, k: cp, *, enable=True, first=None):
@@ -47,8 +48,9 @@ def dead(j):
     return read
 
 
-@pytest.mark.parametrize("j", range(4))
-def test_control_goes_on_without_a_dead_sensor_and_the_bus_says_which(bench, pressures, j):
+@each("j", range(4))
+def test_control_goes_on_without_a_dead_sensor_and_the_status_names_it_until_a_restart(pressures, j):
+    bench = started()
     drive(bench, pressures, 80)
     commands = drive(bench, pressures, 60, dead(j))
     assert {command.mode for command in commands} == {Mode.CONTROL}
@@ -59,10 +61,20 @@ def test_control_goes_on_without_a_dead_sensor_and_the_bus_says_which(bench, pre
     assert np.sqrt(np.mean(np.square(window[:, j] - true))) < 0.25 * true.std()
     others = [i for i in range(4) if i != j]
     np.testing.assert_allclose(window[:, others], pressures[bench.frames - 32 : bench.frames, others], atol=QUANTUM)
+    if j == 1:
+        # It reads well again, and control is requested again.
+        drive(bench, pressures, 20)
+        drive(bench, pressures, 5, enable=False)
+        drive(bench, pressures, 20)
+        assert bench.status.set_aside == 0b10
+        bench.ecu.restore(started().ecu.state)
+        drive(bench, pressures, 40)
+        assert bench.status.set_aside == 0
 
 
-def test_a_vehicle_that_starts_from_standstill_keeps_all_its_sensors(bench, pressures):
+def test_a_vehicle_that_starts_from_standstill_keeps_all_its_sensors(pressures):
     """Pressures grow with the square of the speed; at first some are of less than a step of the wire, and rest."""
+    bench = started()
     drive(bench, pressures, 100, lambda cp, k: np.zeros(4), enable=False)
     assert bench.status.reason == Reason.IMPLAUSIBLE
     drive(bench, pressures, 300, lambda cp, k: cp * min(1.0, (k - 100) / 250) ** 2, enable=False)
@@ -71,19 +83,8 @@ def test_a_vehicle_that_starts_from_standstill_keeps_all_its_sensors(bench, pres
     assert commands[-1].mode is Mode.CONTROL
 
 
-def test_a_sensor_set_aside_stays_so_when_it_reads_well_again_and_after_another_request(bench, pressures):
-    drive(bench, pressures, 80)
-    drive(bench, pressures, 40, dead(1))
-    drive(bench, pressures, 40)
-    drive(bench, pressures, 5, enable=False)
-    drive(bench, pressures, 40)
-    assert bench.status.set_aside == 0b10
-    bench.ecu.restore(make_bench(bench.controller, bundle=RELEASE).ecu.state)
-    drive(bench, pressures, 40)
-    assert bench.status.set_aside == 0
-
-
-def test_exchanged_sensors_latch_and_a_request_alone_does_not_end_it(bench: Any, pressures):
+def test_exchanged_sensors_latch_and_a_request_alone_does_not_end_it(pressures):
+    bench = started()
     drive(bench, pressures, 80)
     commands = drive(bench, pressures, 150, lambda cp, k: cp[[2, 1, 0, 3]])
     assert commands[-1].mode is Mode.FAULT
@@ -98,11 +99,11 @@ def test_exchanged_sensors_latch_and_a_request_alone_does_not_end_it(bench: Any,
     assert bench.status.reason == Reason.NONE
 
 
-def test_switched_off_or_without_an_estimator_nothing_is_checked(recording_controller, pressures):
+def test_switched_off_or_without_an_estimator_nothing_is_checked(pressures):
     off = replace(make_bench().config.ecu.sensor_check, enabled=False)
     bare = replace(RELEASE, manifest=replace(RELEASE.manifest, sensor_estimator=None), files={})
     for made, settings in ((RELEASE, {"sensor_check": off}), (bare, {})):
-        bench: Any = make_bench(recording_controller(lambda i: 0.0), bundle=made, **settings)
+        bench = started(made, **settings)
         drive(bench, pressures, 80)
         drive(bench, pressures, 60, dead(1))
         assert bench.status.set_aside == 0

@@ -4,8 +4,8 @@ All sensors see one oscillation, each about a level of its own; what a view esti
 sees, moved to that level. So residuals of sound sensors are 0 but for the noise that a test puts in.
 """
 
-import pickle
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from functools import cache
 
@@ -58,17 +58,13 @@ def _fit(length: int, used: tuple[int, ...]) -> Array:
     return np.linalg.pinv(np.concatenate(basis))
 
 
-def made(config: SensorCheckConfig | None = None) -> SensorCheck:
-    deviations = tuple((DEVIATION,) * 4 for _ in range(4))
-    figures = SensorEstimator(fast=deviations, slow=deviations)
-    return SensorCheck.of(figures, Flow(), SensorCheckConfig() if config is None else config)
-
-
 class Drive:
     """Steps a check; `read` is what becomes of the readings."""
 
-    def __init__(self, config: SensorCheckConfig | None = None) -> None:
-        self.check = made(config)
+    def __init__(self) -> None:
+        deviations = tuple((DEVIATION,) * 4 for _ in range(4))
+        figures = SensorEstimator(fast=deviations, slow=deviations)
+        self.check = SensorCheck.of(figures, Flow(), SensorCheckConfig())
         self.state = SensorCheckState.start(window=LENGTH, sensors=4)
         self.window, self.rows, self.now = np.zeros((LENGTH, 5)), 0, 0
         self.fault: Reason | None = None
@@ -82,7 +78,7 @@ class Drive:
         self.now += 1
 
     def until_seen(self, read: Callable[[Array, int], Array], most: int) -> int:
-        """Steps with a fault until the check says something."""
+        """Steps with a fault until the check finds something."""
         for count in range(1, most + 1):
             self.step(read)
             if self.state.set_aside is not None or self.fault is not None:
@@ -90,11 +86,17 @@ class Drive:
         raise AssertionError(f"nothing seen in {most} periods")
 
 
-def sound(steps: int = 100, config: SensorCheckConfig | None = None) -> Drive:
-    drive = Drive(config)
-    for _ in range(steps):
+@cache
+def _sound() -> Drive:
+    drive = Drive()
+    for _ in range(100):
         drive.step()
     return drive
+
+
+def sound() -> Drive:
+    """After a hundred periods in order."""
+    return copy(_sound())
 
 
 def with_value(j: int, value: Callable[[float, int], float]) -> Callable[[Array, int], Array]:
@@ -116,11 +118,15 @@ def with_value(j: int, value: Callable[[float, int], float]) -> Callable[[Array,
         (lambda value, k: value - 0.15, 20),
         (lambda value, k: value + 0.004 * (k - 100), 45),
         (lambda value, k: -0.35 + 0.001 * (-1) ** k, 30),
+        # Its last sound reading stays.
+        (lambda value, k: None, SensorCheckConfig().flat_periods),
     ],
 )
-def test_a_liar_is_set_aside_and_control_goes_on(j: int, fault: Callable[[float, int], float], most: int) -> None:
+def test_a_liar_is_set_aside_in_time_and_control_goes_on(j, fault, most) -> None:
     drive = sound()
-    drive.until_seen(with_value(j, fault), most)
+    held = float(drive.window[-1, j])
+    lie = with_value(j, lambda value, k: held if (read := fault(value, k)) is None else read)
+    drive.until_seen(lie, most)
     assert (drive.state.set_aside, drive.fault, drive.state.mask) == (j, None, 1 << j)
 
 
@@ -134,16 +140,7 @@ def test_what_stands_in_for_a_liar_is_what_it_would_have_read() -> None:
     np.testing.assert_allclose(drive.state.estimates[:, 1], expected, atol=1e-9)
 
 
-@each("j", range(4))
-def test_a_reading_that_never_changes_is_seen_in_the_stated_periods(j: int) -> None:
-    drive = sound()
-    held = float(Flow().readings(drive.now - 1)[j])
-    # Its last sound reading stays: as many repetitions as are stated.
-    assert drive.until_seen(with_value(j, lambda value, k: held), 10) <= SensorCheckConfig().flat_periods
-    assert drive.state.set_aside == j
-
-
-@each("scale", [0.0, 0.001, 0.01])
+@each("scale", [0.0, 0.01])
 def test_one_that_rests_while_the_others_hardly_move_is_not_set_aside_for_good(scale: float) -> None:
     """A vehicle that stands or creeps: pressures of a few steps of the wire, and by chance one does not change."""
     drive = Drive()
@@ -163,9 +160,8 @@ def test_exchanged_sensors_shut_the_jets(pair: tuple[int, int]) -> None:
         return crossed
 
     drive = sound()
-    for _ in range(100):
-        drive.step(read)
-    assert drive.fault is Reason.IMPLAUSIBLE
+    assert drive.until_seen(read, 100)
+    assert (drive.fault, drive.state.set_aside) == (Reason.IMPLAUSIBLE, None)
 
 
 def test_a_second_liar_shuts_the_jets() -> None:
@@ -182,19 +178,19 @@ def test_a_second_liar_shuts_the_jets() -> None:
 
 @pytest.mark.slow  # long runs
 @given(st.integers(0, 2**32), st.floats(0.0, 0.115))
-@examples(10)
+@examples(8)
 def test_noise_on_all_sensors_is_borne(seed: int, level: float) -> None:
     rng, drive = np.random.default_rng(seed), Drive()
-    for _ in range(300):
+    for _ in range(200):
         drive.step(lambda cp, k: cp + level * rng.standard_normal(4))
         assert (drive.state.set_aside, drive.fault) == (None, None)
 
 
 @pytest.mark.slow  # long runs
-@given(st.lists(st.booleans(), min_size=200, max_size=200))
-@examples(10)
+@given(st.lists(st.booleans(), min_size=100, max_size=100))
+@examples(8)
 def test_lost_frames_are_no_lies(heard: list[bool]) -> None:
-    drive = sound(50)
+    drive = sound()
     for came in heard:
         # Without frames the estimator's window holds rows; what it makes of them is the network's business, and the
         # one here takes none: the window is as if they had come.
@@ -227,13 +223,3 @@ def test_an_estimator_that_fails_shuts_the_jets() -> None:
     drive.step()
     assert drive.fault is Reason.INTERNAL
     np.testing.assert_array_equal(drive.state.estimates[:-1], before[1:])  # a row for each of the window's
-
-
-def test_a_state_is_compared_and_kept() -> None:
-    state = sound(40).state
-    kept = pickle.loads(pickle.dumps(state))
-    assert kept == state
-    assert kept != sound(41).state
-    assert kept != "state"
-    with pytest.raises(ValueError, match="read-only"):
-        kept.score[0, 0] = 1.0
