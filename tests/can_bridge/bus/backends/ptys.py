@@ -9,29 +9,25 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 PATIENCE_S = 10.0
-"""Never reached when all is well."""
+"""How long a test waits before it fails; never reached when all is well."""
 
 
 @dataclass(frozen=True)
 class Adapter:
-    """The adapter's end of a serial line.
-
-    Attributes:
-        port: the name of the computer's end.
-    """
+    """The adapter's end of a serial line; `port` is the name of the computer's end."""
 
     fd: int
     port: str
 
     def write(self, content: bytes) -> None:
-        """Say something, whole."""
+        """Send all of it."""
         while content:
             content = content[os.write(self.fd, content) :]
 
     def read(self, until: bytes, count: int = 1) -> bytes:
-        """What was said to it, up to the so-manieth of what it waits for; less after PATIENCE_S.
+        """What was sent to it, up to the `count`-th `until`; less after PATIENCE_S.
 
-        The kernel hands a terminal's bytes over by a thread of its own: they need not be there at once.
+        The kernel hands a terminal's bytes over in a thread of its own: they need not be there at once.
         """
         heard = b""
         while heard.count(until) < count and select.select([self.fd], [], [], PATIENCE_S)[0]:

@@ -6,23 +6,12 @@ from hypothesis import strategies as st
 from can_bridge.bus.backends.error_frames import health_after, lost_frames
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 
-CAN_ERR_TX_TIMEOUT = 0x001
-CAN_ERR_LOSTARB = 0x002
-CAN_ERR_CRTL = 0x004
-CAN_ERR_PROT = 0x008
-CAN_ERR_ACK = 0x020
-CAN_ERR_BUSOFF = 0x040
-CAN_ERR_BUSERROR = 0x080
-CAN_ERR_RESTARTED = 0x100
-CAN_ERR_CNT = 0x200
-
-CAN_ERR_CRTL_RX_OVERFLOW = 0x01
-CAN_ERR_CRTL_TX_OVERFLOW = 0x02
-CAN_ERR_CRTL_RX_WARNING = 0x04
-CAN_ERR_CRTL_TX_WARNING = 0x08
-CAN_ERR_CRTL_RX_PASSIVE = 0x10
-CAN_ERR_CRTL_TX_PASSIVE = 0x20
-CAN_ERR_CRTL_ACTIVE = 0x40
+TX_TIMEOUT, LOSTARB, CRTL, PROT, ACK = 0x001, 0x002, 0x004, 0x008, 0x020
+BUSOFF, BUSERROR, RESTARTED, CNT = 0x040, 0x080, 0x100, 0x200
+"""CAN_ERR_..."""
+RX_OVERFLOW, TX_OVERFLOW, RX_WARNING, TX_WARNING = 0x01, 0x02, 0x04, 0x08
+RX_PASSIVE, TX_PASSIVE, CRTL_ACTIVE = 0x10, 0x20, 0x40
+"""CAN_ERR_CRTL_..."""
 
 ACTIVE, PASSIVE, OFF = BusState.ERROR_ACTIVE, BusState.ERROR_PASSIVE, BusState.BUS_OFF
 
@@ -40,62 +29,44 @@ def after(*frames: tuple[int, bytes]) -> BusHealth:
 
 def test_state_and_counters_of_the_controller():
     for controller, state in [
-        (CAN_ERR_CRTL_RX_WARNING, ACTIVE),
-        (CAN_ERR_CRTL_TX_WARNING, ACTIVE),
-        (CAN_ERR_CRTL_TX_OVERFLOW, ACTIVE),
-        (CAN_ERR_CRTL_RX_PASSIVE, PASSIVE),
-        (CAN_ERR_CRTL_TX_PASSIVE, PASSIVE),
-        (CAN_ERR_CRTL_RX_PASSIVE | CAN_ERR_CRTL_TX_PASSIVE, PASSIVE),
-        (CAN_ERR_CRTL_ACTIVE, ACTIVE),
+        *((controller, ACTIVE) for controller in (RX_WARNING, TX_WARNING, TX_OVERFLOW, CRTL_ACTIVE)),
+        *((controller, PASSIVE) for controller in (RX_PASSIVE, TX_PASSIVE, RX_PASSIVE | TX_PASSIVE)),
     ]:
-        assert after((CAN_ERR_CRTL | CAN_ERR_CNT, data(controller, 100, 17))) == BusHealth(
-            state=state, tx_errors=100, rx_errors=17
-        ), (controller, state)
-
-
-def test_warning_is_no_recovery():
-    """A controller that is passive by its transmit errors reports a warning of its receive errors."""
-    health = after(
-        (CAN_ERR_CRTL, data(CAN_ERR_CRTL_TX_PASSIVE)),
-        (CAN_ERR_CRTL, data(CAN_ERR_CRTL_RX_WARNING)),
-    )
-    assert health.state is PASSIVE
+        health = after((CRTL | CNT, data(controller, 100, 17)))
+        assert health == BusHealth(state=state, tx_errors=100, rx_errors=17), controller
+    # Passive by its transmit errors, it reports a warning of its receive errors.
+    assert after((CRTL, data(TX_PASSIVE)), (CRTL, data(RX_WARNING))).state is PASSIVE
+    assert after((CRTL, data(TX_PASSIVE)), (CRTL, data(CRTL_ACTIVE))).state is ACTIVE
 
 
 def test_bus_off_is_counted_until_the_restart_and_across_it():
-    off = (CAN_ERR_BUSOFF | CAN_ERR_CNT, data(tx=248))
+    off = (BUSOFF | CNT, data(tx=248))
     assert after(off) == BusHealth(state=OFF, tx_errors=248, bus_off=1)
-    assert after(off, (CAN_ERR_CRTL, data(CAN_ERR_CRTL_TX_PASSIVE))).state is OFF
-    assert after(off, (CAN_ERR_RESTARTED, data())) == BusHealth(bus_off=1)
-    assert after(off, (CAN_ERR_RESTARTED, data()), off) == BusHealth(state=OFF, tx_errors=248, bus_off=2)
+    assert after(off, (CRTL, data(TX_PASSIVE))).state is OFF
+    assert after(off, (RESTARTED, data())) == BusHealth(bus_off=1)
+    assert after(off, (RESTARTED, data()), off) == BusHealth(state=OFF, tx_errors=248, bus_off=2)
 
 
-def test_older_kernels_give_counters_without_saying_so():
-    assert after((CAN_ERR_CRTL, data(CAN_ERR_CRTL_RX_WARNING, 0, 96))).rx_errors == 96
+def test_older_kernels_give_counters_without_the_flag():
+    assert after((CRTL, data(RX_WARNING, 0, 96))).rx_errors == 96
     # Zeros may mean that the driver does not know.
-    told = (CAN_ERR_CRTL | CAN_ERR_CNT, data(0, 5, 6))
-    assert after(told, (CAN_ERR_CRTL, data(CAN_ERR_CRTL_RX_WARNING))).rx_errors == 6
-    assert after(told, (CAN_ERR_CRTL | CAN_ERR_CNT, data())) == HEALTHY
+    known = (CRTL | CNT, data(0, 5, 6))
+    assert after(known, (CRTL, data(RX_WARNING))).rx_errors == 6
+    assert after(known, (CRTL | CNT, data())) == HEALTHY
 
 
-def test_other_classes_say_nothing_of_the_controllers_state():
-    for classes in [CAN_ERR_TX_TIMEOUT, CAN_ERR_LOSTARB, CAN_ERR_PROT, CAN_ERR_ACK, CAN_ERR_BUSERROR]:
-        # Their data bytes mean other things: byte 1 of none of them is the controller's.
-        assert after((classes, data(CAN_ERR_CRTL_TX_PASSIVE))) == HEALTHY, classes
-        assert not lost_frames(classes, data(CAN_ERR_CRTL_RX_OVERFLOW)), classes
-
-
-def test_overflow_of_the_controller_is_a_loss():
-    assert lost_frames(CAN_ERR_CRTL, data(CAN_ERR_CRTL_RX_OVERFLOW))
-    assert not lost_frames(CAN_ERR_CRTL, data(CAN_ERR_CRTL_TX_OVERFLOW))
+def test_other_classes_do_not_concern_the_controller():
+    assert lost_frames(CRTL, data(RX_OVERFLOW))
+    assert not lost_frames(CRTL, data(TX_OVERFLOW))
+    for classes in [TX_TIMEOUT, LOSTARB, PROT, ACK, BUSERROR]:
+        # Byte 1 means other things there.
+        assert after((classes, data(TX_PASSIVE))) == HEALTHY, classes
+        assert not lost_frames(classes, data(RX_OVERFLOW)), classes
 
 
 @given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=64))
 def test_any_frame_leaves_a_sound_health(classes, content):
     health = health_after(HEALTHY, classes, content)
-    assert 0 <= health.tx_errors <= 255
-    assert 0 <= health.rx_errors <= 255
-    assert health.bus_off in (0, 1)
+    assert 0 <= health.tx_errors <= 255 and 0 <= health.rx_errors <= 255 and health.bus_off in (0, 1)
     if len(content) != 8:
-        assert health == HEALTHY
-        assert not lost_frames(classes, content)
+        assert health == HEALTHY and not lost_frames(classes, content)

@@ -1,7 +1,6 @@
-"""From settings to a bus: what is opened, and what is said where it cannot be."""
+"""From settings to a bus: what is opened, and the error where it cannot be."""
 
 import sys
-from collections.abc import Iterator
 
 import can
 import pytest
@@ -11,52 +10,33 @@ from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
-from tests.can_bridge.bus.backends.ptys import Adapter, adapter
+from tests.can_bridge.bus.backends.ptys import adapter
 from tests.refused import refused
 
 
-@pytest.fixture
-def line() -> Iterator[Adapter]:
-    with adapter() as end:
-        yield end
-
-
-def test_interfaces_that_there_are_not_are_refused_with_those_there_are():
-    for config, message in (
-        (BusConfig(), r"bus\.interface = simulated: .* must be python-can or one of .*socketcan"),
-        (
-            BusConfig(interface="canopy"),
-            r"bus\.interface = canopy: .*must be simulated, python-can or one of .*virtual",
-        ),
-    ):
-        with refused(BusError, message):
-            PythonCanBus.open(config)
-
-
-def test_bus_that_cannot_be_opened_is_named_in_one_line():
-    for interface, channel in [
-        ("socketcan", "no-such-can"),
-        ("slcan", "/dev/no-such-port"),
-        ("slcan", "/dev/null@fast"),
-        ("udp_multicast", "not an address"),
-        ("pcan", "PCAN_USBBUS1"),
+def test_bus_that_cannot_be_opened_is_named_in_one_line(monkeypatch):
+    for interface, channel, message in [
+        ("simulated", "x", r"bus\.interface = simulated: .* must be python-can or one of .*socketcan"),
+        ("canopy", "x", r"bus\.interface = canopy: .*must be simulated, python-can or one of .*virtual"),
+        ("socketcan", "no-such-can", r"CAN bus socketcan 'no-such-can': ."),
+        ("slcan", "/dev/no-such-port", r"CAN bus slcan '/dev/no-such-port': ."),
+        ("slcan", "/dev/null@fast", r"CAN bus slcan '/dev/null@fast': ."),
+        ("udp_multicast", "not an address", r"CAN bus udp_multicast 'not an address': ."),
+        ("pcan", "PCAN_USBBUS1", r"CAN bus pcan 'PCAN_USBBUS1': ."),
     ]:
-        with refused(BusError, f"CAN bus {interface} '{channel}': .") as found:
+        with refused(BusError, message) as caught:
             PythonCanBus.open(BusConfig(interface=interface, channel=channel), settle_s=0.0)
-        assert str(found.value).isprintable(), (interface, channel)
-
-
-def test_extra_that_is_not_installed_is_told_with_the_cure(monkeypatch):
-    interface, module = "slcan", "serial"
+        assert str(caught.value).isprintable(), (interface, channel)
+    # Without the extra `bus`.
     for name in [*sys.modules]:
-        if name.startswith((f"can.interfaces.{interface}", f"can_bridge.bus.backends.{interface}")):
+        if name.startswith(("can.interfaces.slcan", "can_bridge.bus.backends.slcan")):
             monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(BusError, match=rf"{module}.*; pip install 'stillwake\[bus\]'"):
-        PythonCanBus.open(BusConfig(interface=interface, channel="x"))
+    monkeypatch.setitem(sys.modules, "serial", None)
+    with pytest.raises(BusError, match=r"serial.*; pip install 'stillwake\[bus\]'"):
+        PythonCanBus.open(BusConfig(interface="slcan", channel="x"))
 
 
-def test_drivers_are_told_format_and_bit_rates(monkeypatch):
+def test_drivers_are_given_format_and_bit_rates(monkeypatch):
     for frames, expected in (
         ("fd", {"fd": True, "bitrate": 500_000, "data_bitrate": 2_000_000}),
         ("classic", {"fd": False, "bitrate": 500_000}),
@@ -72,7 +52,7 @@ def test_drivers_are_told_format_and_bit_rates(monkeypatch):
 
 @pytest.fixture
 def can_conf(tmp_path, monkeypatch):
-    """Writes a file that python-can finds, and none other."""
+    """The one configuration file that python-can finds."""
     path = tmp_path / "can.conf"
     monkeypatch.setattr(can.util, "CONFIG_FILES", [str(path)])
     for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE", "CAN_CONFIG"):
@@ -91,21 +71,22 @@ def test_section_of_can_conf_chooses_the_bus(can_conf):
         assert (message.arbitration_id, bytes(message.data), message.is_fd) == (0x120, frame.data, True)
 
 
-def test_our_backends_are_taken_also_where_can_conf_names_them(can_conf, line):
+def test_our_backends_are_taken_also_where_can_conf_names_them(can_conf):
     pytest.importorskip("serial")
     from can_bridge.bus.backends.slcan import SlcanBus
 
-    can_conf.write_text(
-        f"[default]\ninterface = slcan\nchannel = {line.port}\nsleep_after_open = 0\nbitrate = 250000\n"
-    )
-    with PythonCanBus.open(BusConfig(interface="python-can")) as bus:
-        assert isinstance(bus._bus, SlcanBus)
-        assert b"S5\r" in line.read(b"O\r", 2)
+    with adapter() as line:
+        can_conf.write_text(
+            f"[default]\ninterface = slcan\nchannel = {line.port}\nsleep_after_open = 0\nbitrate = 250000\n"
+        )
+        with PythonCanBus.open(BusConfig(interface="python-can")) as bus:
+            assert isinstance(bus._bus, SlcanBus)
+            assert b"S5\r" in line.read(b"O\r", 2)
 
 
 def test_configuration_without_a_bus_is_refused(can_conf):
     for text in ["", "[default]\ninterface = no-such\n", "[default]\nchannel = can0\n", "no section\n"]:
         can_conf.write_text(text)
-        with refused(BusError, r"CAN bus python-can 'stillwake': .") as found:
+        with refused(BusError, r"CAN bus python-can 'stillwake': .") as caught:
             PythonCanBus.open(BusConfig(interface="python-can"))
-        assert str(found.value).isprintable(), text
+        assert str(caught.value).isprintable(), text

@@ -17,10 +17,8 @@ from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
-from tests.can_bridge.bus.backends.ptys import Adapter, adapter
+from tests.can_bridge.bus.backends.ptys import PATIENCE_S, Adapter, adapter
 from tests.refused import refused
-
-PATIENCE_S = 10.0
 
 FRAME = Frame(frame_id=0x120, data=bytes(range(12)))
 LINE = b"b1209000102030405060708090A0B\r"
@@ -47,10 +45,11 @@ def line() -> Iterator[Adapter]:
         yield end
 
 
-def opened(line: Adapter, frames: str = "fd") -> PythonCanBus:
-    bus = PythonCanBus.open(BusConfig(interface="slcan", channel=line.port, frames=frames), settle_s=0.0)  # type: ignore[arg-type]
-    line.read(b"O\r", 2)
-    return bus
+@pytest.fixture
+def bus(line: Adapter) -> Iterator[PythonCanBus]:
+    with PythonCanBus.open(BusConfig(interface="slcan", channel=line.port), settle_s=0.0) as bus:
+        assert line.read(b"O\r", 2) == b"C\rS6\rY2\rO\rO\r"
+        yield bus
 
 
 def refused_by(bus: PythonCanBus) -> dict[Rejection, int]:
@@ -72,48 +71,44 @@ def wait_for(bus: PythonCanBus, size: int) -> None:
         time.sleep(0.001)
 
 
-def test_bad_lines_are_counted_and_the_good_ones_around_them_arrive(line):
+def test_bad_lines_are_counted_and_the_good_ones_around_them_arrive(line, bus):
     counted = dict.fromkeys(BAD_LINES, 0)
-    with opened(line) as bus:
-        for reason, bad in ((reason, bad) for reason, lines in BAD_LINES.items() for bad in lines):
-            # A good line may bear the time stamp of the adapter.
-            line.write(LINE + bad + LINE * 2 + LINE[:-1] + b"EA5F\r")
-            got = all_of(bus, 4)
-            assert [(frame.frame_id, frame.data, frame.is_fd) for frame in got] == [(0x120, FRAME.data, True)] * 4, bad
-            counted[reason] += 1
-            assert refused_by(bus) == {reason: count for reason, count in counted.items() if count}, bad
+    for reason, bad in ((reason, bad) for reason, lines in BAD_LINES.items() for bad in lines):
+        # A good line may bear the time stamp of the adapter.
+        line.write(LINE + bad + LINE * 2 + LINE[:-1] + b"EA5F\r")
+        got = all_of(bus, 4)
+        assert [(frame.frame_id, frame.data, frame.is_fd) for frame in got] == [(0x120, FRAME.data, True)] * 4, bad
+        counted[reason] += 1
+        assert refused_by(bus) == {reason: count for reason, count in counted.items() if count}, bad
 
 
-def test_a_line_may_arrive_in_two_parts(line):
-    with opened(line) as bus:
-        for cut in range(1, len(LINE)):
-            line.write(LINE[:cut])
-            assert bus.receive_all() == [], cut
-            line.write(LINE[cut:])
-            assert len(all_of(bus, 1)) == 1, cut
-        assert refused_by(bus) == {}
+def test_a_line_may_arrive_in_two_parts(line, bus):
+    for cut in range(1, len(LINE)):
+        line.write(LINE[:cut])
+        assert bus.receive_all() == [], cut
+        line.write(LINE[cut:])
+        assert len(all_of(bus, 1)) == 1, cut
+    assert refused_by(bus) == {}
 
 
-def test_answers_to_sent_frames_are_no_silence_between_received_ones(line):
+def test_answers_to_sent_frames_are_no_silence_between_received_ones(line, bus):
     """Adapters answer each frame; a collection that stopped there would fall behind by one answer a period."""
-    with opened(line) as bus:
-        content = LINE + b"z\r" + LINE + b"\r" + LINE + b"Z\r" + LINE
-        line.write(content)
-        wait_for(bus, len(content))
-        # All of it is in the port; one collection must take all.
-        assert len(bus.receive_all()) == 4
-        assert bus.received == 4
+    content = LINE + b"z\r" + LINE + b"\r" + LINE + b"Z\r" + LINE
+    line.write(content)
+    wait_for(bus, len(content))
+    # All of it is in the port; one collection must take all.
+    assert len(bus.receive_all()) == 4
+    assert bus.received == 4
 
 
-def test_noise_without_an_end_takes_no_more_memory_than_a_line(line):
-    with opened(line) as bus:
-        for _ in range(100):
-            line.write(b"A" * 2000)
-            wait_for(bus, 2000)
-            assert bus.receive_all() == []
-            assert len(bus._bus._buffer) <= LINE_LIMIT  # type: ignore[attr-defined]
-        line.write(b"\r" + LINE)
-        assert len(all_of(bus, 1)) == 1
+def test_noise_without_an_end_takes_no_more_memory_than_a_line(line, bus):
+    for _ in range(100):
+        line.write(b"A" * 2000)
+        wait_for(bus, 2000)
+        assert bus.receive_all() == []
+        assert len(bus._bus._buffer) <= LINE_LIMIT
+    line.write(b"\r" + LINE)
+    assert len(all_of(bus, 1)) == 1
 
 
 MESSAGES = st.builds(
@@ -149,9 +144,9 @@ def python_cans_own() -> Iterator[tuple[slcanBus, Adapter]]:
 def test_lines_that_python_can_writes_are_read_back(python_cans_own, message):
     bus, end = python_cans_own
     bus.send(message)
-    found = parse_line(end.read(b"\r").removesuffix(b"\r"), timestamp=message.timestamp)
-    assert isinstance(found, can.Message)
-    assert found.equals(message, check_direction=False)
+    parsed = parse_line(end.read(b"\r").removesuffix(b"\r"), timestamp=message.timestamp)
+    assert isinstance(parsed, can.Message)
+    assert parsed.equals(message, check_direction=False)
 
 
 @given(
@@ -160,86 +155,66 @@ def test_lines_that_python_can_writes_are_read_back(python_cans_own, message):
     | st.binary(max_size=20)
 )
 def test_line_that_is_taken_means_what_python_can_reads_in_it(python_cans_own, content):
-    found = parse_line(content)
-    assert found is None or isinstance(found, Rejection | can.Message)
-    if isinstance(found, can.Message):
+    parsed = parse_line(content)
+    assert parsed is None or isinstance(parsed, Rejection | can.Message)
+    if isinstance(parsed, can.Message):
         bus, _ = python_cans_own
         bus._queue.put(content.decode() + "\r")
-        assert bus.recv(0.0).equals(found, timestamp_delta=None, check_channel=False)
+        assert bus.recv(0.0).equals(parsed, timestamp_delta=None, check_channel=False)
 
 
-# Sending
-
-
-def test_line_that_went_out_whole_is_no_failure_however_late(line, monkeypatch):
+def test_line_that_went_out_whole_is_no_failure_however_late(line, bus, monkeypatch):
     """The process may lose the processor between the write and the look at the clock."""
-    with opened(line) as bus:
-        write = os.write
+    write = os.write
 
-        def write_and_lose_the_processor(fd: int, content: bytes) -> int:
-            count = write(fd, content)
-            time.sleep(0.02)
-            return count
+    def write_and_lose_the_processor(fd: int, content: bytes) -> int:
+        count = write(fd, content)
+        time.sleep(0.02)
+        return count
 
-        monkeypatch.setattr(os, "write", write_and_lose_the_processor)
-        bus.send(FRAME, timeout_s=0.005)
-        monkeypatch.undo()
-        assert line.read(b"\r") == LINE
-
-
-def test_port_that_takes_no_more_is_told_in_time_and_cuts_one_line_only(line):
-    with opened(line) as bus:
-        sent = 0
-        with pytest.raises(BusError, match=r"0x120 was not sent: the serial port took \d+ of 30 bytes in 0\.005 s"):
-            while True:
-                bus.send(FRAME)
-                sent += 1
-                assert sent < 10_000
-        heard = line.read(LINE, sent)
-        bus.send(FRAME, timeout_s=PATIENCE_S)
-        heard += line.read(LINE, sent + 1 - heard.count(LINE))
-        lines = heard.removesuffix(b"\r").split(b"\r")
-        # All that were sent, in whole; at most one that was cut off; and the one that follows.
-        assert lines.count(LINE[:-1]) == sent + 1
-        assert len(lines) <= sent + 2
-        for cut in lines:
-            if cut != LINE[:-1]:
-                assert LINE.startswith(cut)
-                assert parse_line(cut) is Rejection.WRONG_LENGTH or parse_line(cut) is Rejection.GARBAGE
+    monkeypatch.setattr(os, "write", write_and_lose_the_processor)
+    bus.send(FRAME, timeout_s=0.005)
+    monkeypatch.undo()
+    assert line.read(b"\r") == LINE
 
 
-def test_opening_commands_for_fd_and_classic(line):
-    fd = PythonCanBus.open(BusConfig(interface="slcan", channel=line.port), settle_s=0.0)
-    assert line.read(b"O\r", 2) == b"C\rS6\rY2\rO\rO\r"
-    fd.close()
-    assert line.read(b"\r") == b"C\r"
-    classic = PythonCanBus.open(BusConfig(interface="slcan", channel=line.port, frames="classic"), settle_s=0.0)
-    commands = line.read(b"O\r", 2)
-    assert b"S6\r" in commands
-    assert b"Y" not in commands
-    with pytest.raises(BusError, match="CAN FD"):
-        classic.send(FRAME)
-    frame = Frame(frame_id=0x121, data=bytes(8), is_fd=False)
-    classic.send(frame)
-    assert line.read(b"\r") == b"t1218" + b"00" * 8 + b"\r"
-    line.write(LINE + b"t1218" + b"00" * 8 + b"\r")
-    assert [(got.frame_id, got.is_fd) for got in all_of(classic, 1)] == [(0x121, False)]
-    assert refused_by(classic) == {Rejection.WRONG_FORMAT: 1}
-    classic.close()
+def test_port_that_takes_no_more_is_reported_in_time_and_cuts_one_line_only(line, bus):
+    sent = 0
+    with pytest.raises(BusError, match=r"0x120 was not sent: the serial port took \d+ of 30 bytes in 0\.005 s"):
+        while True:
+            bus.send(FRAME)
+            sent += 1
+            assert sent < 10_000
+    heard = line.read(LINE, sent)
+    bus.send(FRAME, timeout_s=PATIENCE_S)
+    heard += line.read(LINE, sent + 1 - heard.count(LINE))
+    lines = heard.removesuffix(b"\r").split(b"\r")
+    # All that were sent, in whole; at most one that was cut off; and the one that follows.
+    assert lines.count(LINE[:-1]) == sent + 1
+    assert len(lines) <= sent + 2
+    for cut in set(lines) - {LINE[:-1]}:
+        assert LINE.startswith(cut)
+        assert parse_line(cut) in (Rejection.WRONG_LENGTH, Rejection.GARBAGE)
 
 
-def test_bit_rates_that_the_protocol_cannot_say_are_refused(line):
+def test_classic_bus_and_bit_rates_that_the_protocol_does_not_have(line):
     usual = BusConfig(interface="slcan", channel=line.port)
+    with PythonCanBus.open(replace(usual, frames="classic"), settle_s=0.0) as classic:
+        commands = line.read(b"O\r", 2)
+        assert b"S6\r" in commands and b"Y" not in commands
+        classic.send(Frame(frame_id=0x121, data=bytes(8), is_fd=False))
+        assert line.read(b"\r") == b"t1218" + b"00" * 8 + b"\r"
+    assert line.read(b"\r") == b"C\r"
     for config in (replace(usual, nominal_bitrate=400_000), replace(usual, data_bitrate=4_000_000)):
         with refused(BusError, r"CAN bus slcan '.*': Invalid .*bitrate, choose one of"):
             PythonCanBus.open(config, settle_s=0.0)
 
 
-# The plug is pulled
-
-
-def test_port_that_vanishes_ends_the_bus_and_closes_without_a_word(line):
-    with pytest.raises(BusError, match="CAN bus failed"), opened(line) as bus:
+def test_port_that_vanishes_ends_the_bus_and_closes_without_another_error(line):
+    with (
+        pytest.raises(BusError, match="CAN bus failed"),
+        PythonCanBus.open(BusConfig(interface="slcan", channel=line.port), settle_s=0.0) as bus,
+    ):
         os.close(line.fd)
         # The error of the body must come out, not one of closing.
         with pytest.raises(BusError, match="was not sent"):

@@ -22,11 +22,10 @@ from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
+from tests.can_bridge.bus.backends.ptys import PATIENCE_S
 
 GROUP = f"239.74.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
 """Of this process alone, as other tests run at the same time."""
-PORT = 43113
-PATIENCE_S = 10.0
 
 FRAME_ID = 0x5A5
 
@@ -47,19 +46,10 @@ def pair() -> Iterator[tuple[PythonCanBus, PythonCanBus]]:
         yield one, other
 
 
-@pytest.fixture
-def raw() -> Iterator[socket.socket]:
-    """What sends anything at all."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
-        sender.connect((GROUP, PORT))
-        yield sender
-
-
-def heard(bus: PythonCanBus, frames: int, patience_s: float = PATIENCE_S) -> list[Frame]:
+def heard(bus: PythonCanBus, frames: int) -> list[Frame]:
     """Frames of this process, as many as are wanted."""
     got: list[Frame] = []
-    deadline = time.monotonic() + patience_s
+    deadline = time.monotonic() + PATIENCE_S
     while len(got) < frames and time.monotonic() < deadline:
         frame = bus.receive(0.1)
         if frame is not None and frame.frame_id == FRAME_ID:
@@ -89,14 +79,9 @@ def test_own_frames_are_heard_again_and_left_out(pair):
         bus.receive_all()
     # One more: what the fixture sent.
     assert (one.rejected[Rejection.OWN], other.rejected[Rejection.OWN]) == (21, 20)
-
-
-def test_frame_that_could_not_be_sent_is_not_waited_for(pair):
-    """Or an equal one of another node would be taken for it."""
-    one, other = pair
+    # One that could not be sent is not waited for, or an equal one of another node would be taken for it.
     frame = Frame(frame_id=FRAME_ID, data=b"twin")
-    sendto = one._bus._multicast.send
-    one._bus._multicast.send = None
+    sendto, one._bus._multicast.send = one._bus._multicast.send, None
     with pytest.raises(TypeError):
         one._bus.send(to_message(frame))
     one._bus._multicast.send = sendto
@@ -120,14 +105,16 @@ def test_second_copy_of_a_datagram_is_left_out_and_a_repetition_is_not(pair, mon
     assert other.rejected[Rejection.DUPLICATE] - before == 2
 
 
-def test_what_the_kernel_had_to_drop_is_counted(pair, raw):
+def test_what_the_kernel_had_to_drop_is_counted(pair):
     one, other = pair
     sock = other._bus._multicast._socket
     other.receive_all()
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     before, received = other.overflows, other.received
-    for i in range(200):
-        raw.send(i.to_bytes(2, "big"))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+        for i in range(200):
+            sender.sendto(i.to_bytes(2, "big"), (GROUP, 43113))
     other.receive_all()
     lost = other.overflows - before
     assert lost > 0
@@ -147,8 +134,6 @@ def test_other_groups_are_not_heard(pair):
         assert [frame.data for frame in heard(other, 1)] == [b"here"]
         assert other.received == received + 1
 
-
-# The parser
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.binary(max_size=70) | st.just("x"),
@@ -178,11 +163,11 @@ DATAGRAMS = st.binary(max_size=100) | st.builds(
 
 @given(DATAGRAMS)
 def test_datagram_that_is_taken_means_what_python_can_reads_in_it(datagram):
-    found = parse_datagram(datagram, timestamp=3.0)
-    assert isinstance(found, Rejection | can.Message)
-    if isinstance(found, can.Message):
+    parsed = parse_datagram(datagram, timestamp=3.0)
+    assert isinstance(parsed, Rejection | can.Message)
+    if isinstance(parsed, can.Message):
         theirs = unpack_message(datagram, replace={"timestamp": 3.0}, check=True)
-        assert found.equals(theirs, check_channel=False)
+        assert parsed.equals(theirs, check_channel=False)
 
 
 def test_why_a_datagram_is_refused():

@@ -27,6 +27,11 @@ def number_of(frame: Frame) -> int:
     return int.from_bytes(frame.data[:8], "little")
 
 
+def numbers(received: Sequence[Sequence[Frame]]) -> list[int]:
+    """Those of all periods in a row."""
+    return [number_of(frame) for frames in received for frame in frames]
+
+
 def pressure(step: int) -> Pressure:
     return Pressure(pressure_pa=(float(step % 1000), 0.0, -1.0, 2.5), valid=(True,) * 4, enable_request=True, age_ns=0)
 

@@ -1,4 +1,4 @@
-"""A babbling node: how much it sends, that it never stops its own node, and that it ends."""
+"""A babbling node: how much it sends, and that it never stops its own node."""
 
 import pytest
 
@@ -11,18 +11,15 @@ from contract.errors import BusError
 from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, number_of, numbered
 
 
-def test_the_node_sends_at_the_rate_beside_its_own_frames(link):
+def test_the_node_sends_at_the_rate_with_its_own_frames(link):
     fault = Babble(rate_hz=1000.0, start_s=9.5 * PERIOD_S, end_s=19.5 * PERIOD_S)
     faulty = link.wrapped(link.one, fault)
     received = link.stream(faulty, link.other, 30)
     # From 9.5 to 19 periods, the last call in the span: 190 ms.
     babbled = [frame for frames in received for frame in frames if frame.frame_id == 0]
-    assert len(babbled) == faulty.injectors[0].acted == 190
+    assert len(babbled) == len({frame.data for frame in babbled}) == faulty.injectors[0].acted == 190
     assert {(len(frame.data), frame.is_fd) for frame in babbled} == {(8, False)}
-    assert len({frame.data for frame in babbled}) == 190
     assert [number_of(f) for frames in received for f in frames if f.frame_id == 0x120] == list(range(30))
-    assert [len(frames) for frames in received[:10]] == [1] * 9 + [1]
-    assert [len(frames) for frames in received[21:]] == [1] * 9
 
 
 class Hoard:
@@ -45,24 +42,19 @@ def test_a_bus_that_takes_no_more_ends_the_babble_and_not_the_node(link):
     faulty = link.wrapped(full, Babble())
     link.advance()
     assert faulty.receive_all() == []
-    assert faulty.injectors[0].acted == full.taken == 16
-    assert faulty.injectors[0].refused == 1
+    assert (faulty.injectors[0].acted, full.taken, faulty.injectors[0].refused) == (16, 16, 1)
     # What was not taken is not made up for once there is room again.
-    full.room = 1000
+    full.room = 10**6
     faulty.receive_all()
     assert full.taken == 16
-    full.room = 16
-    # Its own frame meets the full queue as any other would.
-    with pytest.raises(BusError, match="full"):
-        faulty.send(numbered(1))
-
-
-def test_a_long_pause_does_not_end_in_an_endless_burst(link):
-    bus = Hoard(10**6)
-    faulty = link.wrapped(bus, Babble())
+    # A long pause does not end in an endless burst.
     link.advance(3600 * 10**9)
     faulty.receive_all()
-    assert faulty.injectors[0].acted == bus.taken == MOST_AT_ONCE
+    assert full.taken == 16 + MOST_AT_ONCE
+    # Its own frame meets the full queue as any other would.
+    full.room = full.taken
+    with pytest.raises(BusError, match="full"):
+        faulty.send(numbered(1))
 
 
 def test_on_a_bus_with_arbitration_a_babbling_node_starves_the_others():

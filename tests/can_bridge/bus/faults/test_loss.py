@@ -7,16 +7,7 @@ from typing import Any
 import pytest
 
 from can_bridge.bus.faults.loss import BurstLoss, Drop
-from tests.can_bridge.bus.faults.links import PERIOD_S, number_of, simulated_link
-
-
-def lost(received) -> list[bool]:
-    """By period."""
-    return [not frames for frames in received]
-
-
-def numbers(received) -> list[int]:
-    return [number_of(frame) for frames in received for frame in frames]
+from tests.can_bridge.bus.faults.links import PERIOD_S, numbers, simulated_link
 
 
 def test_everything_is_lost_in_the_span_and_nothing_outside_it():
@@ -46,7 +37,7 @@ def test_bursts_have_the_stated_share_and_length():
         link = simulated_link()
         n = 3000
         faulty = link.wrapped(link.one, BurstLoss(loss=loss, mean_burst=mean_burst))
-        gone = lost(link.stream(faulty, link.other, n))
+        gone = [not frames for frames in link.stream(faulty, link.other, n)]
         to_good = 1 / mean_burst
         correlation = 1 - to_good - to_good * loss / (1 - loss)
         # The variance of a sum over a two-state Markov chain, and of a geometric length; five standard deviations.
@@ -54,10 +45,8 @@ def test_bursts_have_the_stated_share_and_length():
         assert abs(sum(gone) / n - loss) < 5 * spread, (loss, mean_burst)
         bursts = [len(list(group)) for is_gone, group in groupby(gone) if is_gone]
         assert len(bursts) > 25, (loss, mean_burst)
-        assert abs(sum(bursts) / len(bursts) - mean_burst) <= 5 * mean_burst * sqrt((1 - to_good) / len(bursts)), (
-            loss,
-            mean_burst,
-        )
+        length_spread = mean_burst * sqrt((1 - to_good) / len(bursts))
+        assert abs(sum(bursts) / len(bursts) - mean_burst) <= 5 * length_spread, (loss, mean_burst)
 
 
 def test_bursts_of_independent_losses_are_independent_losses():

@@ -1,11 +1,13 @@
 """What holds for every fault: without effect it is no fault, it invents nothing, it nests, its draws are its own."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.faults.arrivals import Arrivals
 from can_bridge.bus.faults.babble import Babble
 from can_bridge.bus.faults.clocks import ClockDrift
@@ -13,13 +15,14 @@ from can_bridge.bus.faults.connection import Disconnect, SlowConsumer
 from can_bridge.bus.faults.content import FlipBits, StuckAt
 from can_bridge.bus.faults.copies import Duplicate
 from can_bridge.bus.faults.fault import Fault
+from can_bridge.bus.faults.injector import Injector
 from can_bridge.bus.faults.lateness import Delay, Reorder
 from can_bridge.bus.faults.loss import BurstLoss, Drop
 from can_bridge.bus.faults.wire_errors import WireErrors
 from can_bridge.bus.faults.wrapping import wrap
 from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
 from can_bridge.wire.frame import Frame
-from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, Link, number_of, numbered, simulated_link
+from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, Link, number_of, numbered, numbers, simulated_link
 from tests.examples import examples
 
 NULL_FAULTS = (
@@ -103,12 +106,14 @@ def acts_and_clears(link: Link, fault: Fault) -> None:
     assert sum(port.injectors[0].acted for port in wrapped) > 0, fault
 
 
-def test_every_fault_acts_and_clears(virtual):
+def test_every_fault_acts_and_clears(config):
     """Whatever it does, from the third period behind its end all is as it was without; over python-can's bus, too."""
-    for fault in FAULTS:
-        acts_and_clears(simulated_link(), fault)
-        virtual.now_ns = 0
-        acts_and_clears(virtual, fault)
+    with ExitStack() as open_buses:
+        virtual = Link([open_buses.enter_context(PythonCanBus.open(config)) for _ in range(3)])
+        for fault in FAULTS:
+            acts_and_clears(simulated_link(), fault)
+            virtual.now_ns = 0
+            acts_and_clears(virtual, fault)
 
 
 @FEW
@@ -125,10 +130,10 @@ def test_nothing_is_invented(bursts, seed):
         wrapped = [link.wrapped(port, *faults, seed=seed) for port in (link.one, link.other)]
         copies = any(isinstance(fault, Duplicate | StuckAt) for fault in faults)
         for frame_id, frames in zip((0x130, 0x120), carried(link, wrapped, bursts), strict=True):
-            numbers = [number_of(frame) for frame in frames]
+            got = numbers([frames])
             assert {frame.frame_id for frame in frames} <= {frame_id}, faults
-            assert set(numbers) <= set(range(sum(bursts))), faults
-            assert copies or len(set(numbers)) == len(numbers), faults
+            assert set(got) <= set(range(sum(bursts))), faults
+            assert copies or len(set(got)) == len(got), faults
 
 
 def test_the_seed_decides():
@@ -151,10 +156,9 @@ def test_the_seed_decides():
 
 
 def test_faults_nest_from_the_wire_to_the_node(link):
-    """A copy of a frame that is then dropped, or a frame that is dropped and so not copied: the counts tell."""
+    """A frame is copied and each copy dropped or not, or it is dropped and so not copied: the counts show which."""
     drop, copy = Drop(probability=0.5, at="receive"), Duplicate(at="receive")
-    inner_drop = link.wrapped(link.other, drop, copy)
-    inner_copy = link.wrapped(link.listener, copy, drop)
+    inner_drop, inner_copy = link.wrapped(link.other, drop, copy), link.wrapped(link.listener, copy, drop)
     for number in range(200):
         link.one.send(numbered(number))
         link.advance()
@@ -167,25 +171,18 @@ def test_faults_nest_from_the_wire_to_the_node(link):
     assert any(received.count(frame) == 1 for frame in received)
 
 
-def test_the_draws_of_one_fault_do_not_depend_on_another():
+def test_each_fault_draws_for_itself(link):
     def lost(*before):
         link = simulated_link()
         faulty = link.wrapped(link.one, *before, Drop(probability=0.5), seed=7)
-        received = link.stream(faulty, link.other, 100)
-        return [number_of(frame) for frames in received for frame in frames]
+        return numbers(link.stream(faulty, link.other, 100))
 
     # In the same place behind two others that draw, or not.
     assert lost(FlipBits(probability=0.0, frame_ids=(0x7FF,))) == lost(Duplicate(probability=0.5, at="receive"))
-    assert lost(Drop(probability=0.0)) == lost(Drop(probability=0.0, frame_ids=(0x7FF,)))
-
-
-def test_two_equal_faults_draw_differently(link):
-    """With the same draws the second would flip back what the first flipped."""
-    faulty = link.wrapped(link.one, FlipBits(), FlipBits())
-    received = link.stream(faulty, link.other, 50)
-    changed = [number_of(frames[0]) != number for number, frames in enumerate(received)]
+    # Two equal ones draw differently, or the second would flip back what the first flipped.
+    received = link.stream(link.wrapped(link.one, FlipBits(), FlipBits()), link.other, 50)
     # Two bits of 64 are the same by chance once in 64 frames; half of 50 is out of reach.
-    assert sum(changed) > 25
+    assert sum(number_of(frames[0]) != number for number, frames in enumerate(received)) > 25
 
 
 def test_only_the_named_identifiers_are_concerned(link):
@@ -194,27 +191,18 @@ def test_only_the_named_identifiers_are_concerned(link):
     assert [[frame.frame_id for frame in frames] for frames in received] == [[0x120]] * 4
 
 
-def test_health_comes_from_beneath_and_is_good_where_it_is_not_known():
-    class Ill:
+def test_health_comes_from_beneath_and_is_good_where_it_is_not_known(link):
+    class Ill(Injector):
         def health(self) -> BusHealth:
             return BusHealth(tx_errors=136)
 
-        def send(self, frame: Frame) -> None: ...
-
-        def receive_all(self) -> list[Frame]:
-            return []
-
-    faults = (Drop(probability=0.1), Delay(delay_s=0.1))
-    clock = simulated_link().clock
-    assert wrap(Ill(), faults, clock).health().tx_errors == wrap(Ill(), (), clock).health().tx_errors == 136
-
     class Unaware:
-        def send(self, frame: Frame) -> None: ...
+        send = link.one.send
+        receive_all = link.one.receive_all
 
-        def receive_all(self) -> list[Frame]:
-            return []
-
-    assert wrap(Unaware(), faults, clock).health() == HEALTHY
+    for faults in ((), (Drop(probability=0.1), Delay(delay_s=0.1))):
+        assert wrap(Ill(link.one), faults, link.clock).health().tx_errors == 136, faults
+        assert wrap(Unaware(), faults, link.clock).health() == HEALTHY, faults
 
 
 def test_arrivals_are_stamps_where_those_can_be_meant():

@@ -1,6 +1,9 @@
 """Buses with a disturbance that is written down, and what it takes to count its bits."""
 
-from can_bridge.bus.simulated.medium import SimulatedBus
+from collections.abc import Callable
+from typing import Any
+
+from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import frame_bits
 from contract.config.vehicle import BusConfig
@@ -20,28 +23,17 @@ def bits(ns: int) -> int:
     return ns // BIT
 
 
-class Script:
-    """A disturbance of the first so many attempts."""
-
-    def __init__(self, *positions: int | None, repeat: bool = False, only: str | None = None) -> None:
-        self.positions, self.repeat, self.only, self.calls = list(positions), repeat, only, 0
-
-    def __call__(self, frame: Frame, name: str, begin_ns: int) -> int | None:
-        if self.only not in (None, name):
-            return None
-        self.calls += 1
-        if self.repeat:
-            return self.positions[0]
-        return self.positions.pop(0) if self.positions else None
+def script(*positions: int, only: str = "") -> Callable[[Frame, str, int], int | None]:
+    """A disturbance of the first so many attempts, of those of one node if it is named."""
+    left = list(positions)
+    return lambda frame, name, begin_ns: left.pop(0) if left and only in ("", name) else None
 
 
-def two(**hooks):
-    bus = SimulatedBus(RATES, **hooks)
-    return bus, bus.port("sender"), bus.port("receiver")
-
-
-def bus_with(seen, **hooks) -> SimulatedBus:
-    return SimulatedBus(RATES, observe=seen.append, **hooks)
+def bus_of(*names: str, **hooks: Any) -> list[Any]:
+    """A bus, what went over it, and its nodes."""
+    seen: list[Transmission] = []
+    bus = SimulatedBus(RATES, observe=seen.append, **hooks)
+    return [bus, seen, *(bus.port(name) for name in names)]
 
 
 def counts(*ports) -> list[tuple[int, int]]:
