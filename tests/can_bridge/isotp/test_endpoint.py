@@ -19,228 +19,119 @@ FD = IsoTpSettings(receive_id=TESTER, send_id=ECU)
 MS = 1_000_000
 
 
-def frame(text: str, *, frame_id: int = TESTER, is_fd: bool = False) -> Frame:
-    return Frame(frame_id=frame_id, data=bytes.fromhex(text), is_fd=is_fd)
+def raw(text: str) -> bytes:
+    """Hexadecimal; `00x7` stands for seven such bytes."""
+    parts = (part.partition("x") for part in text.split())
+    return b"".join(bytes.fromhex(byte) * int(count or 1) for byte, _, count in parts)
 
 
-def texts(frames: list[Frame]) -> list[str]:
-    return [each.data.hex(" ").upper() for each in frames]
+def play(settings: IsoTpSettings, story: str) -> None:
+    """Steps, separated by semicolons.
+
+    `at`: milliseconds; `hear`: a frame comes; `send`: a message of ours; `says`: how the frames of one poll begin, all
+    of them; `gives`: messages that came whole; `lost`: aborted receptions and transmissions; `idle`.
+    """
+    endpoint, now_ns = Endpoint(settings), 0
+    for step in story.split(";"):
+        verb, _, rest = step.strip().partition(" ")
+        listed = [raw(each) for each in rest.split(",")] if rest and verb in ("says", "gives") else []
+        if verb == "at":
+            now_ns = round(float(rest) * MS)
+        elif verb == "hear":
+            endpoint.receive(now_ns, Frame(frame_id=TESTER, data=raw(rest), is_fd=len(raw(rest)) > 8))
+        elif verb == "send":
+            endpoint.send(raw(rest))
+        elif verb == "says":
+            sent = endpoint.poll(now_ns)
+            assert len(sent) == len(listed), (story, step, sent)
+            assert all(a.data.startswith(b) for a, b in zip(sent, listed, strict=True)), (story, step, sent)
+        elif verb == "gives":
+            assert endpoint.take() == listed, (story, step)
+        elif verb == "lost":
+            losses = endpoint.losses
+            assert f"{losses.aborted_receptions} {losses.aborted_transmissions}" == rest, (story, step)
+        else:
+            assert (verb, endpoint.is_idle) == ("idle", True), (story, step)
 
 
-def receive(endpoint: Endpoint, *frames: str, now_ns: int = 0) -> list[bytes]:
-    for each in frames:
-        endpoint.receive(now_ns, frame(each, is_fd=len(bytes.fromhex(each)) > 8))
-    return endpoint.take()
-
-
-def test_a_message_that_fits_is_one_frame():
-    endpoint = Endpoint(CLASSIC)
-    assert receive(endpoint, "02 3E 80 CC CC CC CC CC") == [b"\x3e\x80"]
-    assert endpoint.send(b"\x7e\x00")
-    assert endpoint.poll(0) == [Frame(frame_id=ECU, data=bytes.fromhex("027E00CCCCCCCCCC"), is_fd=False)]
-    assert endpoint.is_idle
-
-
-def test_our_block_size_and_separation_time_are_said_and_kept():
-    endpoint = Endpoint(replace(CLASSIC, block_size=2, separation_code=0xF3))
-    receive(endpoint, "10 1B 00 00 00 00 00 00")
-    assert texts(endpoint.poll(0)) == ["30 02 F3 CC CC CC CC CC"]
-    receive(endpoint, "21" + "00" * 7)
-    assert endpoint.poll(0) == []
-    receive(endpoint, "22" + "00" * 7)
-    assert texts(endpoint.poll(0)) == ["30 02 F3 CC CC CC CC CC"]
-    assert receive(endpoint, "23" + "00" * 7) == [bytes(27)]
-    assert endpoint.poll(0) == []
-
-
-def test_the_others_block_size_is_kept():
-    endpoint = Endpoint(CLASSIC)
-    endpoint.send(bytes(range(34)))
-    assert texts(endpoint.poll(0)) == ["10 22 00 01 02 03 04 05"]
-    assert endpoint.poll(0) == []
-    receive(endpoint, "30 03 00")
-    assert [text[:2] for text in texts(endpoint.poll(0))] == ["21", "22", "23"]
-    assert endpoint.poll(0) == []
-    receive(endpoint, "30 00 00")
-    assert texts(endpoint.poll(0)) == ["24 1B 1C 1D 1E 1F 20 21"]
-    assert endpoint.is_idle
+def test_messages_and_flow_control():
+    for settings, story in (
+        (CLASSIC, "hear 02 3E 80 CCx5; gives 3E 80; send 7E 00; says 02 7E 00 CCx5; idle"),
+        # Our own block size and separation time.
+        (
+            replace(CLASSIC, block_size=2, separation_code=0xF3),
+            "hear 10 1B 00x6; says 30 02 F3 CCx5; hear 21 00x7; says; hear 22 00x7; says 30 02 F3; hear 23 00x7;"
+            "gives 00x27; says",
+        ),
+        # The other end's block size.
+        (
+            CLASSIC,
+            "send 00 01 02 03 04 05 06x28; says 10 22 00 01 02 03 04 05; says; hear 30 03 00; says 21, 22, 23; says;"
+            "hear 30 00 00; says 24; idle",
+        ),
+        # The first frame of a block need not wait.
+        (CLASSIC, "send 00x20; says 10; hear 30 01 7F; says 21; at 0.001; hear 30 01 7F; says 22"),
+        # Waits are obeyed and counted, again in each block and each message.
+        (
+            replace(CLASSIC, max_waits=2),
+            "send 00x20; says 10; at 900; hear 31 00 00; says; at 1800; hear 31 00 00; says; at 2700; hear 30 01 00;"
+            "says 21; at 3600; hear 31 00 00; at 4500; hear 31 00 00; hear 30 00 00; says 22; idle;"
+            "send 00x20; says 10; hear 31 00 00; hear 31 00 00; lost 0 0; hear 31 00 00; idle; lost 0 1;"
+            "send 00x20; says 10; hear 31 00 00; hear 31 00 00; lost 0 1; hear 30 00 00; says 21, 22; idle",
+        ),
+        # Overflow and reserved answers end a message, and the next one follows.
+        *((CLASSIC, f"send 00x20; send 01; says 10; hear {code} 00 00; says 01 01; lost 0 1") for code in (32, 33)),
+        # Without flow control in time, and without the next frame in time.
+        (CLASSIC, "send 00x20; says 10; at 1000; says; lost 0 0; at 1000.001; says; idle; hear 30 00 00; says"),
+        (CLASSIC, "hear 10 14 00x6; at 1000; hear 21 00x7; at 2000; hear 22 00x7; gives 00x20; lost 0 0"),
+        (CLASSIC, "hear 10 14 00x6; at 1000; hear 21 00x7; at 2000.001; hear 22 00x7; gives; lost 1 0"),
+        (CLASSIC, "hear 10 14 00x6; at 1001; says"),
+        # A wrong sequence number, and a new message, end the one on the way.
+        *((CLASSIC, f"hear 10 0A 00x6; hear 2{n:X} 00x7; hear 21 00x7; gives; lost 1 0") for n in {*range(16)} - {1}),
+        (CLASSIC, "hear 10 0A 00x6; hear 02 AA BB; hear 21 AA AA; gives AA BB; lost 1 0"),
+        (CLASSIC, "hear 10 0A 00x6; hear 10 08 AAx6; hear 21 AA AA; gives AAx8; lost 1 0"),
+        # Too long a message.
+        (
+            replace(CLASSIC, max_message=9),
+            "hear 10 09 00x6; hear 21 00x7; gives 00x9; hear 10 0A 00x6; says 32 00 00; hear 21 00x7; gives;"
+            "hear 10 00 00 00 10 00 00 00; says 32 00 00",
+        ),
+        (replace(FD, max_message=8), "hear 00 09 00x10; hear 00 08 00x10; gives 00x8"),
+        # Of frames on the way, a shorter one ends in nothing, and a longer one is ignored.
+        (FD, "hear 10 80 00x62; hear 21 00x47; hear 22 00x63; hear 21 00x63; gives"),
+        (FD, "hear 10 0A 00x6; hear 21 AAx11; gives; hear 21 00x7; gives 00x10"),
+        (replace(CLASSIC, burst=2), "send 00x41; says 10; hear 30 00 00; says 21, 22; says 23, 24; says 25; says"),
+    ):  # fmt: skip
+        play(settings, story)
 
 
 def test_the_others_separation_time_is_kept():
-    reserved = dict.fromkeys(("80", "F0", "FA", "FF"), 127 * MS)
-    gaps = {"00": 0, "01": MS, "7F": 127 * MS, "F1": 100_000, "F9": 900_000, **reserved}
-    for code, gap_ns in gaps.items():
-        endpoint = Endpoint(CLASSIC)
-        endpoint.send(bytes(20))
-        endpoint.poll(0)
-        receive(endpoint, f"30 00 {code}", now_ns=5)
-        assert len(endpoint.poll(5)) == (2 if gap_ns == 0 else 1), code
-        if gap_ns:
-            assert endpoint.poll(5 + gap_ns - 1) == [], code
-            assert len(endpoint.poll(5 + gap_ns)) == 1, code
-
-
-def test_the_first_frame_of_a_block_need_not_wait():
-    endpoint = Endpoint(CLASSIC)
-    endpoint.send(bytes(20))
-    endpoint.poll(0)
-    receive(endpoint, "30 01 7F")
-    assert len(endpoint.poll(0)) == 1
-    receive(endpoint, "30 01 7F", now_ns=1)
-    assert len(endpoint.poll(1)) == 1
-
-
-def test_waits_are_obeyed_and_counted():
-    endpoint = Endpoint(replace(CLASSIC, max_waits=2))
-    endpoint.send(bytes(20))
-    endpoint.poll(0)
-    for now_ns in (900 * MS, 1800 * MS):
-        receive(endpoint, "31 00 00", now_ns=now_ns)
-        assert endpoint.poll(now_ns) == []
-    receive(endpoint, "30 01 00", now_ns=2700 * MS)
-    assert len(endpoint.poll(2700 * MS)) == 1
-    for now_ns in (3600 * MS, 4500 * MS):
-        receive(endpoint, "31 00 00", now_ns=now_ns)
-    receive(endpoint, "30 00 00", now_ns=4500 * MS)
-    assert len(endpoint.poll(4500 * MS)) == 1
-    assert endpoint.is_idle
-
-
-def test_too_many_waits_end_a_message_and_the_next_one_may_wait_as_often():
-    endpoint = Endpoint(replace(CLASSIC, max_waits=2))
-    for _ in range(2):
-        endpoint.send(bytes(20))
-        assert len(endpoint.poll(0)) == 1
-        receive(endpoint, "31 00 00", "31 00 00")
-        assert not endpoint.is_idle
-        receive(endpoint, "31 00 00")
-        assert endpoint.is_idle
-    endpoint.send(bytes(20))
-    endpoint.poll(0)
-    receive(endpoint, "31 00 00", "31 00 00", "31 00 00", "30 00 00")
-    assert endpoint.poll(0) == []
-    assert endpoint.losses.aborted_transmissions == 3
-
-
-def test_overflow_and_reserved_answers_end_a_message_and_the_next_one_follows():
-    for answer in ("32 00 00", "33 00 00", "3F 00 00"):
-        endpoint = Endpoint(CLASSIC)
-        endpoint.send(bytes(20))
-        endpoint.send(b"\x01")
-        endpoint.poll(0)
-        receive(endpoint, answer)
-        assert texts(endpoint.poll(0)) == ["01 01 CC CC CC CC CC CC"], answer
-        assert endpoint.losses.aborted_transmissions == 1
-
-
-def test_a_transmission_without_flow_control_is_given_up():
-    endpoint = Endpoint(CLASSIC)
-    endpoint.send(bytes(20))
-    endpoint.poll(0)
-    assert endpoint.poll(1000 * MS) == []
-    assert not endpoint.is_idle
-    assert endpoint.poll(1000 * MS + 1) == []
-    assert endpoint.is_idle
-    receive(endpoint, "30 00 00", now_ns=1001 * MS)
-    assert endpoint.poll(1001 * MS) == []
-
-
-def test_a_reception_without_a_next_frame_is_given_up():
-    endpoint = Endpoint(CLASSIC)
-    for late_ns, found in ((0, [bytes(20)]), (1, [])):
-        receive(endpoint, "10 14" + "00" * 6)
-        receive(endpoint, "21" + "00" * 7, now_ns=1000 * MS)
-        assert receive(endpoint, "22" + "00" * 7, now_ns=2000 * MS + late_ns) == found
-        assert endpoint.losses.aborted_receptions == late_ns
-
-
-def test_no_flow_control_for_a_message_that_is_over():
-    endpoint = Endpoint(CLASSIC)
-    receive(endpoint, "10 14" + "00" * 6)
-    assert endpoint.poll(1001 * MS) == []
-
-
-def test_a_wrong_sequence_number_ends_a_message():
-    for number in set(range(16)) - {1}:
-        endpoint = Endpoint(CLASSIC)
-        receive(endpoint, "10 0A" + "00" * 6)
-        assert receive(endpoint, f"2{number:X}" + "00" * 7, "21" + "00" * 7) == [], number
-        assert endpoint.losses.aborted_receptions == 1
-
-
-def test_a_new_message_replaces_one_that_is_on_the_way():
-    for new, message in (("02 AA BB", b"\xaa\xbb"), ("10 08 AA AA AA AA AA AA", b"\xaa" * 8)):
-        endpoint = Endpoint(CLASSIC)
-        receive(endpoint, "10 0A" + "00" * 6)
-        assert receive(endpoint, new, "21 AA AA") == [message]
-        assert endpoint.losses.aborted_receptions == 1
-
-
-def test_too_long_a_message_is_answered_by_overflow():
-    endpoint = Endpoint(replace(CLASSIC, max_message=9))
-    assert receive(endpoint, "10 09" + "00" * 6, "21" + "00" * 7) == [bytes(9)]
-    receive(endpoint, "10 0A" + "00" * 6)
-    assert texts(endpoint.poll(0)) == ["32 00 00 CC CC CC CC CC"]
-    assert receive(endpoint, "21" + "00" * 7) == []
-    assert receive(Endpoint(replace(FD, max_message=8)), "00 09" + "00" * 10, "00 08" + "00" * 10) == [bytes(8)]
-    receive(endpoint, "10 00 00 00 10 00 00 00")
-    assert texts(endpoint.poll(0)) == ["32 00 00 CC CC CC CC CC"]
+    reserved = dict.fromkeys(("80", "F0", "FA", "FF"), 127)
+    for code, gap_ms in {"01": 1, "7F": 127, "F1": 0.1, "F9": 0.9, **reserved}.items():
+        play(
+            CLASSIC, f"send 00x20; says 10; hear 30 00 {code}; says 21; at {gap_ms - 1e-6}; says; at {gap_ms}; says 22"
+        )
 
 
 def test_what_the_standard_ignores_is_ignored():
-    endpoint = Endpoint(FD)
     for ignored in (
-        *("", "00", "00 00 00 00 00 00 00 00", "08 00 00 00 00 00 00 00", "03 AA AA"),
-        *("00 00" + "00" * 10, "00 0B" + "00" * 10, "05 05" + "00" * 10),
-        *("10 07" + "00" * 6, "10 0A 00", "10 3E" + "00" * 62, "10 00 00 00 00 0A 00 00"),
-        *("30 00", "40 00 00", "F0 00 00"),
+        *("", "00", "00x8", "08 00x7", "03 AA AA", "00 00 00x10", "00 0B 00x10", "05 05 00x10", "10 07 00x6"),
+        *("10 0A 00", "10 3E 00x62", "10 00 00 00 00 0A 00 00", "30 00", "40 00 00", "F0 00 00"),
     ):
-        receive(endpoint, "10 0A 00 01 02 03 04 05")
-        endpoint.poll(0)
-        assert receive(endpoint, ignored) == [], ignored
-        assert endpoint.poll(0) == []
-        assert receive(endpoint, "21 06 07 08 09") == [bytes(range(10))], ignored
-
-
-def test_a_frame_shorter_than_the_first_one_ends_in_nothing():
-    for length in (47, 11):
-        endpoint = Endpoint(FD)
-        receive(endpoint, "10 80" + "00" * 62)
-        assert receive(endpoint, "21" + "00" * length, "22" + "00" * 63, "21" + "00" * 63) == []
-
-
-def test_a_frame_longer_than_the_first_one_is_ignored():
-    endpoint = Endpoint(FD)
-    receive(endpoint, "10 0A" + "00" * 6)
-    assert receive(endpoint, "21" + "AA" * 11) == []
-    assert receive(endpoint, "21" + "00" * 7) == [bytes(10)]
-
-
-def test_frames_of_others_are_ignored():
+        play(FD, f"hear 10 0A 00x6; says 30; hear {ignored}; gives; says; hear 21 06x4; gives 00x6 06x4")
     endpoint = Endpoint(CLASSIC)
-    for other in (
-        frame("02 3E 80", frame_id=0x7DF),
-        frame("02 3E 80", frame_id=ECU),
-        Frame(frame_id=TESTER, data=b"\x01\x02", is_extended=True),
-    ):
-        endpoint.receive(0, other)
+    for other in ({"frame_id": 0x7DF}, {"frame_id": ECU}, {"frame_id": TESTER, "is_extended": True}):
+        endpoint.receive(0, Frame(data=b"\x01\x02", **other))  # type: ignore[arg-type]
     assert endpoint.take() == []
 
 
 def test_queues_are_bounded():
     endpoint = Endpoint(replace(CLASSIC, queue=2))
     assert [endpoint.send(b"\x00") for _ in range(4)] == [True, True, False, False]
-    assert receive(endpoint, "01 01", "01 02", "01 03") == [b"\x01", b"\x02"]
-    assert (endpoint.losses.dropped_sent, endpoint.losses.dropped_received) == (2, 1)
-    assert len(endpoint.poll(0)) == 2
-
-
-def test_a_poll_gives_out_no_more_than_a_burst():
-    endpoint = Endpoint(replace(CLASSIC, burst=3))
-    endpoint.send(bytes(6 + 7 * 7))
-    endpoint.poll(0)
-    receive(endpoint, "30 00 00")
-    assert [len(endpoint.poll(0)) for _ in range(4)] == [3, 3, 1, 0]
+    for number in range(3):
+        endpoint.receive(0, Frame(frame_id=TESTER, data=bytes([1, number])))
+    assert endpoint.take() == [b"\x00", b"\x01"]
+    assert (endpoint.losses.dropped_sent, endpoint.losses.dropped_received, len(endpoint.poll(0))) == (2, 1, 2)
 
 
 def test_settings_and_lengths_that_the_standard_does_not_have_are_refused():
