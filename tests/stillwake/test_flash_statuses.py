@@ -10,19 +10,19 @@ from typing import Any
 
 import pytest
 
-from can_bridge.flashing.verdicts import Verdict
+from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.store import Store
 from can_bridge.secoc.key import write_key
 from can_bridge.tester import asking
-from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Did, Nrc
+from can_bridge.uds.services import Did
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 from contract.release import bundle
 from contract.shipped import BUNDLE
 from stillwake.console.progress import ProgressLines
-from tests.can_bridge.flashing.releases import RELEASE
-from tests.can_bridge.flashing.store_ecu import SECRET
-from tests.can_bridge.tester.played_ecu import SHIPPED, Played, PlayedEcu, played
+from tests.can_bridge.flashing.releases import RELEASE, keys
+from tests.can_bridge.flashing.store_ecu import SECRET, VALUES
+from tests.can_bridge.tester.ecu_to_flash import SHIPPED, SHIPPED_BY, EcuToFlash
 from tests.can_bridge.tester.served import served
 
 NUMBERS = count()
@@ -30,8 +30,8 @@ Flash = Callable[..., Any]
 
 
 @pytest.fixture
-def kept() -> Played:
-    return played()
+def ecu() -> EcuToFlash:
+    return EcuToFlash()
 
 
 @pytest.fixture
@@ -50,9 +50,10 @@ def call(cli: Callable[..., Any], bus: BusConfig, tmp_path: Path) -> Flash:
 
 
 @pytest.fixture
-def flash(call: Flash, kept: Played, bus: BusConfig) -> Flash:
+def flash(call: Flash, ecu: EcuToFlash, bus: BusConfig) -> Flash:
     def flash(*options: object, **others: Any) -> Any:
-        with served(PlayedEcu(kept), bus):
+        ecu.power_on()
+        with served(ecu, bus):
             return call(*options, **others)
 
     return flash
@@ -64,13 +65,13 @@ def ends(outcome: Any, status: int, words: str) -> None:
     assert outcome.err.startswith("error: ")
 
 
-def test_a_release_is_flashed_and_then_left_alone(flash: Flash, kept: Played) -> None:
+def test_a_release_is_flashed_and_then_left_alone(flash: Flash, ecu: EcuToFlash) -> None:
     name = bundle.load(BUNDLE).manifest.name
     outcome = flash("--dry-run")
     assert outcome.code == 0
     for words in ("nothing stands against it", "20 ms", "confirmed old"):
         assert words in outcome.out
-    assert kept.written == 0
+    assert ecu.memory.written == 0
     outcome = flash("--no-confirm")
     assert (outcome.code, f"{name} runs on trial, 2 boots left" in outcome.out) == (0, True)
     for words in ("runs, and is confirmed", "runs already, and is confirmed: nothing was done"):
@@ -78,7 +79,7 @@ def test_a_release_is_flashed_and_then_left_alone(flash: Flash, kept: Played) ->
         assert (outcome.code, outcome.err, f"{name} {words}" in outcome.out) == (0, "", True)
 
 
-def test_a_release_that_the_ecu_would_refuse_is_not_sent(flash: Flash, kept: Played, tmp_path: Path) -> None:
+def test_a_release_that_the_ecu_would_refuse_is_not_sent(flash: Flash, ecu: EcuToFlash, tmp_path: Path) -> None:
     shipped = bundle.load(BUNDLE)
     for name, key, changes, words in (
         ("unsigned", None, {}, "is not signed"),
@@ -89,11 +90,11 @@ def test_a_release_that_the_ecu_would_refuse_is_not_sent(flash: Flash, kept: Pla
         outcome = flash(release=tmp_path / name)
         ends(outcome, 6, words)
         assert "nothing was written" in outcome.err
-    assert kept.log == []
+    assert ecu.routines == []
 
 
 @pytest.mark.slow
-def test_silence(call: Flash, flash: Flash, kept: Played, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_silence(call: Flash, flash: Flash, ecu: EcuToFlash, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(asking, "P2_S", 0.01)
         patch.setattr("can_bridge.tester.sequence.THERE_S", 0.05)
@@ -101,12 +102,12 @@ def test_silence(call: Flash, flash: Flash, kept: Played, monkeypatch: pytest.Mo
     monkeypatch.setattr(asking, "P2_S", 0.2)
     monkeypatch.setattr("can_bridge.tester.transport.FLOW_CONTROL_MS", 200)
     monkeypatch.setattr("can_bridge.tester.transfer.START_S", 0.2)
-    kept.dead_after = 40_000
+    ecu.memory.on_written = lambda received: setattr(ecu, "is_dead", received >= 40_000)
     ends(flash(), 3, f"of {len(SHIPPED)} bytes and still the release from before: the same command goes on from there")
-    kept.is_dead, kept.dead_after = False, None
-    written = kept.written
+    ecu.is_dead, ecu.memory.on_written = False, lambda received: None
+    written = ecu.memory.written
     assert flash().code == 0
-    assert kept.written - written == len(SHIPPED) - 40_640
+    assert ecu.memory.written - written == len(SHIPPED) - 40_640
 
 
 def test_wrong_keys(flash: Flash, tmp_path: Path) -> None:
@@ -115,35 +116,36 @@ def test_wrong_keys(flash: Flash, tmp_path: Path) -> None:
         ends(flash("--access", tmp_path / "wrong.key"), 4, words)
 
 
-def test_what_the_ecu_objects_to(flash: Flash, kept: Played, monkeypatch: pytest.MonkeyPatch) -> None:
-    dids = dict(kept.dids)
+def test_what_the_ecu_objects_to(flash: Flash, ecu: EcuToFlash, monkeypatch: pytest.MonkeyPatch) -> None:
     for did, value, words in (
         (Did.DBC_SHA256, bytes(32), "is for the stillwake.dbc"),
         (Did.PERIOD_NS, (10_000_000).to_bytes(8, "big"), "has a control period of 20 ms, the ECU one of 10 ms"),
-        (Did.CAPACITY, (50_000).to_bytes(4, "big"), f"has {len(SHIPPED)} bytes, the ECU has room for 50000"),
     ):
-        kept.dids = dids | {did: value}
+        ecu.values = VALUES | {did: value}
         ends(flash(), 6, words)
-    kept.dids = dids
-    assert kept.log == []
-    kept.in_use = True
+    ecu.values, ecu.memory.capacity = VALUES, 50_000
+    ends(flash(), 6, f"has {len(SHIPPED)} bytes, the ECU has room for 50000")
+    assert ecu.routines == []
+    ecu.memory.capacity, ecu.is_wanted = 200_000, True
     ends(flash(), 5, "its jets are enabled or the vehicle asks for control")
-    assert kept.written == 0
-    kept.in_use, kept.verdict = False, Verdict.REVOKED_KEY
-    ends(flash(), 6, "the bundle is signed by a key that was revoked; it keeps the one it has")
-    assert kept.running.name == "old"
+    assert ecu.memory.written == 0
+    ecu.is_wanted = False
 
-    def fails(_ecu: PlayedEcu, _data: bytes) -> Any:
-        raise Refused(Nrc.PROGRAMMING_FAILURE)
+    def fails(_store: Store, _data: bytes) -> Any:
+        raise MediumError("worn out", 0)
 
     with monkeypatch.context() as patch:
-        patch.setattr(PlayedEcu, "transfer", fails)
+        patch.setattr(Store, "append", fails)
         ends(flash(), 7, "the ECU refused to take a block of the image: programming failure (0x72)")
-    kept.verdict, kept.starts = Verdict.GOOD, False
+    ecu.spoils = True
     ends(flash(), 8, "the ECU did not start the new release; old runs")
+    ecu.spoils = False
+    ecu.store.take_keys(keys(2, RELEASE, revoked=(SHIPPED_BY,)))
+    ends(flash(), 6, "the bundle is signed by a key that was revoked; it keeps the one it has")
+    assert ecu.runs == "old"
 
 
-def test_ctrl_c_leaves_what_was_sent(flash: Flash, kept: Played, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_leaves_what_was_sent(flash: Flash, ecu: EcuToFlash, monkeypatch: pytest.MonkeyPatch) -> None:
     update = ProgressLines.update
 
     def stopped(bar: ProgressLines, task: Any, **changes: Any) -> None:
@@ -156,9 +158,9 @@ def test_ctrl_c_leaves_what_was_sent(flash: Flash, kept: Played, monkeypatch: py
         outcome = flash()
     assert outcome.code == 130
     assert outcome.err == "stopped; the ECU keeps what it has, and the same command goes on where it stood\n"
-    assert kept.running.name == "old"
+    assert ecu.runs == "old"
     assert flash().code == 0
-    assert kept.written == len(SHIPPED)
+    assert ecu.memory.written == len(SHIPPED)
 
 
 def test_a_lost_bus(flash: Flash, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,7 +172,12 @@ def test_a_lost_bus(flash: Flash, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_cannot_begin(
-    call: Flash, cli: Callable[..., Any], bus: BusConfig, kept: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    call: Flash,
+    cli: Callable[..., Any],
+    bus: BusConfig,
+    ecu: EcuToFlash,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     for options, words in (
         (("--bus", "can0"), "--bus can0: must be INTERFACE:CHANNEL"),
@@ -193,7 +200,7 @@ def test_what_cannot_begin(
     # Without a key there is only a dry run.
     command = ("flash", BUNDLE, "--bus", f"virtual:{bus.channel}")
     ends(cli(*command), 1, "--access: must name the ECU's key file")
-    with served(PlayedEcu(kept), bus):
+    with served(ecu, bus):
         assert cli(*command, "--dry-run").code == 0
     for name in [name for name in sys.modules if name.partition(".")[0] == "udsoncan"]:
         monkeypatch.setitem(sys.modules, name, None)

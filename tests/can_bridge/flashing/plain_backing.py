@@ -38,7 +38,7 @@ class PlainBacking:
         self.calls = 0
         self.broken = False
         """Whether every writing call fails."""
-        self._capacity = capacity
+        self.capacity = capacity
         self._cut_at = cut_at
         self._random = random.Random(seed)
         self._writable: set[Slot] = set()
@@ -50,16 +50,12 @@ class PlainBacking:
             if content is not None and len(content) > memory.safe[slot]:
                 left = self._random.randint(memory.safe[slot], len(content))
                 memory.slots[slot] = content[:left] + self._random.randbytes(self._random.choice([0, 100]))
-        return PlainBacking(memory, capacity=self._capacity, cut_at=cut_at, seed=seed)
+        return PlainBacking(memory, capacity=self.capacity, cut_at=cut_at, seed=seed)
 
     def content(self, slot: Slot | None) -> bytes:
         """All that was appended to a slot and is still there."""
         assert slot is not None
         return bytes(self.memory.slots[slot] or b"")
-
-    @property
-    def capacity(self) -> int:
-        return self._capacity
 
     def records(self) -> Mapping[Kind, bytes]:
         return dict(self.memory.records)
@@ -86,7 +82,7 @@ class PlainBacking:
     def append(self, slot: Slot, data: bytes) -> None:
         content = self.memory.slots[slot]
         assert slot in self._writable and content is not None, "written without clear or begin_again"
-        if len(content) + len(data) > self._capacity:
+        if len(content) + len(data) > self.capacity:
             raise MediumError("full", len(content))
         part = data[: self._random.randint(0, len(data))]
         self._call(lambda: content.extend(data), lambda: content.extend(part))

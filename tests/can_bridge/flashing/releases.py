@@ -19,7 +19,7 @@ from contract.release.bundle import CONTROLLER, Bundle, pack
 from contract.release.image import image_of
 from contract.release.key_list import KeyList
 from contract.release.manifest import Manifest
-from contract.release.signing import public_key
+from contract.release.signing import PublicKey, public_key
 from contract.shipped import BUNDLE
 from tests.can_bridge.flashing.plain_backing import PlainBacking
 
@@ -29,6 +29,7 @@ BLOCK = 5000
 """Bytes that are sent at once: an image has six such blocks."""
 
 B = TypeVar("B", bound=Backing)
+Key = Ed25519PrivateKey | PublicKey
 
 
 @cache
@@ -59,14 +60,13 @@ def image(name: str = "one", **changes: Any) -> bytes:
     return image_of(files(name, **changes))
 
 
-def keys(version: int = 1, *allowed: Ed25519PrivateKey, revoked: tuple[Ed25519PrivateKey, ...] = ()) -> bytes:
+def keys(version: int = 1, *allowed: Key, revoked: tuple[Key, ...] = ()) -> bytes:
     """A list signed by the root key; by default of the release key."""
-    listed = KeyList(
-        version=version,
-        keys=frozenset(map(public_key, allowed or (RELEASE,))),
-        revoked=frozenset(map(public_key, revoked)),
+    listed, off = (
+        frozenset(key if isinstance(key, PublicKey) else public_key(key) for key in some)
+        for some in (allowed or (RELEASE,), revoked)
     )
-    return key_list.encode(listed, ROOT)
+    return key_list.encode(KeyList(version=version, keys=listed, revoked=off), ROOT)
 
 
 def fits(bundle: Bundle) -> Verdict:

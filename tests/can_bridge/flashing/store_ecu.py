@@ -13,7 +13,7 @@ from can_bridge.uds.diagnostics import Long
 from can_bridge.uds.programming import Programming
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.server import UdsServer
-from can_bridge.uds.services import Did, Nrc
+from can_bridge.uds.services import Did, Nrc, Routine
 from contract.controller.calibration import Calibration
 from contract.errors import ConfigError
 from contract.release.bundle import dbc_sha256
@@ -51,14 +51,19 @@ class StoreEcu:
     Attributes:
         is_wanted: the vehicle asks for control, so that nothing may be programmed.
         is_reset: a reset was asked for: `power_on` is due.
+        resets: that were asked for.
+        routines: that were run.
+        values: of identifiers that the store has no part in.
         store, boot, programming, server: of this power-on.
     """
 
     is_dead = False
+    """Nothing is answered."""
 
     def __init__(self, backing: Callable[[], Backing], random_bytes: Callable[[int], bytes] | None = None) -> None:
         self._backing, self._random_bytes = backing, random_bytes or Counted()
         self.is_wanted = False
+        self.resets, self.routines, self.values = 0, list[Routine](), dict(VALUES)
         self.power_on()
 
     def power_on(self) -> Boot:
@@ -69,6 +74,7 @@ class StoreEcu:
             self,
             refusal=lambda: Nrc.CONDITIONS_NOT_CORRECT if self.is_wanted else None,
             report=lambda store: report.encode(report.report_of(store)),
+            on_routine=lambda routine, _: self.routines.append(routine),
         )
         self.server = UdsServer(self.programming, KEY, self._random_bytes)
         return self.boot
@@ -76,9 +82,9 @@ class StoreEcu:
     # What the store has no part in.
 
     def read(self, did: Did) -> bytes:
-        if did not in VALUES:
+        if did not in self.values:
             raise Refused(Nrc.OUT_OF_RANGE)
-        return VALUES[did]
+        return self.values[did]
 
     def write(self, did: Did, value: bytes) -> Long[None]:
         yield
@@ -96,6 +102,7 @@ class StoreEcu:
 
     def reset(self) -> None:
         self.is_reset = True
+        self.resets += 1
 
 
 class FlashingSteps:

@@ -1,19 +1,14 @@
 import pytest
 
-from tests.can_bridge.tester.line import Line, VirtualTime
-from tests.can_bridge.tester.played_ecu import Played, PlayedEcu, played
+from tests.can_bridge.tester.ecu_to_flash import EcuToFlash
+from tests.can_bridge.tester.line import Line
 
 
 @pytest.fixture
-def kept() -> Played:
-    return played()
+def ecu() -> EcuToFlash:
+    return EcuToFlash()
 
 
 @pytest.fixture
-def line(kept: Played) -> Line:
-    return Line(PlayedEcu(kept))
-
-
-@pytest.fixture
-def time(line: Line) -> VirtualTime:
-    return line.time
+def line(ecu: EcuToFlash) -> Line:
+    return Line(ecu)

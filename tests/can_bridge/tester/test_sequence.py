@@ -1,4 +1,4 @@
-"""The tester's steps against the real server in virtual time, with everything that can go wrong on the way."""
+"""The tester's steps against the real server and store in virtual time, with everything that goes wrong on the way."""
 
 import hashlib
 from random import Random
@@ -8,7 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_bridge.flashing.backing import Slot, at_once
 from can_bridge.flashing.state import Phase
+from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.tester.messages import (
     AccessError,
@@ -21,78 +23,82 @@ from can_bridge.tester.messages import (
 )
 from can_bridge.tester.sequence import End, Flashed, Options, Step
 from can_bridge.uds.access_key import AccessKey
+from can_bridge.uds.refused import Refused
 from can_bridge.uds.services import Nrc, Routine, Service
-from tests.can_bridge.tester.line import Line, VirtualTime, flash_over
-from tests.can_bridge.tester.played_ecu import SHIPPED, Held, Played, PlayedEcu, played
+from tests.can_bridge.flashing.releases import BLOCK, SECOND, STRANGER, flash, image, phases
+from tests.can_bridge.tester.ecu_to_flash import EcuToFlash
+from tests.can_bridge.tester.line import Line, flash_over
 from tests.examples import examples
 
-SHA256 = hashlib.sha256(SHIPPED).digest()
+NEW = image("new")
+SHA256 = hashlib.sha256(NEW).digest()
 WRONG_KEY = AccessKey(bytes(16 * [9]))
 
 
-def fresh() -> tuple[Line, Played]:
-    kept = played()
-    return Line(PlayedEcu(kept)), kept
+def fresh(first: bytes | None = image("old")) -> tuple[Line, EcuToFlash]:
+    ecu = EcuToFlash(first)
+    return Line(ecu), ecu
 
 
-def flashed(line: Line, image: bytes = SHIPPED, **options: Any) -> Flashed:
-    return flash_over(line, image, **options)
+def flashed(line: Line, new: bytes = NEW, **options: Any) -> Flashed:
+    return flash_over(line, new, **options)
 
 
-def test_a_release_is_brought_started_tested_and_confirmed(line: Line, kept: Played) -> None:
+def test_a_release_is_brought_started_tested_and_confirmed(line: Line, ecu: EcuToFlash) -> None:
     steps: list[Step] = []
     progress: list[tuple[int, int]] = []
     done = flashed(line, on_step=steps.append, progress=lambda *count: progress.append(count))
-    assert (done.end, done.unanswered) == (End.CONFIRMED, 0)
-    assert (kept.running.image, kept.running.phase, kept.resets) == (SHIPPED, Phase.CONFIRMED, 1)
-    assert [routine.name for routine in kept.log] == [
+    assert (done.end, done.unanswered, done.after.running) == (End.CONFIRMED, 0, Slot.B)
+    assert (ecu.runs, ecu.memory.content(Slot.B), ecu.resets) == ("new", NEW, 1)
+    assert [routine.name for routine in ecu.routines] == [
         *("PRECONDITIONS", "ERASE", "CHECK", "ACTIVATE", "SELF_TEST", "CONFIRM")
     ]
     assert steps == list(Step)
-    assert (progress[0], progress[-1]) == ((0, len(SHIPPED)), (len(SHIPPED), len(SHIPPED)))
-    assert done.after.running is not None
+    assert (progress[0], progress[-1]) == ((0, len(NEW)), (len(NEW), len(NEW)))
     # Blocks as long as the server takes them.
     blocks = [len(request) for request in line.heard if request[0] == Service.TRANSFER]
-    assert (max(blocks), len(blocks)) == (4064 + 2, -(-len(SHIPPED) // 4064))
+    assert (max(blocks), len(blocks)) == (4064 + 2, -(-len(NEW) // 4064))
+    # The same one again, and others.
+    for name, end in (("new", End.ALREADY), ("two", End.CONFIRMED), ("new", End.CONFIRMED)):
+        ecu.routines.clear()
+        assert (flashed(line, image(name)).end, ecu.runs) == (end, name)
+        assert (ecu.routines == []) is (end is End.ALREADY)
 
 
-def test_counters_of_blocks_wrap_to_zero(line: Line) -> None:
-    with pytest.raises(NotPassedError):  # bytes that are no bundle have no digest that could be found running
+def test_counters_of_blocks_wrap_to_zero(line: Line, ecu: EcuToFlash) -> None:
+    ecu.memory.capacity = 2**21
+    with pytest.raises(ImageRefusedError):
         flashed(line, bytes(4064 * 260))
     counters = [request[1] for request in line.heard if request[0] == Service.TRANSFER]
     assert counters == [i % 256 for i in range(1, 261)]
 
 
-def test_it_goes_on_with_what_the_ecu_has(line: Line, kept: Played) -> None:
-    """Confirmed and running, running on trial, another one on trial, no release, whole in the other slot."""
-    kept.running = Held(image=SHIPPED, phase=Phase.CONFIRMED, name="same")
-    assert flashed(line).end is End.ALREADY
-    assert (kept.written, kept.resets, kept.log) == (0, 0, [])
-    line, kept = fresh()
-    kept.running = Held(image=SHIPPED, phase=Phase.TRIAL, boots_left=1, name="same")
+def test_it_goes_on_with_what_the_ecu_has(line: Line, ecu: EcuToFlash) -> None:
+    """Running on trial, another one on trial, no release, and some or all of it in the other slot."""
+    assert flashed(line, options=Options(confirm=False)).end is End.ON_TRIAL
+    ecu.routines.clear()
     done = flashed(line)
-    assert (done.end, done.transferred, kept.resets) == (End.CONFIRMED, None, 0)
-    assert kept.log == [Routine.PRECONDITIONS, Routine.SELF_TEST, Routine.CONFIRM]
-    for running in (Held(image=SHIPPED[:50], phase=Phase.TRIAL, name="other"), Held()):
-        line, kept = fresh()
-        kept.running = running
-        assert flashed(line).end is End.CONFIRMED
-        assert (Routine.ERASE in kept.log, kept.running.image) == (True, SHIPPED)
-
-
-def test_an_interrupted_transfer_goes_on_where_it_stood() -> None:
-    for had in (1, 31, 32, 5000, len(SHIPPED) - 1, len(SHIPPED)):
-        line, kept = fresh()
-        phase = Phase.FILLING if had < len(SHIPPED) else Phase.CHECKED
-        kept.other = Held(image=SHIPPED[:had], announced=(len(SHIPPED), SHA256), phase=phase)
+    assert (done.end, done.transferred, ecu.resets) == (End.CONFIRMED, None, 1)
+    assert ecu.routines == [Routine.PRECONDITIONS, Routine.SELF_TEST, Routine.CONFIRM]
+    line, ecu = fresh()
+    flash(ecu.store, image("other"))
+    ecu.power_on()
+    assert (ecu.runs, flashed(line).end, ecu.runs) == ("other", End.CONFIRMED, "new")
+    line, ecu = fresh(None)
+    assert (flashed(line).end, ecu.runs) == (End.CONFIRMED, "new")
+    for had in (1, 31, 32, BLOCK, len(NEW) - 1, len(NEW)):
+        line, ecu = fresh()
+        at_once(ecu.store.announce(len(NEW), SHA256))
+        ecu.store.append(NEW[:had])
+        ecu.memory.written = 0
         done = flashed(line)
-        assert (done.end, kept.written) == (End.CONFIRMED, len(SHIPPED) - had), had
+        assert (done.end, ecu.memory.written) == (End.CONFIRMED, len(NEW) - had), had
         assert done.transferred is not None and done.transferred.resumed_from == had
 
 
-def test_a_dry_run_and_a_judge_that_objects_write_nothing(line: Line, kept: Played) -> None:
+def test_a_dry_run_and_a_judge_that_objects_write_nothing(line: Line, ecu: EcuToFlash) -> None:
+    calls = ecu.memory.calls
     assert flashed(line, options=Options(dry_run=True)).end is End.WOULD_FLASH
-    assert kept.log == [Routine.PRECONDITIONS]
     assert {request[0] for request in line.heard} <= {Service.READ, Service.SESSION, Service.ROUTINE}
     assert [request for request in line.heard if request[0] == Service.SESSION] == [b"\x10\x03", b"\x10\x01"]
 
@@ -101,18 +107,17 @@ def test_a_dry_run_and_a_judge_that_objects_write_nothing(line: Line, kept: Play
 
     with pytest.raises(NotNowError, match="not this one"):
         flashed(line, judge=judge)
-    assert kept.log == [Routine.PRECONDITIONS]
+    assert (ecu.routines, ecu.memory.calls) == ([Routine.PRECONDITIONS], calls)
 
 
-def test_wrong_keys_write_nothing_and_their_delay_is_waited_for(line: Line, kept: Played, time: VirtualTime) -> None:
+def test_wrong_keys_write_nothing_and_their_delay_is_waited_for(line: Line, ecu: EcuToFlash) -> None:
     for words in (2 * ["it is not its own"]) + ["takes none for 10 s"]:
         with pytest.raises(AccessError, match=words):
             flashed(line, key=WRONG_KEY)
-    assert set(kept.log) == {Routine.PRECONDITIONS}
-    assert kept.running.phase == Phase.CONFIRMED
-    began = time.clock()
+    assert set(ecu.routines) == {Routine.PRECONDITIONS}
+    began = line.time.clock()
     assert flashed(line).end is End.CONFIRMED
-    assert time.clock() - began >= 9.0
+    assert line.time.clock() - began >= 9.0
 
 
 def test_a_seed_that_comes_late_does_not_pass_for_a_wrong_key(line: Line) -> None:
@@ -133,61 +138,84 @@ def test_a_seed_that_comes_late_does_not_pass_for_a_wrong_key(line: Line) -> Non
     assert len(late) == 2
 
 
-def test_a_vehicle_in_use_is_not_touched(line: Line, kept: Played) -> None:
-    kept.in_use = True
+def test_a_vehicle_in_use_is_not_touched(line: Line, ecu: EcuToFlash) -> None:
+    ecu.is_wanted = True
     with pytest.raises(NotNowError, match="withdraw the enable request"):
         flashed(line)
-    assert (kept.written, kept.resets) == (0, 0)
-    kept.in_use = False
+    assert (ecu.memory.written, ecu.resets) == (0, 0)
+    ecu.is_wanted = False
 
     def on_step(step: Step) -> None:
-        kept.in_use = step in (Step.RESET, Step.SELF_TEST)
+        ecu.is_wanted = step in (Step.RESET, Step.SELF_TEST)
 
     # One that starts after the reset leaves the release on trial.
     with pytest.raises(NotNowError, match="runs on trial, and was not confirmed"):
         flashed(line, on_step=on_step)
-    assert kept.running.phase == Phase.TRIAL
-    kept.in_use = False
+    assert (ecu.runs, phases(ecu.store)) == ("new", [Phase.CONFIRMED, Phase.TRIAL])
+    ecu.is_wanted = False
     assert flashed(line).end is End.CONFIRMED
 
 
-def test_each_verdict_ends_it_and_the_ecu_goes_back_to_work() -> None:
-    for verdict in set(Verdict) - {Verdict.GOOD}:
-        line, kept = fresh()
-        kept.verdict = verdict
-        with pytest.raises(ImageRefusedError) as refusal:
-            flashed(line)
+def test_each_verdict_ends_it_and_the_ecu_goes_back_to_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    def finish(verdict: Verdict) -> Any:
+        yield
+        return verdict
+
+    found: list[tuple[bytes, Verdict]] = [
+        (image("unsigned", key=None), Verdict.UNSIGNED),
+        (image("foreign", key=STRANGER), Verdict.UNKNOWN_KEY),
+        (image("not listed", key=SECOND), Verdict.UNKNOWN_KEY),
+        (image("before", version=0), Verdict.TOO_OLD),
+        (b"no image", Verdict.DAMAGED),
+    ]
+    for new, verdict in found + [(NEW, verdict) for verdict in set(Verdict) - {Verdict.GOOD}]:
+        line, ecu = fresh()
+        with monkeypatch.context() as patch:
+            if new == NEW:
+                patch.setattr(Store, "finish", lambda store, verdict=verdict: finish(verdict))
+            with pytest.raises(ImageRefusedError) as refusal:
+                flashed(line, new)
         assert refusal.value.verdict is verdict
         assert verdict.in_words in str(refusal.value)
-        assert Routine.ACTIVATE not in kept.log, verdict
+        assert Routine.ACTIVATE not in ecu.routines, verdict
         line.time.sleep(1.0)
-        assert (kept.resets, kept.running.name) == (1, "old"), verdict
+        assert (ecu.resets, ecu.runs) == (1, "old"), verdict
 
 
-def test_a_release_that_does_not_pass_its_trial_is_left(line: Line, kept: Played) -> None:
-    kept.starts = False
+def test_a_release_that_does_not_pass_its_trial_is_left(line: Line, ecu: EcuToFlash, monkeypatch: Any) -> None:
+    ecu.spoils = True
     with pytest.raises(NotPassedError, match="did not start the new release; old runs"):
         flashed(line)
-    line, kept = fresh()
-    kept.passes = False
+    line, ecu = fresh()
+
+    def fails() -> Any:
+        raise Refused(Nrc.PROGRAMMING_FAILURE)
+
+    monkeypatch.setattr(ecu, "self_test", fails)
     with pytest.raises(NotPassedError, match="did not pass its self-test; old runs again"):
         flashed(line)
-    assert kept.running.name == "old"
-    assert Routine.CONFIRM not in kept.log and kept.log[-1] is Routine.REVERT
+    assert ecu.runs == "old"
+    assert Routine.CONFIRM not in ecu.routines and ecu.routines[-1] is Routine.REVERT
 
 
-def test_an_ecu_that_resets_itself_or_is_slow_is_gone_on_with(line: Line, kept: Played) -> None:
-    kept.resets_after = 40_000
-    kept.writing_ns = 3_000_000_000
+def test_an_ecu_that_resets_itself_or_is_slow_is_gone_on_with(line: Line, ecu: EcuToFlash, monkeypatch: Any) -> None:
+    # Erasing takes 6 s.
+    monkeypatch.setattr("tests.can_bridge.flashing.plain_backing.CLEAR_PIECES", 300)
+
+    def reset_once(received: int) -> None:
+        if received > 10_000 and not ecu.resets:
+            ecu.reset()
+
+    ecu.memory.on_written = reset_once
     done = flashed(line)
-    assert done.end is End.CONFIRMED
+    assert (done.end, ecu.memory.written) == (End.CONFIRMED, len(NEW))
     assert done.transferred is not None and done.transferred.attempts == 2
-    assert kept.written == len(SHIPPED)
+    assert line.pending >= 2
 
 
 def test_a_block_refused_once_begins_the_transfer_again() -> None:
-    def refused_once(code: Nrc) -> tuple[Flashed, Played]:
-        line, kept = fresh()
+    def refused_once(code: Nrc) -> tuple[Flashed, EcuToFlash]:
+        line, ecu = fresh()
         refused: list[bytes] = []
 
         def lose(payload: bytes, to_ecu: bool) -> bool:
@@ -198,25 +226,50 @@ def test_a_block_refused_once_begins_the_transfer_again() -> None:
             return is_now
 
         line.lose = lose
-        return flashed(line), kept
+        return flashed(line), ecu
 
     for code in (
         *(Nrc.WRONG_BLOCK_COUNTER, Nrc.TRANSFER_SUSPENDED, Nrc.SEQUENCE_ERROR, Nrc.SECURITY_ACCESS_DENIED),
         *(Nrc.SERVICE_NOT_IN_SESSION, Nrc.PROGRAMMING_FAILURE),
     ):
-        done, kept = refused_once(code)
+        done, ecu = refused_once(code)
         assert done.end is End.CONFIRMED, code
         assert done.transferred is not None and done.transferred.attempts == 2, code
-        assert kept.written == len(SHIPPED), code
+        assert ecu.memory.written == len(NEW), code
     with pytest.raises(RefusedError, match=r"take a block of the image: service not supported \(0x11\)"):
         refused_once(Nrc.SERVICE_NOT_SUPPORTED)
+
+
+@pytest.mark.slow
+def test_a_mishap_at_any_one_request_is_overcome() -> None:
+    """A lost request or answer, or the supply lost before or after a request was carried out."""
+    whole, _ = fresh()
+    flashed(whole)
+    blocks = [number for number, request in enumerate(whole.heard) if request[0] == Service.TRANSFER]
+    # Blocks in the middle are all alike.
+    for number in set(range(len(whole.heard))) - set(blocks[2:-2]):
+        for to_ecu in (True, False):
+            for loses_power in (True, False):
+                line, ecu = fresh()
+                left = [number]
+
+                def lose(_payload: bytes, is_to_ecu: bool) -> bool:
+                    is_now = left[0] == 0 and is_to_ecu is to_ecu  # noqa: B023
+                    left[0] -= is_now or (is_to_ecu and left[0] > 0)  # noqa: B023
+                    if is_now and loses_power:  # noqa: B023
+                        ecu.power_on()  # noqa: B023
+                    return is_now
+
+                line.lose = lose
+                case = (number, whole.heard[number][:4], to_ecu, loses_power)
+                assert (flashed(line).end, ecu.runs) == (End.CONFIRMED, "new"), case
 
 
 @pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1), rate=st.sampled_from([0.01, 0.1, 0.3]), doubled=st.booleans())
 @examples(15, deadline=None)
 def test_lost_and_doubled_payloads_only_cost_time(seed: int, rate: float, doubled: bool) -> None:
-    line, kept = fresh()
+    line, ecu = fresh()
     # Thousands of draws: more than a strategy gives without complaint.
     draws = Random(seed)
     line.lose = lambda payload, to_ecu: draws.random() < rate
@@ -225,5 +278,5 @@ def test_lost_and_doubled_payloads_only_cost_time(seed: int, rate: float, double
         flashed(line)
     except (NoAnswerError, LostError, NotPassedError):
         # It may end, but never with a release that is neither the old nor the new one.
-        assert kept.running.name in ("old", "")
-    assert kept.running.image in (SHIPPED, SHIPPED[:100])
+        ecu.power_on()
+    assert ecu.runs in ("old", "new")

@@ -19,9 +19,12 @@ from can_bridge.tester.transport import PADDING, open_client
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
+from tests.can_bridge.flashing.releases import image
 from tests.can_bridge.flashing.store_ecu import KEY
-from tests.can_bridge.tester.played_ecu import SHIPPED, Played, PlayedEcu
+from tests.can_bridge.tester.ecu_to_flash import EcuToFlash
 from tests.can_bridge.tester.served import Fate, served
+
+NEW = image("new")
 
 
 @pytest.fixture(params=["fd", "classic"])
@@ -38,23 +41,23 @@ def listener(config: BusConfig) -> Iterator[can.BusABC]:
 
 def flashed(config: BusConfig) -> Any:
     with open_client(config) as client:
-        return flash(client, SHIPPED, key=KEY.answer)
+        return flash(client, NEW, key=KEY.answer)
 
 
 @pytest.mark.slow
 def test_a_release_is_flashed_and_lost_and_doubled_frames_only_cost_time(
-    config: BusConfig, kept: Played, monkeypatch: pytest.MonkeyPatch
+    config: BusConfig, ecu: EcuToFlash, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # What is not answered in this test was lost: nothing is slow.
     monkeypatch.setattr(asking, "P2_S", 0.05)
     monkeypatch.setattr("can_bridge.tester.transport.FLOW_CONTROL_MS", 50)
-    rate = 0.002 if config.frames == "fd" else 0.0003
-    with served(PlayedEcu(kept), config, Fate(1, lost=rate, doubled=rate)) as count:
+    rate = 0.006 if config.frames == "fd" else 0.0009
+    with served(ecu, config, Fate(1, lost=rate, doubled=rate)) as count:
         done = flashed(config)
-    assert (done.end, kept.running.image) == (End.CONFIRMED, SHIPPED)
+    assert (done.end, ecu.runs) == (End.CONFIRMED, "new")
     assert done.unanswered > 0
     # Frames are filled: all but the first of a block carry 63 or 7 bytes.
-    assert count() > len(SHIPPED) / (63 if config.frames == "fd" else 7)
+    assert count() > len(NEW) / (63 if config.frames == "fd" else 7)
 
 
 def test_requests_fill_frames_and_other_answers_are_dropped(config: BusConfig, listener: can.BusABC) -> None:
