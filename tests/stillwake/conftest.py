@@ -1,10 +1,12 @@
 """The plant's kernels are compiled before a test runs it; and what a refused command must leave."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import pytest
 
 from wake.truck.truck_wake import TruckWake
+
+Words = str | tuple[object, ...]
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -16,14 +18,28 @@ def _kernels(shared_wake: TruckWake) -> None:
 def refused(cli, tmp_path) -> Callable[..., str]:
     """Run it, see that it fails as it should and leaves `tmp_path` as it was; return the line."""
 
-    def run(*arguments: object) -> str:
+    def run(*arguments: object, status: int = 1) -> str:
         before = sorted(tmp_path.rglob("*"))
         outcome = cli(*arguments)
-        assert outcome.code == 1
-        assert outcome.err.startswith("error: ")
-        assert outcome.err.count("\n") == 1
-        assert "wrote" not in outcome.out
-        assert sorted(tmp_path.rglob("*")) == before
+        assert outcome.code == status, (arguments, outcome)
+        assert outcome.err.startswith("error: "), arguments
+        assert outcome.err.count("\n") == 1, (arguments, outcome.err)
+        assert "wrote" not in outcome.out, arguments
+        assert sorted(tmp_path.rglob("*")) == before, arguments
         return outcome.err
+
+    return run
+
+
+@pytest.fixture
+def all_refused(refused, tmp_path, monkeypatch) -> Callable[[Words, Mapping[Words, str]], None]:
+    """Call a command in `tmp_path` with each of the words; every line must name what is given with them."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(command: Words, cases: Mapping[Words, str]) -> None:
+        for words, named in cases.items():
+            both = (one for part in (command, words) for one in (part.split() if isinstance(part, str) else part))
+            line = refused(*both)
+            assert named in line, (words, line)
 
     return run

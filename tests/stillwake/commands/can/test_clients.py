@@ -26,7 +26,7 @@ import pytest
 
 import contract
 from can_bridge.logs.log_reader import read_messages
-from tests.stillwake.commands.can.bus_traffic import write
+from tests.stillwake.commands.can.virtual_bus import write
 
 pytestmark = pytest.mark.processes
 
@@ -161,19 +161,6 @@ def test_can_logger_keeps_all_that_replay_sends(tmp_path: Path, bus: Bus) -> Non
     assert span == pytest.approx(made[-1].timestamp - made[0].timestamp, abs=0.2 + float(late[1]) / 1e3)
 
 
-def test_a_stopped_replay_reports_how_much_it_sent(tmp_path: Path, bus: Bus) -> None:
-    write(tmp_path / "sent.log", PERIODS)
-    # A second of recording in a hundred: the stop comes first.
-    replay = ("replay", str(tmp_path / "sent.log"), "--speed", "0.01")
-    with running(*bus.ours, "record", str(tmp_path / "got.log"), "--frames", "3", *BUS) as recorder:
-        assert first_line(recorder)
-        with running(*bus.ours, *replay, *BUS) as sender:
-            recorder.communicate(timeout=PATIENCE_S)
-            code, out, err = ended(sender, signal.SIGTERM)
-    assert (code, err) == (143, "stopped\n"), out
-    assert re.search(r"sent \d+ frames", out), out
-
-
 def screen_of(
     command: list[str], typed: list[tuple[Callable[[str], bool], bytes]], rows: int = 40, columns: int = 100
 ) -> tuple[int, str]:
@@ -222,23 +209,16 @@ def drawn(written: str) -> str:
     return pictures[-2] if len(pictures) > 1 else ""
 
 
-def has_rate(picture: str) -> bool:
-    """Fifty a second are sent; a crowded machine may make the mean of some intervals half as much or twice."""
-    found = re.search(r"130\S*\s+\d+\.\d\d\s+(\d+\.\d)", picture)
-    return found is not None and 25.0 < float(found[1]) < 100.0
-
-
 def test_monitor_on_a_terminal_filters_pauses_resets_and_quits(bus: Bus) -> None:
-    command = [*bus.ours, "monitor", *BUS]
     keys: list[tuple[Callable[[str], bool], bytes]] = [
         (lambda text: "JetCommand" in text and "Enable" in text, b"/flow"),
         (lambda text: "filter: flow_" in text, b"\r"),
-        (lambda text: "1.5" in drawn(text) and "Enable" not in drawn(text) and has_rate(drawn(text)), b" "),
+        (lambda text: "1.5" in drawn(text) and "Enable" not in drawn(text), b" "),
         (lambda text: "paused" in text, b"r"),
         (lambda text: "paused" not in drawn(text) and "Flow" in drawn(text), b"q"),
     ]
     with running(*bus.ours, "send", "JetCommand", "Flow=1.5", "--count", "100000", *BUS):
-        code, out = screen_of(list(command), keys)
+        code, out = screen_of([*bus.ours, "monitor", *BUS], keys)
     assert code == 0, out
     assert "\x1b[?1049h" in out
     # The terminal is as it was: the other screen left, the cursor back.

@@ -5,7 +5,6 @@ import json
 import sys
 from io import StringIO
 
-import pytest
 from rich.console import Console
 
 from stillwake.commands.can.load import CAN_BE_LATE
@@ -24,33 +23,23 @@ BA_ "GenMsgCycleTime" BO_ 17 1000;
 """
 
 
-@pytest.fixture
-def dbc(tmp_path):
-    path = tmp_path / "vehicle.dbc"
-    path.write_text(DBC)
-    return path
-
-
-def test_our_messages_are_in_time_alone(cli):
+def test_our_messages_are_in_time_alone_and_figures_are_written(cli, tmp_path):
     outcome = cli("can", "load")
     assert (outcome.code, outcome.err) == (0, "")
     assert all(name in outcome.out for name in ("Pressure", "JetCommand", "EcuStatus"))
     assert "load: 2.2 % with random contents, 2.5 % at worst" in outcome.out
-
-
-def test_figures_are_written(cli, tmp_path):
-    outcome = cli("can", "load", "--set", "bus.frames=classic", "--json", tmp_path / "load.json")
-    assert outcome.code == 0
-    found = json.loads((tmp_path / "load.json").read_text())
+    assert cli("can", "load", "--set", "bus.frames=classic", "--json", tmp_path / "load.json").code == 0
+    written = json.loads((tmp_path / "load.json").read_text())
     # 135 bits at 500 kbit/s; twice that with the blocking frame.
-    pressure = found["figures"]["messages"][0]
+    pressure = written["figures"]["messages"][0]
     assert (pressure["name"], pressure["frame_worst_ms"], pressure["response_ms"]) == ("PressureClassic", 0.27, 0.54)
-    assert found["figures"]["late"] == []
-    assert found["facts"]["frames"] == "classic"
-    assert found["facts"]["control_period_ms"] == 20.0
+    assert written["figures"]["late"] == []
+    assert (written["facts"]["frames"], written["facts"]["control_period_ms"]) == ("classic", 20.0)
 
 
-def test_a_dbc_is_the_background(cli, dbc, tmp_path):
+def test_a_dbc_is_the_background(cli, tmp_path):
+    dbc = tmp_path / "vehicle.dbc"
+    dbc.write_text(DBC)
     for as_setting in [True, False]:
         given = ("--set", f"bus.background.dbc={dbc}") if as_setting else ("--background", dbc)
         outcome = cli("can", "load", *given, "--json", tmp_path / "load.json")
@@ -68,26 +57,9 @@ def test_a_message_that_can_be_late_is_named_and_fails_the_call(cli, tmp_path):
     outcome = cli("can", "load", "--set", "ecu.compute_time_ms=19.5", "--json", tmp_path / "load.json")
     assert outcome.code == CAN_BE_LATE == 3
     assert "1 of 3 can be late: JetCommand" in outcome.out
-    assert outcome.err == ""
     assert json.loads((tmp_path / "load.json").read_text())["figures"]["late"] == ["JetCommand"]
-
-
-def test_many_late_messages_are_counted(cli):
-    outcome = cli("can", "load", "--set", "bus.background.load=0.99")
-    assert outcome.code == CAN_BE_LATE
-    assert " more" in outcome.out.splitlines()[-1]
-
-
-def test_what_cannot_be_shown_is_one_line(cli):
-    for arguments, error in [
-        (("--background", "none.dbc"), "error: none.dbc: No such file or directory"),
-        (("--set", "bus.interface=virtual"), "error: --set bus.interface: `can load` does not use it"),
-        (("--set", "bus.background.load=0.00001"), "less than one message a second"),
-    ]:
-        outcome = cli("can", "load", *arguments)
-        assert outcome.code == 1, (arguments, error)
-        assert error in outcome.err, (arguments, error)
-        assert outcome.err.count("\n") == 1, (arguments, error)
+    many = cli("can", "load", "--set", "bus.background.load=0.99")
+    assert (many.code, " more" in many.out.splitlines()[-1]) == (CAN_BE_LATE, True)
 
 
 def test_a_terminal_of_80_columns_shows_whole_names(cli, monkeypatch):

@@ -6,6 +6,7 @@ from io import StringIO
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
+from rich.text import Text
 
 from can_bridge.tools.monitor import MonitorState, Row, View, rows
 from can_bridge.wire.frame import Frame
@@ -33,8 +34,6 @@ def picture(state: MonitorState, view: View, width: int, height: int | None = No
 
 def plain(text: str) -> list[str]:
     console = Console(file=StringIO(), width=500, record=True)
-    from rich.text import Text
-
     console.print(Text.from_ansi(text))
     return [one.rstrip() for one in console.export_text().rstrip().splitlines()]
 
@@ -53,9 +52,11 @@ def test_it_is_whole_at_80_columns():
     (command,) = (one for one in lines if one.startswith(" JetCommand "))
     assert command.split()[:2] == ["JetCommand", "130"]
     assert command.split()[-4:] == ["6", "1", "wrong", "sequence"]
-    # 64 bytes do not fit: the cell says that something is left out.
+    # 64 bytes do not fit: the cell shows that something is left out.
     assert any(one.startswith("  data") and "…" in one for one in lines)
-    assert "remote or error" in lines[0]
+    # Where no terminal is: nine messages that each lost six and had one out of sequence, and an unknown one.
+    said = "2 s: 28 data frames of 10 messages, 54 lost, 9 refused, 3 remote or error frames"
+    assert line(replace(everything(), others=3), 2.0) == said
 
 
 def test_what_a_receiver_refuses_is_red_and_what_is_old_is_dim():
@@ -95,9 +96,3 @@ def test_pages_show_all_rows_in_order_and_never_more_than_fit(top, lines):
     assert [(one.message, one.signal) for one in shown] == names[begin : begin + len(shown)]
     # From `top` on, unless that would leave the end of the screen empty.
     assert begin == top or begin + len(shown) == len(found)
-
-
-def test_a_line_says_the_same():
-    state = replace(everything(), others=3)
-    # Nine messages that each lost six and had one out of sequence, and an unknown one.
-    assert line(state, 2.0) == ("2 s: 28 data frames of 10 messages, 54 lost, 9 refused, 3 remote or error frames")

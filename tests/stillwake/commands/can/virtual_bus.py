@@ -1,4 +1,4 @@
-"""A virtual bus in this process, and what the tests of several commands do with it."""
+"""A virtual bus in this process, and a log of stillwake's own messages with what else a bus carries."""
 
 import time
 from pathlib import Path
@@ -6,17 +6,41 @@ from typing import Any
 
 import can
 
-import contract
+from can_bridge.bus.conversion import to_message
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.logs.frame_log import recording_messages
+from can_bridge.tools.encode import encode
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 
-DBC = Path(contract.__file__).parent / "stillwake.dbc"
 VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=test-can")
+PER_PERIOD = 4
+
+
+def write(path: Path, periods: int) -> list[can.Message]:
+    """Write a log and return what it holds: each 20 ms three frames of ours and one with an extended identifier."""
+    senders = {spec.name: E2eSender(spec) for spec in (PRESSURE, JET_COMMAND, ECU_STATUS)}
+    made = []
+    for i in range(periods):
+        t = 1_700_000_000.0 + i * 0.02
+        for name, at, values in (
+            ("Pressure", 0.0, [f"Pressure0={-100 + i % 50}", "Valid0=1", "EnableRequest=1"]),
+            ("JetCommand", 0.008, ["Mode=CONTROL", "Enable=1", f"Flow={(i % 20) / 10}"]),
+            ("EcuStatus", 0.0085, ["State=CONTROL", f"Missed={i}"]),
+        ):
+            frame = senders[name].frame(encode(name, values)[1], now_ns=round((t + at) * 1e9))
+            made.append(to_message(frame))
+        made.append(can.Message(timestamp=t + 0.012, arbitration_id=0x18FEF100, data=bytes([i % 256] * 8)))
+    with recording_messages(path) as append:
+        for message in made:
+            append(message)
+    return made
 
 
 def taken(peer: can.BusABC) -> list[can.Message]:
-    found = []
+    messages = []
     while (message := peer.recv(timeout=0.0)) is not None:
-        found.append(message)
-    return found
+        messages.append(message)
+    return messages
 
 
 def flat(text: str) -> str:
@@ -26,13 +50,13 @@ def flat(text: str) -> str:
 def send_when_heard(peer: can.BusABC, messages: list[can.Message]) -> None:
     """A virtual bus keeps nothing for those who come later."""
     deadline = time.monotonic() + 30.0
-    while len(nodes()) < 2 and time.monotonic() < deadline:
+    while len(_nodes()) < 2 and time.monotonic() < deadline:
         time.sleep(0.01)
     for message in messages:
         peer.send(message)
 
 
-def nodes() -> list[Any]:
+def _nodes() -> list[Any]:
     from can.interfaces.virtual import channels
 
     return list(channels.get("test-can", []))

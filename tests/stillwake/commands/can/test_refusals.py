@@ -1,0 +1,79 @@
+"""What no bus command can do is one line that names the value, and nothing is sent or written."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import can
+
+from tests.stillwake.commands.can.virtual_bus import VIRTUAL, taken, write
+
+DECODE = {
+    "missing.log": "missing.log: there is no such file",
+    "empty.log": "empty.log: holds no CAN frame",
+    "cut.blf": "cut.blf: ",
+    "good.log --dbc empty.log": "empty.log: no description of a CAN bus",
+    "good.log --csv good.log": "is one of the files to read",
+    "good.log --csv folder": "it is a directory",
+    "good.log --json folder": "it is a directory",
+    "good.log --set bus.interface=virtual": "`can decode` does not use it",
+    "folder": "a log must end in",
+}
+LOAD = {
+    "--background none.dbc": "none.dbc: No such file or directory",
+    "--set bus.interface=virtual": "--set bus.interface: `can load` does not use it",
+    "--set bus.background.load=0.00001": "less than one message a second",
+}
+MONITOR = {
+    "--log empty.log": "empty.log: holds no CAN frame",
+    "": "that bus exists within a run only",
+    "--speed 2": "--speed: goes with --log",
+    "--log empty.log --speed -1": "--speed -1: must be a number above 0",
+    "--for inf": "--for inf: must be a number above 0",
+    "--dbc missing.dbc": "missing.dbc: No such file",
+    "--set bus.interface=nonsense": "nonsense",
+}
+RECORD = {
+    "a.csv": "a log must end in .log, .asc, .blf, .trc, .mf4",
+    "good.log": "--overwrite",
+}
+REPLAY = {
+    "empty.log": "empty.log: holds no CAN frame",
+    "back.log": "back.log: time goes back at frame 2 (001), from 2.000000 to 1.000000 s",
+    "cut.blf": "cut.blf: ",
+    "good.log --only zz": "--only zz: must be identifiers in hexadecimal",
+    "good.log --only 7ff": "holds no CAN frame to send among its 4",
+    "good.log --speed 0": "--speed 0: must be a number above 0",
+    "good.log --speed 1e-9": "the replay would take",
+}
+SEND = {
+    "Pressure Pressure0=1e9": "must be in -3276.8..3276.7",
+    "": "name a message and its values, or give --raw",
+    "Pressure --raw 123#": "one of the two",
+    "--raw 12#": "must be ID#DATA",
+    "PressureSecured": "name its key with --set bus.key=FILE",
+    "PressureSecured --set bus.key=key.bin": "name its power cycle with --trip",
+    "PressureSecured --trip 2 --set bus.key=no.bin": "no.bin: cannot read the key",
+    "Pressure --trip 2": "Pressure has no freshness value",
+    "--raw 123# --trip 2": "--trip: goes with a message of the secured set",
+    "Pressure --set bus.key=key.bin": "is sent without authentication",
+    "PressureClassic --counter 16": "--counter 16: must be in 0..15 for PressureClassic",
+    "Pressure --period nan": "--period nan: must be a number above 0",
+    "Pressure --set bus.interface=simulated": "that bus exists within a run only",
+    "Pressure --set ecu.delay_steps=1": "`can send` does not use it",
+}
+
+
+def test_each_is_one_line(all_refused: Callable[..., None], peer: can.BusABC, tmp_path: Path) -> None:
+    write(tmp_path / "good.log", 1)
+    write(tmp_path / "cut.blf", 100)
+    (tmp_path / "cut.blf").write_bytes((tmp_path / "cut.blf").read_bytes()[:-100])
+    (tmp_path / "empty.log").touch()
+    (tmp_path / "back.log").write_text("(2.0) can0 001#\n(1.0) can0 001#\n")
+    (tmp_path / "folder").mkdir()
+    all_refused("can decode --summary", DECODE)
+    all_refused("can load", LOAD)
+    all_refused("can monitor", MONITOR)
+    all_refused(("can", "record", *VIRTUAL), RECORD)
+    all_refused(("can", "replay", *VIRTUAL), REPLAY)
+    all_refused(("can", "send", *VIRTUAL), SEND)
+    assert taken(peer) == []
