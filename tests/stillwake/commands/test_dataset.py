@@ -75,45 +75,28 @@ def test_show_lists_episodes_sensors_and_facts_and_draws(run: Run, made: Path, t
     assert "must end in .png" in errors
 
 
-def test_a_file_that_is_there_is_replaced_only_when_asked(run: Run, made: Path, files: list[object]) -> None:
-    before = made.read_bytes()
-    status, _, errors = run("import", made, *files)
-    assert status == 1
-    assert "--overwrite" in errors
-    assert made.read_bytes() == before
-    assert run("import", made, *files, "--reynolds", 90, "--overwrite")[0] == 0
+def test_a_file_that_is_there_is_replaced_only_when_asked_and_a_source_never(
+    cli: Callable[..., Outcome], refused: Callable[..., str], made: Path, files: list[object], tmp_path: Path
+) -> None:
+    call = ("dataset", "import")
+    assert "--overwrite" in refused(*call, made, *files)
+    assert cli(*call, made, *files, "--reynolds", 90, "--overwrite").code == 0
     assert dataset.read(made).plant.reynolds == 90.0
-
-
-def test_a_file_to_read_is_never_written(run: Run, files: list[object], tmp_path: Path) -> None:
     source = tmp_path / "held out.h5"
-    before = source.read_bytes()
-    status, _, errors = run("import", source, *files, "--overwrite")
-    assert (status, errors) == (1, f"error: {source}: is one of the files to read; give another name\n")
-    assert source.read_bytes() == before
-
-
-def test_a_data_set_is_named_as_one(run: Run, files: list[object], tmp_path: Path) -> None:
-    status, _, errors = run("import", tmp_path / "my.csv", *files)
-    assert status == 1
-    assert "a data set is an HDF5 file; its name must end in .h5 or .hdf5" in errors
-    assert not (tmp_path / "my.csv").exists()
-
-
-def test_nothing_is_written_unless_every_file_fits(run: Run, files: list[object], tmp_path: Path) -> None:
+    line = f"error: {source}: is one of the files to read; give another name\n"
+    assert refused(*call, source, *files, "--overwrite") == line
+    named = "a data set is an HDF5 file; its name must end in .h5 or .hdf5"
+    assert named in refused(*call, tmp_path / "my.csv", *files)
+    assert "--map Cl: write NAME=COLUMN" in refused(*call, tmp_path / "other.h5", *files, "--map", "Cl")
+    # Nothing is written unless every file fits.
     text = (tmp_path / "sweep.csv").read_text().splitlines()
     text[40] = text[40].replace(text[40].split(",")[3], "")
     (tmp_path / "sweep.csv").write_text("\n".join(text))
-    status, _, errors = run("import", tmp_path / "my.h5", *files)
-    assert status == 1
-    assert "sweep.csv: line 41, column 'Cl': '' is not a number" in errors
-    assert not (tmp_path / "my.h5").exists()
-    status, _, errors = run("import", tmp_path / "my.h5", *files, "--map", "Cl")
-    assert status == 1
-    assert "--map Cl: write NAME=COLUMN" in errors
+    line = refused(*call, tmp_path / "other.h5", *files)
+    assert "sweep.csv: line 41, column 'Cl': '' is not a number" in line
 
 
-def test_everything_that_is_wrong_is_said_at_once(run: Run, made: Path) -> None:
+def test_everything_that_is_wrong_is_reported_at_once(run: Run, made: Path) -> None:
     with h5py.File(made, "r+") as file:
         del file["episodes/calm"].attrs["provenance"]
         file["episodes/sweep/t"][...] = 2 * file["episodes/sweep/t"][...]

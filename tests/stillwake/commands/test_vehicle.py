@@ -17,31 +17,27 @@ VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=test-stillwak
 ORDINARY = ("--priority", "0")
 
 
-def multicast(number: int) -> tuple[str, ...]:
-    """A group of the test's own: nobody else is heard."""
-    return ("--set", "bus.interface=udp_multicast", "--set", f"bus.channel=239.74.163.{number}")
-
-
-def test_what_cannot_be_is_one_line(refused) -> None:
-    for arguments, named in (
-        ((), "bus.interface = simulated: it is in virtual time and connects nothing real"),
-        ((*VIRTUAL, "--live", "--episode", "x"), "--episode x: of a recording; does not go with --live"),
-        ((*VIRTUAL, "--live", "--from", "3"), "--from 3.0: of a recording; does not go with --live"),
-        ((*VIRTUAL, "--start", "x.npz"), "--start x.npz: where a live wake begins; needs --live"),
-        ((*VIRTUAL, "--slow-down", "inf"), "--slow-down inf: must be a number from 1 to 1000"),
-        ((*VIRTUAL, "--slow-down", "1e6"), "--slow-down 1e+06: must be a number from 1 to 1000"),
-        ((*VIRTUAL, "--enable-after", "inf"), "--enable-after inf: must be a number of seconds"),
-        ((*VIRTUAL, "--episode", "sine"), "episode 'sine': the data set has "),
-        ((*VIRTUAL, "--from", "1e5"), "control step 500000: episode training_1 has 0..4999"),
-        ((*VIRTUAL, "--from", "inf"), "--from inf: must be a number of t_c within the episode"),
-        ((*VIRTUAL, "--dataset", "none.h5"), "none.h5: no such dataset"),
-        ((*VIRTUAL, "--bundle", "none"), "none"),
-        ((*VIRTUAL, "--freshness", "x.json"), "--freshness x.json: nothing is authenticated without bus.key"),
-        ((*VIRTUAL, "--set", "mpc.horizon=3"), "`vehicle` does not use it"),
-        ((*VIRTUAL, "--stage-times", "/proc/nowhere/x.npz"), "/proc/nowhere"),
-        (("--set", "bus.interface=socketcan", "--set", "bus.channel=nocan7"), "CAN bus socketcan 'nocan7': "),
-    ):
-        assert named in refused("vehicle", "--periods", "3", *arguments), arguments
+def test_what_cannot_be_is_one_line(all_refused) -> None:
+    all_refused(
+        ("vehicle", "--periods", "3", *VIRTUAL),
+        {
+            "--set bus.interface=simulated": "bus.interface = simulated: it is in virtual time and connects nothing",
+            "--live --episode x": "--episode x: of a recording; does not go with --live",
+            "--live --from 3": "--from 3.0: of a recording; does not go with --live",
+            "--start x.npz": "--start x.npz: where a live wake begins; needs --live",
+            "--slow-down inf": "--slow-down inf: must be a number from 1 to 1000",
+            "--enable-after inf": "--enable-after inf: must be a number of seconds",
+            "--episode sine": "episode 'sine': the data set has ",
+            "--from 1e5": "control step 500000: episode training_1 has 0..4999",
+            "--from inf": "--from inf: must be a number of t_c within the episode",
+            "--dataset none.h5": "none.h5: no such dataset",
+            "--bundle none": "none",
+            "--freshness x.json": "--freshness x.json: nothing is authenticated without bus.key",
+            "--set mpc.horizon=3": "`vehicle` does not use it",
+            "--stage-times /proc/nowhere/x.npz": "/proc/nowhere",
+            "--set bus.interface=socketcan": "CAN bus socketcan 'test-stillwake-vehicle': ",
+        },
+    )
 
 
 @pytest.mark.slow  # waits for an ECU
@@ -74,7 +70,7 @@ def test_a_slower_vehicle_has_longer_periods_and_says_what_its_ecu_needs(cli) ->
 @pytest.mark.processes  # two of them, in real time
 def test_an_ecu_and_its_vehicle_on_one_bus(tmp_path: Path) -> None:
     """How far control gets in these seconds depends on what else the computer does; how both end does not."""
-    bus = multicast(201)
+    bus = ("--set", "bus.interface=udp_multicast", "--set", "bus.channel=239.74.163.201")
     ecu = _started("ecu", *bus)
     vehicle = _started("vehicle", *bus, "--enable-after", "0.5", "--json", str(tmp_path / "v.json"))
     try:

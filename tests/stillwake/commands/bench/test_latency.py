@@ -40,23 +40,18 @@ def test_commands_name_bundle_key_and_library(tmp_path):
     assert vehicle_command(subject, tmp_path, periods=7)[4:8] == ["--bundle", "/b", "--periods", "7"]
 
 
-def test_the_example_is_a_budget():
+def test_errors_are_one_line_and_leave_nothing(all_refused, short_release):
     assert read_budget(EXAMPLE).counts == {"misses_ours": 0}
-
-
-def test_errors_are_one_line_and_leave_nothing(cli, short_release, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for arguments, expected in (
-        (("--budget", "none.toml"), "budget none.toml: No such file"),
-        (("--set", "bus.interface=simulated"), "two processes need a bus"),
-        (("--set", "train.sensors=3"), "does not use it"),
-        (("--bundle", "nowhere"), "nowhere"),
-        (("--both", "--bundle", short_release), "--both: name the bundle's C library with --library"),
-    ):
-        found = cli("bench", "latency", "report", *arguments)
-        assert found.code == 1, arguments
-        assert expected in found.err and len(found.err.splitlines()) == 1, arguments
-        assert list(tmp_path.iterdir()) == [], arguments
+    all_refused(
+        ("bench", "latency", "report"),
+        {
+            "--budget none.toml": "budget none.toml: No such file",
+            "--set bus.interface=simulated": "two processes need a bus",
+            "--set train.sensors=3": "does not use it",
+            "--bundle nowhere": "nowhere",
+            f"--both --bundle {short_release}": "--both: name the bundle's C library with --library",
+        },
+    )
 
 
 @pytest.mark.processes

@@ -17,8 +17,6 @@ import pytest
 from contract.config.loading import load_config
 from contract.shipped import BUNDLE
 from firmware_sim.ecu.stepped import LoopEcu
-from firmware_sim.live.setting_words import changes as changes_of
-from firmware_sim.live.settings import LiveSettings
 from stillwake.parts import live_parts
 from stillwake.parts.live_parts import COMPILING, MAKING, Ecus, LiveLoop, controllers, plants
 from stillwake.parts.releases import open_release
@@ -30,14 +28,11 @@ def missing_of(choices, name: str) -> str | None:
     return next(choice["missing"] for choice in choices if choice["name"] == name)
 
 
-def test_here_everything_can_be_chosen():
-    offered = [*controllers(open_release(None, None), None), *plants()]
+def test_here_everything_can_be_chosen_by_a_label_with_the_bundles_kind_and_precision():
+    release = open_release(None, None)
+    offered = [*controllers(release, None), *plants()]
     assert [choice["name"] for choice in offered] == ["int8", "c", "cortex-m7", "off", "wake", "recording"]
     assert [choice["missing"] for choice in offered] == [None] * 6
-
-
-def test_the_label_of_the_controller_names_kind_and_precision_of_the_bundle():
-    release = open_release(None, None)
     for changes, label in (
         ({"precision": "int8"}, "ECU in Python, int8 ONNX graph"),
         ({"precision": "float32"}, "ECU in Python, float32 ONNX graph"),
@@ -47,10 +42,6 @@ def test_the_label_of_the_controller_names_kind_and_precision_of_the_bundle():
         other: Any = SimpleNamespace(manifest=manifest, digest=release.digest)
         (shown, *_) = controllers(other, None)
         assert shown["label"] == label
-        # What a viewer sets is listed by the same words.
-        before, now = LiveSettings(controller="off"), LiveSettings(controller="int8")
-        texts = list(changes_of(before, now, release.manifest.mpc.weights, {shown["name"]: shown["label"]}))
-        assert texts == [f"controller: {label}"]
 
 
 def test_a_choice_names_the_extra_that_it_lacks(monkeypatch):
@@ -66,13 +57,10 @@ def test_a_choice_names_the_extra_that_it_lacks(monkeypatch):
         assert missing_of(offered, "int8") is None, lacking
 
 
-def test_the_library_of_a_bundle_of_ones_own_must_be_named(short_release):
+def test_an_ecu_in_c_needs_the_bundles_library_and_a_compiler(short_release, monkeypatch):
     release = open_release(short_release, None)
     assert "--library" in str(missing_of(controllers(release, None), "c"))
     assert missing_of(controllers(release, Path("any")), "c") is None
-
-
-def test_without_compiler_there_is_no_ecu_in_c_on_this_machine(monkeypatch):
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setattr("firmware_sim.in_c.compiler.zig_compiler", lambda: None)
@@ -133,41 +121,27 @@ def test_the_loop_goes_on_while_an_ecu_in_c_is_made_and_waits_for_nothing_else(t
         assert looped()[0].before(other) is None, other
 
 
-def test_errors_are_one_line_and_leave_nothing(cli, tmp_path, monkeypatch):
-    for arguments, says in [
-        (("--controller", "m7"), "live setting controller = 'm7': must be one of int8, c"),
-        (("--plant", "openfoam"), "must be one of wake, recording"),
-        (("--set", "bus.key=k"), "does not use it"),
-        (("--set", "mpc.horizon=9"), "does not use it"),
-        (("--bundle", "nowhere"), "nowhere"),
-        (("--saves", "file"), "it is a file"),
-        (("--host", "x" * 300), "no name of a machine"),
-    ]:
-        monkeypatch.chdir(tmp_path)
-        (tmp_path / "file").touch()
-        found = cli("bench", "serve", *arguments)
-        assert found.code == 1, arguments
-        assert says in found.err, arguments
-        assert len(found.err.splitlines()) == 1, arguments
-        assert [path.name for path in tmp_path.iterdir()] == ["file"], arguments
+def test_errors_are_one_line_and_leave_nothing(all_refused, tmp_path):
+    (tmp_path / "file").touch()
+    all_refused(
+        "bench serve",
+        {
+            "--controller m7": "live setting controller = 'm7': must be one of int8, c",
+            "--plant openfoam": "must be one of wake, recording",
+            "--set bus.key=k": "does not use it",
+            "--set mpc.horizon=9": "does not use it",
+            "--bundle nowhere": "nowhere",
+            "--saves file": "it is a file",
+            f"--host {'x' * 300}": "no name of a machine",
+        },
+    )
 
 
-def test_a_port_in_use_is_one_line_with_what_to_do(cli):
+def test_a_port_in_use_is_one_line_with_what_to_do(refused):
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        found = cli("bench", "serve", "--port", taken.getsockname()[1])
-    assert found.code == 1
-    assert "in use" in found.err
-    assert "--port" in found.err
-    assert len(found.err.splitlines()) == 1
-
-
-def test_without_its_extra_it_names_it(cli, monkeypatch):
-    for name in [name for name in sys.modules if name.startswith(("firmware_sim.live", "tornado"))]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "tornado", None)
-    found = cli("bench", "serve")
-    assert found.code == 1
-    assert "this command needs tornado: pip install 'stillwake[sim]'" in found.err
+        line = refused("bench", "serve", "--port", taken.getsockname()[1])
+    assert "in use" in line
+    assert "--port" in line
 
 
 @pytest.mark.processes
