@@ -47,16 +47,16 @@ def test_decode_and_monitor_check_the_mac_with_a_key_and_report_without_one(
             ["not checked"] * 4,
         ),
     ):
-        setting = () if key is None else ("--set", f"bus.key={tmp_path / key}")
+        used = () if key is None else ("--set", f"bus.key={tmp_path / key}")
         table, figures = tmp_path / "a.csv", tmp_path / "a.json"
-        decoded = cli("can", "decode", log, "--json", figures, "--csv", table, "--overwrite", *setting)
+        decoded = cli("can", "decode", log, "--json", figures, "--csv", table, "--overwrite", *used)
         assert decoded.code == 0, decoded.err
         (message,) = json.loads(figures.read_text())["figures"]["messages"]
         assert (message["checks"], message["mac_checked"]) == (counts, key is not None)
         assert ("MAC not checked: name the key" in decoded.out) is (key is None)
         assert [line.rpartition("[")[2] for line in decoded.out.splitlines() if "PressureSecured:" in line] == ends
         assert [row["mac"] for row in rows_of(table, "Pressure0")] == macs
-        seen = cli("can", "monitor", "--log", log, "--once", *setting)
+        seen = cli("can", "monitor", "--log", log, "--once", *used)
         assert seen.code == 0, seen.err
         assert f" lost, {4 - counts.get('OK', 0)} refused" in seen.out, key
         assert list(counts)[-1] in flat(seen.out), key
