@@ -62,15 +62,14 @@ class Rig:
         self.connection = Connection(self.open_bus, self.inbox.put, first_pause_s=0.01)
         self.connection.__enter__()
         self.stages = StageTimes(EcuStage, 1000)
-        self.told: list[str] = []
-        self.lines: list[str] = []
+        self.events: list[str] = []
         self.loop = ControlLoop(
             self.ecu,
             self.timed.times,
             self.connection,
             self.inbox,
             self.config,
-            tell=self.tell,
+            tell=lambda event, line, **fields: self.events.append(event),
             stage_times=self.stages,
             real_time=RealTime(now_ns=lambda: self.now, sleep_until=self.sleep_until),
         )
@@ -87,10 +86,6 @@ class Rig:
         backend = can.Bus(interface="virtual", channel=self.bus_config.channel, protocol=protocol)
         self.opened.append(backend)
         return PythonCanBus(backend, accept={PRESSURE.frame_id, JET_COMMAND.frame_id})
-
-    def tell(self, name: str, line: str, **fields) -> None:
-        self.told.append(name)
-        self.lines.append(line)
 
     def sleep_until(self, due_ns: int) -> None:
         while True:

@@ -1,9 +1,7 @@
 """A bus that goes and comes back: a serial adapter on a pseudo-terminal, pulled out and plugged in again."""
 
 import os
-import time
 from contextlib import suppress
-from itertools import count
 from pathlib import Path
 
 import can
@@ -18,21 +16,14 @@ from firmware_sim.ecu.daemon.connection import Back, Connection, Lost
 from tests.can_bridge.bus.backends.ptys import adapter
 from tests.firmware_sim.ecu.daemon.conftest import wait_for
 
-CHANNELS = count()
 FRAME = Frame(frame_id=0x130, data=bytes(8))
 LINE = b"b12091122334455667788990A0B0C\r"
 
 
 def changed(connection: Connection) -> Lost | Back:
-    found: list[Lost | Back] = []
-
-    def looked() -> bool:
-        if (change := connection.look()) is not None:
-            found.append(change)
-        return bool(found)
-
-    wait_for(looked)
-    return found[0]
+    changes: list[Lost | Back] = []
+    wait_for(lambda: (change := connection.look()) is not None and not changes.append(change))
+    return changes[0]
 
 
 def test_a_serial_adapter_that_is_pulled_out_and_plugged_in_again(tmp_path: Path):
@@ -71,43 +62,24 @@ def test_a_serial_adapter_that_is_pulled_out_and_plugged_in_again(tmp_path: Path
         connection.__exit__(None, None, None)
 
 
-def virtual() -> tuple[list[can.BusABC], Connection]:
-    channel, opened = f"connection-{next(CHANNELS)}", list[can.BusABC]()
-
-    def opens() -> PythonCanBus:
-        opened.append(can.Bus(interface="virtual", channel=channel, protocol=can.CanProtocol.CAN_FD))
-        return PythonCanBus(opened[-1])
-
-    return opened, Connection(opens, lambda frame: None, first_pause_s=0.01)
-
-
 def test_a_bus_that_cannot_be_opened_at_the_start_is_an_error():
     connection = Connection(lambda: PythonCanBus.open(BusConfig(interface="socketcan", channel="no0")), print)
     with pytest.raises(BusError, match="socketcan 'no0'"), connection:
         pass
 
 
-def test_it_ends_at_once_while_a_lost_bus_is_being_waited_for():
-    """The pause before the next attempt is far longer than a test is given."""
-    opened, connection = virtual()
-    connection._first_pause_s = 3600.0
-    with connection:
-        opened[-1].shutdown()
-        assert isinstance(changed(connection), Lost)
-        begin = time.monotonic()
-    assert time.monotonic() - begin < 600.0
-    assert len(opened) == 1
-
-
-def test_attempts_come_ever_more_rarely(monkeypatch):
+def test_attempts_come_ever_more_rarely_and_end_with_the_connection(monkeypatch):
     waits: list[float] = []
-    opened, connection = virtual()
+    opened = [can.Bus(interface="virtual", channel="rarely", protocol=can.CanProtocol.CAN_FD)]
+    connection = Connection(lambda: PythonCanBus(opened[-1]), print, first_pause_s=0.01)
 
     def waited(pause_s: float) -> bool:
         waits.append(pause_s)
-        return len(waits) > 12
+        # The last one for real: its pause is far longer than the end takes.
+        return len(waits) > 12 and wait(3600.0)
 
     with connection:
+        wait = connection._closing.wait
         monkeypatch.setattr(connection, "_open", lambda: PythonCanBus.open(BusConfig(interface="socketcan")))
         monkeypatch.setattr(connection._closing, "wait", waited)
         opened[-1].shutdown()

@@ -43,7 +43,7 @@ def slow(rig_of):
     return controller
 
 
-@each("phase_ms", [0, 1, 7, 13, 19])
+@each("phase_ms", [0, 7, 19])
 def test_steps_come_to_lie_the_offset_behind_the_pressures(rig_of, phase_ms):
     rig = rig_of(phase_ns=phase_ms * MS, step_offset_ms=4.0)
     rig.run(60)
@@ -52,16 +52,6 @@ def test_steps_come_to_lie_the_offset_behind_the_pressures(rig_of, phase_ms):
     # Never by leaps: between two steps there is a period, but for a 32nd.
     gaps = np.diff(rig.column(EcuStage.SCHEDULED))
     assert np.abs(gaps - PERIOD).max() <= PERIOD // 32
-
-
-def test_pressures_that_are_late_by_less_than_the_offset_cost_nothing(rig):
-    rig.into_control()
-    missed = rig.ecu.state.missed
-    rng = np.random.default_rng(1)
-    rig.delay = lambda number: int(rng.integers(0, 3 * MS))
-    rig.run(200)
-    assert rig.ecu.state.missed == missed
-    assert {command.mode for command in rig.commands[-200:]} == {Mode.CONTROL}
 
 
 @pytest.mark.parametrize("behind_ms", [1, 10])
@@ -119,16 +109,18 @@ def test_another_ecu_on_the_bus_shuts_the_jets(rig):
     content = codec.emit_jet_command(
         JetCommand(flow_m2_per_s=1.0, mode=Mode.CONTROL, enable=True, pressure_counter=3, next_period=True)
     )
-    for _ in range(5):
+    for number in range(40):
+        # An edge does not arm while it is there.
+        rig.request = number % 20 > 3
         rig.pending.append((rig.next_sample + MS, other.frame(content, now_ns=rig.now)))
         rig.run(1)
-    assert rig.told.count("other_ecu") == 1
-    assert {(c.mode, c.enable, c.flow_m2_per_s) for c in rig.commands[-4:]} == {(Mode.FAULT, False, 0.0)}
+    assert rig.events.count("other_ecu") == 1
+    assert {(c.mode, c.enable, c.flow_m2_per_s) for c in rig.commands[-38:]} == {(Mode.FAULT, False, 0.0)}
     assert rig.statuses[-1].reason is Reason.OTHER_ECU
-    assert rig.loop.counters.other_ecu == 5
+    assert rig.loop.counters.other_ecu == 40
     # Its silence alone gives nothing back.
     rig.run(100)
-    assert rig.told.count("other_ecu_gone") == 1
+    assert rig.events.count("other_ecu_gone") == 1
     modes = [rig.commands[-1].mode]
     rig.request = False
     rig.run(2)
@@ -137,22 +129,12 @@ def test_another_ecu_on_the_bus_shuts_the_jets(rig):
     assert [*modes, rig.commands[-1].mode] == [Mode.FAULT, Mode.CONTROL]
 
 
-def test_an_edge_does_not_arm_while_the_other_ecu_is_there(rig):
-    rig.into_control()
-    other = E2eSender(JET_COMMAND).frame(bytes(8), now_ns=0)
-    for number in range(60):
-        rig.request = number % 20 > 3
-        rig.pending.append((rig.next_sample + MS, other))
-        rig.run(1)
-    assert {command.enable for command in rig.commands[-58:]} == {False}
-
-
-def test_a_lost_bus_is_told_opened_again_and_gives_no_control_back_by_itself(rig):
+def test_a_lost_bus_is_logged_opened_again_and_gives_no_control_back_by_itself(rig):
     rig.into_control()
     rig.opened[-1].shutdown()
     wait_for(lambda: not rig.hears)
     rig.loop.period()
-    assert rig.told[-2:] == ["bus_lost", "mode"]
+    assert rig.events[-2:] == ["bus_lost", "mode"]
     state = rig.ecu.state
     assert (state.fail_safe.mode.on_wire, state.fail_safe.reason) == (Mode.FAULT, Reason.BUS_OFF)
     assert rig.ecu.trace.action == 0.0
@@ -160,7 +142,7 @@ def test_a_lost_bus_is_told_opened_again_and_gives_no_control_back_by_itself(rig
     # The thread that opened it hands it over after that.
     wait_for(lambda: not rig.connection._opener.is_alive())
     rig.run(40)
-    assert rig.told.count("bus_back") == 1
+    assert rig.events.count("bus_back") == 1
     assert (rig.statuses[-1].state, rig.statuses[-1].bus_off) == (Mode.FAULT, 1)
     assert not any(command.enable for command in rig.commands[-30:])
     assert rig.actions[-1] == 0.0
@@ -182,14 +164,6 @@ def test_the_end_shuts_the_jets_on_the_bus(rig):
     assert rig.actions[-1] == 0.0
     # A period lies between two of them, so that a receiver that takes one a period takes each.
     assert rig.vehicle.frames_rejected == 0
-
-
-def test_it_stops_when_asked_and_after_so_many_steps(rig):
-    asked = iter([False, False, True])
-    rig.loop.run(lambda: next(asked))
-    assert rig.loop.counters.steps == 2
-    rig.loop.run(lambda: False, 5)
-    assert rig.loop.counters.steps == 5
 
 
 def test_frames_that_the_bus_does_not_take_are_counted_and_the_loop_goes_on(rig, monkeypatch):
