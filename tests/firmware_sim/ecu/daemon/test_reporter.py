@@ -1,4 +1,4 @@
-"""What is told of the ECU, and what comes of it where nothing can be written."""
+"""What is reported of the ECU, and what comes of it where nothing can be written."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,14 +24,6 @@ def counters() -> Counters:
     return Counters(state=EcuState.power_on(window=4, sensors=4, horizon=5, delay=1), steps=3)
 
 
-def test_everything_is_told_in_order_before_it_ends():
-    lines: list[str] = []
-    with Reporter(lines.append, by_name, bundle="") as reporter:
-        for number in range(100):
-            reporter.tell("a", str(number))
-    assert lines == [f"a: {number}" for number in range(100)]
-
-
 def test_a_full_disk_under_the_log_costs_lines_and_nothing_else(tmp_path: Path, counters: Counters):
     metrics = tmp_path / "ecu.prom"
     with open("/dev/full", "w") as full:
@@ -49,7 +41,7 @@ def test_a_full_disk_under_the_log_costs_lines_and_nothing_else(tmp_path: Path, 
             full.close()
 
 
-def test_a_file_of_counters_that_cannot_be_written_is_told_once_and_once_when_it_can(tmp_path, counters):
+def test_a_file_of_counters_that_cannot_be_written_is_reported_once_and_once_when_it_can(tmp_path, counters):
     lines: list[str] = []
     folder = tmp_path / "metrics"
     folder.write_text("a file where a folder must be")
@@ -69,15 +61,17 @@ def test_a_file_of_counters_that_cannot_be_written_is_told_once_and_once_when_it
     assert [path.name for path in folder.iterdir()] == ["ecu.prom"]
 
 
-def test_what_happens_every_period_is_a_line_an_interval(counters):
+def test_what_happens_every_period_is_a_line_an_interval_and_all_is_written_before_it_ends(counters):
     lines: list[str] = []
     with Reporter(lines.append, by_name, bundle="", interval_s=3600.0) as reporter:
         for left_out in range(1, 50):
+            reporter.tell("a", str(left_out))
             reporter.counters = replace(counters, left_out=left_out, not_sent=2 * left_out)
-    assert lines == ["left_out: 49 periods left out, 49 in all", "not_sent: 98 frames not sent, 98 in all"]
+    left_out_line = "left_out: 49 periods left out, 49 in all"
+    assert lines == [*(f"a: {n}" for n in range(1, 50)), left_out_line, "not_sent: 98 frames not sent, 98 in all"]
 
 
-def test_what_must_be_kept_and_cannot_is_told(counters):
+def test_what_must_be_kept_and_cannot_is_reported(counters):
     lines: list[str] = []
 
     def keep(given: Counters) -> None:

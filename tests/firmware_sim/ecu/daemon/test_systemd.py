@@ -3,6 +3,7 @@
 import os
 import socket
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -21,39 +22,35 @@ class Systemd:
         self._socket.setblocking(False)
 
     def heard(self) -> list[str]:
-        found = []
-        while True:
-            try:
-                found.append(self._socket.recv(4096).decode())
-            except BlockingIOError:
-                return found
+        messages = []
+        with suppress(BlockingIOError):
+            while True:
+                messages.append(self._socket.recv(4096).decode())
+        return messages
 
     def close(self) -> None:
         self._socket.close()
 
 
-@pytest.fixture(params=["path", "abstract"])
-def systemd(request, tmp_path: Path) -> Iterator[Systemd]:
-    address = str(tmp_path / "notify") if request.param == "path" else f"@stillwake-test-{os.getpid()}"
-    end = Systemd(address)
+@pytest.fixture
+def systemd(tmp_path: Path) -> Iterator[Systemd]:
+    end = Systemd(str(tmp_path / "notify"))
     yield end
     end.close()
 
 
-def test_a_status_of_several_lines_is_one_assignment(systemd):
-    Notifier({"NOTIFY_SOCKET": systemd.address}, pid=1).status("bus lost:\nREADY=1")
-    assert systemd.heard() == ["STATUS=bus lost: READY=1"]
-
-
-def test_it_says_what_the_protocol_has(systemd):
-    notifier = Notifier({"NOTIFY_SOCKET": systemd.address}, pid=1)
-    notifier.ready("OFF")
-    notifier.status("CONTROL")
-    notifier.stopping()
-    assert systemd.heard() == ["READY=1\nSTATUS=OFF", "STATUS=CONTROL", "STOPPING=1"]
-    notifier.close()
-    notifier.status("too late")
-    assert systemd.heard() == []
+def test_it_sends_what_the_protocol_has(tmp_path):
+    for address in (str(tmp_path / "notify"), f"@stillwake-test-{os.getpid()}"):
+        systemd = Systemd(address)
+        notifier = Notifier({"NOTIFY_SOCKET": address}, pid=1)
+        notifier.ready("OFF")
+        # A status of several lines is one assignment.
+        notifier.status("bus lost:\nREADY=1")
+        notifier.stopping()
+        notifier.close()
+        notifier.status("too late")
+        assert systemd.heard() == ["READY=1\nSTATUS=OFF", "STATUS=bus lost: READY=1", "STOPPING=1"], address
+        systemd.close()
 
 
 def test_signs_of_life_come_four_times_an_interval_and_only_by_steps(systemd):
@@ -68,19 +65,17 @@ def test_signs_of_life_come_four_times_an_interval_and_only_by_steps(systemd):
     assert "WATCHDOG=1" not in systemd.heard()
 
 
-@pytest.mark.parametrize(
+@each(
     "environment",
-    [{}, {"WATCHDOG_USEC": "1000", "WATCHDOG_PID": "8"}, {"WATCHDOG_USEC": "soon"}, {"WATCHDOG_USEC": "0"}],
+    [
+        *({"NOTIFY_SOCKET": "here"} | item for item in ({}, {"WATCHDOG_USEC": "1000", "WATCHDOG_PID": "8"})),
+        *({"NOTIFY_SOCKET": "here", "WATCHDOG_USEC": item} for item in ("soon", "0")),
+        *({}, {"NOTIFY_SOCKET": ""}, {"NOTIFY_SOCKET": "vsock:2:1"}),
+    ],
 )
-def test_without_a_watchdog_of_this_process_there_are_none(systemd, environment):
-    notifier = Notifier({"NOTIFY_SOCKET": systemd.address} | environment, pid=7)
+def test_without_systemd_or_a_watchdog_of_this_process_there_are_none(systemd, environment):
+    here = {name: systemd.address if value == "here" else value for name, value in environment.items()}
+    notifier = Notifier(here, pid=7)
     notifier.came_through(10**12)
-    assert systemd.heard() == []
-
-
-@each("environment", [{}, {"NOTIFY_SOCKET": ""}, {"NOTIFY_SOCKET": "vsock:2:1"}])
-def test_without_systemd_it_says_nothing(environment):
-    notifier = Notifier(environment, pid=1)
-    notifier.ready("OFF")
-    notifier.came_through(1)
     notifier.close()
+    assert systemd.heard() == []
