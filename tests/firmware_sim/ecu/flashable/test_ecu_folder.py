@@ -30,8 +30,13 @@ def made(tmp_path: Path, **changes):
     return provision(tmp_path / "ecu", **{**arguments, **changes})
 
 
-def test_what_is_made_can_be_read(tmp_path: Path) -> None:
+def test_what_is_made_can_be_read_and_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "ecu").mkdir()
     folder = made(tmp_path)
+    before = {path: path.read_bytes() for path in (tmp_path / "ecu").iterdir()}
+    with pytest.raises(OutputError, match="is there already"):
+        made(tmp_path, image=None)
+    assert {path: path.read_bytes() for path in (tmp_path / "ecu").iterdir()} == before
     assert folder == read_folder(tmp_path / "ecu")
     assert (folder.hardware, folder.serial, folder.root) == ("bench", "42", signing.public_key(ROOT))
     assert read_folder(tmp_path / "ecu", hardware="other").hardware == "other"
@@ -53,28 +58,15 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
         assert not (tmp_path / "ecu").exists(), words
 
 
-def test_nothing_is_overwritten(tmp_path: Path) -> None:
-    (tmp_path / "ecu").mkdir()
+def test_one_process_runs_it_and_another_identity_or_folder_is_no_ecu(tmp_path: Path) -> None:
     made(tmp_path)
-    before = {path: path.read_bytes() for path in (tmp_path / "ecu").iterdir()}
-    with pytest.raises(OutputError, match="is there already"):
-        made(tmp_path, image=None)
-    assert {path: path.read_bytes() for path in (tmp_path / "ecu").iterdir()} == before
-
-
-def test_another_identity_or_folder_is_no_ecu(tmp_path: Path) -> None:
-    made(tmp_path)
+    with held(tmp_path / "ecu"), pytest.raises(ConfigError, match="another process"), held(tmp_path / "ecu"):
+        pass
+    with held(tmp_path / "ecu"):
+        pass
     for raw in (b"", b"{}", b'{"schema": "stillwake-ecu/2", "hardware": "a", "serial": "b"}', b"\xff"):
         (tmp_path / "ecu" / IDENTITY).write_bytes(raw)
         with pytest.raises(ConfigError, match=IDENTITY):
             read_folder(tmp_path / "ecu")
     with pytest.raises(ConfigError, match="stillwake ecu provision"):
         read_folder(tmp_path)
-
-
-def test_one_process_runs_it(tmp_path: Path) -> None:
-    made(tmp_path)
-    with held(tmp_path / "ecu"), pytest.raises(ConfigError, match="another process"), held(tmp_path / "ecu"):
-        pass
-    with held(tmp_path / "ecu"):
-        pass
