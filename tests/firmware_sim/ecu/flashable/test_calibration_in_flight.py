@@ -121,30 +121,7 @@ def test_the_jets_keep_a_narrower_limit_from_the_next_period_on(rig: Rig) -> Non
     rig.run(200)
     assert actions(rig)[-1] == pytest.approx(LIMIT / 3, rel=1e-2)
     assert values(rig)["action_limit"] == pytest.approx(LIMIT / 3)
-    good_xcp(rig, b"\xeb\x01\x00\x01")
-    rig.run(100)
-    # Half of a value is not used.
-    good_xcp(rig, b"\xeb\x83\x00\x00")
-    good_xcp(rig, b"\xe4\x00\x01\x00\x00")
-    good_xcp(rig, b"\xf6\x00\x00\x00" + place("action_limit"))
-    good_xcp(rig, b"\xf0\x02" + struct.pack("<f", LIMIT / 3)[:2])
-    half = len(rig.commands)
-    rig.run(100)
-    assert actions(rig, half) == pytest.approx([LIMIT] * len(actions(rig, half)), rel=1e-3)
     assert {command.mode for command in rig.commands[before:]} == {Mode.CONTROL}
-
-
-def test_nothing_wider_and_nothing_without_the_key(rig: Rig) -> None:
-    rig.good(b"\x10\x03")
-    own = rig.good(READ)[3:]
-    assert rig.ask(WRITE + own) == b"\x7f\x2e\x33"
-    rig.unlock(Level.CALIBRATION)
-    assert rig.ask(WRITE + VALUES.pack(*(0.0,) * 7, 0.0751, LIMIT, 0)) == b"\x7f\x2e\x31"
-    good_xcp(rig, b"\xff\x00")
-    assert write_xcp(rig, "action_limit", LIMIT / 2) == b"\xfe\x25"
-    connect(rig)
-    assert write_xcp(rig, "action_limit", 0.0751) == b"\xfe\x22"
-    assert rig.good(READ)[3:] == own
 
 
 @pytest.mark.slow
@@ -177,9 +154,7 @@ def test_it_is_stored_with_the_jets_shut_and_kept_with_its_release(rig: Rig) -> 
     rig.good(DROP)
     rig.power_on()
     assert values(rig)["lift"] == pytest.approx(own)
-
-
-def test_one_that_the_vehicle_no_longer_allows_is_logged_and_not_used(rig: Rig) -> None:
+    # One that the vehicle no longer allows is logged and not used.
     unlock(rig)
     write(rig, command_step=0.07)
     rig.good(STORE)

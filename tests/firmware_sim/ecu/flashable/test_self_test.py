@@ -14,7 +14,6 @@ from firmware_sim.ecu.flashable.self_test import self_test
 from firmware_sim.ecu.flashable.vehicle_fit import VehicleFit
 from tests.firmware_sim.conftest import RecordingController
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import (
-    CONFIRM_ROUTINE,
     REVERT,
     SELF_TEST,
     Rig,
@@ -74,15 +73,6 @@ def test_a_release_that_fails_it_is_logged_and_can_be_given_up(tmp_path: Path) -
     rig.reset()
     assert rig.ecu.boot.bundle is not None
     assert rig.ecu.boot.bundle.manifest.name == "first"
-
-
-def test_without_a_release_there_is_none(tmp_path: Path) -> None:
-    provision(tmp_path / "ecu", None)
-    rig = Rig(tmp_path / "ecu")
-    rig.programming()
-    assert rig.ask(SELF_TEST)[2] == 0x22
-    assert rig.ask(CONFIRM_ROUTINE)[2] == 0x24
-    assert rig.ask(b"\x22\xfd\x10")[2] == 0x31
 
 
 @pytest.mark.slow
