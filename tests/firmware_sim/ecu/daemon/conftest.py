@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from itertools import count
+from typing import Any
 
 import can
 import numpy as np
@@ -31,11 +32,13 @@ NAMES = ("upper_39", "lower_39", "base_0", "base_9")
 START_NS = 10**12
 
 
-def wait_for(condition: Callable[[], object]) -> None:
+def wait_for(condition: Callable[[], Any]) -> Any:
+    """Its value as soon as it holds."""
     begin = time.monotonic()
-    while not condition():
+    while not (value := condition()):
         assert time.monotonic() - begin < PATIENCE_S, "it did not happen"
         time.sleep(0.001)
+    return value
 
 
 class Rig:

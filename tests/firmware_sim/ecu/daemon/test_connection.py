@@ -20,12 +20,6 @@ FRAME = Frame(frame_id=0x130, data=bytes(8))
 LINE = b"b12091122334455667788990A0B0C\r"
 
 
-def changed(connection: Connection) -> Lost | Back:
-    changes: list[Lost | Back] = []
-    wait_for(lambda: (change := connection.look()) is not None and not changes.append(change))
-    return changes[0]
-
-
 def test_a_serial_adapter_that_is_pulled_out_and_plugged_in_again(tmp_path: Path):
     port = tmp_path / "ttyACM0"
     config = BusConfig(interface="slcan", channel=str(port))
@@ -41,7 +35,7 @@ def test_a_serial_adapter_that_is_pulled_out_and_plugged_in_again(tmp_path: Path
         assert connection.look() is None
         os.close(first.fd)
         port.unlink()
-        lost = changed(connection)
+        lost = wait_for(connection.look)
         assert isinstance(lost, Lost)
         assert "CAN bus failed" in lost.why
     assert connection.is_lost
@@ -51,7 +45,7 @@ def test_a_serial_adapter_that_is_pulled_out_and_plugged_in_again(tmp_path: Path
     assert connection.look() is None
     with adapter() as second:
         port.symlink_to(second.port)
-        back = changed(connection)
+        back = wait_for(connection.look)
         assert isinstance(back, Back)
         assert back.after_s > 0.0
         assert (connection.health().state, connection.health().bus_off) == (BusState.ERROR_ACTIVE, 1)
@@ -83,7 +77,7 @@ def test_attempts_come_ever_more_rarely_and_end_with_the_connection(monkeypatch)
         monkeypatch.setattr(connection, "_open", lambda: PythonCanBus.open(BusConfig(interface="socketcan")))
         monkeypatch.setattr(connection._closing, "wait", waited)
         opened[-1].shutdown()
-        assert isinstance(changed(connection), Lost)
+        assert isinstance(wait_for(connection.look), Lost)
         wait_for(lambda: len(waits) == 13)
     assert waits[:4] == [0.01, 0.02, 0.04, 0.08]
     assert waits[-1] == 5.0
