@@ -1,18 +1,27 @@
-"""A plant of two numbers, and everything around one loop in virtual time on a simulated bus."""
+"""A plant of two numbers, one loop in virtual time around it, and whole runs of that with what was seen of them."""
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import cos
+from typing import Any
 
 import numpy as np
 
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
+from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from contract import sensors
 from contract.config.tree import Config
+from firmware_sim.bench.disturbances import Disturbances
+from firmware_sim.bench.simulation import Simulation
+from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.ecu import Ecu
+from firmware_sim.runs.run_log import WALL, RunLog
+from tests.firmware_sim.conftest import RecordingController, make_bundle
 from wake.plant.sample import Sample
 
 NAMES = ("upper_39", "lower_39", "base_0", "base_9")
@@ -138,3 +147,51 @@ class Harness:
         """The substep in which the ramp began, by period; 0 where it began at once."""
         late = {period: substep for period, substep, action in self.plant.asked if action is None}
         return {period: late.get(period, 0) for period in range(self.plant.period)}
+
+
+SPANS = Spans(lead_in=2.0, controlled=10.0, settle=0.0, averages=False)
+"""10 periods and 50 of 20 ms; control from 0.2 s on, with a window of four periods."""
+
+
+class Waves(RecordingController):
+    """Plans a wave as high as the limit."""
+
+    description = "waves"
+
+    def __init__(self) -> None:
+        steps = iter(range(10**6))
+        super().__init__(lambda i: 0.075 * cos(next(steps) / 7))
+
+    def warm_up(self, steps: int) -> None:
+        """Nothing to be done."""
+
+
+class Run:
+    """A whole run on an oscillator with disturbances, and what was seen of it."""
+
+    def __init__(self, *texts: str, seed: int = 0, config: Config | None = None, plant: Any = None) -> None:
+        config = Config() if config is None else config
+        self.plant = LiveOscillator(config) if plant is None else plant
+        self.frames: list[Frame] = []
+        self.controller = Waves()
+        self.log: RunLog = Simulation(
+            make_bundle(),
+            config,
+            spans=SPANS,
+            controller=self.controller,
+            disturbances=Disturbances.parse(texts),
+            seed=seed,
+        ).run(self.plant, capture=self.frames.append)
+        self.acted = [one.acted for one in self.log.metadata.faults]
+        self.pressures = [codec.parse_pressure(frame.data) for frame in self.of(PRESSURE)]
+        self.commands = [codec.parse_jet_command(frame.data) for frame in self.of(JET_COMMAND)]
+        self.statuses = [codec.parse_ecu_status(frame.data) for frame in self.of(ECU_STATUS)]
+        self.read = np.array([pressure.pressure_pa for pressure in self.pressures if pressure is not None])
+        """(n, 4) Pa, as the vehicle sent them."""
+        self.wall = self.log.series[WALL] * config.operating_point.dynamic_pressure
+        """(n, 4) Pa, as they were."""
+        self.modes = self.log.series["mode"].astype(int)
+        self.reasons = self.log.series["reason"].astype(int)
+
+    def of(self, spec) -> list[Frame]:
+        return [frame for frame in self.frames if frame.frame_id == spec.frame_id]

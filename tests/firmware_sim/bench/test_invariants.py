@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import cos
+from functools import partial
 from typing import Any
 
 import pytest
@@ -20,31 +20,13 @@ from firmware_sim.bench.command_losses import CommandLosses
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.invariants import Invariants
 from firmware_sim.bench.simulation import simulate
-from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode
 from tests.each import each
 from tests.examples import examples
-from tests.firmware_sim.bench.harness import LiveOscillator
-from tests.firmware_sim.conftest import RecordingController, make_bundle
-
-SPANS = Spans(lead_in=2.0, controlled=10.0, settle=0.0, averages=False)
-"""10 periods and 50: 0.2 s and 1 s."""
-
-
-class Waves(RecordingController):
-    """Plans a wave as high as the limit."""
-
-    description = "waves"
-
-    def __init__(self) -> None:
-        steps = iter(range(10**6))
-        super().__init__(lambda i: 0.075 * cos(next(steps) / 7))
-
-    def warm_up(self, steps: int) -> None:
-        """Nothing to be done."""
-
+from tests.firmware_sim.bench.harness import SPANS, LiveOscillator, Waves
+from tests.firmware_sim.conftest import make_bundle
 
 DEFAULT = Config()
 
@@ -84,8 +66,8 @@ CONFIGS = {
 
 @each("config", CONFIGS.values())
 def test_a_sound_run_breaks_nothing_and_moves_the_jets(config):
-    found, log = violations(config=config)
-    assert found == []
+    broken, log = violations(config=config)
+    assert broken == []
     assert abs(log.series["action"]).max() > 0.02
 
 
@@ -129,22 +111,22 @@ HARM = (
     st.integers(0, 1000),
 )
 def test_nothing_is_broken_whatever_disturbs_the_run(texts, config, seed):
-    found, _ = violations(*texts, config=config, seed=seed)
-    assert found == []
+    broken, _ = violations(*texts, config=config, seed=seed)
+    assert broken == []
 
 
 def wrong_ecu(monkeypatch, change: Callable[[JetCommand, int], JetCommand], **settings: Any) -> None:
-    """Have every ECU say something else, with a protection that fits; `change` has the number of the step."""
+    """Have every ECU send something else, with a protection that fits; `change` has the number of the step."""
 
     class Wrong(Ecu):
         steps = 0
 
         def step(self, now_ns, frames, *rest, **more):
             command, status = super().step(now_ns, frames, *rest, **more)
-            said = codec.parse_jet_command(command.data)
-            assert said is not None
+            sent = codec.parse_jet_command(command.data)
+            assert sent is not None
             self.steps += 1
-            data = codec.emit_jet_command(change(said, self.steps))
+            data = codec.emit_jet_command(change(sent, self.steps))
             profile = profile_of(JET_COMMAND)
             counter = profile.counter_of(command.data)
             data = profile.protect(data, data_id=JET_COMMAND.data_id, counter=counter)
@@ -153,43 +135,38 @@ def wrong_ecu(monkeypatch, change: Callable[[JetCommand, int], JetCommand], **se
     monkeypatch.setattr(simulation, "Ecu", Wrong)
 
 
-def test_a_flow_without_a_mode_that_drives_is_caught(monkeypatch):
-    wrong_ecu(monkeypatch, lambda said, step: said._replace(flow_m2_per_s=1.0) if said.mode is Mode.OFF else said)
-    # The vehicle does not follow it.
-    assert names() == {"bus_bounds"}
+def leaps(sent: JetCommand, step: int) -> JetCommand:
+    return sent._replace(flow_m2_per_s=4.6 * (-1) ** step) if sent.mode is Mode.CONTROL else sent
 
 
-def test_a_flow_beyond_the_limit_is_caught(monkeypatch):
-    wrong_ecu(monkeypatch, lambda said, step: said._replace(flow_m2_per_s=said.flow_m2_per_s * 1.1))
-    # The first step of the wave is a whole one already.
-    assert names() == {"bus_bounds", "bus_rate"}
+def stale(sent: JetCommand, step: int, by: int) -> JetCommand:
+    if sent.pressure_counter is None or sent.mode is not Mode.CONTROL:
+        return sent
+    return sent._replace(pressure_counter=(sent.pressure_counter - by) % 256)
 
 
-def test_a_flow_that_leaps_is_caught(monkeypatch):
-    def leaps(said: JetCommand, step: int) -> JetCommand:
-        return said._replace(flow_m2_per_s=4.6 * (-1) ** step) if said.mode is Mode.CONTROL else said
-
-    wrong_ecu(monkeypatch, leaps)
-    assert names() == {"bus_rate"}
-
-
-@pytest.mark.parametrize("by", [2, 7])
-def test_a_command_on_old_pressures_is_caught(monkeypatch, by):
-    def stale(said: JetCommand, step: int) -> JetCommand:
-        if said.pressure_counter is None or said.mode is not Mode.CONTROL:
-            return said
-        return said._replace(pressure_counter=(said.pressure_counter - by) % 256)
-
-    wrong_ecu(monkeypatch, stale)
-    # The vehicle refuses what is older than its own bound, 5 periods.
-    assert names() == {"bus_age"}
+def test_a_wrong_command_is_caught(monkeypatch):
+    faults: list[tuple[Callable[[JetCommand, int], JetCommand], set[str]]] = [
+        # The vehicle does not follow it.
+        (lambda sent, _: sent._replace(flow_m2_per_s=1.0) if sent.mode is Mode.OFF else sent, {"bus_bounds"}),
+        # The first step of the wave is a whole one already.
+        (lambda sent, _: sent._replace(flow_m2_per_s=sent.flow_m2_per_s * 1.1), {"bus_bounds", "bus_rate"}),
+        (leaps, {"bus_rate"}),
+        # The vehicle refuses what is older than its own bound, 5 periods.
+        (partial(stale, by=2), {"bus_age"}),
+        (partial(stale, by=7), {"bus_age"}),
+    ]
+    for place, (change, broken) in enumerate(faults):
+        with monkeypatch.context() as patched:
+            wrong_ecu(patched, change)
+            assert names() == broken, place
 
 
 def test_a_command_on_pressures_that_were_never_sent_is_caught(monkeypatch):
-    wrong_ecu(monkeypatch, lambda said, step: said._replace(pressure_counter=200))
-    found, _ = violations()
-    assert {one.invariant for one in found} == {"bus_age"}
-    assert "no pressures that were sent (counter 200)" in found[0].detail
+    wrong_ecu(monkeypatch, lambda sent, step: sent._replace(pressure_counter=200))
+    broken, _ = violations()
+    assert {one.invariant for one in broken} == {"bus_age"}
+    assert "no pressures that were sent (counter 200)" in broken[0].detail
 
 
 def test_control_without_an_edge_is_caught(monkeypatch):
@@ -218,21 +195,18 @@ def as_commanded(self: VehicleNode, command: JetCommand) -> float:
 
 
 def test_a_vehicle_that_follows_an_ecu_which_is_off_is_caught(monkeypatch):
-    wrong_ecu(monkeypatch, lambda said, step: said._replace(flow_m2_per_s=1.0) if step > 30 else said)
+    wrong_ecu(monkeypatch, lambda sent, step: sent._replace(flow_m2_per_s=1.0) if step > 30 else sent)
     assert names("reset@0.4") == {"bus_bounds"}
     wrong_vehicle(monkeypatch, _driven=as_commanded)
     assert names("reset@0.4") == {"bus_bounds", "jets_shut"}
 
 
 def test_a_vehicle_that_follows_commands_on_old_pressures_is_caught(monkeypatch):
-    def stale(said: JetCommand, step: int) -> JetCommand:
-        return said._replace(pressure_counter=step - 10 if step > 20 else None)
-
-    wrong_ecu(monkeypatch, stale)
+    wrong_ecu(monkeypatch, lambda sent, step: sent._replace(pressure_counter=step - 10 if step > 20 else None))
     wrong_vehicle(monkeypatch, _driven=as_commanded)
-    found, _ = violations()
-    assert {one.invariant for one in found} == {"bus_age", "jets_shut"}
-    assert any("pressures too old" in one.detail for one in found)
+    broken, _ = violations()
+    assert {one.invariant for one in broken} == {"bus_age", "jets_shut"}
+    assert any("pressures too old" in one.detail for one in broken)
 
 
 def test_a_vehicle_that_drives_on_when_it_hears_nothing_is_caught(monkeypatch):
@@ -267,20 +241,20 @@ def test_a_vehicle_that_never_gives_up_is_caught(monkeypatch):
     """Half of the commands are lost, never two in a row, and the limit is a third of them."""
     config = Config(vehicle=VehicleConfig(loss_window=30, loss_limit=10))
     lost = tuple(f"ecu:drop:probability=1@{0.6 + 0.04 * k:.2f}..{0.62 + 0.04 * k:.2f}" for k in range(14))
-    found, log = violations(*lost, config=config)
-    assert found == []
+    broken, log = violations(*lost, config=config)
+    assert broken == []
     assert not log.series["action"][-5:].any()
     monkeypatch.setattr(CommandLosses, "lost", lambda self: self)
     assert names(*lost, config=config) == {"jets_losses"}
 
 
-@pytest.mark.parametrize(("factor", "broken"), [(1.2, {"jets_bounds"}), (-1.0, {"jets_rate"})])
-def test_jets_beyond_their_bounds_or_rate_are_caught(monkeypatch, factor, broken):
-    sound, calls = VehicleNode._driven, iter(range(10**6))
+def test_jets_beyond_their_bounds_or_rate_are_caught(monkeypatch):
+    sound = VehicleNode._driven
+    for factor, broken in ((1.2, {"jets_bounds"}), (-1.0, {"jets_rate"})):
+        calls = iter(range(10**6))
 
-    def driven(self: VehicleNode, command: JetCommand) -> float:
-        action = sound(self, command)
-        return action * (factor if factor > 0 else factor ** next(calls))
+        def driven(self: VehicleNode, command: JetCommand, factor: float = factor, calls: Any = calls) -> float:
+            return sound(self, command) * (factor if factor > 0 else factor ** next(calls))
 
-    wrong_vehicle(monkeypatch, _driven=driven)
-    assert broken <= names() <= {"jets_bounds", "jets_rate"}
+        wrong_vehicle(monkeypatch, _driven=driven)
+        assert broken <= names() <= {"jets_bounds", "jets_rate"}

@@ -1,19 +1,9 @@
-"""Faults of a run as text, and what of them cannot be."""
-
-import pytest
+"""Faults in a port act between the calls of its node."""
 
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
-from contract.errors import ConfigError
 from firmware_sim.bench.run_faults import LOOK_NS, NodeFaults, parse_node_fault
-from tests.each import each
-
-
-@each("text", ["", "drop:probability=0.1", "drop", "background:drop:probability=1", "ECU:babble"])
-def test_a_fault_without_a_node_is_refused(text):
-    with pytest.raises(ConfigError, match="must begin with the node whose port it is in"):
-        parse_node_fault(text)
 
 
 def test_a_delayed_frame_is_there_when_it_is_due_on_a_bus_that_is_quiet():

@@ -1,80 +1,27 @@
-"""Each disturbance does what it says, where and when it says so, as seen on the bus and at the plant."""
+"""Whole runs: each disturbance acts where and when its text names, as seen on the bus and at the plant."""
 
 from dataclasses import replace
-from typing import Any
+from math import inf, nan
 
 import numpy as np
 import pytest
 
-from can_bridge.wire import codec
-from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
-from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason
+from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
+from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
-from contract.errors import ConfigError
+from contract.errors import ConfigError, StillwakeError
 from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, Disturbances
-from firmware_sim.bench.simulation import Simulation, simulate
+from firmware_sim.bench.simulation import simulate
 from firmware_sim.bench.spans import Spans
-from firmware_sim.runs.run_log import WALL, RunLog
-from tests.firmware_sim.bench.harness import NAMES, LiveOscillator, Oscillator
-from tests.firmware_sim.bench.test_invariants import Waves
+from firmware_sim.runs.run_log import RunLog
+from tests.firmware_sim.bench.harness import NAMES, SPANS, LiveOscillator, Oscillator, Run, Waves
 from tests.firmware_sim.conftest import make_bundle
 
 CONFIG = Config()
 PASCAL = CONFIG.operating_point.dynamic_pressure
-SPANS = Spans(lead_in=2.0, controlled=10.0, settle=0.0, averages=False)
-"""10 periods and 50 of 20 ms; control from 0.2 s on, with a window of four periods."""
+UNIT = GLOBAL_DEVIATION * PASCAL
 STEP_PA = 0.05
 """Half a step of the wire."""
-
-
-class Run:
-    """One run, and what was seen of it."""
-
-    def __init__(self, *texts: str, seed: int = 0, config: Config = CONFIG, plant: Any = None) -> None:
-        self.plant = LiveOscillator(config) if plant is None else plant
-        self.frames: list[Frame] = []
-        self.log: RunLog = Simulation(
-            make_bundle(),
-            config,
-            spans=SPANS,
-            controller=Waves(),
-            disturbances=Disturbances.parse(texts),
-            seed=seed,
-        ).run(self.plant, capture=self.frames.append)
-        self.acted = [one.acted for one in self.log.metadata.faults]
-
-    def read(self) -> np.ndarray:
-        """(n, 4) Pa, as the vehicle sent them."""
-        return np.array([pressure.pressure_pa for pressure in self.pressures()])
-
-    def pressures(self) -> list[Pressure]:
-        return [self._said(frame, PRESSURE) for frame in self.of(PRESSURE)]
-
-    def wall(self) -> np.ndarray:
-        """(n, 4) Pa, as they were."""
-        return self.log.series[WALL] * PASCAL
-
-    def commands(self) -> list[JetCommand]:
-        return [self._said(frame, JET_COMMAND) for frame in self.of(JET_COMMAND)]
-
-    def statuses(self) -> list[EcuStatus]:
-        return [self._said(frame, ECU_STATUS) for frame in self.of(ECU_STATUS)]
-
-    def of(self, spec) -> list[Frame]:
-        return [frame for frame in self.frames if frame.frame_id == spec.frame_id]
-
-    def modes(self) -> np.ndarray:
-        return self.log.series["mode"].astype(int)
-
-    @staticmethod
-    def _said(frame: Frame, spec) -> Any:
-        parse = {
-            PRESSURE: codec.parse_pressure,
-            JET_COMMAND: codec.parse_jet_command,
-            ECU_STATUS: codec.parse_ecu_status,
-        }
-        return parse[spec](frame.data)
 
 
 def same(one: RunLog, other: RunLog) -> bool:
@@ -90,12 +37,6 @@ def calm() -> Run:
     return Run()
 
 
-def test_an_undisturbed_run_reads_what_the_walls_have(calm):
-    assert calm.acted == []
-    assert np.abs(calm.read() - calm.wall()).max() <= STEP_PA + 1e-9
-    assert set(calm.modes()[-45:]) == {Mode.CONTROL}
-
-
 def test_the_seed_decides_and_nothing_else():
     texts = ("noise:level=0.5", "ecu:drop:probability=0.1", "wire_errors:bit_error_rate=0.0005")
     first, again, other = Run(*texts, seed=3), Run(*texts, seed=3), Run(*texts, seed=4)
@@ -108,127 +49,153 @@ def test_the_seed_decides_and_nothing_else():
 # Transducers.
 
 
-def test_noise_has_its_level_on_every_sensor():
-    found = Run("noise:level=0.5")
-    change = (found.read() - found.wall()) / PASCAL
+def test_each_fault_of_a_sensor_changes_its_readings_in_its_span_and_no_others(calm):
+    k = np.arange(60)
+    after = k >= 20  # 0.4 s
+    cases = {
+        (): lambda wall: wall,
+        (f"bias:sensor={NAMES[1]},level=-2@0.4..0.8",): lambda wall: (
+            wall + np.outer(after & (k < 40), [0, -2 * UNIT, 0, 0])
+        ),
+        (f"drift:sensor={NAMES[0]},level=1,over_s=0.2@0.4..",): lambda wall: (
+            wall + np.outer(np.clip((k - 20) / 10, 0, 1), [UNIT, 0, 0, 0])
+        ),
+        (f"stuck:sensor={NAMES[0]}@0.4..", f"dead:sensor={NAMES[3]}@0.6.."): lambda wall: np.column_stack(
+            [np.where(after, wall[20, 0], wall[:, 0]), wall[:, 1:3], np.where(k >= 30, 0.0, wall[:, 3])]
+        ),
+        (f"swap:sensors={NAMES[0]}+{NAMES[3]}",): lambda wall: wall[:, [3, 1, 2, 0]],
+        ("quantise:step=50",): lambda wall: 50.0 * np.rint(wall / 50.0),
+        # A faster vehicle reads higher pressures.
+        ("operating_point:speed=30,density=1.1",): lambda wall: wall / PASCAL * (0.5 * 1.1 * 30.0**2),
+    }
+    for texts, expected in cases.items():
+        run = Run(*texts)
+        np.testing.assert_allclose(run.read, expected(run.wall), atol=STEP_PA + 1e-9, err_msg=str(texts))
+    run = Run("noise:level=0.5")
     # 60 draws: the deviation of a standard deviation is 9 %.
-    assert change.std(axis=0) == pytest.approx([0.5 * GLOBAL_DEVIATION] * 4, rel=0.3)
-    assert found.acted == [60]
-
-
-def test_a_bias_is_in_global_deviations_and_in_its_span():
-    found = Run(f"bias:sensor={NAMES[1]},level=-2@0.4..0.8")
-    change = found.read() - found.wall()
-    expected = np.zeros((60, 4))
-    expected[20:40, 1] = -2 * GLOBAL_DEVIATION * PASCAL
-    np.testing.assert_allclose(change, expected, atol=STEP_PA + 1e-9)
-    assert found.acted == [20]
-
-
-def test_a_drift_grows_from_its_beginning():
-    found = Run(f"drift:sensor={NAMES[0]},level=1,over_s=0.2@0.4..")
-    change = (found.read() - found.wall())[:, 0]
-    expected = np.clip((np.arange(60) - 20) / 10, 0, 1) * GLOBAL_DEVIATION * PASCAL
-    np.testing.assert_allclose(change, expected, atol=STEP_PA + 1e-9)
-
-
-def test_a_stuck_sensor_keeps_its_first_reading_and_a_dead_one_reads_nothing():
-    found = Run(f"stuck:sensor={NAMES[0]}@0.4..", f"dead:sensor={NAMES[3]}@0.6..")
-    read, wall = found.read(), found.wall()
-    assert np.ptp(read[20:, 0]) == 0.0
-    assert read[20, 0] == pytest.approx(wall[20, 0], abs=STEP_PA)
-    assert not read[30:, 3].any()
-    np.testing.assert_allclose(read[:30, 1:], wall[:30, 1:], atol=STEP_PA + 1e-9)
-
-
-def test_swapped_sensors_and_steps():
-    found = Run(f"swap:sensors={NAMES[0]}+{NAMES[3]}")
-    np.testing.assert_allclose(found.read(), found.wall()[:, [3, 1, 2, 0]], atol=STEP_PA + 1e-9)
-    read = Run("quantise:step=50").read()
-    np.testing.assert_allclose(read / 50, np.rint(read / 50), atol=1e-9)
+    assert (run.read - run.wall).std(axis=0) == pytest.approx([0.5 * UNIT] * 4, rel=0.3)
+    assert (run.acted, Run(f"bias:sensor={NAMES[1]},level=-2@0.4..0.8").acted) == ([60], [20])
 
 
 # Vehicle.
 
 
-def test_a_faster_vehicle_reads_higher_pressures_and_its_jets_do_less():
-    found = Run("operating_point:speed=30,density=1.1")
-    dynamic = 0.5 * 1.1 * 30.0**2
-    np.testing.assert_allclose(found.read(), found.log.series[WALL] * dynamic, atol=STEP_PA + 1e-9)
-    flows = np.array([command.flow_m2_per_s for command in found.commands()])
+def test_the_jets_of_a_faster_vehicle_do_less_and_saturated_ones_reach_their_share(calm):
+    faster = Run("operating_point:speed=30,density=1.1")
+    flows = np.array([command.flow_m2_per_s for command in faster.commands])
     # Planned one period ahead: reached at the end of the next period, which is the sample after that.
-    np.testing.assert_allclose(found.log.series["action"][2:], flows[:-2] / (30.0 * 2.5), atol=1e-12)
+    np.testing.assert_allclose(faster.log.series["action"][2:], flows[:-2] / (30.0 * 2.5), atol=1e-12)
     assert np.abs(flows).max() > 4.0
-
-
-def test_saturated_jets_reach_their_share_of_the_limit(calm):
-    found = Run("action_limit=0.4@0.6..")
-    action = np.abs(found.log.series["action"])
+    saturated = Run("action_limit=0.4@0.6..")
+    action = np.abs(saturated.log.series["action"])
     assert action[32:].max() == pytest.approx(0.4 * 0.075)
-    assert action[:30].max() > 0.06
-    assert np.abs(calm.log.series["action"][32:]).max() > 0.06
+    assert min(action[:30].max(), np.abs(calm.log.series["action"][32:]).max()) > 0.06
     # The ECU goes on to ask for more.
-    assert max(abs(command.flow_m2_per_s) for command in found.commands()[32:]) > 4.0
+    assert max(abs(command.flow_m2_per_s) for command in saturated.commands[32:]) > 4.0
 
 
 def test_a_request_taken_back_shuts_the_jets_and_comes_back():
-    found = Run("no_request@0.6..0.7")
-    asked = [pressure.enable_request for pressure in found.pressures()]
-    assert asked == [False] * 10 + [True] * 20 + [False] * 5 + [True] * 25
-    assert set(found.modes()[30:35]) == {Mode.OFF}
-    assert not found.log.series["action"][31:36].any()
-    assert found.modes()[-1] == Mode.CONTROL
-    assert found.acted == [5]
+    run = Run("no_request@0.6..0.7")
+    assert [one.enable_request for one in run.pressures] == [False] * 10 + [True] * 20 + [False] * 5 + [True] * 25
+    assert set(run.modes[30:35]) == {Mode.OFF}
+    assert not run.log.series["action"][31:36].any()
+    assert run.modes[-1] == Mode.CONTROL
+    assert run.acted == [5]
 
 
 # ECU.
 
 
-def test_a_reset_ecu_is_silent_while_it_boots_starts_anew_and_waits_for_an_edge():
-    found = Run("reset:boot_s=0.1@0.505")
-    times = np.array([frame.timestamp_ns / 1e9 for frame in found.of(JET_COMMAND)])
+def test_a_reset_ecu_is_silent_while_it_boots_starts_again_and_waits_for_an_edge():
+    run = Run("reset:boot_s=0.1@0.505")
+    times = np.array([frame.timestamp_ns / 1e9 for frame in run.of(JET_COMMAND)])
     gap = times[np.argmax(np.diff(times)) : np.argmax(np.diff(times)) + 2]
     # The step of 0.50 s is lost, for it was still computing. Up at 0.605 s it has missed that period's pressures, waits
     # for half a period and steps without.
     assert gap == pytest.approx([0.488, 0.618], abs=0.001)
-    counters = [frame.data[2] for frame in found.of(JET_COMMAND)]
-    assert counters == [*range(25), *range(30)]
-    assert set(found.modes()[30:]) == {Mode.OFF}
-    assert not found.log.series["action"][-20:].any()
-    assert found.acted == [1]
-    again = Run("reset:boot_s=0.1@0.505", "no_request@0.8..0.84")
-    assert again.modes()[-1] == Mode.CONTROL
+    assert [frame.data[2] for frame in run.of(JET_COMMAND)] == [*range(25), *range(30)]
+    assert set(run.modes[30:]) == {Mode.OFF}
+    assert not run.log.series["action"][-20:].any()
+    assert run.acted == [1]
+    assert Run("reset:boot_s=0.1@0.505", "no_request@0.8..0.84").modes[-1] == Mode.CONTROL
 
 
 def test_a_clock_that_is_set_back_latches_and_a_little_drift_does_nothing(calm):
     back = Run("clock:offset_s=-0.05@0.6..")
-    assert back.statuses()[30].reason is Reason.CLOCK
-    assert set(back.modes()[30:]) == {Mode.FAULT}
+    assert back.reasons[30] == Reason.CLOCK
+    assert set(back.modes[30:]) == {Mode.FAULT}
     drifting = Run("clock:ppm=200")
     assert [frame.data for frame in drifting.of(JET_COMMAND)] == [frame.data for frame in calm.of(JET_COMMAND)]
     assert drifting.acted == [60]
 
 
-# Wire.
+# Wire and ports.
 
 
 def test_errors_in_what_the_ecu_sends_take_it_off_the_bus_until_it_recovers():
-    found = Run("wire_errors:bit_error_rate=1,node=ecu@0.6..0.61", "no_request@0.8..0.84")
-    latched = [status for status in found.statuses() if status.reason is Reason.BUS_OFF]
-    assert latched
-    assert latched[0].bus_off == 1
+    run = Run("wire_errors:bit_error_rate=1,node=ecu@0.6..0.61", "no_request@0.8..0.84")
+    latched = [status for status in run.statuses if status.reason is Reason.BUS_OFF]
+    assert latched[0].bus_off == run.log.traffic.nodes["ECU"].bus_off == 1
     # ISO 11898-1: 8 for each error of a sender, bus-off from 256 on.
-    assert found.acted[0] == 32
-    assert found.log.traffic.nodes["ECU"].bus_off == 1
-    assert found.modes()[-1] == Mode.CONTROL
+    assert run.acted[0] == 32
+    assert run.modes[-1] == Mode.CONTROL
+    # What one receiver hears wrong, its error flag destroys for all, and it is sent again.
+    run = Run("wire_errors:bit_error_rate=0.001,node=ecu,at=receive")
+    assert run.acted[0] == run.log.traffic.error_frames > 0
+    assert run.log.traffic.nodes["ECU"].rx_errors + run.log.traffic.nodes["vehicle"].tx_errors > 0
+    assert len(run.of(PRESSURE)) == 60
 
 
-def test_what_one_receiver_hears_wrong_is_sent_again():
-    """Its error flag destroys the frame for all."""
-    found = Run("wire_errors:bit_error_rate=0.001,node=ecu,at=receive")
-    assert found.acted[0] == found.log.traffic.error_frames > 0
-    assert found.log.traffic.nodes["ECU"].rx_errors + found.log.traffic.nodes["vehicle"].tx_errors > 0
-    assert len(found.of(PRESSURE)) == 60
+def test_lost_pressures_hold_decay_and_latch_until_a_new_request():
+    ways = [Mode.HOLD, Mode.DECAY, Mode.DECAY, *[Mode.FAULT] * 10]
+    for lost in (1, 2, 3, 4, 9):
+        for fault in ("drop:probability=1", "disconnect"):
+            run = Run(f"vehicle:{fault}@0.59..{0.59 + 0.02 * lost:.2f}", "no_request@1..1.04")
+            assert run.modes[29] == Mode.CONTROL
+            assert run.modes[30 : 30 + lost].tolist() == ways[:lost], (lost, fault)
+            assert set(run.reasons[30 : 30 + lost]) == {Reason.STREAM_LOST}
+            held = run.log.series["command"][29] * np.array([1.0, 0.5, 0.25] + [0.0] * lost)
+            # The wire's step of the flow is 0.0002 m2/s, of 62.5.
+            np.testing.assert_allclose(run.log.series["command"][30 : 30 + lost], held[:lost], atol=0.0002 / 62.5)
+            # Good frames alone bring control back if nothing latched; else it takes a new request.
+            assert set(run.modes[40:50]) == {Mode.FAULT if lost >= 4 else Mode.CONTROL}, (lost, fault)
+            assert set(run.modes[-5:]) == {Mode.CONTROL}, (lost, fault)
+
+
+def test_what_end_to_end_protection_can_see_is_seen_and_the_rest_is_planned_on(calm):
+    copied = Run("vehicle:duplicate:copies=2", "ecu:duplicate")
+    for name in ("action", "command", "mode", "reason"):
+        np.testing.assert_array_equal(copied.log.series[name], calm.log.series[name], err_msg=name)
+    assert copied.statuses[-1].refused > 100 > calm.statuses[-1].refused == 0
+    # Flips ahead of the protection, and old pressures under a running counter.
+    flipped = Run("vehicle:flip_bits:before_crc=true,probability=0.3@0.59..1.0", seed=1)
+    assert flipped.statuses[-1].refused == 0 < flipped.acted[0]
+    both = zip(flipped.controller.calls, calm.controller.calls, strict=False)
+    assert any((one[0] != other[0]).any() for one, other in both)
+    frozen = Run("vehicle:stuck_at:counter_runs=true@0.59..1.0")
+    assert set(frozen.modes[30:]) == {Mode.CONTROL}
+    planned = np.array([window[-1, :4] for window, _, _ in frozen.controller.calls])
+    assert (~np.diff(planned, axis=0).any(axis=1)).sum() == 19
+    # A gateway's delay cannot be told from fresh frames, and the vehicle's own echo shows it; a queue's can.
+    for restamp in ("true", "false"):
+        run = Run(f"ecu:delay:delay_s=0.04,restamp={restamp}@0.595..")
+        assert run.modes[30:32].tolist() == [Mode.HOLD, Mode.DECAY]  # nothing comes
+        if restamp == "true":
+            assert set(run.modes[32:]) == {Mode.CONTROL}
+            assert np.diff(run.log.series["age_ms"][[28, -1]]) == pytest.approx(40.0, abs=1.1)
+        else:
+            assert set(run.modes[33:]) == {Mode.FAULT}
+            assert run.reasons[-1] == Reason.STALE
+            assert not run.log.series["action"][36:].any()
+
+
+def test_a_babbling_node_shuts_the_jets_at_both_ends():
+    run = Run("vehicle:babble@0.59..0.8", "no_request@1..1.04")
+    assert run.modes[30:40].tolist() == [Mode.HOLD, Mode.DECAY, Mode.DECAY, *[Mode.FAULT] * 7]
+    assert run.reasons[36] == Reason.STREAM_LOST
+    # Nothing gets through to the vehicle either.
+    assert not run.log.series["action"][34:40].any()
+    assert run.modes[-1] == Mode.CONTROL
 
 
 # Flow.
@@ -236,33 +203,30 @@ def test_what_one_receiver_hears_wrong_is_sent_again():
 
 def test_the_flow_changes_in_its_span_and_is_given_back():
     plant = LiveOscillator(CONFIG)
-    found = Run("reynolds=700@0.4..0.6", "gust:amplitude=0.1,period=1@0.2..0.45", plant=plant)
+    run = Run("reynolds=700@0.4..0.6", "gust:amplitude=0.1,period=1@0.2..0.45", plant=plant)
     reynolds, wind = (np.array(values, dtype=float) for values in zip(*plant.seen, strict=True))
     assert list(reynolds[:60]) == [500.0] * 20 + [700.0] * 10 + [500.0] * 30
     # A period of 1 t_c is 0.1 s: two whole ones from 0.2 s on.
     t = 0.2 * np.arange(60)
     expected = np.where((t >= 2.0) & (t <= 4.0), 0.1 * np.sin(2 * np.pi * (t - 2.0)), 0.0)
     np.testing.assert_allclose(wind[:60], expected, atol=1e-12)
-    assert found.acted == [10, 12 + 1]
+    assert run.acted == [10, 12 + 1]
     assert (plant.config.reynolds, plant.wind) == (500.0, None)
 
 
-def test_another_plant_cannot_be_disturbed():
+def test_a_plant_that_cannot_be_disturbed_is_refused_and_one_that_fails_is_given_back():
     class Bare(Oscillator):
         layout, description, t = LiveOscillator.layout, "bare", 0.0
 
-    with pytest.raises(ConfigError, match="the flow of this plant cannot be disturbed"):
-        Run("reynolds=700", plant=Bare(CONFIG.flow.substeps))
-    assert Run("noise:level=0.1", plant=Bare(CONFIG.flow.substeps)).acted == [60]
-
-
-def test_a_plant_is_given_back_after_an_error_too():
     class Breaks(LiveOscillator):
         def advance_to(self, substep, action=None):
             if self.period == 5:
                 raise ArithmeticError
             super().advance_to(substep, action)
 
+    with pytest.raises(ConfigError, match="the flow of this plant cannot be disturbed"):
+        Run("reynolds=700", plant=Bare(CONFIG.flow.substeps))
+    assert Run("noise:level=0.1", plant=Bare(CONFIG.flow.substeps)).acted == [60]
     plant = Breaks(CONFIG)
     with pytest.raises(ArithmeticError):
         Run("reynolds=700", "gust:amplitude=0.1,period=1", plant=plant)
@@ -277,19 +241,37 @@ def test_a_run_goes_on_from_a_saved_state_to_the_bit(shared_wake):
     shared_wake.reset(developed_state())
     shared_wake.advance(0.0)
     saved = replace(shared_wake.state(), substep=0)
-    spans = Spans(lead_in=0.2, controlled=0.6, settle=0.0, averages=False)
+    spans = replace(SPANS, lead_in=0.2, controlled=0.6)
     runs = []
     for texts in ((), ("gust:amplitude=0.1,period=5", "reynolds=700"), ()):
         shared_wake.reset(saved)
+        disturbances = Disturbances.parse(texts)
         runs.append(
             simulate(
-                make_bundle(),
-                CONFIG,
-                spans=spans,
-                wake=shared_wake,
-                controller=Waves(),
-                disturbances=Disturbances.parse(texts),
+                make_bundle(), CONFIG, spans=spans, wake=shared_wake, controller=Waves(), disturbances=disturbances
             )
         )
     assert same(runs[0], runs[2])
     assert not same(runs[0], runs[1])
+
+
+# Length.
+
+
+def test_spans_that_are_no_numbers_or_too_short_are_refused_with_the_remedy():
+    usual = {"lead_in": 25.0, "controlled": 100.0, "settle": 40.0}
+    for name in usual:
+        for value in (inf, nan, -1.0):
+            with pytest.raises(StillwakeError, match=rf"--{name.replace('_', '-')} = {value}: must be a number of t_c"):
+                Spans(**{**usual, name: value}, averages=False)
+    for changes, named in (
+        ({"lead_in": 9.8}, "--lead-in = 9.8: must be at least 10 t_c, 2 shedding cycles, .*--no-averages"),
+        ({"controlled": 6.0}, "--controlled = 6 less --settle = 40 leaves -34 t_c: must be at least 10 t_c"),
+        ({"controlled": 9.9, "settle": 0.0}, "leaves 9.9 t_c"),
+    ):
+        with pytest.raises(StillwakeError, match=named):
+            Spans(**{**usual, **changes})
+        Spans(**{**usual, **changes}, averages=False)
+    for name in ("lead_in", "controlled"):
+        with pytest.raises(StillwakeError, match=r"= 0\.05: shorter than a control period of"):
+            Spans(**{**usual, name: 0.05}, averages=False).periods(0.2)

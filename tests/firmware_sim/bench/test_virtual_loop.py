@@ -1,10 +1,15 @@
-"""When a command takes effect in the loop in virtual time: a plant of two numbers, over a simulated bus."""
+"""The loop in virtual time: when a command takes effect, and what becomes of late, lost and damaged frames."""
 
+from dataclasses import asdict
 from math import ceil, isnan
 
 import numpy as np
 import pytest
 
+from can_bridge.bus.faults.content import FlipBits
+from can_bridge.bus.faults.loss import Drop
+from can_bridge.bus.faults.wrapping import FaultyBus, wrap
+from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import Mode
 from contract import sensors
@@ -119,3 +124,109 @@ def test_a_row_is_the_plants_sample_at_the_periods_start(harness):
 def test_bit_rates_that_cannot_carry_the_pressures_are_refused(harness):
     with pytest.raises(BusError, match=r"takes 34\.0965 ms, the control period is 20 ms: raise bus\.nominal_bitrate"):
         harness(8.0, bus=BusConfig(nominal_bitrate=1000))
+
+
+# Planned ahead.
+
+
+@each("compute_ms", [0.0, 8.0, 19.0])
+def test_each_command_is_the_target_of_the_next_period_from_its_start(harness, compute_ms):
+    h = harness(compute_ms, plan_ahead=True)
+    rows = h.run(20)
+    commands = [row.command for row in rows]
+    assert h.targets()[WARM + 1 :] == commands[WARM:-1]
+    assert len(set(commands[WARM:])) == 20 - WARM
+    assert set(h.starts().values()) == {0}
+    assert {row.mode for row in rows[WARM:]} == {Mode.CONTROL}
+
+
+def test_the_flow_does_not_depend_on_when_the_command_comes(harness):
+    """As long as it comes within its period: the reason to plan ahead."""
+    seen = set()
+    for compute_ms in (0.0, 3.0, 8.0, 15.0, 19.0):
+        h = harness(compute_ms, plan_ahead=True)
+        seen.add(tuple(row.sample.Cl for row in h.run(30)))
+    assert len(seen) == 1
+    without = {tuple(row.sample.Cl for row in harness(ms).run(30)) for ms in (0.0, 19.0)}
+    assert len(without) == 2
+
+
+def test_a_command_that_misses_its_boundary_leaves_the_jets_for_a_period(harness):
+    h = harness(19.9, plan_ahead=True)
+    rows = h.run(20)
+    # It is through in the period after the one it was computed in, and acts in the one after that.
+    assert min(end - (k + 1) * h.config.period_ns for k, end in enumerate(h.ends(JET_COMMAND))) > 0
+    assert h.targets()[WARM + 2 :] == [row.command for row in rows[WARM:-2]]
+
+
+# Waits and losses.
+
+
+def test_pressures_that_wait_for_the_bus_make_the_step_late_and_no_miss(harness):
+    """Frames of higher priority, twelve of 390 us, handed over at once when the period begins."""
+    h = harness(8.0)
+    port = h.bus.port("other")
+    data = b"\x55" * 64
+
+    def crowd() -> None:
+        for _ in range(12):
+            port.send(Frame(frame_id=0x001, data=data))
+
+    h.bus.call_at(10 * h.config.period_ns, crowd)
+    rows = h.run(13)
+    wait_ns = 12 * h.bus.frame_ns(Frame(frame_id=0x001, data=data))
+    assert wait_ns < h.config.period_ns // 2
+    assert h.ends(PRESSURE)[10] == 10 * h.config.period_ns + wait_ns + h.taken(PRESSURE)[10]
+    assert h.ecu.status().missed == 1  # the first frame
+    assert {row.mode for row in rows[WARM:]} == {Mode.CONTROL}
+    assert rows[10].age_ms - rows[9].age_ms == pytest.approx(wait_ns / 1e6, abs=0.03)  # contents differ in stuff bits
+    assert h.starts()[10] > h.starts()[9]
+    assert h.loop.totals().lost == 0
+
+
+@pytest.fixture
+def faulty(harness):
+    """A loop with a fault in the pressures that the vehicle sends and in the ECU's commands; and both ports."""
+
+    def made(fault, compute_ms: float = 8.0, **settings):
+        ports = list[FaultyBus]()
+
+        def port(spec, seed: int):
+            def wrapped(bus):
+                ports.append(wrap(bus, [fault(**settings, frame_ids=(spec.frame_id,))], lambda: 0, seed=seed))
+                return ports[-1]
+
+            return wrapped
+
+        return harness(compute_ms, vehicle=port(PRESSURE, 1), ecu=port(JET_COMMAND, 2)), ports
+
+    return made
+
+
+def acted(ports: list[FaultyBus]) -> list[int]:
+    return [port.injectors[0].acted for port in ports]
+
+
+def test_frames_dropped_on_either_side_are_lost(faulty):
+    h, ports = faulty(Drop, probability=0.15)
+    rows = h.run(60)
+    pressures, commands = acted(ports)
+    assert min(pressures, commands) > 3
+    assert asdict(h.loop.totals()) == {"sent": 120, "lost": pressures + commands, "rejected": 0}
+    # A period whose command was dropped has no age, and the jets hold.
+    assert sum(isnan(row.age_ms) for row in rows) >= commands
+
+
+def test_corrupted_frames_are_rejected_on_the_side_that_receives_them(faulty):
+    h, ports = faulty(FlipBits, probability=0.15)
+    h.run(60)
+    pressures, commands = acted(ports)
+    assert min(pressures, commands) > 3
+    assert asdict(h.loop.totals()) == {"sent": 120, "lost": 0, "rejected": pressures + commands}
+    assert h.ecu.status().crc_errors == pressures
+
+
+def test_frames_that_come_while_the_ecu_is_busy_are_checked_too(faulty):
+    h, ports = faulty(FlipBits, compute_ms=25.0, probability=0.2)
+    h.run(61)  # it steps in every other period, the last included
+    assert h.ecu.status().crc_errors == acted(ports)[0] > 8

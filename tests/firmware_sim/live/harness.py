@@ -13,8 +13,7 @@ from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Answer, Choice
 from firmware_sim.live.session import LiveSession
-from tests.firmware_sim.bench.harness import LiveOscillator
-from tests.firmware_sim.bench.test_invariants import Waves
+from tests.firmware_sim.bench.harness import LiveOscillator, Waves
 from tests.firmware_sim.conftest import make_bundle
 from wake.plant.protocol import LoopPlant
 

@@ -18,8 +18,7 @@ from firmware_sim.live.requests import ACTIONS
 from firmware_sim.runs import run_log
 from firmware_sim.runs.run_folder import RunFolder
 from tests.examples import examples
-from tests.firmware_sim.bench.harness import NAMES, LiveOscillator
-from tests.firmware_sim.bench.test_invariants import Waves
+from tests.firmware_sim.bench.harness import NAMES, LiveOscillator, Waves
 from tests.firmware_sim.conftest import make_bundle
 from tests.firmware_sim.live.harness import CONFIG, ENABLE_AFTER, Live
 

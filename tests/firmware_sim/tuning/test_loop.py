@@ -10,8 +10,7 @@ from contract.errors import PlantError
 from firmware_sim.bench.spans import Spans
 from firmware_sim.tuning.loop import WakeRuns, blocks_in
 from firmware_sim.tuning.score import Goal
-from tests.firmware_sim.bench.harness import LiveOscillator
-from tests.firmware_sim.bench.test_invariants import Waves
+from tests.firmware_sim.bench.harness import LiveOscillator, Waves
 from tests.firmware_sim.conftest import make_bundle
 
 SPANS = Spans(lead_in=15.0, controlled=40.0, settle=20.0)
