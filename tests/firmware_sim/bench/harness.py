@@ -183,10 +183,10 @@ class Run:
             seed=seed,
         ).run(self.plant, capture=self.frames.append)
         self.acted = [one.acted for one in self.log.metadata.faults]
-        self.pressures = [codec.parse_pressure(frame.data) for frame in self.of(PRESSURE)]
-        self.commands = [codec.parse_jet_command(frame.data) for frame in self.of(JET_COMMAND)]
-        self.statuses = [codec.parse_ecu_status(frame.data) for frame in self.of(ECU_STATUS)]
-        self.read = np.array([pressure.pressure_pa for pressure in self.pressures if pressure is not None])
+        self.pressures: list[Any] = [codec.parse_pressure(frame.data) for frame in self.of(PRESSURE)]
+        self.commands: list[Any] = [codec.parse_jet_command(frame.data) for frame in self.of(JET_COMMAND)]
+        self.statuses: list[Any] = [codec.parse_ecu_status(frame.data) for frame in self.of(ECU_STATUS)]
+        self.read = np.array([pressure.pressure_pa for pressure in self.pressures])
         """(n, 4) Pa, as the vehicle sent them."""
         self.wall = self.log.series[WALL] * config.operating_point.dynamic_pressure
         """(n, 4) Pa, as they were."""

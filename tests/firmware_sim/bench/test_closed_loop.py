@@ -3,6 +3,7 @@
 import json
 import secrets
 from dataclasses import asdict
+from typing import Any
 
 import can
 import numpy as np
@@ -137,7 +138,7 @@ def test_control_starts_when_it_is_requested_and_moves_the_jets(run):
 
 
 def short_run(release, folder, *, lead_in: float = 1.0, controlled: float = 1.0, progress=lambda *_: None, **bus):
-    spans = {"lead_in": lead_in, "controlled": controlled, "settle": 0.0, "averages": False}
+    spans: dict[str, Any] = {"lead_in": lead_in, "controlled": controlled, "settle": 0.0, "averages": False}
     config = Config(bus=BusConfig(**bus))
     log = run_closed_loop(folder, release, config, progress=progress, **spans)
     return log, (folder / "frames.log").read_bytes(), json.loads((folder / "summary.json").read_text())

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from math import inf, nan
+from typing import Any
 
 import numpy as np
 import pytest
@@ -259,7 +260,7 @@ def test_a_run_goes_on_from_a_saved_state_to_the_bit(shared_wake):
 
 
 def test_spans_that_are_no_numbers_or_too_short_are_refused_with_the_remedy():
-    usual = {"lead_in": 25.0, "controlled": 100.0, "settle": 40.0}
+    usual: dict[str, Any] = {"lead_in": 25.0, "controlled": 100.0, "settle": 40.0}
     for name in usual:
         for value in (inf, nan, -1.0):
             with pytest.raises(StillwakeError, match=rf"--{name.replace('_', '-')} = {value}: must be a number of t_c"):
