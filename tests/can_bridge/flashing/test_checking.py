@@ -29,21 +29,20 @@ GOOD = image(version=3)
 
 
 def with_file(name: str, content: bytes | None) -> bytes:
-    files = files_of(GOOD)
-    if content is None:
-        del files[name]
-    else:
-        files[name] = content
-    return image_of(files)
+    files = {**files_of(GOOD), name: content}
+    return image_of({name: content for name, content in files.items() if content is not None})
+
+
+def signed(body: dict[str, object]) -> bytes:
+    """With another manifest, its own hash and its signature put right."""
+    raw = strict_json.encode(body | {"manifest_sha256": digest_of(body)})
+    return image_of(files_of(GOOD) | {MANIFEST: raw, SIGNATURE: signing.sign(RELEASE, raw)})
 
 
 def with_manifest(**changes: object) -> bytes:
-    """A changed manifest, its own hash and its signature put right."""
-    files = files_of(GOOD)
-    body = json.loads(files[MANIFEST]) | changes
+    body = json.loads(files_of(GOOD)[MANIFEST]) | changes
     del body["manifest_sha256"]
-    raw = strict_json.encode(body | {"manifest_sha256": digest_of(body)})
-    return image_of(files | {MANIFEST: raw, SIGNATURE: signing.sign(RELEASE, raw)})
+    return signed(body)
 
 
 def test_a_release_in_order_is_good_and_comes_with_its_bundle():
@@ -88,13 +87,12 @@ def test_what_is_wrong_is_the_verdict():
 
 def test_an_old_schema_is_too_old_for_any_store():
     body = json.loads(files_of(GOOD)[MANIFEST])
-    files = files_of(GOOD)
     for name in ("security_version", "hardware", "manifest_sha256"):
         del body[name]
-    body["schema"] = "stillwake-bundle/4"
-    raw = strict_json.encode(body | {"manifest_sha256": digest_of(body)})
-    old = image_of(files | {MANIFEST: raw, SIGNATURE: signing.sign(RELEASE, raw)})
-    assert check(old, replace(RULES, least_security_version=1))[0] == Verdict.TOO_OLD
+    assert check(signed(body | {"schema": "stillwake-bundle/4"}), replace(RULES, least_security_version=1)) == (
+        Verdict.TOO_OLD,
+        None,
+    )
 
 
 def test_a_key_of_the_list_must_have_signed():
@@ -106,17 +104,10 @@ def test_a_key_of_the_list_must_have_signed():
         assert check(image(version=3, key=key), replace(RULES, keys=both))[0] == Verdict.GOOD
 
 
-@examples(150)
+@examples(100)
 @given(st.integers(0, len(GOOD) - 1), st.integers(1, 255))
 def test_no_changed_byte_is_good(at, change):
-    damaged = bytearray(GOOD)
-    damaged[at] ^= change
-    verdict, bundle = check(bytes(damaged), RULES)
+    damaged = GOOD[:at] + bytes([GOOD[at] ^ change]) + GOOD[at + 1 :]
+    verdict, bundle = check(damaged, RULES)
     assert verdict in (Verdict.DAMAGED, Verdict.BAD_SIGNATURE, Verdict.UNKNOWN_KEY, Verdict.UNSIGNED)
     assert bundle is None
-
-
-@examples(50)
-@given(st.dictionaries(st.sampled_from([MANIFEST, SIGNATURE, CONTROLLER, "x"]), st.binary(max_size=300)))
-def test_any_files_get_a_verdict(files):
-    assert check(image_of(files), RULES)[0] in (Verdict.DAMAGED, Verdict.UNSIGNED, Verdict.BAD_SIGNATURE)
