@@ -42,7 +42,7 @@ coverage: $(VENV)/dev.stamp
 		tests/firmware_sim/ecu/test_state_machine.py tests/firmware_sim/ecu/test_transitions.py \
 		tests/firmware_sim/ecu/test_timing.py \
 		tests/can_bridge/flashing/test_store.py \
-		tests/can_bridge/flashing/test_store_records.py tests/can_bridge/flashing/test_store_transfer.py \
+		tests/can_bridge/flashing/test_store_records.py \
 		tests/can_bridge/flashing/test_state.py tests/can_bridge/flashing/test_checking.py \
 		--cov=can_bridge.flashing.store --cov=can_bridge.flashing.remembered --cov=can_bridge.flashing.boot \
 		--cov=can_bridge.flashing.state --cov=can_bridge.flashing.checking \

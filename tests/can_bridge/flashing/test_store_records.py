@@ -1,15 +1,20 @@
-"""Key lists, calibrations and failed attempts."""
+"""An image on its way into a slot; key lists, calibrations and failed attempts."""
+
+import hashlib
 
 import pytest
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot, at_once
+from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.state import Phase
 from can_bridge.flashing.store import OutOfOrderError, Store
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError
 from contract.release.signing import public_key
 from tests.can_bridge.flashing.plain_backing import PlainBacking
 from tests.can_bridge.flashing.releases import (
+    BLOCK,
     RELEASE,
     SECOND,
     STRANGER,
@@ -20,11 +25,96 @@ from tests.can_bridge.flashing.releases import (
     image,
     keys,
     name_of,
+    phases,
     provisioned,
     store_on,
+    transfer,
+    updated,
 )
 
-TWO = image("two")
+ONE, TWO = image("one"), image("two")
+SHA256 = hashlib.sha256(TWO).digest()
+
+
+def test_an_interrupted_transfer_goes_on_where_it_ended():
+    backing = provisioned()
+    transfer(booted(backing)[0], TWO, until=2 * BLOCK)
+    store, _ = booted(backing.after_power_on())
+    assert transfer(store, TWO) == 2 * BLOCK
+    # In another session too; and what is whole needs no byte again, checked or not.
+    for _ in range(2):
+        store.drop()
+        assert store.received is None
+        assert transfer(store, TWO) == len(TWO)
+        for _ in range(2):
+            assert at_once(store.finish()) == Verdict.GOOD
+
+
+def test_what_cannot_be_gone_on_with_begins_at_the_start(monkeypatch):
+    def begun() -> PlainBacking:
+        backing = provisioned()
+        transfer(booted(backing)[0], TWO, until=2 * BLOCK)
+        return backing.after_power_on()
+
+    for length, sha256 in ((len(TWO) - 1, SHA256), (len(TWO), hashlib.sha256(ONE).digest())):
+        backing = begun()
+        store, _ = booted(backing)
+        assert at_once(store.announce(length, sha256)) == 0, length
+        assert backing.content(Slot.B) == b""
+    # One that failed a check.
+    wrong = image(key=STRANGER)
+    assert flash(store, wrong) == Verdict.UNKNOWN_KEY
+    assert phases(store) == [Phase.CONFIRMED, Phase.BAD]
+    assert transfer(store, wrong) == 0
+    # An announcement that ends halfway.
+    next(store.announce(len(ONE), hashlib.sha256(ONE).digest()))
+    assert store.received is None
+    assert phases(booted(backing.after_power_on())[0]) == [Phase.CONFIRMED, Phase.EMPTY]
+
+    def fails(self: PlainBacking, slot: Slot, length: int) -> None:
+        raise MediumError("worn out", length)
+
+    monkeypatch.setattr(PlainBacking, "begin_again", fails)
+    store, _ = booted(begun())
+    assert transfer(store, TWO) == 0
+    assert at_once(store.finish()) == Verdict.GOOD
+
+
+def test_what_arrives_must_be_what_was_announced():
+    backing = provisioned()
+    store, _ = booted(backing)
+    calls = backing.calls
+    for length, sha256 in ((0, bytes(32)), (200_001, bytes(32)), (5, bytes(31)), (-1, bytes(32))):
+        with pytest.raises(ConfigError, match="must have"):
+            at_once(store.announce(length, sha256))
+    for act in (lambda: store.append(b"x"), lambda: at_once(store.finish())):
+        with pytest.raises(OutOfOrderError, match="announce it first"):
+            act()
+    assert backing.calls == calls
+    at_once(store.announce(len(TWO), SHA256))
+    store.append(TWO[:-1])
+    assert (at_once(store.finish()), phases(store)) == (Verdict.INCOMPLETE, [Phase.CONFIRMED, Phase.FILLING])
+    store.append(b"\0" if TWO[-1] else b"\1")
+    with pytest.raises(OutOfOrderError, match="must end at the announced"):
+        store.append(b"x")
+    assert at_once(store.finish()) == Verdict.WRONG_HASH
+    with pytest.raises(OutOfOrderError):
+        store.activate()
+
+
+def test_nothing_is_written_between_going_back_and_the_reset():
+    """One release runs, and the other one boots next: neither slot is free."""
+    backing = updated(TWO)
+    store, _ = booted(backing)
+    at_once(store.revert())
+    before = {slot: backing.content(slot) for slot in Slot}
+    with pytest.raises(OutOfOrderError, match="reset the ECU first"):
+        transfer(store, image("three"))
+    assert {slot: backing.content(slot) for slot in Slot} == before
+    store, boot = booted(backing)
+    assert name_of(boot) == "one"
+    assert flash(store, image("three")) == Verdict.GOOD
+    assert backing.content(Slot.A) == before[Slot.A]
 
 
 def trying_a_second_key(**changes: int) -> tuple[PlainBacking, Store]:
@@ -33,9 +123,7 @@ def trying_a_second_key(**changes: int) -> tuple[PlainBacking, Store]:
     store, _ = booted(backing)
     store.take_keys(keys(2, RELEASE, SECOND))
     assert flash(store, image("two", key=SECOND, **changes)) == Verdict.GOOD
-    store, _ = booted(backing)
-    assert store.keys is not None and store.keys.version == 2
-    return backing, store
+    return backing, booted(backing)[0]
 
 
 def test_only_a_newer_list_by_the_root_key_is_taken():
@@ -53,10 +141,7 @@ def test_only_a_newer_list_by_the_root_key_is_taken():
         other.take_keys(keys(4))
 
 
-def test_a_key_list_that_disowns_the_confirmed_release_is_refused():
-    store, _ = booted(provisioned())
-    with pytest.raises(KeyFileError, match="which signed the confirmed release"):
-        store.take_keys(keys(2, SECOND, revoked=(RELEASE,)))
+def test_a_key_list_must_keep_the_keys_of_the_confirmed_release_and_of_the_one_that_runs():
     backing, store = trying_a_second_key()
     with pytest.raises(KeyFileError, match="which signed the confirmed release"):  # it is the way back of the trial
         store.take_keys(keys(3, SECOND, revoked=(RELEASE,)))
@@ -65,6 +150,14 @@ def test_a_key_list_that_disowns_the_confirmed_release_is_refused():
     store, boot = booted(backing)
     assert name_of(boot) == "two"
     assert at_once(store.revert()) == Verdict.REVOKED_KEY
+    backing, store = trying_a_second_key()
+    store.confirm()
+    damage(backing, Slot.B)
+    store, boot = booted(backing)
+    assert name_of(boot) == "one"
+    with pytest.raises(KeyFileError, match=f"lacks key {public_key(RELEASE).fingerprint}"):
+        store.take_keys(keys(3, SECOND))
+    assert name_of(booted(backing)[1]) == "one"
 
 
 def test_a_trial_whose_key_is_revoked_is_not_confirmed_and_ends():
@@ -77,20 +170,13 @@ def test_a_trial_whose_key_is_revoked_is_not_confirmed_and_ends():
     assert (name_of(boot), boot.verdicts[Slot.B]) == ("one", Verdict.REVOKED_KEY)
 
 
-def test_the_key_of_a_release_that_runs_because_the_confirmed_one_is_damaged_stays_too():
-    backing, store = trying_a_second_key()
-    store.confirm()
-    damage(backing, Slot.B)
-    store, boot = booted(backing)
-    assert name_of(boot) == "one"
-    with pytest.raises(KeyFileError, match=f"lacks key {public_key(RELEASE).fingerprint}"):
-        store.take_keys(keys(3, SECOND))
-    assert name_of(booted(backing)[1]) == "one"
-
-
 def test_a_calibration_belongs_to_one_release_and_goes_with_it():
     backing = provisioned()
+    with pytest.raises(OutOfOrderError, match="one must run"):
+        store_on(backing).keep_calibration(b"x")
     store, boot = booted(backing)
+    with pytest.raises(ConfigError, match="1025 bytes"):
+        store.keep_calibration(b"x" * 1025)
     one = digest_of(boot)
     store.keep_calibration(b"of one")
     flash(store, TWO)
@@ -110,15 +196,6 @@ def test_a_calibration_belongs_to_one_release_and_goes_with_it():
         store.keep_calibration(b"y" * 1024)
         assert store.records.calibration(digest_of(boot)) == b"y" * 1024, name
     assert store.records.calibration(one) is None
-
-
-def test_a_calibration_is_kept_only_while_a_release_runs_and_only_a_small_one():
-    store = store_on(provisioned())
-    with pytest.raises(OutOfOrderError, match="one must run"):
-        store.keep_calibration(b"x")
-    store.boot()
-    with pytest.raises(ConfigError, match="1025 bytes"):
-        store.keep_calibration(b"x" * 1025)
 
 
 def test_failed_attempts_outlive_a_reset():
