@@ -93,7 +93,8 @@ def test_what_is_damaged_and_what_no_store_keeps_is_not_read():
             (
                 replace(SAMPLE, active=Slot.B),
                 replace(SAMPLE, least_security_version=0),
-                *(SAMPLE.with_slot(Slot.B, replace(filling, **{name: 6})) for name in ("received", "boots_left")),
+                SAMPLE.with_slot(Slot.B, replace(filling, received=6)),
+                SAMPLE.with_slot(Slot.B, replace(filling, boots_left=4)),
                 *(SAMPLE.with_slot(Slot.A, replace(FULL, name=name)) for name in ("", "a\nb")),
                 SAMPLE.with_slot(Slot.A, replace(FULL, received=96_999)),
                 *(

@@ -1,5 +1,8 @@
 """The simulated flash has the manners that the stores above it must live with."""
 
+from functools import partial
+from itertools import product
+
 import pytest
 
 from can_bridge.flashing.flash_memory.simulated_flash import SimulatedFlash
@@ -38,90 +41,61 @@ def test_only_whole_words_within_it_are_programmed_and_read():
             SimulatedFlash(sectors, size)
 
 
-def torn_word(seed: int) -> SimulatedFlash:
-    flash = SimulatedFlash(1, SECTOR, seed=seed)
-    flash.cut_at = 1
-    with pytest.raises(PowerCut):
-        flash.program(0, DATA * 3)
-    with pytest.raises(PowerCut):
-        flash.read(0, 1)
-    with pytest.raises(PowerCut):
-        flash.erase(0)
-    flash.power_on()
-    assert flash.read(0, WORD) == DATA
-    assert flash.read(2 * WORD, WORD) == ERASED
-    return flash
-
-
-def test_a_torn_word_is_weak_or_partly_there_or_unreadable():
-    became = set()
-    for seed in range(60):
-        flash = torn_word(seed)
-        try:
-            found = flash.read(WORD, WORD)
-        except UnreadableError as error:
-            assert error.address == WORD
-            became.add("unreadable")
-            continue
-        # A cut programs no bit that was not to be programmed.
-        assert all(is_there & to_be == to_be for is_there, to_be in zip(found, DATA, strict=True))
-        if found == ERASED:
-            flash.program(WORD, DATA)
-            with pytest.raises(UnreadableError):
-                flash.read(WORD, WORD)
-            became.add("weak")
-        else:
-            became.add("whole" if found == DATA else "part")
-            with pytest.raises(MediumError, match="programmed before"):
-                flash.program(WORD, DATA)
-    assert became == {"unreadable", "weak", "whole", "part"}
-
-
-def test_a_torn_erasure_leaves_each_word_old_or_weak_or_random_or_unreadable():
-    became = set()
-    for seed in range(20):
+def test_what_a_cut_tears_is_old_or_weak_or_random_or_unreadable():
+    """A word that looks erased is weak: programmed again, it cannot be read. A whole erasure mends all."""
+    became: dict[str, set[str]] = {"word": set(), "erasure": set()}
+    for kind, seed in product(became, range(60)):
         flash = SimulatedFlash(1, SECTOR, seed=seed)
-        flash.program(0, DATA * (WORDS - 1))
-        flash.power_on(flash.operations)
-        with pytest.raises(PowerCut):
-            flash.erase(0)
+        if kind == "word":
+            flash.cut_at = 1
+            tear = partial(flash.program, 0, DATA * 3)
+        else:
+            flash.program(0, DATA * (WORDS - 1))
+            flash.power_on(flash.operations)
+            tear = partial(flash.erase, 0)
+        for dead in (tear, partial(flash.read, 0, 1), partial(flash.erase, 0)):
+            with pytest.raises(PowerCut):
+                dead()
         flash.power_on()
-        for address in range(0, SECTOR, WORD):
+        if kind == "word":
+            assert (flash.read(0, WORD), flash.read(2 * WORD, WORD)) == (DATA, ERASED)
+        for address in (WORD,) if kind == "word" else range(0, SECTOR, WORD):
             try:
-                found = flash.read(address, WORD)
-            except UnreadableError:
-                became.add("unreadable")
+                there = flash.read(address, WORD)
+            except UnreadableError as error:
+                assert error.address == address
+                became[kind].add("unreadable")
                 continue
-            became.add({DATA: "old", ERASED: "weak"}.get(found, "random"))
-            if found == ERASED:
+            became[kind].add({DATA: "whole", ERASED: "weak"}.get(there, "random"))
+            if kind == "word":
+                # A cut programs no bit that was not to be programmed.
+                assert all(is_there & to_be == to_be for is_there, to_be in zip(there, DATA, strict=True))
+            if there == ERASED:
                 flash.program(address, DATA)
                 with pytest.raises(UnreadableError):
                     flash.read(address, WORD)
+            else:
+                with pytest.raises(MediumError, match="programmed before"):
+                    flash.program(address, DATA)
         flash.erase(0)
         flash.program(0, DATA * WORDS)
         assert flash.read(0, SECTOR) == DATA * WORDS
-    assert became == {"old", "weak", "random", "unreadable"}
+    assert became == {kind: {"whole", "weak", "random", "unreadable"} for kind in became}
 
 
-def test_sectors_wear_out():
+def test_sectors_fail_when_they_are_worn_out_or_bad():
     flash = SimulatedFlash(4, SECTOR, endurance=100, seed=3)
-    lived = []
     for sector in range(4):
         with pytest.raises(WornOutError, match=f"sector {sector} can no longer be erased"):
             for _ in range(200):
                 flash.erase(sector)
-        lived.append(flash.erasures[sector] - 1)
-    assert all(90 <= count <= 110 for count in lived)
-    assert len(set(lived)) > 1
-
-
-def test_a_bad_sector_fails_when_its_words_are_used_up():
+    assert all(90 <= count - 1 <= 110 for count in flash.erasures)
+    assert len(set(flash.erasures)) > 1
     flash = SimulatedFlash(3, SECTOR, bad={1: 2, 2: 0})
     flash.erase(1)
     with pytest.raises(WornOutError, match="sector 1 can no longer be programmed"):
         flash.program(SECTOR, DATA * 3)
     assert flash.read(SECTOR, 3 * WORD) == DATA * 2 + ERASED
-    with pytest.raises(WornOutError):
-        flash.erase(1)
-    with pytest.raises(WornOutError):
-        flash.erase(2)
+    for sector in (1, 2):
+        with pytest.raises(WornOutError):
+            flash.erase(sector)
