@@ -19,7 +19,7 @@ FIRST_NS = 7_000_000_000
 
 
 def pressure_in(frame: Frame) -> Pressure:
-    """What a Pressure frame says."""
+    """The content of a Pressure frame."""
     message = codec.parse_pressure(frame.data)
     assert message is not None
     return message

@@ -1,4 +1,4 @@
-"""What is said when no usable command comes."""
+"""The line that is printed when no usable command comes."""
 
 from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
@@ -7,7 +7,7 @@ from firmware_sim.bench.real_time.heard import Heard, line
 from tests.each import each
 
 
-def said(messages: MessageSet, ids: dict[int, int], **rejected: int) -> str:
+def line_for(messages: MessageSet, ids: dict[int, int], **rejected: int) -> str:
     """With frames of these identifiers and lengths, fifty each."""
     heard = Heard()
     for frame_id, length in ids.items():
@@ -36,7 +36,7 @@ def said(messages: MessageSet, ids: dict[int, int], **rejected: int) -> str:
     ],
 )
 def test_the_line_names_the_cause_and_what_would_do(messages, ids, rejected, expected) -> None:
-    text = said(messages, ids, **rejected)
+    text = line_for(messages, ids, **rejected)
     assert text.startswith(f"no usable {messages.command.spec.name} (0x{messages.command.spec.frame_id:03x}) in 1 s: ")
     assert expected in text
     assert "\n" not in text

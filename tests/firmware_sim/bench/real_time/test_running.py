@@ -91,6 +91,8 @@ def test_a_run_from_the_first_frame_to_the_farewell(bundle_of, recording_control
     assert 0 < figures.commands + figures.misses < 160
     assert figures.modes[Mode.CONTROL] > 0
     assert figures.largest == pytest.approx(0.02, abs=1e-4)
+    assert figures.as_dict()["modes"]["CONTROL"] == figures.modes[Mode.CONTROL]
+    assert 0.0 < figures.rms_action <= figures.largest
     assert lines[0].startswith("real time: ")
     assert shown == [75, 150]
     rows = load(tmp_path / "times.npz", VehicleStage)
@@ -102,14 +104,13 @@ def test_a_run_from_the_first_frame_to_the_farewell(bundle_of, recording_control
     assert ((came == 0)[:-1] | ((came >= due)[:-1] & (came[:-1] < due[1:]))).all()
 
 
-def test_a_vehicle_without_an_ecu_says_once_what_it_hears(replay) -> None:
+def test_a_vehicle_without_an_ecu_reports_once_what_it_hears(replay) -> None:
     lines: list[str] = []
     with PythonCanBus.open(BUS) as bus:
         figures = run_vehicle(bus, NAMES, replay, CONFIG, course(periods=320), report=lines.append)
     assert figures.commands == figures.misses == 0
-    said = [line for line in lines if "JetCommand" in line]
-    assert len(said) == 1
-    assert "nothing at all is heard" in said[0]
+    (line,) = [line for line in lines if "JetCommand" in line]
+    assert "nothing at all is heard" in line
 
 
 def test_with_a_key_both_are_believed_and_the_power_cycles_are_counted(

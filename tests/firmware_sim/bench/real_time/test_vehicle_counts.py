@@ -1,12 +1,10 @@
 """What a vehicle counts."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.wire.messages import Mode
-from firmware_sim.bench.real_time.vehicle_counts import LONGEST_NS, RESOLUTION_NS, Durations, Figures
+from firmware_sim.bench.real_time.vehicle_counts import LONGEST_NS, RESOLUTION_NS, Durations
 from tests.examples import examples
 
 
@@ -28,13 +26,3 @@ def test_times_without_end_and_without_beginning_are_kept_at_the_ends() -> None:
     assert durations.quantile_ms(1.0) == LONGEST_NS / 1e6
     durations.add(-5)
     assert durations.quantile_ms(0.5) == 0.0
-
-
-def test_modes_are_named_in_a_results_file() -> None:
-    figures = Figures()
-    figures.modes.update([Mode.CONTROL, Mode.OFF, Mode.CONTROL])
-    figures.acted(-0.03)
-    figures.acted(0.04)
-    found = figures.as_dict()
-    assert found["modes"] == {"OFF": 1, "CONTROL": 2}
-    assert (found["rms_action"], found["largest_action"]) == (pytest.approx(np.sqrt(12.5e-4)), 0.04)
