@@ -1,5 +1,7 @@
 """Whether a live wake keeps up."""
 
+from typing import Any
+
 import pytest
 
 from contract.config.plant import FlowConfig
@@ -10,7 +12,7 @@ from wake.truck.truck_wake import TruckWake
 
 
 def test_a_wake_that_does_not_keep_up_is_refused_with_the_remedy_and_one_that_only_just_does_is_warned_of() -> None:
-    coarse = {"refinement": 0.75, "substeps": 15}
+    coarse: dict[str, Any] = {"refinement": 0.75, "substeps": 15}
     assert Speed.of([9.0, 11.0, 10.0]).check(20.0, **coarse) is None
     for times in ([19.0, 19.0, 19.5], [9.0, 10.0, 25.0]):
         assert "periods without pressures are to be expected" in str(Speed.of(times).check(20.0, **coarse)), times
