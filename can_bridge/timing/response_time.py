@@ -76,11 +76,6 @@ def timing(message: PeriodicMessage, bus: BusConfig) -> Timing:
     )
 
 
-def utilisation(timings: Sequence[Timing]) -> Fraction:
-    """Share of the bus's time that these messages take at worst; more than 1 is more than there is."""
-    return sum((Fraction(one.frame_ns, one.period_ns) for one in timings), Fraction(0))
-
-
 def response_times(timings: Sequence[Timing], *, bit_ns: int) -> list[Response]:
     """Response times of all messages.
 

@@ -1,8 +1,7 @@
-"""Periodic messages: their priority against the bits on the wire, and how made-up ones fill a bus."""
+"""How made-up messages fill a bus, and what a periodic message cannot be."""
 
 from typing import Any
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -11,6 +10,7 @@ from can_bridge.timing.periodic_message import PeriodicMessage
 from can_bridge.wire.message_specs import SPECS
 from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
+from tests.examples import examples
 from tests.refused import refused
 
 OURS = tuple(spec.frame_id for spec in SPECS)
@@ -28,29 +28,30 @@ def test_what_no_node_could_send_is_refused():
         ({"length": 9}, "frame of 9 bytes"),
         ({"period_ns": 0}, "Some: period 0 ns"),
         ({"offset_ns": -1}, "Some: offset -1 ns"),
-        ({"jitter_ns": -1}, "Some: jitter -1 ns"),
-        ({"deadline_ns": -1}, "Some: deadline -1 ns"),
     ]:
         with refused(ValueError, culprit):
             message(**changes)
+    for load, taken, remedy in [
+        (1e-5, TAKEN, r"load = 1e-05: less than one message a second"),
+        # Made-up messages have identifiers from 0x010 to 0x6ff.
+        (0.9, range(0x20, 0x800), r"load = 0\.9: needs more than the 16 free identifiers"),
+    ]:
+        with refused(ConfigError, remedy):
+            made_up(load, BusConfig(), taken, seed=0)
 
 
-LOADS = st.floats(0.02, 0.99)
 BUSES = st.builds(BusConfig, frames=st.sampled_from(["fd", "classic"]), nominal_bitrate=st.just(500_000))
 
 
-@given(load=LOADS, bus=BUSES, seed=st.integers(0, 2**32))
-def test_made_up_messages_fill_their_share_and_no_more(load, bus, seed):
+@examples(50)
+@given(load=st.floats(0.02, 0.99), bus=BUSES, seed=st.integers(0, 2**32))
+def test_made_up_messages_are_those_of_a_vehicle_and_fill_their_share(load, bus, seed):
     messages = made_up(load, bus, TAKEN, seed=seed)
+    assert made_up(load, bus, TAKEN, seed=seed) == messages != made_up(load, bus, TAKEN, seed=seed + 1)
     taken = sum(one.worst_ns(bus) / one.period_ns for one in messages)
     # One frame a second, the rarest, is the most that is left over: 64 bytes of CAN FD, or 8 of classic CAN.
     rarest = message(is_fd=bus.frames == "fd", length=64 if bus.frames == "fd" else 8).worst_ns(bus) / 1e9
     assert load - rarest - 1e-9 < taken <= load + 1e-9  # 1e-9: sums of floats
-
-
-@given(load=LOADS, bus=BUSES, seed=st.integers(0, 2**32))
-def test_made_up_messages_are_those_of_a_vehicle(load, bus, seed):
-    messages = made_up(load, bus, TAKEN, seed=seed)
     ids = [one.frame_id for one in messages]
     assert ids == sorted(set(ids))
     assert not set(ids) & {*OURS, *TAKEN}
@@ -61,20 +62,3 @@ def test_made_up_messages_are_those_of_a_vehicle(load, bus, seed):
     if len(messages) > 1:
         assert ids[0] < min(TAKEN)
         assert ids[-1] > max(TAKEN)
-
-
-def test_the_seed_decides():
-    bus = BusConfig()
-    sets = [made_up(0.5, bus, TAKEN, seed=seed) for seed in (0, 0, 1)]
-    assert sets[0] == sets[1] != sets[2]
-
-
-def test_a_share_below_one_message_is_refused():
-    with pytest.raises(ConfigError, match=r"load = 1e-05: less than one message a second"):
-        made_up(1e-5, BusConfig(), TAKEN, seed=0)
-
-
-def test_a_share_that_needs_more_identifiers_than_there_are_is_refused():
-    # Made-up messages have identifiers from 0x010 to 0x6ff.
-    with pytest.raises(ConfigError, match=r"load = 0\.9: needs more than the 16 free identifiers"):
-        made_up(0.9, BusConfig(), range(0x20, 0x800), seed=0)

@@ -9,6 +9,7 @@ And at random: phases, delays and contents.
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import partial
 from random import Random
 from statistics import median
@@ -17,7 +18,7 @@ from typing import Any, Final, NamedTuple
 from can_bridge.bus.simulated.attempt import INTERMISSION
 from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
 from can_bridge.timing.periodic_message import PeriodicMessage
-from can_bridge.timing.response_time import Response, nominal_bit_ns, response_times, timing, utilisation
+from can_bridge.timing.response_time import Response, nominal_bit_ns, response_times, timing
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_EXTENDED_ID, MAX_FRAME_ID, Frame
 from can_bridge.wire.priority import Priority
 from contract.config.vehicle import BusConfig
@@ -181,7 +182,7 @@ def random_set(bus: BusConfig, random: Random) -> list[PeriodicMessage]:
             period_ns=10**6 * random.choice((5, 10, 20)) if random.random() < 0.5 else random.randint(2, 40) * 10**6,
         )
         probes[message.priority] = message
-    load = float(utilisation([timing(message, bus) for message in probes.values()]))
+    load = float(sum(Fraction(message.worst_ns(bus), message.period_ns) for message in probes.values()))
     factor = load / random.uniform(*LOADS)
     return [_stretched(probes[key], factor, random) for key in sorted(probes)]
 
