@@ -115,9 +115,8 @@ def framed(name: str, values: dict[str, Any], counter: int, kind: str, time_s: f
     else:
         covered = data[: 16 if name.startswith("Pressure") else 8]
         e2e_p05_protect(covered, DATA_IDS[name], increment_counter=False)
-        code = CMAC(AES(KEY))
-        code.update(DATA_IDS[name].to_bytes(2, "big") + covered + data[len(covered) : -8])
-        data = covered + data[len(covered) : -8] + code.finalize()[:8]
+        covered += data[len(covered) : -8]
+        data = covered + authentication_code(DATA_IDS[name], covered)
     return can.Message(
         timestamp=time_s,
         arbitration_id=message.frame_id,
@@ -128,13 +127,20 @@ def framed(name: str, values: dict[str, Any], counter: int, kind: str, time_s: f
     )
 
 
+def authentication_code(data_id: int, covered: bytes) -> bytes:
+    """Of a secured message up to it."""
+    code = CMAC(AES(KEY))
+    code.update(data_id.to_bytes(2, "big") + covered)
+    return code.finalize()[:8]
+
+
 def log_of(one: Drive, start_s: float = 1000.0, period_s: float = PERIOD) -> list[can.Message]:
     """Every frame of a drive in which nothing went wrong."""
-    found = []
+    messages = []
     for k in range(len(one)):
-        found.append(pressure(one, k, start_s + k * period_s))
-        found.append(command(one, k, start_s + (k + LATENCY) * period_s))
-    return found
+        messages.append(pressure(one, k, start_s + k * period_s))
+        messages.append(command(one, k, start_s + (k + LATENCY) * period_s))
+    return messages
 
 
 def write(path: Path, messages: Sequence[can.Message]) -> Path:

@@ -1,34 +1,55 @@
 """A drive that is known comes out of its log again, whatever was lost, doubled, late or foreign in it."""
 
+import copy
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import can
 import numpy as np
 import pytest
-from cryptography.hazmat.primitives.ciphers.algorithms import AES
-from cryptography.hazmat.primitives.cmac import CMAC
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.drives.log_to_series import series_of
+from can_bridge.drives.log_periods import Scales
+from can_bridge.drives.log_to_series import LogSeries, series_of
 from can_bridge.wire.message_sets import CLASSIC, FD
 from contract.errors import DatasetError
-from tests.can_bridge.drives import drive_log
 from tests.can_bridge.drives.drive_log import (
     FLOW,
-    KEY,
     LATENCY,
     PERIOD,
+    PRESSURE,
     Drive,
+    authentication_code,
     command,
     drive,
     log_of,
     pressure,
 )
-from tests.can_bridge.drives.drive_series import EXACT, KINDS, LOG, SCALES, read, same
 from tests.examples import examples
+from tests.refused import refused
+
+SCALES = Scales(period_s=PERIOD, dynamic_pressure=PRESSURE, flow_rate=FLOW, action_limit=0.075)
+LOG = Path("drive.blf")
+EXACT = 1e-12
+"""Two ways to multiply the same steps of the wire."""
+KINDS = ("fd", "classic", "secured")
+
+
+def read(messages: list[can.Message], **options: Any) -> LogSeries:
+    return series_of(LOG, messages, SCALES, **{"fill": 2, "split": False, **options})
+
+
+def in_time(messages: list[can.Message]) -> list[can.Message]:
+    return sorted(messages, key=lambda message: message.timestamp)
+
+
+def same(series: LogSeries, one: Drive, first: int = 0) -> None:
+    (piece,) = series.pieces
+    np.testing.assert_allclose(piece.Cp, one.Cp[first : first + len(piece)], atol=EXACT)
+    np.testing.assert_allclose(piece.action, one.action[first : first + len(piece)], atol=EXACT)
 
 
 def test_a_sound_log_is_the_drive() -> None:
@@ -42,13 +63,12 @@ def test_a_sound_log_is_the_drive() -> None:
         np.testing.assert_allclose(piece.time_s, 1000.0 + PERIOD * np.arange(600), atol=1e-9)
         report = series.report
         assert (report.frames, report.lost, report.filled) == ((600, 600), (0, 0), (0, 0)), kind
-        assert (report.damaged, report.duplicates, report.misplaced, report.foreign, report.gaps) == (0, 0, 0, 0, ()), (
-            kind
-        )
+        assert report.damaged == report.duplicates == report.misplaced == report.foreign == 0, kind
+        assert report.gaps == (), kind
         assert abs(report.drift) < 1e-9, kind
 
 
-@examples(60)
+@examples(30)
 @given(data=st.data(), kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
 def test_whatever_the_log_lost_or_added_the_rows_stay_the_drives(data: st.DataObject, kind: str, seed: int) -> None:
     """Jitter of 0.3 periods, up to two rows lost in a row, copies, other nodes' frames and damaged frames."""
@@ -71,7 +91,7 @@ def test_whatever_the_log_lost_or_added_the_rows_stay_the_drives(data: st.DataOb
     copies = len(messages) - (2 * rows - sum(map(len, lost.values())))
     foreign = [_foreign(start + generator.uniform(0, rows * PERIOD), generator) for _ in range(20)]
     damaged = [_damaged(one, start + generator.uniform(0, rows * PERIOD), generator) for _ in range(3)]
-    series = read(sorted([*messages, *foreign, *damaged], key=lambda message: message.timestamp))
+    series = read(in_time([*messages, *foreign, *damaged]))
 
     whole = [k for k in range(rows) if k not in lost["p"] | lost["c"]]
     (piece,) = series.pieces
@@ -121,7 +141,7 @@ def _damaged(one: Drive, time_s: float, generator: np.random.Generator) -> can.M
     return message
 
 
-def test_frames_overtaken_on_their_way_into_the_log_are_put_in_order() -> None:
+def test_frames_are_put_in_their_order_by_counter_and_echo() -> None:
     one = drive("fd", 100, 2)
     messages = log_of(one)
     for k in (10, 50, 51, 80):
@@ -129,24 +149,26 @@ def test_frames_overtaken_on_their_way_into_the_log_are_put_in_order() -> None:
     # A logger that writes late stamps late: the two share one time.
     for before, after in pairwise(messages):
         after.timestamp = max(after.timestamp, before.timestamp)
-    same(read(messages), one)
-
-
-def test_an_answer_is_told_by_its_echo_and_not_by_its_time() -> None:
-    """The ECU takes 1.4 periods: every command comes after the next pressure."""
+    messages.insert(140, pressure(one, 3, messages[139].timestamp))
+    series = read(messages)
+    same(series, one)
+    assert series.report.misplaced == 1
+    # An ECU that takes 1.4 periods: every command comes after the next pressure.
     one = drive("classic", 100, 3)
     messages = [pressure(one, k, k * PERIOD) for k in range(100)]
     messages += [command(one, k, (k + 1.4) * PERIOD) for k in range(100)]
-    same(read(sorted(messages, key=lambda message: message.timestamp)), one)
+    same(read(in_time(messages)), one)
 
 
-def test_a_held_command_belongs_to_the_period_it_came_in() -> None:
-    """The ECU missed pressure 40 and repeats its command for 39: the echo is 39, the period 40."""
+def test_commands_that_do_not_answer_belong_to_the_period_they_came_in() -> None:
     one = drive("fd", 100, 4)
     messages = log_of(one)
+    # The ECU missed pressure 40 and repeats its command for 39; at 60 the jets are not enabled, and so shut.
     messages[81] = command(one, 40, messages[81].timestamp, echo=39, mode="HOLD", action=one.action[39])
+    messages[121] = command(one, 60, messages[121].timestamp, enable=False)
+    assert one.action[60] != 0.0
     action = one.action.copy()
-    action[40] = action[39]
+    action[40], action[60] = action[39], 0.0
     same(read(messages), replace(one, action=action))
 
 
@@ -157,19 +179,9 @@ def test_commands_for_the_next_period_are_the_actions_of_the_row_after() -> None
         for k in range(60):
             messages.append(pressure(one, k, 5.0 + k * PERIOD))
             # At 30 the ECU holds: the command still rests on 29, came in 30 and is for 31.
-            held = k == 30
-            action, echo = float(one.action[min(k + 1, 59)]), k - 1 if held else k
-            messages.append(
-                command(
-                    one,
-                    k,
-                    5.0 + (k + LATENCY) * PERIOD,
-                    action=action,
-                    echo=echo,
-                    mode="HOLD" if held else "CONTROL",
-                    next_period=True,
-                )
-            )
+            held = {"echo": k - 1, "mode": "HOLD"} if k == 30 else {}
+            action = float(one.action[min(k + 1, 59)])
+            messages.append(command(one, k, 5.0 + (k + LATENCY) * PERIOD, action=action, next_period=True, **held))
         (piece,) = read(messages).pieces
         # What the jets did in the first period was asked for before the log begins.
         rows = piece.first_row + np.arange(len(piece))
@@ -177,16 +189,6 @@ def test_commands_for_the_next_period_are_the_actions_of_the_row_after() -> None
         assert rows[-1] == 59, kind
         np.testing.assert_allclose(piece.action, one.action[rows], atol=EXACT)
         np.testing.assert_allclose(piece.Cp, one.Cp[rows], atol=EXACT)
-
-
-def test_jets_that_are_not_enabled_are_shut() -> None:
-    one = drive("fd", 60, 5)
-    messages = log_of(one)
-    messages[61] = command(one, 30, messages[61].timestamp, enable=False)
-    (piece,) = read(messages).pieces
-    assert one.action[30] != 0.0
-    assert piece.action[30] == 0.0
-    assert piece.action[31] == pytest.approx(one.action[31], abs=EXACT)
 
 
 def test_a_sensor_that_fails_for_a_moment_is_filled_alone() -> None:
@@ -207,17 +209,8 @@ def test_a_steady_age_moves_the_times_of_the_rows() -> None:
     one = drive("fd", 60, 8)
     messages = [pressure(one, k, 5.0 + k * PERIOD, age_ms=3.0) for k in range(60)]
     messages += [command(one, k, 5.0 + (k + LATENCY) * PERIOD) for k in range(60)]
-    (piece,) = read(sorted(messages, key=lambda message: message.timestamp)).pieces
+    (piece,) = read(in_time(messages)).pieces
     assert piece.time_s[0] == pytest.approx(4.997, abs=1e-9)
-
-
-def test_a_frame_out_of_sequence_is_left_out_and_counted() -> None:
-    one = drive("fd", 100, 11)
-    messages = log_of(one)
-    messages.insert(101, pressure(one, 3, messages[100].timestamp + 1e-4))
-    series = read(messages)
-    same(series, one)
-    assert series.report.misplaced == 1
 
 
 def test_the_clocks_drift_is_reported_and_another_period_refused() -> None:
@@ -235,16 +228,15 @@ def test_authentication_is_checked_where_a_key_is_given() -> None:
     messages = log_of(one)
 
     def verify(spec: Any, data: bytes) -> int | None:
-        code = CMAC(AES(KEY))
-        code.update(spec.data_id.to_bytes(2, "big") + data[:-8])
-        return int.from_bytes(data[-16:-8], "big") if code.finalize()[:8] == data[-8:] else None
+        return (
+            int.from_bytes(data[-16:-8], "big") if authentication_code(spec.data_id, data[:-8]) == data[-8:] else None
+        )
 
     messages[40].data[-1] ^= 1
     replayed = pressure(one, 3, messages[60].timestamp + 1e-4)
     messages.insert(61, replayed)
-    checked = read(messages, verify=verify)
-    assert (checked.report.forged, checked.report.checked) == (2, True)
-    assert checked.report.filled == (1, 0)
+    report = read(messages, verify=verify).report
+    assert (report.forged, report.checked, report.filled) == (2, True, (1, 0))
     assert read(messages).report.checked is False
     with pytest.raises(DatasetError, match=r"wrong authentication code: bus\.key is not the key"):
         read(messages, verify=lambda spec, data: None)
@@ -260,13 +252,79 @@ def test_a_full_command_that_the_wire_rounded_up_is_the_limit() -> None:
 
 def test_one_of_two_sets_can_be_asked_for() -> None:
     one, classic = drive("fd", 40, 16), drive("classic", 40, 17)
-    both = sorted([*log_of(one), *log_of(classic)], key=lambda message: message.timestamp)
+    both = in_time([*log_of(one), *log_of(classic)])
     same(read(both, only=FD), one)
     same(read(both, only=CLASSIC), classic)
-    assert drive_log.MODULUS["classic"] == 16
 
 
-@examples(40)
+def test_a_long_gap_is_refused_with_its_time_or_cuts_the_drive_in_two() -> None:
+    """20 and 300 periods are more than the classic and the CAN FD counter can tell by themselves."""
+    for kind in KINDS:
+        for missing in [3, 20, 300]:
+            one = drive(kind, 200 + missing, 9)
+            messages = [message for i, message in enumerate(log_of(one)) if not 200 <= i < 200 + 2 * missing]
+            with refused(DatasetError, rf"no pressures for {missing} control periods at 2\.000 s.*--split"):
+                read(messages)
+            series = read(messages, split=True)
+            before, after = series.pieces
+            assert (before.first_row, len(before)) == (0, 100), (kind, missing)
+            # The action before the second piece is not known: its first row serves as that.
+            assert (after.first_row, len(after)) == (101 + missing, 99), (kind, missing)
+            assert after.initial_action == pytest.approx(one.action[100 + missing], abs=EXACT), (kind, missing)
+            np.testing.assert_allclose(after.Cp, one.Cp[101 + missing :], atol=EXACT)
+            np.testing.assert_allclose(after.action, one.action[101 + missing :], atol=EXACT)
+            same(read(messages[:200]), one)
+
+
+def test_a_sender_that_begins_again_cuts_the_drive() -> None:
+    """Without a gap: only counter and clock tell that frames of two power cycles follow each other."""
+    for kind in KINDS:
+        for ahead in [1, 5, 9]:
+            one = drive(kind, 200, 10)
+            messages = []
+            for k in range(200):
+                counter = k if k < 100 else k + ahead
+                messages.append(pressure(one, k, k * PERIOD, counter=counter))
+                messages.append(command(one, k, (k + LATENCY) * PERIOD, echo=counter))
+            with refused(DatasetError, "the sender began again"):
+                read(messages)
+            series = read(messages, split=True)
+            assert [len(piece) for piece in series.pieces] == [100, 100], (kind, ahead)
+            np.testing.assert_allclose(series.pieces[1].Cp, one.Cp[100:], atol=EXACT)
+            assert series.pieces[1].initial_action == pytest.approx(one.action[99], abs=EXACT), (kind, ahead)
+
+
+def test_what_makes_no_series_is_refused_in_one_line() -> None:
+    one, classic = drive("fd", 40, 15), drive("classic", 40, 15)
+    sound = log_of(one)
+    foreign = [can.Message(arbitration_id=0x2A, is_extended_id=False, data=b"1", timestamp=1.0)]
+    back = log_of(one)
+    back[50].timestamp -= 1.0
+    far = log_of(one)
+    for message in far[40:]:
+        message.timestamp += 1e9  # the logger's clock was set
+    cases: list[tuple[list[can.Message], str]] = [
+        ([], r"holds no pressure.*no data frame at all"),
+        (foreign, r"holds no pressure, Pressure \(0x120\) or .*identifiers in it are 0x2a"),
+        (sound[::2], r"holds no command, JetCommand \(0x130\).*what the jets did"),
+        (sound[:6], "no part of it has 16 control periods.*3 pressures and 3 commands"),
+        (in_time([*sound, *log_of(classic)]), "holds Pressure .* and PressureClassic"),
+        (back, "times go back from 1000.488000 to 999.500000 s"),
+        (far, "no pressures for about"),
+        ([message for i, message in enumerate(sound) if i % 4], "no two of its pressures follow each other"),
+        (
+            [pressure(one, k, k * PERIOD, valid=(True, True, True, False)) for k in range(40)] + sound[1:2],
+            "16 control periods in a row with valid pressures.*, and 3 valid in none",
+        ),
+    ]
+    for messages, text in cases:
+        with refused(DatasetError, text) as error:
+            read(messages)
+        assert str(error.value).startswith("drive.blf: ")
+        assert "\n" not in str(error.value)
+
+
+@examples(20)
 @given(data=st.data(), kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
 def test_any_log_gives_whole_pieces_or_one_line(data: st.DataObject, kind: str, seed: int) -> None:
     """Cut, shuffled, restarted and damaged anywhere; what comes out holds rows of the drive, or is refused."""
@@ -313,14 +371,8 @@ def test_any_log_gives_whole_pieces_or_one_line(data: st.DataObject, kind: str, 
 
 
 def _at(message: can.Message, time_s: float) -> can.Message:
-    changed = can.Message(
-        timestamp=time_s,
-        arbitration_id=message.arbitration_id,
-        is_extended_id=False,
-        is_fd=message.is_fd,
-        bitrate_switch=message.bitrate_switch,
-        data=bytes(message.data),
-    )
+    changed = copy.copy(message)
+    changed.timestamp = time_s
     return changed
 
 
