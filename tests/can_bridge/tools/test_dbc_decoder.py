@@ -33,35 +33,27 @@ def other(tmp_path: Path) -> Path:
     return path
 
 
-def values(decoded):
+def shown(decoded):
     assert decoded is not None
     return {one.name: one.shown + (f" {one.unit}" if one.unit else "") for one in decoded.signals}
 
 
 def test_another_file_gives_values_units_and_names_of_values(other):
     decode = decoder_of(other)
-    frame = Frame(frame_id=288, data=bytes([0x10, 0x27, 1, 0, 0, 0, 0, 0]), is_fd=False)
-    got = decode(frame)
+    got = decode(Frame(frame_id=288, data=bytes([0x10, 0x27, 1, 0, 0, 0, 0, 0]), is_fd=False))
     assert got is not None
     assert (got.name, got.spec) == ("Engine", None)
     # 0x2710 = 10000 quarters.
-    assert values(got) == {"Speed": "2500 rpm", "Gear": "FIRST"}
-
-
-def test_extended_identifiers_and_byte_orders_are_kept_apart(other):
-    decode = decoder_of(other)
-    wide = Frame(frame_id=256, data=b"\xff\xfe", is_fd=False, is_extended=True)
-    assert values(decode(wide)) == {"Level": "-42 degC"}
+    assert shown(got) == {"Speed": "2500 rpm", "Gear": "FIRST"}
+    for frame_id, data, is_extended, expected in [
+        (256, b"\xff\xfe", True, {"Level": "-42 degC"}),
+        # Multiplexed; no signal goes with 2: nothing can be read.
+        (512, b"\x01\x05", False, {"Which": "1", "Second": "10"}),
+        (512, b"\x02\x05", False, {}),
+    ]:
+        frame = Frame(frame_id=frame_id, data=data, is_fd=False, is_extended=is_extended)
+        assert shown(decode(frame)) == expected
     assert decode(Frame(frame_id=256, data=b"\xff\xfe", is_fd=False)) is None
-
-
-def test_multiplexed_signals(other):
-    decode = decoder_of(other)
-    assert values(decode(Frame(frame_id=512, data=b"\x01\x05", is_fd=False))) == {"Which": "1", "Second": "10"}
-    # No signal goes with 2: nothing can be read.
-    got = decode(Frame(frame_id=512, data=b"\x02\x05", is_fd=False))
-    assert got is not None
-    assert got.signals == ()
 
 
 def test_our_messages_stay_known_and_keep_their_check(other):
@@ -73,7 +65,7 @@ def test_our_messages_stay_known_and_keep_their_check(other):
     assert ours.spec is not None
 
 
-def test_without_cantools_it_says_what_to_install(other, monkeypatch):
+def test_without_cantools_the_error_names_what_to_install(other, monkeypatch):
     monkeypatch.setitem(sys.modules, "cantools.database", None)
     with pytest.raises(BusError, match=r"other\.dbc: reading it needs cantools: pip install 'stillwake\[bus\]'"):
         decoder_of(other)

@@ -30,13 +30,9 @@ def test_any_value_of_the_dbc_is_sent_as_cantools_reads_it(name, data):
     message = DATABASE.get_message_by_name(name)
     wanted = {}
     for signal in message.signals:
-        if signal.name in PROTECTION:
-            continue
-        assert signal.minimum is not None
-        assert signal.maximum is not None
-        scale = signal.scale
-        low, high = round(signal.minimum / scale), round(signal.maximum / scale)
-        wanted[signal.name] = data.draw(st.integers(low, high), label=signal.name) * scale
+        if signal.name not in PROTECTION:
+            low, high = round(signal.minimum / signal.scale), round(signal.maximum / signal.scale)
+            wanted[signal.name] = data.draw(st.integers(low, high), label=signal.name) * signal.scale
     if wanted.get("PressureCounterValid") == 0:
         wanted["PressureCounter"] = 0
     spec, content = encode(name, [f"{one}={value!r}" for one, value in wanted.items()])
@@ -60,24 +56,18 @@ def test_refused_in_one_line():
         ("Pressure", "E2E_CRC=1", "is filled in by the sender"),
         ("Pressure", "Pressure0=x", r"Pressure0=x: must be a number$"),
         ("Pressure", "Pressure0=nan", "must be finite"),
-        ("Pressure", "Pressure0=1e308", r"must be in -3276.8..3276.7"),
         ("Pressure", "Pressure0=3276.8", r"must be in -3276.8..3276.7"),
         ("Pressure", "Valid0=2", "must be 0 or 1"),
         ("Pressure", "Age=-1", "must be in 0..65535"),
         ("Pressure", "Age=inf", "cannot be sent"),
         ("PressureClassic", "Age=71", r"must be in 0..70 ms"),
-        ("PressureClassic", "Age=-1", "must not be negative"),
         ("JetCommand", "Mode=FAUL", "must be a number, or one of OFF, WARMUP"),
         ("JetCommand", "Mode=6", "6 is not a valid Mode"),
         ("JetCommand", "Mode=1.5", "must be a whole number"),
-        ("JetCommand", "Mode=nan", "must be a whole number"),
-        ("JetCommand", "Flow=7", r"must be in -6.5536..6.5534"),
         ("JetCommand", "PressureCounter=3", "PressureCounter=3: the wire would carry 0"),
-        ("EcuStatus", "Missed=65536", "must be in 0..65535"),
         # The codec itself lets counts of the classic set stay at their largest value.
         ("EcuStatusClassic", "Missed=64", "Missed=64: the wire would carry 63"),
         ("EcuStatusClassic", "Missed=-1", "must not be negative"),
-        ("EcuStatusClassic", "BundleHash=65536", "must be in 0"),
     ]:
         with refused(BusError, words) as caught:
             encode(name, [assignment] if assignment else [])

@@ -7,33 +7,29 @@ from can_bridge.tools.summary import summarise
 from contract.config.vehicle import BusConfig
 
 
+def load(messages: list[can.Message]) -> float:
+    summary = summarise(messages, decoder=decode, config=BusConfig())
+    assert summary.load is not None
+    return summary.load
+
+
 def test_load_of_a_known_frame():
     """Identifier 0x555 and data 0x55...: no five equal bits up to the CRC, so stuff bits can only lie there.
 
     111 bits without stuffing (ISO 11898-1: 44 + 64 and 3 of intermission) and at most 3 in the CRC and its
     neighbourhood, at 500 kbit/s every ms.
     """
-    messages = [
+    frames = [
         can.Message(timestamp=i / 1000, arbitration_id=0x555, is_extended_id=False, data=b"\x55" * 8)
         for i in range(1001)
     ]
-    found = summarise(messages, decoder=decode, config=BusConfig())
-    assert found.load is not None
-    bits = found.load * 1.0 / 1001 * 500_000
-    assert 111 - 1e-6 <= bits <= 114 + 1e-6
+    assert 111 - 1e-6 <= load(frames) / 1001 * 500_000 <= 114 + 1e-6
 
 
 def test_a_frame_without_bit_rate_switch_takes_longer():
-    loads = []
-    for brs in (True, False):
-        log = [
-            can.Message(
-                timestamp=t, arbitration_id=1, is_extended_id=False, is_fd=True, bitrate_switch=brs, data=bytes(64)
-            )
-            for t in (0.0, 1.0)
-        ]
-        found = summarise(log, decoder=decode, config=BusConfig())
-        assert found.load is not None
-        loads.append(found.load)
+    fast, slow = (
+        load([can.Message(timestamp=t, is_fd=True, bitrate_switch=brs, data=bytes(64)) for t in (0.0, 1.0)])
+        for brs in (True, False)
+    )
     # 64 bytes and their stuff bits at 500 kbit/s in place of 2 Mbit/s.
-    assert 2.5 * loads[0] < loads[1] < 4.0 * loads[0]
+    assert 2.5 * fast < slow < 4.0 * fast
