@@ -116,7 +116,7 @@ def framed(name: str, values: dict[str, Any], counter: int, kind: str, time_s: f
         covered = data[: 16 if name.startswith("Pressure") else 8]
         e2e_p05_protect(covered, DATA_IDS[name], increment_counter=False)
         covered += data[len(covered) : -8]
-        data = covered + authentication_code(DATA_IDS[name], covered)
+        data = covered + authentication_code(DATA_IDS[name], bytes(covered))
     return can.Message(
         timestamp=time_s,
         arbitration_id=message.frame_id,

@@ -179,7 +179,7 @@ def test_commands_for_the_next_period_are_the_actions_of_the_row_after() -> None
         for k in range(60):
             messages.append(pressure(one, k, 5.0 + k * PERIOD))
             # At 30 the ECU holds: the command still rests on 29, came in 30 and is for 31.
-            held = {"echo": k - 1, "mode": "HOLD"} if k == 30 else {}
+            held: dict[str, Any] = {"echo": k - 1, "mode": "HOLD"} if k == 30 else {}
             action = float(one.action[min(k + 1, 59)])
             messages.append(command(one, k, 5.0 + (k + LATENCY) * PERIOD, action=action, next_period=True, **held))
         (piece,) = read(messages).pieces
