@@ -8,10 +8,10 @@ import can
 
 from can_bridge.bus import conversion
 from can_bridge.bus.backends.connection import Connection
-from can_bridge.bus.backends.opening import SIMULATED, one_line, open_backend
+from can_bridge.bus.backends.opening import one_line, open_backend
 from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import MAX_EXTENDED_ID, MAX_FRAME_ID, Frame
-from contract.config.vehicle import BusConfig
+from contract.config.vehicle import SIMULATED, BusConfig
 from contract.errors import BusError, ConfigError
 
 

@@ -61,11 +61,15 @@ class BackgroundConfig(
         require(not (self.dbc and self.load), self, "load", "0 where bus.background.dbc names the traffic")
 
 
+SIMULATED: Final = "simulated"
+"""The interface of stillwake's own bus."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class BusConfig(Settings, source=ours("needs no hardware", page="explanation/simulated-bus.md")):
     """The CAN bus. Bit rates in bit/s."""
 
-    interface: str = "simulated"
+    interface: str = SIMULATED
     """`simulated` is stillwake's own, in virtual time. The others are in real time: `virtual`, `udp_multicast`,
     `slcan`, `socketcan` or another one that python-can knows; `python-can` takes its own configuration, section
     `channel`."""

@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
-from can_bridge.logs import frame_log
 from contract.atomic import replacing
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
@@ -68,6 +67,9 @@ def run_closed_loop(
         StillwakeError: if the folder cannot be written, the bundle does not fit the vehicle, the bus cannot carry
             virtual time, the jets could never move, a span is too short, or a disturbance could not act.
     """
+    # python-can loads all that it can write with, which takes a second.
+    from can_bridge.logs import frame_log
+
     simulation = Simulation(
         bundle,
         config,

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from datetime import date
 from typing import Final
 
-from can_bridge.bus.backends.opening import SIMULATED
 from can_bridge.secoc.node import authentication_in_virtual_time
 from can_bridge.timing.background import background
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
+from contract.config.vehicle import SIMULATED
 from contract.controller.calibration import Calibration
 from contract.controller.interface import RunnableController
 from contract.errors import BusError, StillwakeError

@@ -10,7 +10,6 @@ from datetime import date
 from pathlib import Path
 from typing import Final
 
-from can_bridge.logs import frame_log
 from can_bridge.wire.message_sets import message_set
 from contract.atomic import replacing
 from contract.config.tree import Config
@@ -53,6 +52,9 @@ def save(target: Path, run: LiveRun, facts: SavedAs) -> None:
     Raises:
         StillwakeError: if the folder cannot be written.
     """
+    # python-can loads all that it can write with, which takes a second.
+    from can_bridge.logs import frame_log
+
     log = run_log_of(run, facts)
     periods, sensors = list(run.periods), facts.bundle.manifest.sensors
     with replacing(target) as temporary:

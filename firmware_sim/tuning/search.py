@@ -15,7 +15,6 @@ from typing import Any, Final, Protocol
 import numpy as np
 import optuna
 from optuna.distributions import BaseDistribution, FloatDistribution, IntDistribution
-from optuna.importance import FanovaImportanceEvaluator, get_param_importances
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
@@ -210,6 +209,9 @@ def importances(study: optuna.Study, seed: int) -> dict[str, float]:
     sound = [trial for trial in complete(study) if score_of(trial) > TROUBLE]
     if len(sound) < _ENOUGH:
         return {}
+    # scikit-learn, which it needs, takes two seconds to load.
+    from optuna.importance import FanovaImportanceEvaluator, get_param_importances
+
     copy = optuna.create_study(direction="maximize")
     copy.add_trials(sound)
     return dict(get_param_importances(copy, evaluator=FanovaImportanceEvaluator(seed=seed % 2**32)))

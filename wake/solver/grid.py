@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from contract.arrays import Array
 from contract.errors import ConfigError
@@ -143,7 +142,8 @@ def graded_faces(spacing: Spacing, start: float, end: float, refinement: float, 
     by `refinement` and scaled to a whole number of cells."""
     x = np.linspace(start, end, 4001)
     sizes = np.min([np.interp(x, *np.array(spacing).T) for spacing in (spacing, *others)], axis=0)
-    cells = cumulative_trapezoid(refinement / sizes, x, initial=0.0)
+    density = refinement / sizes
+    cells = np.concatenate(([0.0], np.cumsum(np.diff(x) * (density[1:] + density[:-1]) / 2.0)))
     count = max(1, round(float(cells[-1])))
     faces = np.interp(np.linspace(0.0, cells[-1], count + 1), cells, x)
     faces[0], faces[-1] = start, end

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import can
 
-from contract.config.vehicle import BusConfig
+from contract.config.vehicle import SIMULATED, BusConfig
 from contract.errors import BusError
 
 QUEUE_SIZE: Final = 1024
@@ -15,7 +15,6 @@ QUEUE_SIZE: Final = 1024
 SETTLE_S: Final = 2.0
 """What a serial adapter is given to start after its port was opened; many reset then."""
 
-SIMULATED: Final = "simulated"
 OWN_CONFIGURATION: Final = "python-can"
 """In place of an interface: the one that python-can's configuration names (can.conf, environment)."""
 

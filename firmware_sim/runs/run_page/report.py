@@ -10,7 +10,6 @@ from firmware_sim.runs.control import trouble
 from firmware_sim.runs.pictures import NARROW, latency_figure, overview_figure, series_figure
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
-from firmware_sim.runs.run_page.bus_messages import HEADS, bus_rows
 from firmware_sim.runs.run_page.inlined import as_json, inlined
 from firmware_sim.runs.run_page.run_data import run_data
 from firmware_sim.runs.run_page.settings_list import settings_lines
@@ -47,6 +46,9 @@ def write_report(folder: RunFolder, target: Path | None = None) -> Path:
     Raises:
         StillwakeError: if the folder does not hold a run, one of its files is damaged, or the page cannot be written.
     """
+    # Through python-can it loads all that can be read, which takes a second.
+    from firmware_sim.runs.run_page.bus_messages import HEADS, bus_rows
+
     run = read_run(folder)
     log = run.log
     wake, messages = wake_of(folder, log), bus_rows(folder, log)
