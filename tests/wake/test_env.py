@@ -42,6 +42,7 @@ def test_gymnasiums_own_checker_is_content():
 def test_one_step_is_one_control_period_of_the_plant(env, wake):
     observation, info = env.reset(options={"phase_steps": 0})
     assert observation.shape == (2,) and observation.dtype == np.float32
+    first = env.render()
     for value in (0.05, -0.02):
         observation, reward, terminated, truncated, info = env.step(action(value))
         sample = wake.advance(float(np.float32(value)))
@@ -54,39 +55,21 @@ def test_one_step_is_one_control_period_of_the_plant(env, wake):
         assert info["Cd_net"] == pytest.approx(info["Cd"] + info["Cd_slot"] + info["Cd_momentum"])
         parts = info["Cd_slot_pressure"] + info["Cd_slot_viscous"]
         assert parts == pytest.approx(info["Cd_slot"])
-
-
-def test_truncation_comes_at_the_last_step_and_stays(env):
-    env.reset(seed=1)
-    ends = [env.step(action(0.0))[2:4] for _ in range(4)]
-    assert ends == [(False, False), (False, False), (False, True), (False, True)]
-    env.reset(seed=1)
-    assert env.step(action(0.0))[3] is False
+    second = env.render()
+    assert first is not None and second is not None
+    assert first.shape == second.shape == (341, 1100, 3) and first.dtype == np.uint8
+    assert not np.array_equal(first, second), "frames follow the flow"
 
 
 def test_what_lies_beyond_the_bound_is_clipped_and_counted(env):
     _, info = env.reset(seed=1)
     seen = [(info["clipped"], info["clipped_count"], info["action"])]
-    for value in (0.2, 0.0, -3.0, float(np.float32(0.075))):
-        info = env.step(action(value))[4]
+    for step, value in enumerate((0.2, 0.0, -3.0, float(np.float32(0.075)))):
+        *_, terminated, truncated, info = env.step(action(value))
+        assert (terminated, truncated) == (False, step >= 2), "an episode has three steps"
         seen.append((info["clipped"], info["clipped_count"], info["action"]))
     assert seen == [(False, 0, 0.0), (True, 1, 0.075), (False, 1, 0.0), (True, 2, -0.075), (False, 2, 0.075)]
     assert env.reset(seed=1)[1]["clipped_count"] == 0
-
-
-def test_an_action_that_is_not_finite_is_refused_by_its_value(env):
-    for value in [float("nan"), float("inf"), -float("inf")]:
-        env.reset(seed=1)
-        with pytest.raises(PlantError, match=f"action {value}: must be finite"):
-            env.step(action(value))
-        # Nothing has moved.
-        assert env.step(action(0.0))[4]["clipped_count"] == 0
-
-
-def test_an_action_of_another_shape_is_refused(env):
-    env.reset(seed=1)
-    with pytest.raises(PlantError, match=r"shape \(2,\): must be one value"):
-        env.step(np.zeros(2, dtype=np.float32))
 
 
 def test_seeds_choose_the_phase_and_phases_are_the_uncontrolled_wake(env, wake):
@@ -99,88 +82,9 @@ def test_seeds_choose_the_phase_and_phases_are_the_uncontrolled_wake(env, wake):
         assert (info["t"], info["Cd"], info["action"]) == (sample.t, sample.Cd, 0.0)
     # Without a seed the generator goes on: not every episode begins alike.
     assert len({env.reset()[1]["t"] for _ in range(12)}) > 1
-
-
-def test_options_choose_the_start(env, wake):
-    assert env.reset(options={"phase_steps": 2})[1]["t"] == pytest.approx(0.4)
     sample = wake.advance(0.06)
     _, info = env.reset(options={"start": wake.state()})
     assert (info["Cd"], info["action"]) == (sample.Cd, 0.06)
-
-
-def test_options_that_do_not_fit_are_refused(env):
-    cases: list[tuple[dict[str, Any], str]] = [
-        ({"phase": 1}, r"reset options \['phase'\]: must be one of 'start' and 'phase_steps'"),
-        ({"phase_steps": 1, "start": None}, "must be one of"),
-        ({"phase_steps": 4}, "phase_steps = 4: must be a whole number from 0 to max_phase_steps = 3"),
-        ({"phase_steps": -1}, "phase_steps = -1"),
-        ({"phase_steps": 0.5}, r"phase_steps = 0\.5"),
-        ({"start": "file.npz"}, "start is a str: must be a wake.truck.state.State"),
-    ]
-    for options, message in cases:
-        with pytest.raises(ConfigError, match=message):
-            env.reset(options=options)
-
-
-def test_a_start_inside_a_period_is_refused(env):
-    start = dataclasses.replace(developed_state(), substep=11)
-    with pytest.raises(PlantError, match="11 substeps inside a control period"):
-        env.reset(options={"start": start})
-
-
-def test_settings_that_do_not_fit_are_refused():
-    cases: list[tuple[dict[str, Any], str]] = [
-        ({"sensor_names": ("left_front",)}, "left_front"),
-        (
-            {"sensor_names": "upper_39"},
-            r"sensor_names = 'upper_39': must be a sequence of names, such as \['upper_39'\]",
-        ),
-        ({"sensor_names": ("base_0", "base_0")}, "twice"),
-        ({"sensor_names": ()}, "at least one sensor"),
-        ({"episode_steps": 0}, "episode_steps = 0: must be at least 1"),
-        ({"max_phase_steps": -1}, "max_phase_steps = -1: must be at least 0"),
-        ({"render_mode": "human"}, "render_mode = 'human'"),
-    ]
-    for settings, message in cases:
-        with pytest.raises(ConfigError, match=message):
-            TruckWakeEnv(**settings)
-
-
-def test_nothing_works_before_the_first_reset():
-    env = TruckWakeEnv(render_mode="rgb_array")
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        env.step(action(0.0))
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        env.render()
-
-
-def test_frames_have_one_size_and_follow_the_flow(env):
-    env.reset(seed=1)
-    first = env.render()
-    env.step(action(0.075))
-    second = env.render()
-    assert first is not None and second is not None
-    assert first.shape == second.shape == (341, 1100, 3) and first.dtype == np.uint8
-    assert not np.array_equal(first, second)
-
-
-@pytest.mark.parametrize("mode", ["sync", "async"])
-@pytest.mark.slow
-def test_a_vector_of_environments_is_each_of_them(env, mode):
-    several = gymnasium.make_vec(
-        "stillwake/TruckWake-v0", num_envs=2, vectorization_mode=mode, sensor_names=WATCHED, episode_steps=1
-    )
-    try:
-        several.reset(seed=5, options={"phase_steps": 0})
-        observations, rewards, _, truncated, info = several.step(np.array([[0.02], [0.2]], dtype=np.float32))
-    finally:
-        several.close()
-    for k, value in enumerate((0.02, 0.2)):
-        env.reset(options={"phase_steps": 0})
-        observation, reward, _, _, alone = env.step(action(value))
-        assert np.array_equal(observations[k], observation) and rewards[k] == reward
-        assert (info["Cd_net"][k], info["clipped_count"][k]) == (alone["Cd_net"], alone["clipped_count"])
-    assert truncated.tolist() == [True, True]
 
 
 def test_another_body_shows_its_own_sensors_and_needs_its_own_start(square_start):
@@ -200,3 +104,62 @@ def square_start() -> State:
     """Uniform flow around a square, projected: what `develop` begins from."""
     wake = TruckWake(FlowConfig(reynolds=150.0), body=BodyConfig(length=1.0, leading_edge_radius=0.0))
     return dataclasses.replace(wake.state(), flat=wake.solver.start().flat)
+
+
+def test_what_does_not_fit_is_refused_by_its_value(env):
+    for value, message in (
+        (action(np.nan), "action nan: must be finite"),
+        (action(-np.inf), "action -inf: must be finite"),
+        (np.zeros(2, dtype=np.float32), r"shape \(2,\): must be one value"),
+    ):
+        env.reset(seed=1)
+        with pytest.raises(PlantError, match=message):
+            env.step(value)
+        assert env.step(action(0.0))[4]["clipped_count"] == 0, "nothing has moved"
+    inside = dataclasses.replace(developed_state(), substep=11)
+    options: list[tuple[dict[str, Any], str]] = [
+        ({"phase": 1}, r"reset options \['phase'\]: must be one of 'start' and 'phase_steps'"),
+        ({"phase_steps": 1, "start": None}, "must be one of"),
+        ({"phase_steps": 4}, "phase_steps = 4: must be a whole number from 0 to max_phase_steps = 3"),
+        ({"phase_steps": -1}, "phase_steps = -1"),
+        ({"phase_steps": 0.5}, r"phase_steps = 0\.5"),
+        ({"start": "file.npz"}, "start is a str: must be a wake.truck.state.State"),
+        ({"start": inside}, "11 substeps inside a control period"),
+    ]
+    for given, message in options:
+        with pytest.raises((ConfigError, PlantError), match=message):
+            env.reset(options=given)
+    settings: list[tuple[dict[str, Any], str]] = [
+        ({"sensor_names": ("left_front",)}, "left_front"),
+        ({"sensor_names": "upper_39"}, r"= 'upper_39': must be a sequence of names, such as \['upper_39'\]"),
+        ({"sensor_names": ("base_0", "base_0")}, "twice"),
+        ({"sensor_names": ()}, "at least one sensor"),
+        ({"episode_steps": 0}, "episode_steps = 0: must be at least 1"),
+        ({"max_phase_steps": -1}, "max_phase_steps = -1: must be at least 0"),
+        ({"render_mode": "human"}, "render_mode = 'human'"),
+    ]
+    for given, message in settings:
+        with pytest.raises(ConfigError, match=message):
+            TruckWakeEnv(**given)
+    fresh = TruckWakeEnv(render_mode="rgb_array")
+    for use in (lambda: fresh.step(action(0.0)), fresh.render):
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            use()
+
+
+@pytest.mark.slow
+def test_a_vector_of_environments_in_processes_is_each_of_them(env):
+    several = gymnasium.make_vec(
+        "stillwake/TruckWake-v0", num_envs=2, vectorization_mode="async", sensor_names=WATCHED, episode_steps=1
+    )
+    try:
+        several.reset(seed=5, options={"phase_steps": 0})
+        observations, rewards, _, truncated, info = several.step(np.array([[0.02], [0.2]], dtype=np.float32))
+    finally:
+        several.close()
+    for k, value in enumerate((0.02, 0.2)):
+        env.reset(options={"phase_steps": 0})
+        observation, reward, _, _, alone = env.step(action(value))
+        assert np.array_equal(observations[k], observation) and rewards[k] == reward
+        assert (info["Cd_net"][k], info["clipped_count"][k]) == (alone["Cd_net"], alone["clipped_count"])
+    assert truncated.tolist() == [True, True]

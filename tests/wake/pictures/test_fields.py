@@ -66,9 +66,6 @@ def test_a_mean_leaves_out_what_is_skipped(wake):
         flows.append(wake.flow.flat.copy())
     assert mean.flat == pytest.approx(0.5 * (flows[0] + flows[1]), abs=1e-14)
     assert calls == [(1, 3), (2, 3), (3, 3)]
-
-
-def test_a_mean_of_nothing_is_refused(wake):
     with pytest.raises(PlantError, match="0 instants"):
         mean_flow(wake, np.zeros(0))
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from contract.config.tree import Config
-from contract.errors import ConfigError, DatasetError
+from contract.errors import ConfigError
 from contract.recording.dataset import Dataset, read
 from wake.recording.calm_plan import CalmRound
 from wake.recording.controlled_plan import ControlledRound
@@ -41,18 +41,14 @@ def test_the_random_actions_have_the_amplitudes_asked_for():
     assert rms == pytest.approx([0.001, 0.002, 0.004, 0.008], rel=4 / np.sqrt(2 * 20_000))
 
 
-def test_one_episode_has_the_smallest_amplitude():
-    assert [plan.amplitude for plan in CalmRound(episodes=1, smallest=0.003).plans(1)] == [0.003]
-
-
-def test_no_two_episodes_are_disturbed_alike():
-    rounds = [CalmRound(steps=9), CalmRound(steps=9, seed=2), CalmRound(steps=9, role="calm")]
-    plans = [plan for wanted in rounds for number in (1, 2) for plan in wanted.plans(number)]
-    signals = np.array([plan.signal(Config()) / plan.amplitude for plan in plans])
-    assert len(np.unique(signals.round(9), axis=0)) == len(plans) == 48
-
-
 def test_what_makes_no_sense_is_refused_by_name():
+    for changes, named in (
+        ({"exploration": -0.1}, "exploration = -0.1: must be finite and at least 0"),
+        ({"exploration": np.nan}, "exploration = nan"),
+        ({"role": "test"}, "role = 'test': must be one of train, controlled"),
+    ):
+        with pytest.raises(ConfigError, match=named):
+            ControlledRound(**{"bundle": "none", "bundle_digest": "0" * 64, **changes})
     cases: list[tuple[dict[str, Any], str]] = [
         ({"episodes": 0}, "episodes = 0: must be at least 1"),
         ({"steps": 0}, "steps = 0"),
@@ -81,17 +77,8 @@ class TestOnACheapPlant:
             # Stored in 16 bits.
             assert episode.series["Cd"] == pytest.approx(expected, abs=2**-15)
             assert episode.initial_action == 0.0
-
-    def test_provenance_names_start_amplitude_and_controller(self, tmp_path, start):
-        wanted = CalmRound(episodes=2, steps=4, smallest=0.001, largest=0.002, seed=4, role="calm", bundle="mine")
-        found = recorded(tmp_path / "a.h5", start, wanted)
-        facts = {"forcing_signal": "calm", "round": 1, "seed": 4, "lead_steps": 0, "bundle": "mine",
-                 "start": "steady.npz"}  # fmt: skip
-        for episode, amplitude in zip(found.with_role("calm"), (0.001, 0.002), strict=True):
-            assert facts.items() <= episode.provenance.items()
-            assert episode.provenance["amplitude"] == pytest.approx(amplitude)
-        with pytest.raises(DatasetError, match="no episode with role 'train'"):
-            found.with_role("train")
+            assert episode.provenance["amplitude"] == plan.amplitude
+            assert episode.provenance["start"] == "steady.npz"
 
     def test_rounds_of_both_kinds_count_on_in_one_file(self, tmp_path, start):
         output, wanted = tmp_path / "a.h5", CalmRound(episodes=1, steps=3)

@@ -42,13 +42,16 @@ def test_the_same_plans_and_settings_leave_a_finished_recording_as_it_is(output)
     before = output.read_bytes()
     assert not record(output)
     assert output.read_bytes() == before
-
-
-def test_another_version_of_the_software_made_the_same_recording(output):
+    # Another version of the software made the same recording.
     with h5py.File(output, "r+") as file:
         for node in file["episodes"].values():
             node.attrs["provenance"] = node.attrs["provenance"].replace('"numba": "', '"numba": "9')
     assert not record(output)
+    # What is no data set is not replaced either.
+    output.write_text("a thesis")
+    with pytest.raises(OutputError, match="there is a file that is not read"):
+        record(output)
+    assert output.read_text() == "a thesis"
 
 
 def test_another_recording_is_refused_by_what_differs(output):
@@ -73,13 +76,6 @@ def test_the_shipped_recording_is_the_papers_with_rounds(tmp_path, monkeypatch):
     assert not record(copy, paper_plans())
     with pytest.raises(OutputError, match="episode training_2 has lead_steps = 2, not 0"):
         record(copy, paper_plans(seed=2))
-
-
-def test_what_is_no_data_set_is_not_replaced_either(tmp_path):
-    (tmp_path / "a.h5").write_text("a thesis")
-    with pytest.raises(OutputError, match="there is a file that is not read"):
-        record(tmp_path / "a.h5")
-    assert (tmp_path / "a.h5").read_text() == "a thesis"
 
 
 def test_the_old_one_stays_until_the_new_one_is_whole(output):

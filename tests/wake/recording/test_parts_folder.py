@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from contract.errors import StillwakeError
-from wake.recording.parts_folder import PartsFolder, differing
+from wake.recording.parts_folder import PartsFolder
 
 TASK = {"plans": [1, 2], "block_steps": 3}
 
@@ -46,6 +46,10 @@ def test_it_stays_as_soon_as_a_block_is_recorded(parts):
     parts.disown("two")
     assert parts.has_samples
     assert parts.task() == TASK
+    # Also after a clearing that was stopped.
+    parts.path.with_name(parts.path.name + ".done").mkdir()
+    parts.clear()
+    assert list(parts.path.parent.iterdir()) == []
 
 
 def test_only_the_same_task_continues_what_was_begun(parts):
@@ -69,15 +73,3 @@ def test_parts_without_a_readable_label_are_refused(parts):
         assert parts.task() is None
         with pytest.raises(StillwakeError, match="unknown recording: delete it first"):
             parts.claim(TASK, "one")
-
-
-def test_clearing_leaves_nothing_even_after_a_clearing_that_was_stopped(parts):
-    parts.claim(TASK, "one")
-    half_cleared = parts.path.with_name(parts.path.name + ".done")
-    half_cleared.mkdir()
-    parts.clear()
-    assert list(parts.path.parent.iterdir()) == []
-
-
-def test_differing_entries_are_named():
-    assert differing({"a": 1, "b": 2}, {"b": 3, "a": 1, "c": 4}) == "b, c"

@@ -3,7 +3,6 @@
 import errno
 import json
 import os
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -106,37 +105,6 @@ def test_a_full_disk_is_named_and_costs_nothing(tmp_path, monkeypatch):
     assert equal(resumed, recorded(tmp_path / "whole.h5"))
 
 
-def test_only_the_last_states_are_kept(tmp_path):
-    most = 0
-
-    def count(name: str, done: int, total: int) -> None:
-        nonlocal most
-        most = max(most, len(list(tmp_path.glob("a.h5.parts/training_5/*.state.npz"))))
-
-    recorded(tmp_path / "a.h5", [EpisodePlan(forcing="training", steps=30, seed=5)], progress=count)
-    assert most == 2
-
-
-def test_parts_of_another_recording_are_refused_by_what_differs(tmp_path):
-    with pytest.raises(Killed):
-        recorded(tmp_path / "a.h5", progress=lambda name, done, total: _kill() if done == 3 else None)
-    with pytest.raises(StillwakeError, match=r"other settings \(block_steps\)"):
-        record(tmp_path / "a.h5", PLANS, Config(), block_steps=4)
-    label = tmp_path / "a.h5.parts" / "task.json"
-    label.write_text(json.dumps(json.loads(label.read_text()) | {"start_sha256": "0"}))
-    with pytest.raises(StillwakeError, match=r"other settings \(start_sha256\)"):
-        recorded(tmp_path / "a.h5")
-
-
-def test_a_damaged_block_is_named(tmp_path):
-    with suppress(Killed):
-        recorded(tmp_path / "a.h5", progress=lambda name, done, total: _kill() if done == 6 else None)
-    block = tmp_path / "a.h5.parts" / "training_5" / "000000.npz"
-    block.write_bytes(block.read_bytes()[:100])
-    with pytest.raises(StillwakeError, match=r"000000\.npz: damaged block"):
-        recorded(tmp_path / "a.h5")
-
-
 def test_a_second_call_takes_over_and_the_first_stops(tmp_path):
     output = tmp_path / "a.h5"
 
@@ -162,3 +130,28 @@ def test_the_papers_data_set():
 
 def _kill(*_: object) -> None:
     raise Killed
+
+
+def test_parts_that_do_not_fit_are_refused_by_what_differs(tmp_path):
+    output, most = tmp_path / "a.h5", 0
+
+    def stop(name: str, done: int, total: int) -> None:
+        nonlocal most
+        most = max(most, len(list(tmp_path.glob("a.h5.parts/training_5/*.state.npz"))))
+        if done == 27:
+            raise Killed
+
+    plans = [EpisodePlan(forcing="training", steps=30, seed=5)]
+    with pytest.raises(Killed):
+        recorded(output, plans, progress=stop)
+    assert most == 2, "only the last states are kept"
+    with pytest.raises(StillwakeError, match=r"other settings \(block_steps\)"):
+        record(output, plans, Config(), block_steps=4)
+    block = tmp_path / "a.h5.parts" / "training_5" / "000000.npz"
+    block.write_bytes(block.read_bytes()[:100])
+    with pytest.raises(StillwakeError, match=r"000000\.npz: damaged block"):
+        recorded(output, plans)
+    label = tmp_path / "a.h5.parts" / "task.json"
+    label.write_text(json.dumps(json.loads(label.read_text()) | {"start_sha256": "0"}))
+    with pytest.raises(StillwakeError, match=r"other settings \(start_sha256\)"):
+        recorded(output, plans)

@@ -16,52 +16,12 @@ def series(frequency: float, phase: float, count: int) -> tuple[np.ndarray, np.n
 
 
 # A period of 24.2 control steps, never a whole number of samples.
-@pytest.mark.parametrize("count", [75, 140, 300])
-def test_a_sine_and_its_drag(count):
-    for phase in np.linspace(0.0, 1.0, 7, endpoint=False):
-        _check_a_sine_and_its_drag(phase, count)
-
-
-def _check_a_sine_and_its_drag(phase: float, count: int) -> None:
-    frequency = 0.2066
-    t, lift = series(frequency, phase, count)
-    average = over_cycles(t, 1.05 * lift)
-    assert average.weights.sum() == pytest.approx(1.0, abs=1e-12)
-    # A sine is straight where it crosses zero: the crossing is off by the third power of the phase between samples.
-    assert average.frequency == pytest.approx(frequency, rel=2e-4)
-    assert average.cycles in (int(count * DT * frequency), int(count * DT * frequency) - 1)
-    assert average.mean(1.05 * lift) == pytest.approx(0.0, abs=2e-4)
-    # Drag at twice the frequency, in any phase. The cut intervals carry the straight line's error: (2 w dt)^2 / 12 of
-    # the amplitude over a step, once at either end.
-    drag = 1.08 + 0.03 * np.cos(4.0 * np.pi * frequency * t + 0.7)
-    assert average.mean(drag) == pytest.approx(1.08, abs=5e-5)
-    assert average.std(1.05 * lift) == pytest.approx(1.05 / np.sqrt(2.0), rel=1e-3)
-    assert average.std(drag) == pytest.approx(0.03 / np.sqrt(2.0), rel=5e-3)
-
-
-def test_the_cut_does_not_matter():
-    t, lift = series(0.2066, 0.13, 200)
-    drag = 1.0 + 0.1 * lift
-    whole = over_cycles(t, lift)
-    counted = np.flatnonzero(whole.weights)
-    shorter = slice(counted[0], counted[-1] + 1)
-    assert over_cycles(t[shorter], lift[shorter]).mean(drag[shorter]) == pytest.approx(whole.mean(drag), abs=1e-14)
-
-
 def test_a_straight_line_is_integrated_exactly():
     t, lift = series(0.19, 0.4, 90)
     average = over_cycles(t, lift)
     up = np.flatnonzero((lift[:-1] < 0) & (lift[1:] >= 0))
     ends = [float(np.interp(0.0, lift[k : k + 2], t[k : k + 2])) for k in (up[0], up[-1])]
     assert average.mean(3.0 * t - 1.0) == pytest.approx(1.5 * sum(ends) - 1.0, abs=1e-12)
-
-
-def test_many_signals_at_once():
-    t, lift = series(0.2, 0.3, 120)
-    average = over_cycles(t, lift)
-    columns = np.column_stack([lift, np.ones_like(lift)])
-    assert average.mean(columns) == pytest.approx([float(average.mean(lift)), 1.0], abs=1e-12)
-    assert average.std(columns) == pytest.approx([float(average.std(lift)), 0.0], abs=1e-12)
 
 
 def test_less_than_a_cycle_is_refused():
@@ -105,3 +65,24 @@ def test_less_than_a_known_cycle_is_refused():
     for count in [0, 1, 20]:
         with pytest.raises(PlantError, match=r"a whole cycle of 5\.00 t_c, so run longer"):
             over_last_cycles(np.linspace(0.0, DT * (count - 1), count), 0.2)
+
+
+def test_a_sine_and_its_drag():
+    """A period of 24.2 control steps, never a whole number of samples."""
+    frequency = 0.2066
+    for count in (75, 140, 300):
+        for phase in np.linspace(0.0, 1.0, 7, endpoint=False):
+            t, lift = series(frequency, phase, count)
+            average = over_cycles(t, 1.05 * lift)
+            assert average.weights.sum() == pytest.approx(1.0, abs=1e-12)
+            # A sine is straight where it crosses zero: the crossing is off by the third power of the phase between.
+            assert average.frequency == pytest.approx(frequency, rel=2e-4), (count, phase)
+            assert average.cycles in (int(count * DT * frequency), int(count * DT * frequency) - 1)
+            assert average.mean(1.05 * lift) == pytest.approx(0.0, abs=2e-4)
+            # Drag at twice the frequency, in any phase. The cut intervals carry the straight line's error:
+            # (2 w dt)^2 / 12 of the amplitude over a step, once at either end.
+            drag = 1.08 + 0.03 * np.cos(4.0 * np.pi * frequency * t + 0.7)
+            assert average.mean(drag) == pytest.approx(1.08, abs=5e-5), (count, phase)
+            columns = np.column_stack([1.05 * lift, drag])
+            deviations = [1.05 / np.sqrt(2.0), 0.03 / np.sqrt(2.0)]
+            assert average.std(columns) == pytest.approx(deviations, rel=5e-3), (count, phase)

@@ -8,10 +8,8 @@ import pytest
 
 from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.config.plant import FlowConfig
-from contract.config.tree import Config
 from contract.errors import PlantError
 from contract.geometry import HALF_WIDTH, JET_WIDTH
-from wake.plants import open_plant
 from wake.solver.flow import Flow
 from wake.truck import steady
 from wake.truck.body import signed_distance
@@ -85,18 +83,6 @@ def test_a_symmetric_flow_stays_symmetric_but_for_rounding(square):
     assert sample.Cl == pytest.approx(0.0, abs=1e-12)
 
 
-def test_opposite_jets_give_mirror_images(square):
-    square.solver.run(square.flow, dt=1e-3, steps=50, action_from=0.0, action_to=0.0)
-    start = square.state()
-    up = square.advance(0.05)
-    square.reset(start)
-    down = square.advance(-0.05)
-    assert abs(up.Cl) > 1e-3
-    assert (up.Cd, up.Cl) == pytest.approx((down.Cd, -down.Cl), abs=1e-10)
-    assert square.layout.mirror is not None
-    assert up.Cp == pytest.approx(down.Cp[square.layout.mirror], abs=1e-10)
-
-
 @pytest.mark.slow
 def test_the_force_is_the_momentum_that_a_far_control_volume_loses(square):
     """Of the steady wake: no time derivative, and no formula in common with the wall's."""
@@ -129,12 +115,6 @@ def test_a_state_of_another_body_is_refused_by_name(square, wake, tmp_path):
     square.reset(loaded)
 
 
-def test_sensors_do_not_matter_to_a_state(square):
-    more = TruckWake(square.config, body=dataclasses.replace(SQUARE, sensors_per_side=9))
-    more.reset(square.state())
-    assert len(more.sample().Cp) == 22
-
-
 def test_the_trucks_state_files_are_as_they_were(wake, tmp_path):
     save_state(tmp_path / "truck.npz", wake.state())
     with np.load(tmp_path / "truck.npz") as data:
@@ -144,16 +124,6 @@ def test_the_trucks_state_files_are_as_they_were(wake, tmp_path):
     origin = load_state(tmp_path / "truck.npz").origin
     assert origin is not None and origin.is_of(TRUCK_BODY)
     assert Origin(shape=(3, 2), reynolds=1.0).is_truck
-
-
-def test_openfoam_refuses_another_body_by_name(tmp_path):
-    config = Config(body=SQUARE)
-    with (
-        pytest.raises(PlantError, match=r"body\.length = 1\.0: OpenFOAM's mesh is the truck's, with 7\.647"),
-        open_plant("openfoam", tmp_path, config),
-    ):
-        pass
-    assert not any(tmp_path.iterdir())
 
 
 def test_the_slots_lie_at_the_edges_of_the_base(square):

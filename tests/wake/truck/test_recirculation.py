@@ -21,11 +21,3 @@ def test_it_ends_where_the_axis_turns_downstream(grid):
         ahead = grid.xf[:, None] < LENGTH
         flow.faces_u[:] = grid.xf[:, None] - LENGTH - turn - 100.0 * np.abs(grid.yc) * ahead
         assert recirculation_length(grid, flow) == pytest.approx(length, abs=1e-9)
-
-
-def test_only_the_axis_counts(grid):
-    flow = Flow.zeros(grid.shape)
-    axis = np.zeros(grid.shape[1], dtype=bool)
-    axis[grid.shape[1] // 2 - 1 : grid.shape[1] // 2 + 1] = True
-    flow.faces_u[:] = np.where(axis, grid.xf[:, None] - LENGTH - 1.25, -1.0)
-    assert recirculation_length(grid, flow) == pytest.approx(1.25, abs=1e-9)

@@ -1,19 +1,15 @@
 """A developed wake moved to another grid."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from contract.config.plant import FlowConfig
-from contract.config.tree import Config
-from contract.errors import ConfigError, PlantError
-from wake.plants import open_plant
+from contract.errors import ConfigError
 from wake.solver.flow import Flow
 from wake.solver.grid import truck_grid
 from wake.truck.averages import over_cycles
 from wake.truck.regrid import interpolated, moved
-from wake.truck.state import State, developed_state, save_state
+from wake.truck.state import State, developed_state
 from wake.truck.truck_wake import TruckWake
 
 COARSE = FlowConfig(refinement=0.4, substeps=12)
@@ -34,13 +30,6 @@ def test_a_linear_flow_is_interpolated_exactly():
     assert np.abs(found.flat - linear(coarse).flat).max() < 1e-12
 
 
-def test_the_same_grid_gives_the_same_flow():
-    state, grid = developed_state(), truck_grid()
-    flow, before = interpolated(state, grid, grid), Flow.of(state.flat, grid.shape)
-    for one, other in ((flow.faces_u, before.faces_u), (flow.faces_v, before.faces_v), (flow.cells_p, before.cells_p)):
-        assert np.abs(one - other).max() < 1e-13
-
-
 @pytest.mark.slow  # 25 t_c of the wake
 def test_the_wake_goes_on_shedding_on_the_coarse_grid():
     wake = TruckWake(COARSE)
@@ -53,32 +42,6 @@ def test_the_wake_goes_on_shedding_on_the_coarse_grid():
     # The default grid sheds at 0.1994; a wake that fell back to the steady flow would have no cycle here.
     assert cycles.frequency == pytest.approx(0.1994, abs=0.01)
     assert np.abs(wake.solver.divergence(wake.flow)).max() < 1e-9
-
-
-def test_a_run_begins_in_the_shipped_wake_on_any_grid(tmp_path, monkeypatch):
-    monkeypatch.setattr("wake.plants.SETTLE_TIME", 0.2)
-    told: list[float] = []
-    with open_plant("stillwake", tmp_path, Config(flow=COARSE), progress=lambda t, _: told.append(t)) as wake:
-        assert wake.t == 0.0
-        assert wake.grid.shape == truck_grid(0.4).shape
-    assert told == [pytest.approx(0.2)]
-
-
-def test_a_start_of_another_grid_is_refused_with_what_would_do(tmp_path):
-    save_state(tmp_path / "fine.npz", replace(developed_state(), substep=0))
-    with (
-        pytest.raises(PlantError, match=r"443 x 164 cells, this grid needs 177 x 66: .*flow\.refinement"),
-        open_plant("stillwake", tmp_path, Config(flow=COARSE), start=tmp_path / "fine.npz"),
-    ):
-        pass
-
-
-def test_openfoam_has_a_mesh_of_its_own(tmp_path):
-    with (
-        pytest.raises(PlantError, match=r"flow\.refinement = 0\.4: .* openfoam\.refinement"),
-        open_plant("openfoam", tmp_path, Config(flow=COARSE)),
-    ):
-        pass
 
 
 def test_a_grid_too_coarse_for_the_slots_is_refused_with_what_would_do():

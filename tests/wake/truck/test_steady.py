@@ -50,10 +50,6 @@ def test_without_shedding_a_third_of_the_drag_is_gone(settled):
     assert settled.sample.Cl == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_steady_wake_is_taken_for_it(plant, settled):
-    steady.check_steady(plant, settled.state)
-
-
 def test_what_is_not_steady_is_refused(plant, settled):
     with pytest.raises(PlantError, match=r"with an action of 0\.01 in force: `stillwake steady FILE` computes"):
         steady.check_steady(plant, replace(settled.state, action=0.01))
