@@ -1,8 +1,5 @@
 """A plant of seven sensors without mirror images: rows, scaling and selection know nothing of the truck."""
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -10,7 +7,7 @@ import torch
 from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
-from contract.errors import ConfigError, DatasetError
+from contract.errors import ConfigError
 from contract.recording import dataset
 from contract.recording.dataset import Dataset, Episode, Role
 from contract.recording.facts import PlantFacts
@@ -18,12 +15,10 @@ from contract.sensor_layout import SensorLayout
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train import model_store
-from train.fitting.progress import Phase
 from train.networks.model import WakeModel
 from train.pipeline import train_all
 from train.samples.rows import Rows, prepare
 from train.samples.scaling import fit_scaling
-from train.selection.hand_choice import select_by_hand
 from train.selection.methods import METHODS, select
 
 LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)
@@ -89,43 +84,6 @@ def test_every_method_but_hand_chooses_among_the_seven(rows):
     for method in METHODS:
         if method != "hand":
             assert set(select(method, encoder, rows, 7, settings=CONFIG.train)) == set(NAMES), method
-
-
-def test_by_hand_is_refused_by_name_where_the_places_do_not_allow_it():
-    with pytest.raises(ConfigError, match="'hand': these sensors have no mirror images"):
-        select_by_hand(2, LAYOUT)
-    flat = SensorLayout.of(("up", "down"), np.array([[1.0, 0.5], [1.0, -0.5]]))
-    with pytest.raises(ConfigError, match="'hand': these sensors have no base"):
-        select_by_hand(2, flat)
-
-
-def test_by_hand_goes_outward_from_the_rear_corners_of_any_symmetric_body():
-    names = ("nose", "roof", "floor", "top", "centre", "bottom")
-    places = np.array([[0.0, 0.0], [0.8, 0.3], [0.8, -0.3], [1.0, 0.2], [1.0, 0.0], [1.0, -0.2]])
-    layout = SensorLayout.of(names, places, base=(3, 4, 5))
-    order = [names[index] for index in select_by_hand(6, layout)]
-    assert order == ["roof", "floor", "top", "bottom", "centre", "nose"]
-
-
-def never(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
-    raise AssertionError("training started")
-
-
-def test_what_cannot_be_is_refused_before_training(recording, tmp_path):
-    first, *others = recording.episodes
-    s = first.series
-    for flow, changed, message in (
-        (FlowConfig(action_limit=LIMIT), {}, r"control period is 0\.3 in the data set, flow\.control_period = 0\.2"),
-        (FlowConfig(control_period=PERIOD), {}, r"limit is 0\.2 in the data set, flow\.action_limit = 0\.075"),
-        (CONFIG.flow, {"t": s["t"][::-1]}, "episode sweep: t does not rise from step 0"),
-        (CONFIG.flow, {"t": 2 * s["t"]}, r"sweep: t rises by 0\.6, must rise by the control period of 0\.3"),
-        (CONFIG.flow, {"action": 10 * s["action"]}, r"episode sweep: action is .* beyond the limit of 0\.2"),
-    ):
-        spoilt = replace(recording, episodes=(replace(first, series={**s, **changed}), *others))
-        dataset.write(tmp_path / "my.h5", spoilt)
-        with pytest.raises(DatasetError, match=message):
-            train_all(tmp_path / "my.h5", replace(CONFIG, flow=flow), tmp_path / "model", progress=never)
-    assert [item.name for item in tmp_path.iterdir()] == ["my.h5"]
 
 
 @pytest.mark.slow  # a whole training

@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 import torch
 
-from contract.config.tree import Config
 from train.distillation.distil import encode_all
 from train.distillation.distil_predictor import distil_predictor
 from train.distillation.evaluate import rollout_starts
@@ -46,10 +45,3 @@ def test_the_student_rolls_out_as_the_teacher(fitted, small_config):
     assert untrained > 0.6
     # measured: see below
     assert error(student) < 0.25
-
-
-def test_without_slim_widths_there_is_nothing_to_distil():
-    model = Config().model
-    assert not model.is_slimmed
-    assert replace(model, slim_decoder_width=64).is_slimmed
-    assert replace(model, slim_decoder_width=64).slim.dynamics_width == model.dynamics_width

@@ -9,6 +9,7 @@ from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program
+from export.program.weights import DecoderWeights, DynamicsWeights
 from export.reference.mpc import gradient
 from train.distillation.plan_slope import force_slope, plan_slope, predict
 from train.networks.model import Predictor
@@ -23,28 +24,12 @@ def _with_program() -> tuple[Predictor, ControllerProgram]:
     program = random_program(3, model=MODEL, mpc=MpcConfig(horizon=HORIZON, weights=WEIGHTS))
     torch.manual_seed(0)
     predictor = Predictor(MODEL).double()
-    encoder = {
-        f"{part}.{name}": getattr(getattr(program.encoder, part), attribute)
-        for part, names in {
-            "lstm": {
-                "weight_ih_l0": "weight_input",
-                "weight_hh_l0": "weight_recurrent",
-                "bias_ih_l0": "bias_input",
-                "bias_hh_l0": "bias_recurrent",
-            },
-            **{key: {"weight": "weight", "bias": "bias"} for key in ("norm", "hidden", "output")},
-        }.items()
-        for name, attribute in names.items()
-    }
-    return predictor, ControllerProgram.from_state(
-        encoder=encoder,
-        dynamics={name: value.numpy() for name, value in predictor.dynamics.state_dict().items()},
-        decoder={name: value.numpy() for name, value in predictor.decoder.state_dict().items()},
-        scaling=program.scaling,
-        mpc=program.mpc,
-        action_limit=program.action_limit,
-        sensors=program.sensors,
-        window=program.window,
+    dynamics, decoder = (
+        {name: value.numpy() for name, value in part.state_dict().items()}
+        for part in (predictor.dynamics, predictor.decoder)
+    )
+    return predictor, replace(
+        program, dynamics=DynamicsWeights.from_state(dynamics), decoder=DecoderWeights.from_state(decoder)
     )
 
 

@@ -1,7 +1,5 @@
 """Training learns, repeats itself, and goes on after an interruption as if there had been none."""
 
-import errno
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -109,28 +107,6 @@ def test_a_loss_that_is_not_finite_ends_the_training_at_once(rows, small_config,
         fit_joint(rows, config, checkpoints=kept, progress=lambda phase, step, total, terms: steps.append(step))
     assert steps == []
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_full_disk_at_a_checkpoint_costs_nothing(rows, small_config, tmp_path, monkeypatch, whole):
-    config = trained(small_config, **BRIEF)
-    kept = Checkpoints(folder=tmp_path, identity=IDENTITY, resume=True, every=7)
-    written = 0
-
-    def fsync(descriptor: int) -> None:
-        nonlocal written
-        written += 1
-        if written > 1:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "fsync", fsync)
-        with pytest.raises(StillwakeError, match=r"^cannot write .*fit\.pt: No space left on device$"):
-            fit_joint(rows, config, checkpoints=kept)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["fit.pt", "training.json"]
-    steps: list[int] = []
-    resumed = fit_joint(rows, config, checkpoints=kept, progress=lambda phase, step, *_: steps.append(step))
-    assert steps[0] == 10, "it went on from step 7"
-    assert_equal(whole, resumed)
 
 
 def test_devices():

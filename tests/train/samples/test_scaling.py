@@ -9,9 +9,8 @@ import torch
 from contract import sensors
 from contract.errors import DatasetError
 from contract.recording.dataset import Episode
-from contract.release.manifest import Scaling
 from train.samples.rows import prepare
-from train.samples.scaling import fit_scaling, global_deviation, unit_steps
+from train.samples.scaling import fit_scaling
 
 
 def with_series(episode: Episode, **series: np.ndarray) -> Episode:
@@ -53,22 +52,3 @@ def test_a_signal_that_never_changes_is_refused(small_recording):
             stuck.append(with_series(episode, **{series: values}))
         with pytest.raises(DatasetError, match=message):
             fit_scaling(stuck)
-
-
-@pytest.fixture
-def scaling() -> Scaling:
-    std = np.linspace(0.05, 0.5, 90)
-    return Scaling(
-        pressure_mean=(0.0,) * 90,
-        pressure_std=tuple(std.tolist()),
-        action_std=0.05,
-        force_mean=(1.0, 0.0),
-        force_std=(0.1, 1.0),
-    )
-
-
-def test_one_level_is_the_same_pressure_at_every_sensor(scaling):
-    assert global_deviation(scaling) == pytest.approx(np.sqrt(np.mean(np.array(scaling.pressure_std) ** 2)))
-    chosen = np.array([0, 89])
-    physical = unit_steps(scaling, chosen) * np.array(scaling.pressure_std)[chosen]
-    assert physical == pytest.approx(global_deviation(scaling))

@@ -1,16 +1,16 @@
 """The engineer's choice is symmetric and grows from the rear corners."""
 
 import numpy as np
+import pytest
 
 from contract import sensors
+from contract.errors import ConfigError
+from contract.sensor_layout import SensorLayout
 from train.selection.hand_choice import select_by_hand
 
 
-def test_four_are_the_two_corners_from_both_sides():
-    assert [sensors.NAMES[index] for index in select_by_hand(4)] == ["upper_39", "lower_39", "base_0", "base_9"]
-
-
 def test_even_counts_are_their_own_mirror_image_and_odd_ones_lack_one():
+    assert [sensors.NAMES[index] for index in select_by_hand(4)] == ["upper_39", "lower_39", "base_0", "base_9"]
     for count in range(1, 91):
         chosen = select_by_hand(count)
         assert len(set(chosen)) == count
@@ -32,3 +32,14 @@ def test_none_left_out_is_nearer_to_a_corner_along_its_own_wall():
             taken, left = distance[wall][inside[wall]], distance[wall][~inside[wall]]
             # The paper prints one base position a hundred-thousandth off its mirror image.
             assert not len(taken) or not len(left) or taken.max() < left.min() + 1e-4
+
+
+def test_any_symmetric_body_has_a_choice_outward_from_its_rear_corners():
+    names = ("nose", "roof", "floor", "top", "centre", "bottom")
+    places = np.array([[0.0, 0.0], [0.8, 0.3], [0.8, -0.3], [1.0, 0.2], [1.0, 0.0], [1.0, -0.2]])
+    layout = SensorLayout.of(names, places, base=(3, 4, 5))
+    order = [names[index] for index in select_by_hand(6, layout)]
+    assert order == ["roof", "floor", "top", "bottom", "centre", "nose"]
+    for base, symmetric, message in (((3, 4, 5), False, "have no mirror images"), ((), True, "have no base")):
+        with pytest.raises(ConfigError, match=f"'hand': these sensors {message}"):
+            select_by_hand(2, SensorLayout.of(names, places, base=base, symmetric=symmetric))

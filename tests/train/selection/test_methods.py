@@ -25,13 +25,3 @@ def test_every_method_chooses_as_many_as_asked_and_the_same_again(encoder, rows,
         for count in (0, 91):
             with pytest.raises(ConfigError, match=rf"train\.sensors = {count}: must be from 1 to 90"):
                 select(method, encoder, rows, count, settings=settings)
-
-
-def test_an_unknown_method_is_refused_with_the_known_ones(encoder, rows, small_config):
-    with pytest.raises(ConfigError, match=r"'entropy': use shap, qr, greedy, random, hand$"):
-        select("entropy", encoder, rows, 4, settings=small_config.train)  # type: ignore[arg-type]
-
-
-def test_all_sensors_can_be_chosen(encoder, rows, small_config):
-    for method in ("qr", "hand"):
-        assert set(select(method, encoder, rows, 90, settings=small_config.train)) == set(sensors.NAMES)

@@ -31,10 +31,6 @@ def test_greedy_finds_the_sensors_the_latents_are_made_of_the_weightiest_first(s
     assert [terms["error"] for *_, terms in reports] == pytest.approx([2.49 / 6.49, 0.49 / 6.49, 0.0], abs=0.03)
 
 
-def test_greedy_is_a_prefix_of_itself(student):
-    assert select_greedy(student, 2) == select_greedy(student, 3)[:2]
-
-
 def test_random_is_the_best_of_its_own_draws_and_repeats_with_its_seed(student):
     drawn = draw_choices(20, 12, seed=4, available=sensors.COUNT)
     assert all(len(set(chosen)) == 20 for chosen in drawn)

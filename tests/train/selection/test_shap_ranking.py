@@ -3,12 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-import pytest
 import torch
 from torch import Tensor, nn
 
 from contract import sensors
-from contract.errors import DatasetError
 from train.networks.model import WakeModel
 from train.samples.rows import Rows
 from train.selection.ranking import Ranking
@@ -93,15 +91,3 @@ def test_sets_are_compared_without_their_order():
     assert ranking.top_sets(3)[1] == {"upper_05", "upper_03", "upper_08"}
     np.testing.assert_allclose(ranking.mean[[3, 5]], 9.5)
     np.testing.assert_allclose(ranking.std[[3, 7]], [np.sqrt(0.5), 8 / np.sqrt(2)])
-
-
-def test_differences_name_the_sensors_some_repeats_lack():
-    ranking = scored([3, 5, 7], [5, 3, 8], [3, 5, 8], [5, 3, 8])
-    assert ranking.differences(2) == {}
-    assert ranking.differences(3) == {"upper_07": 0.25, "upper_08": 0.75}
-
-
-def test_too_few_windows_to_draw_from(rows, small_config):
-    encoder = WakeModel(90, small_config.model).encoder
-    with pytest.raises(DatasetError, match="716 windows, too few to draw 800 explanation samples"):
-        ShapRanker(background=5, explained=800, samples=1)(encoder, rows, 0)

@@ -25,32 +25,6 @@ def test_a_linear_pressure_is_read_exactly(probes):
     assert (weights @ (0.3 - 0.7 * at[:, 1]))[base] == pytest.approx(2 * (0.3 - 0.7 * y[base]), abs=1e-12)
 
 
-def test_upper_and_lower_side_are_not_mixed_up(probes):
-    at, weights = probes
-    cp = weights @ np.sign(at[:, 1])
-    assert cp[:40] == pytest.approx(2.0)
-    assert cp[40:80] == pytest.approx(-2.0)
-
-
-def test_slot_means_are_those_of_a_parabola(probes):
-    at, weights = probes
-    upper, lower = (weights @ (1.0 + at[:, 1]))[90:]
-    # Symmetric weights: the mean of a linear pressure is that at the slot's middle.
-    assert (upper, lower) == pytest.approx((2 * 1.475, 2 * 0.525), abs=1e-12)
-
-
-@pytest.mark.parametrize(("jet", "sign", "bottom"), [("jetUpper", 1.0, 0.45), ("jetLower", -1.0, -0.5)])
-def test_jets_are_parabolas_averaged_over_each_face(coarse_mesh, jet, sign, bottom):
-    action = 0.06
-    speed = jets.slot_velocity(coarse_mesh, jet, action)
-    edges = coarse_mesh.points[coarse_mesh.patches[jet]][:, :, 1]
-    assert speed[:, 1] == pytest.approx(0.0, abs=0)
-    for (a, b), u in zip(edges, speed[:, 0], strict=True):
-        low, high = sorted((a, b))
-        flow = quad(lambda y: sign * 6.0 * action * (y - bottom) * (bottom + 0.05 - y) / 0.05**3, low, high)[0]
-        assert u * (high - low) == pytest.approx(flow, rel=1e-12)
-
-
 def test_jet_files_name_every_step_and_lead_to_one_pipe(coarse_mesh, tmp_path):
     jets.write_pipes(tmp_path, coarse_mesh, dt=0.01, steps=40, action=0.0)
     for jet in jets.JETS:
@@ -65,3 +39,25 @@ def test_jet_files_name_every_step_and_lead_to_one_pipe(coarse_mesh, tmp_path):
         }
         assert jets.pipe(tmp_path, jet).is_fifo()
         assert re.match(r"2\n\(\n\(0 0 0\)\n\(0 0 0\)\n\)\n", (data / "0" / "U").read_text().replace("-0", "0"))
+
+
+def test_sides_and_slots_are_not_mixed_up(probes):
+    at, weights = probes
+    cp = weights @ np.sign(at[:, 1])
+    assert cp[:40] == pytest.approx(2.0)
+    assert cp[40:80] == pytest.approx(-2.0)
+    # Symmetric weights: the mean of a linear pressure on a slot is that at its middle.
+    assert (weights @ (1.0 + at[:, 1]))[90:] == pytest.approx((2 * 1.475, 2 * 0.525), abs=1e-12)
+
+
+def test_jets_are_parabolas_averaged_over_each_face(coarse_mesh):
+    action = 0.06
+    for jet, sign, bottom in (("jetUpper", 1.0, 0.45), ("jetLower", -1.0, -0.5)):
+        speed = jets.slot_velocity(coarse_mesh, jet, action)
+        edges = coarse_mesh.points[coarse_mesh.patches[jet]][:, :, 1]
+        assert speed[:, 1] == pytest.approx(0.0, abs=0)
+        for (a, b), u in zip(edges, speed[:, 0], strict=True):
+            low, high = sorted((a, b))
+            scale = sign * 6.0 * action / 0.05**3
+            flow = scale * quad(lambda y, bottom=bottom: (y - bottom) * (bottom + 0.05 - y), low, high)[0]
+            assert u * (high - low) == pytest.approx(flow, rel=1e-12), jet
