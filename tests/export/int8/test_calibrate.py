@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from contract.errors import ExportError
 from export.int8.calibrate import rounded_on
 from export.int8.layer_inputs import layer_inputs
 from export.int8.rounded_program import rounded_to_nearest
@@ -66,8 +65,3 @@ def test_so_are_latent_states_and_forces(case):
     for function, inputs in ((encode, windows), (decode, seen.z[::50])):
         exact, coarse, fed = (np.array([function(of, x) for x in inputs]) for of in (program, nearest, calibrated))
         assert np.sqrt(np.mean((fed - exact) ** 2)) < 0.8 * np.sqrt(np.mean((coarse - exact) ** 2))
-
-
-def test_calibration_needs_windows():
-    with pytest.raises(ExportError, match="no windows"):
-        rounded_on(random_program(0), [])

@@ -42,10 +42,6 @@ def test_actions_stay_in_bounds_and_committed_ones_stay_put(plan, free, rate, se
     np.testing.assert_array_equal(found[free == 0], shift(plan)[free == 0])
 
 
-def test_shift_moves_one_step_and_repeats_the_last():
-    np.testing.assert_array_equal(shift(np.array([1.0, 2.0, 3.0])), [2.0, 3.0, 3.0])
-
-
 @given(plan=st.lists(st.floats(-1e3, 1e3), min_size=1).map(np.array), limit=st.floats(1e-3, 10.0))
 def test_projection_is_the_nearest_point_and_idempotent(plan, limit):
     found = project(plan, limit)

@@ -141,10 +141,7 @@ def test_calibration_leaves_out_what_is_too_short_and_takes_what_there_is():
     assert len(windows) == 200 - (MODEL.window - 1)
     with pytest.raises(ExportError, match="longest, blink, has 20 steps, 50 windows need 55; --precision float32"):
         pipeline.calibration_windows(program, EPISODES[1:2], LAYOUT)
-
-
-def test_gates_replay_the_first_test_episode_that_is_long_enough():
-    program = random_program(0, model=MODEL, mpc=CONFIG.mpc, sensors=CHOSEN)
+    # The gates replay the first test episode that is long enough.
     one, two = pipeline.gate_windows(program, EPISODES[1:], LAYOUT)[-1], EPISODES[2].series["Cp"][-1]
     np.testing.assert_array_equal(one[-1, :-1], two[LAYOUT.indices(CHOSEN)])
     with pytest.raises(ExportError, match="episode blink: 20 steps, 50 windows need 55"):
@@ -168,9 +165,6 @@ def test_another_recording_is_taken_if_it_is_named_and_said(export, tmp_path):
     (line,) = lines
     assert "other.h5" in line
     assert "is not the recording that the model was fitted to" in line
-
-
-def test_a_recording_of_other_sensors_is_refused(export, tmp_path):
     places = np.array(POSITIONS)
     places[2, 0] = 0.72
     moved = SensorLayout.of(NAMES, places, base=LAYOUT.base.tolist(), symmetric=False)

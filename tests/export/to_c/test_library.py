@@ -12,7 +12,6 @@ import pytest
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.c_folder import DOCUMENTS, EXPECTED, RECORDED, SETTINGS, WEIGHTS, library_sources, write_folder
-from contract.errors import ExportError
 from contract.release.bundle import dbc_sha256
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
@@ -142,22 +141,6 @@ def test_the_header_says_what_it_is(contents):
         '#define SW_SENSOR_NAMES "upper_39 lower_39 base_0 base_9"',
     ):
         assert expected in text
-
-
-def test_every_number_is_the_float32_it_stands_for():
-    """The text of a weight read back by Python is the rounded weight to the bit."""
-    body = re.search(r"sw_latent_bias\[3\] = \{(.*?)\};", c_library(PROGRAM)[WEIGHTS].decode(), flags=re.DOTALL)
-    assert body is not None
-    found = np.array([number.rstrip("f") for number in body[1].split(", ")], dtype=np.float32)
-    np.testing.assert_array_equal(found, PROGRAM.encoder.output.bias.astype(np.float32))
-
-
-def test_a_value_too_large_for_float32_is_refused():
-    program = random_program(3, model=MODEL)
-    program.dynamics.output.bias.flags.writeable = True
-    program.dynamics.output.bias[1] = 1e39
-    with pytest.raises(ExportError, match="sw_dyn3_bias: a value is too large for float32"):
-        c_library(program)
 
 
 @pytest.mark.parametrize("precision", ["float32", "int8"])

@@ -86,13 +86,6 @@ def test_int8_stores_every_matrix_in_a_byte_a_weight():
     assert whole.ByteSize() < 600_000
 
 
-def test_the_same_program_gives_the_same_bytes():
-    one, two = (
-        build_controller(rounded_to_nearest(random_program(5, model=SMALL))).SerializeToString() for _ in range(2)
-    )
-    assert one == two
-
-
 def test_values_that_float32_cannot_hold_are_refused():
     for lowered in (as_it_is, rounded_to_nearest):
         program = random_program(0, model=SMALL)

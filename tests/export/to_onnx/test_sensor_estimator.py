@@ -30,6 +30,11 @@ def test_onnx_runtime_and_numpy_estimate_the_same():
         window = np.random.default_rng(seed).normal(size=(5, 5))
         # float32 against float64: sums of some tens of terms of order one.
         np.testing.assert_allclose(estimator.estimates(window), network.estimates(window), atol=5e-6)
+    with pytest.raises(ControllerError, match="not finite"):
+        estimator.estimates(np.full((5, 5), np.nan))
+    network.mean[0] = 1e300
+    with pytest.raises(ExportError, match="mean"):
+        built(network)
 
 
 def test_a_graph_of_other_sizes_is_refused():
@@ -38,19 +43,6 @@ def test_a_graph_of_other_sizes_is_refused():
     for sizes in (Sizes(window=6, sensors=4, horizon=3), Sizes(window=5, sensors=3, horizon=3)):
         with pytest.raises(BundleControllerError, match=r"sensors\.onnx: 'window' has shape \[5, 5\]"):
             OnnxEstimator(content, sizes)
-
-
-def test_estimates_that_are_not_finite_are_no_estimates():
-    estimator = OnnxEstimator(built().SerializeToString(), SIZES)
-    with pytest.raises(ControllerError, match="not finite"):
-        estimator.estimates(np.full((5, 5), np.nan))
-
-
-def test_numbers_without_a_float32_are_refused():
-    network = random_network()
-    network.mean[0] = 1e300
-    with pytest.raises(ExportError, match="mean"):
-        built(network)
 
 
 def test_readings_out_of_reach_count_as_those_at_its_end():
