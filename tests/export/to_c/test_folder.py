@@ -9,7 +9,6 @@ import pytest
 
 from contract.controller.c_folder import DOCUMENTS, EXPECTED, RECORDED, REPLAY
 from firmware_sim.in_c.compiler import host_compiler, zig_compiler
-from stillwake.parts.c_samples import main
 
 pytestmark = pytest.mark.slow  # builds the folder as a stranger would
 
@@ -37,13 +36,6 @@ int main()
 """
 
 
-@pytest.fixture(scope="module")
-def samples(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("folders") / "c"
-    main(folder)
-    return folder
-
-
 def done(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
@@ -51,33 +43,6 @@ def done(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(params=PRECISIONS)
 def folder(request, samples, tmp_path) -> Path:
     return shutil.copytree(samples / request.param, tmp_path / "c")
-
-
-@pytest.mark.slow  # builds programs
-@pytest.mark.parametrize("flags", [("-O0",), ("-O3", "-march=native", "-ffp-contract=fast")])
-def test_the_readmes_line_builds_an_example_that_answers_as_expected(folder, flags):
-    sources = [item.name for item in folder.glob("*.c")]
-    built = done([*host_compiler(), "-std=c99", *flags, *sources, "-o", "replay"], folder)
-    assert (built.returncode, built.stderr) == (0, "")
-    found = done(["./replay", RECORDED, EXPECTED], folder)
-    answers = len((folder / EXPECTED).read_text().splitlines())
-    assert (found.returncode, found.stdout) == (0, f"{answers} answers, all as expected\n")
-
-
-def test_an_answer_that_is_another_one_is_noticed(folder):
-    """One number of one line off by a hundredth; a line that is missing; a file that is not there; no rows."""
-    sources = [item.name for item in folder.glob("*.c")]
-    assert done([*host_compiler(), "-std=c99", "-O1", *sources, "-o", "replay"], folder).returncode == 0
-    lines = (folder / EXPECTED).read_text().splitlines()
-    numbers = lines[3].split()
-    planted = [*lines[:3], " ".join([*numbers[:3], str(float(numbers[3]) + 0.01)]), *lines[4:]]
-    (folder / EXPECTED).write_text("\n".join(planted))
-    assert "expected" in done(["./replay", RECORDED, EXPECTED], folder).stderr
-    (folder / EXPECTED).write_text("\n".join(lines[:3]))
-    assert "no answer is expected" in done(["./replay", RECORDED, EXPECTED], folder).stderr
-    assert "a file cannot be read" in done(["./replay", RECORDED, "nowhere"], folder).stderr
-    (folder / RECORDED).write_text("")
-    assert "fewer rows" in done(["./replay", RECORDED, EXPECTED], folder).stderr
 
 
 def cpp_compiler() -> list[str]:
@@ -104,27 +69,41 @@ def test_a_cpp_program_links_to_the_library(folder):
     float(answered.stdout)
 
 
+def test_the_readmes_line_builds_an_example_that_answers_as_expected(folder):
+    flags = ["-std=c99", "-O3", "-march=native", "-ffp-contract=fast"]
+    built = done([*host_compiler(), *flags, *(item.name for item in folder.glob("*.c")), "-o", "replay"], folder)
+    assert (built.returncode, built.stderr) == (0, "")
+    lines = (folder / EXPECTED).read_text().splitlines()
+    found = done(["./replay", RECORDED, EXPECTED], folder)
+    assert (found.returncode, found.stdout) == (0, f"{len(lines)} answers, all as expected\n")
+    # One number of one line off by a hundredth; a line that is missing; a file that is not there; no rows.
+    numbers = lines[3].split()
+    planted = [*lines[:3], " ".join([*numbers[:3], str(float(numbers[3]) + 0.01)]), *lines[4:]]
+    for expected, message in ((planted, "expected"), (lines[:3], "no answer is expected")):
+        (folder / EXPECTED).write_text("\n".join(expected))
+        assert message in done(["./replay", RECORDED, EXPECTED], folder).stderr
+    assert "a file cannot be read" in done(["./replay", RECORDED, "nowhere"], folder).stderr
+    (folder / RECORDED).write_text("")
+    assert "fewer rows" in done(["./replay", RECORDED, EXPECTED], folder).stderr
+
+
 @pytest.mark.compiler
-def test_cmake_builds_it_and_its_test_passes(folder):
+def test_cmake_builds_it_and_its_test_passes(samples, tmp_path):
     if shutil.which("cmake") is None:
         pytest.skip("cmake is not installed")
+    folder = shutil.copytree(samples / "int8", tmp_path / "c")
     for command in (["cmake", "-B", "build"], ["cmake", "--build", "build"], ["ctest", "--test-dir", "build"]):
         ran = done(command, folder)
         assert ran.returncode == 0, ran.stdout + ran.stderr
     assert "100% tests passed" in ran.stdout
 
 
-def test_the_documents_are_filled_in(folder):
+def test_the_documents_are_filled_in_with_the_program_and_the_compilers_sizes(folder):
     assert all((folder / name).is_file() for name in DOCUMENTS)
     text = (folder / "README.md").read_text()
     assert not re.findall(r"@[A-Z_]+@", text)
-    header = (folder / "sw_settings.h").read_text()
-    (program,) = re.findall(r'SW_PROGRAM_SHA256 "(\w+)"', header)
+    (program,) = re.findall(r'SW_PROGRAM_SHA256 "(\w+)"', (folder / "sw_settings.h").read_text())
     assert program in text
-
-
-def test_the_stated_sizes_are_the_compilers(folder):
-    text = (folder / "README.md").read_text()
     stated = [re.findall(rf"`{name}` \| (\d+)", text)[0] for name in ("sw_input", "sw_output")]
     (folder / "sizes.c").write_text(
         '#include <stdio.h>\n#include "stillwake.h"\n'

@@ -9,19 +9,11 @@ import pytest
 from contract.controller.c_folder import COMPILE_FLAGS
 from contract.errors import LibraryError
 from firmware_sim.in_c.compiler import host_compiler
-from stillwake.parts.c_samples import main
 from tests.each import each
 
 SOURCES = Path(str(files("export.to_c").joinpath("sources")))
 SAMPLES = "../../../../build/c"
 """The place of the samples, seen from a folder of the sources."""
-
-
-@pytest.fixture(scope="module")
-def samples(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("samples") / "c"
-    main(folder)
-    return folder
 
 
 def parse(folder: Path, flags: list[str]) -> None:
