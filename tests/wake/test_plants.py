@@ -1,6 +1,7 @@
 """Where a run's flow begins: the shipped start, or a state of the user's that fits the settings."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,7 +48,7 @@ def test_the_shipped_wake_settles_on_any_grid(tmp_path, monkeypatch):
 
 def test_what_does_not_fit_is_refused_with_what_would_do(tmp_path, starts):
     square = Config(body=BodyConfig(length=1.0, leading_edge_radius=0.0))
-    for plant, config, start, message in (
+    cases: list[tuple[Any, Config, str | None, str]] = [
         ("stillwake", SLOW, None, r"flow\.reynolds = 400: the shipped start is of 500; `stillwake develop start_re400"),
         (
             "stillwake",
@@ -59,7 +60,8 @@ def test_what_does_not_fit_is_refused_with_what_would_do(tmp_path, starts):
         ("openfoam", SLOW, "re400.npz", "OpenFOAM develops its own"),
         ("openfoam", COARSE, None, r"flow\.refinement = 0\.4: .* openfoam\.refinement"),
         ("openfoam", square, None, r"body\.length = 1\.0: OpenFOAM's mesh is the truck's, with 7\.647"),
-    ):
+    ]
+    for plant, config, start, message in cases:
         path = None if start is None else starts / start
         with pytest.raises(PlantError, match=message), open_plant(plant, tmp_path, config, start=path):
             pass

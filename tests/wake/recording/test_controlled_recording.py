@@ -97,7 +97,8 @@ def test_exploration_is_stationary_from_the_first_step_on_and_repeats_with_its_s
 
 
 def test_no_two_episodes_are_disturbed_alike():
-    for kind, own in ((a_round, "controlled"), (CalmRound, "calm")):
+    kinds: list[tuple[Any, str]] = [(a_round, "controlled"), (CalmRound, "calm")]
+    for kind, own in kinds:
         wanted = [kind(), kind(seed=2), kind(role=own)]
         plans = [plan for item in wanted for number in (1, 2) for plan in item.plans(number)]
         signals = np.array([plan.signal(Config())[:8] for plan in plans])
