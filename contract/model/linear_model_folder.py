@@ -12,7 +12,7 @@
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -99,17 +99,8 @@ def write(path: Path, description: LinearDescription, model: Array, gain: Array)
     Raises:
         StillwakeError: the place cannot be written or holds something else.
     """
-    entries = {
-        "config": to_tree(description.config),
-        "sensors": description.sensors,
-        "positions": description.positions,
-        "scaling": asdict(description.scaling),
-        "identification": description.identification,
-        "design": description.design,
-        "metrics": description.metrics,
-        "dataset_sha256": description.dataset_sha256,
-        "versions": description.versions,
-    }
+    config, scaling = to_tree(description.config), asdict(description.scaling)
+    entries = {**vars(description), "config": config, "scaling": scaling}
     KIND.write(path, entries, {"model": model, "gain": gain})
 
 
@@ -143,16 +134,14 @@ def read(path: Path) -> LinearModelFolder:
 
 def _describe(path: Path, body: Mapping[str, Any]) -> LinearDescription:
     try:
+        parts: dict[str, Any] = {
+            "config": from_tree(body["config"]),
+            "sensors": tuple(body["sensors"]),
+            "positions": tuple((float(x), float(y)) for x, y in body["positions"]),
+            "scaling": typed(body["scaling"], Scaling),
+        }
         return LinearDescription(
-            config=from_tree(body["config"]),
-            sensors=tuple(body["sensors"]),
-            positions=tuple((float(x), float(y)) for x, y in body["positions"]),
-            scaling=typed(body["scaling"], Scaling),
-            identification=body["identification"],
-            design=body["design"],
-            metrics=body["metrics"],
-            dataset_sha256=body["dataset_sha256"],
-            versions=body["versions"],
+            **{item.name: parts.get(item.name, body[item.name]) for item in fields(LinearDescription)}
         )
     except (ConfigError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error

@@ -14,7 +14,7 @@ A model of the first schema has no layout: it is the truck's. Tensors are arrays
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -149,14 +149,10 @@ def write(path: Path, description: Description, tensors: Tensors) -> None:
         StillwakeError: if the place cannot be written or holds something that is not a model.
     """
     entries = {
+        **vars(description),
         "config": to_tree(description.config),
         "scaling": asdict(description.scaling),
         "layout": _layout_tree(description.layout),
-        "sensors": description.sensors,
-        "dataset_sha256": description.dataset_sha256,
-        "metrics": description.metrics,
-        "ranking": description.ranking,
-        "versions": description.versions,
     }
     KIND.write(path, entries, tensors)
 
@@ -203,15 +199,12 @@ def _layout_of(tree: Mapping[str, Any]) -> SensorLayout:
 
 def _describe(path: Path, body: Mapping[str, Any]) -> Description:
     try:
-        return Description(
-            config=from_tree(body["config"]),
-            scaling=typed(body["scaling"], Scaling),
-            sensors=tuple(body["sensors"]),
-            dataset_sha256=body["dataset_sha256"],
-            metrics=body["metrics"],
-            ranking=body["ranking"],
-            versions=body["versions"],
-            layout=_layout_of(body["layout"]) if "layout" in body else TRUCK,
-        )
+        parts: dict[str, Any] = {
+            "config": from_tree(body["config"]),
+            "scaling": typed(body["scaling"], Scaling),
+            "sensors": tuple(body["sensors"]),
+            "layout": _layout_of(body["layout"]) if "layout" in body else TRUCK,
+        }
+        return Description(**{item.name: parts.get(item.name, body.get(item.name)) for item in fields(Description)})
     except (ConfigError, ModelError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error

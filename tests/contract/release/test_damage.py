@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contract import errors
-from contract.release import bundle, signing
+from contract.release import bundle, checks, signing
 from contract.release.bundle import CONTROLLER, SIGNATURE
 from contract.release.manifest import MANIFEST
 from contract.shipped import BUNDLE
@@ -174,14 +174,14 @@ def test_everything_that_is_wrong_is_listed(signed):
     flipped(CONTROLLER, 1000)(signed)
     (signed / "extra.bin").touch()
     names = ["container", SIGNATURE, MANIFEST, CONTROLLER, "extra.bin", "DBC", "content"]
-    checks = bundle.examine(signed)
-    assert [check.name for check in checks] == names
-    assert {check.name for check in checks if check.error} == {CONTROLLER, "extra.bin"}
+    made = bundle.examine(signed)
+    assert [check.name for check in made] == names
+    assert {check.name for check in made if check.error} == {CONTROLLER, "extra.bin"}
 
 
 def test_nothing_is_parsed_whose_signature_is_bad(signed, monkeypatch):
     flipped(MANIFEST, 100)(signed)
-    monkeypatch.setattr(bundle, "open_manifest", lambda path, raw: pytest.fail("was parsed"))
+    monkeypatch.setattr(checks, "open_manifest", lambda path, raw: pytest.fail("was parsed"))
     with pytest.raises(errors.BundleSignatureError):
         bundle.load(signed, TRUSTED)
 

@@ -1,0 +1,210 @@
+"""The checks of a release bundle's files: nothing is parsed before its signature is good, and all are listed once.
+
+A manifest's own hash guards against accidents; a signature by a key that the reader trusts guards against people.
+"""
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from contract.controller.estimator import ESTIMATOR
+from contract.errors import (
+    BundleControllerError,
+    BundleDbcError,
+    BundleError,
+    BundleFileError,
+    BundleManifestError,
+    BundleSignatureError,
+    BundleSignerError,
+)
+from contract.release import signing
+from contract.release.manifest import MANIFEST, Manifest, open_manifest, parse
+from contract.release.onnx_graph import check_graph
+from contract.release.signing import PublicKey
+
+SIGNATURE: Final = "manifest.sig"
+CONTROLLER: Final = "controller.onnx"
+UNSIGNED: Final = "unsigned: its hashes show accidents, not who made it"
+
+_T = TypeVar("_T")
+Trusted = PublicKey | frozenset[PublicKey] | None
+"""The keys of which one must have signed; None where none need have."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bundle:
+    """A verified bundle.
+
+    Attributes:
+        files: all but manifest and signature.
+        digest: SHA-256 of the manifest; its first 4 bytes go on the bus. A signature does not change it.
+        signer: who signed the manifest, with a signature that is good; None if no one did.
+        is_trusted: whether it was loaded with that key as the one to trust.
+    """
+
+    manifest: Manifest
+    files: Mapping[str, bytes]
+    digest: str
+    signer: PublicKey | None = None
+    is_trusted: bool = False
+
+    @property
+    def short_hash(self) -> int:
+        return int(self.digest[:8], 16)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """One thing that was verified about a bundle; `error` is None if it is in order."""
+
+    name: str
+    found: str = ""
+    error: BundleError | None = None
+
+
+def sha256(data: bytes) -> str:
+    """In hex, as manifests hold it."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def dbc_bytes() -> bytes:
+    """The DBC of this version."""
+    return files("contract").joinpath("stillwake.dbc").read_bytes()
+
+
+def dbc_sha256() -> str:
+    """Its hash, in hex, as manifests and generated headers hold it."""
+    return sha256(dbc_bytes())
+
+
+@dataclass(kw_only=True)
+class Made:
+    """The checks of a reading; the first that fails ends it, unless they are to be listed."""
+
+    lists: bool = False
+    checks: list[Check] = field(default_factory=list)
+
+    def check(self, name: str, verify: Callable[[], _T], in_words: Callable[[_T], str] = str) -> _T | None:
+        """Make a check that no other one builds on; None where it failed."""
+        try:
+            value = verify()
+        except BundleError as error:
+            self.checks.append(Check(name=name, error=error))
+            if not self.lists:
+                raise
+            return None
+        self.checks.append(Check(name=name, found=in_words(value)))
+        return value
+
+    def need(self, name: str, make: Callable[[], _T]) -> _T:
+        """Make what the next checks need; the reading ends where it fails."""
+        try:
+            return make()
+        except BundleError as error:
+            self.checks.append(Check(name=name, error=error))
+            raise
+
+
+def read_checked(
+    path: Path,
+    contents: Mapping[str, bytes],
+    trusted: Trusted = None,
+    made: Made | None = None,
+    *,
+    any_dbc: bool = False,
+) -> Bundle:
+    """The bundle of these files, with every check; nothing is parsed before its signature is good.
+
+    Raises BundleError for the first check that fails; one that lists them goes on where it can.
+    """
+    made = Made() if made is None else made
+    raw, signature, parts = made.need(MANIFEST, lambda: _taken_apart(path, contents))
+
+    def signed_by(key: PublicKey | None) -> str:
+        return UNSIGNED if key is None else f"good, by {'the trusted ' if trusted else ''}key {key.fingerprint}"
+
+    signer = made.check(SIGNATURE, lambda: _verify_signature(path, raw, signature, trusted), signed_by)
+    opened = made.need(MANIFEST, lambda: open_manifest(path, raw))
+    made.check(MANIFEST, lambda: opened.digest)
+    # Of the files that are there or should be.
+    names = sorted({CONTROLLER} | opened.hashes.keys() | parts.keys())
+    sound = {name for name in names if made.check(name, partial(_verify_file, path, name, parts, opened.hashes))}
+    if not any_dbc:
+        made.check("DBC", lambda: _verify_dbc(path, opened.dbc))
+    manifest = made.need("content", lambda: parse(path, opened))
+    made.check("content", lambda: manifest.name)
+    if CONTROLLER in sound:
+        made.check("graph", lambda: _verify_graph(path, CONTROLLER, parts[CONTROLLER]))
+    is_stated = manifest.sensor_estimator is not None
+    if ESTIMATOR in sound or (is_stated and ESTIMATOR not in names):
+        made.check("sensor graph", lambda: _verify_estimator(path, parts, is_stated=is_stated))
+    trusts = trusted is not None
+    return Bundle(manifest=manifest, files=parts, digest=opened.digest, signer=signer, is_trusted=trusts)
+
+
+def _taken_apart(path: Path, found: Mapping[str, bytes]) -> tuple[bytes, bytes | None, dict[str, bytes]]:
+    """Manifest, signature and all other files."""
+    contents = dict(found)
+    raw, signature = contents.pop(MANIFEST, None), contents.pop(SIGNATURE, None)
+    if raw is None:
+        raise BundleManifestError(f"bundle {path}: {MANIFEST} is missing")
+    return raw, signature, contents
+
+
+def _verify_signature(path: Path, raw: bytes, signature: bytes | None, trusted: Trusted) -> PublicKey | None:
+    """Who signed it."""
+    keys = frozenset({trusted}) if isinstance(trusted, PublicKey) else trusted
+    allowed = "no key that is trusted" if not keys else " or ".join(sorted(f"key {key.fingerprint}" for key in keys))
+    if signature is None:
+        if keys is not None:
+            raise BundleSignerError(f"bundle {path}: unsigned, must be signed by {allowed}")
+        return None
+    try:
+        signer = signing.signer(signature, raw)
+    except ValueError as error:
+        raise BundleSignatureError(f"bundle {path}: {SIGNATURE} is damaged ({error})") from error
+    if signer is None:
+        raise BundleSignatureError(f"bundle {path}: bad signature: {MANIFEST} or {SIGNATURE} was altered")
+    if keys is not None and signer not in keys:
+        raise BundleSignerError(f"bundle {path}: signed by key {signer.fingerprint}, must be signed by {allowed}")
+    return signer
+
+
+def _verify_file(path: Path, name: str, found: Mapping[str, bytes], hashes: Mapping[str, Any]) -> str:
+    if name not in found:
+        raise BundleFileError(f"bundle {path}: {name} is missing")
+    if name not in hashes:
+        raise BundleFileError(f"bundle {path}: {name} is not in the manifest")
+    digest = sha256(found[name])
+    if digest != hashes[name]:
+        raise BundleFileError(f"bundle {path}: {name} was altered (SHA-256 does not match the manifest)")
+    return digest
+
+
+def _verify_dbc(path: Path, dbc: object) -> str:
+    if dbc != dbc_sha256():
+        raise BundleDbcError(
+            f"bundle {path}: built for another stillwake.dbc; `stillwake bundle renew` makes one for this version's"
+        )
+    return dbc_sha256()
+
+
+def _verify_graph(path: Path, name: str, content: bytes) -> str:
+    try:
+        check_graph(content)
+    except ValueError as error:
+        raise BundleControllerError(f"bundle {path}: {name}: {error}") from error
+    return f"{len(content)} bytes, with all constants and ONNX's operators alone"
+
+
+def _verify_estimator(path: Path, contents: Mapping[str, bytes], *, is_stated: bool) -> str:
+    content = contents.get(ESTIMATOR)
+    if not is_stated:
+        raise BundleFileError(f"bundle {path}: {ESTIMATOR}: {MANIFEST} does not mention it (sensor_estimator)")
+    if content is None:
+        raise BundleFileError(f"bundle {path}: {ESTIMATOR} is missing: {MANIFEST} has a sensor_estimator")
+    return _verify_graph(path, ESTIMATOR, content)
