@@ -205,6 +205,7 @@ def _describe(path: Path, body: Mapping[str, Any]) -> Description:
             "sensors": tuple(body["sensors"]),
             "layout": _layout_of(body["layout"]) if "layout" in body else TRUCK,
         }
-        return Description(**{item.name: parts.get(item.name, body.get(item.name)) for item in fields(Description)})
+        held = {item.name: body[item.name] for item in fields(Description) if item.name not in parts}
+        return Description(**held, **parts)
     except (ConfigError, ModelError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error
