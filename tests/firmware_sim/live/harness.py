@@ -38,7 +38,7 @@ def oscillator(name: str) -> LoopPlant:
 
 
 class Live:
-    """A session, and all that it has said so far."""
+    """A session, and all that it has sent so far."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class Live:
             **more,
         )
         self.rows: dict[str, list[Any]] = {name: [] for name in PERIOD_COLUMNS}
-        self.said: dict[str, Any] = {}
+        self.heard: dict[str, Any] = {}
         self.events: list[str] = []
         self.pictures: list[bytes] = []
 
@@ -95,7 +95,7 @@ class Live:
                     self.rows[name] += values
             elif message["type"] == "events":
                 self.events += [item["text"] for item in message["items"]]
-            self.said[message["type"]] = message
+            self.heard[message["type"]] = message
 
     def ask(self, **request: Any) -> Answer:
         return self.session.handle(request)
@@ -107,4 +107,4 @@ class Live:
 
     @property
     def state(self) -> str:
-        return str(self.said["now"]["state"])
+        return str(self.heard["now"]["state"])

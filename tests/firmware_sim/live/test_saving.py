@@ -69,9 +69,9 @@ def test_the_flow_is_shown_and_saved(shared_wake, tmp_path):
 
     live = Live(tmp_path, wake=wake, enable_after=0.4).run(4)
     pictures = [unpack_field(raw) for raw in live.pictures]
-    width, height = live.said["hello"]["raster"]
+    width, height = live.heard["hello"]["raster"]
     assert [(picture.k, picture.levels.shape) for picture in pictures] == [(k, (height, width)) for k in range(4)]
-    x_from, x_to, low, high = live.said["hello"]["view"]
+    x_from, x_to, low, high = live.heard["hello"]["view"]
     # In the body nothing turns; along its upper side the boundary layer turns clockwise, along the lower the other way.
     columns = slice(0, round((7.0 - x_from) / (x_to - x_from) * width))
     side = [round((high - y) / (high - low) * height) for y in (0.7, 0.45, -0.45, -0.7)]

@@ -11,59 +11,45 @@ from contract.release import bundle
 from firmware_sim.ecu.calibrating import release_calibration
 from firmware_sim.runs.metadata import RunEcu, RunMetadata, RunOrigin
 
-
-def test_metadata_survive_json(run_metadata):
-    for one in (run_metadata, replace(run_metadata, config=load_config(), signer="0123")):
-        assert RunMetadata.from_tree(json.loads(json.dumps(one.to_tree()))) == one
+CORE = RunEcu.of("cortex-m7", 480.0, [10_000_000, 12_000_000, 11_000_000])
 
 
-def made(release, run_metadata, **changes) -> RunMetadata:
-    given: dict[str, Any] = {
-        "settle": 1.5,
-        "averages": False,
-        "plant": "a",
-        "computed_by": "b",
-        "origin": RunOrigin(day="2026-03-04"),
-    }
-    given["calibration"] = release_calibration(release, run_metadata.config)
-    return RunMetadata.of(release, run_metadata.config, status=run_metadata.status, **{**given, **changes})
+def test_metadata_survive_json_also_those_of_an_earlier_version(run_metadata):
+    for one in (run_metadata, replace(run_metadata, config=load_config(), signer="0123", ecu=CORE)):
+        tree = json.loads(json.dumps(one.to_tree()))
+        assert RunMetadata.from_tree(tree) == one
+        del tree["ecu"]
+        assert RunMetadata.from_tree(tree).ecu == RunEcu(kind="python")
 
 
-def test_the_bundle_gives_name_sensors_and_settings(random_release, run_metadata):
+def test_the_bundle_gives_name_sensors_and_settings_and_other_weights_are_named(random_release, run_metadata):
     release = bundle.load(random_release)
-    found = made(release, run_metadata)
-    assert found.controller == f"random (int8, {release.digest[:12]})"
-    assert found.digest == release.digest
-    assert (found.sensors, found.mpc, found.budget_ms) == (
-        release.manifest.sensors, release.manifest.mpc, release.manifest.budget_ms,
-    )  # fmt: skip
-    assert (found.signer, found.settle, found.plant, found.computed_by) == (None, 1.5, "a", "b")
-    assert (found.averages, found.origin.day) == (False, "2026-03-04")
-    assert {"python", "machine", "stillwake", "numpy"} <= set(found.versions)
-
-
-def test_weights_that_are_not_the_bundles_are_named(random_release, run_metadata):
-    release = bundle.load(random_release)
-    weights = release.manifest.mpc.weights
-    assert made(release, run_metadata).changed_weights == {}
     own = release_calibration(release, run_metadata.config)
-    found = made(release, run_metadata, calibration=replace(own, weights=replace(weights, lift=9.0), action_limit=0.05))
-    assert found.changed_weights == {"lift": (9.0, weights.lift)}
-    assert found.mpc.weights == weights
-    assert found.config.flow.action_limit == pytest.approx(0.05)
+    weights = release.manifest.mpc.weights
+
+    def made(calibration) -> RunMetadata:
+        given: dict[str, Any] = {"settle": 1.5, "averages": False, "plant": "a", "computed_by": "b"}
+        origin, status = RunOrigin(day="2026-03-04"), run_metadata.status
+        return RunMetadata.of(
+            release, run_metadata.config, status=status, origin=origin, calibration=calibration, **given
+        )
+
+    metadata = made(own)
+    assert metadata.controller == f"random (int8, {release.digest[:12]})"
+    assert metadata.digest == release.digest
+    for name in ("sensors", "mpc", "budget_ms"):
+        assert getattr(metadata, name) == getattr(release.manifest, name), name
+    assert (metadata.signer, metadata.settle, metadata.plant, metadata.computed_by) == (None, 1.5, "a", "b")
+    assert (metadata.averages, metadata.origin.day, metadata.changed_weights) == (False, "2026-03-04", {})
+    assert {"python", "machine", "stillwake", "numpy"} <= set(metadata.versions)
+    metadata = made(replace(own, weights=replace(weights, lift=9.0), action_limit=0.05))
+    assert metadata.changed_weights == {"lift": (9.0, weights.lift)}
+    assert metadata.mpc.weights == weights
+    assert metadata.config.flow.action_limit == pytest.approx(0.05)
 
 
-def test_a_run_of_an_earlier_version_had_the_ecu_in_python(run_metadata):
-    tree = run_metadata.to_tree()
-    del tree["ecu"]
-    assert RunMetadata.from_tree(tree).ecu == RunEcu(kind="python")
-
-
-def test_an_emulated_core_says_what_its_steps_took(run_metadata):
-    """Median and longest of the steps that planned; another ECU's compute time is a setting, and no figure of it."""
-    core = RunEcu.of("cortex-m7", 480.0, [10_000_000, 12_000_000, 11_000_000])
-    assert (core.modelled_ms, core.modelled_ms_max) == (11.0, 12.0)
+def test_an_emulated_core_has_median_and_longest_of_the_steps_that_planned():
+    assert (CORE.modelled_ms, CORE.modelled_ms_max) == (11.0, 12.0)
+    # Another ECU's compute time is a setting, and no figure of it.
     assert RunEcu.of("c", None, [8_000_000]) == RunEcu(kind="c")
     assert RunEcu.of("cortex-m7", 480.0, []) == RunEcu(kind="cortex-m7", clock_mhz=480.0)
-    found = replace(run_metadata, ecu=core)
-    assert RunMetadata.from_tree(json.loads(json.dumps(found.to_tree()))) == found

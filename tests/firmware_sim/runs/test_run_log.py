@@ -10,6 +10,7 @@ from contract.errors import StillwakeError
 from contract.ledger import LEDGER_FIELDS
 from firmware_sim.runs import run_log
 from firmware_sim.runs.bus_traffic import BusTraffic
+from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import COLUMNS, WALL, BusTotals, Row, RunLog
 from wake.plant.sample import Sample
 
@@ -22,11 +23,26 @@ MOUNTED = (39.0, 79.0, 80.0, 89.0)
 def test_a_saved_run_is_read_back_to_the_bit(log_of, tmp_path):
     log = log_of(Cd=[1.0, NAN, 1 / 3, 0.0, -0.0, 1e-300])
     run_log.save(tmp_path / "a" / "series.npz", log)
-    found = run_log.load(tmp_path / "a" / "series.npz")
-    assert (found.bus, found.enabled_at, found.metadata) == (log.bus, log.enabled_at, log.metadata)
-    assert found.traffic == log.traffic
+    loaded = run_log.load(tmp_path / "a" / "series.npz")
+    for name in ("bus", "enabled_at", "metadata", "traffic"):
+        assert getattr(loaded, name) == getattr(log, name), name
     for name, values in log.series.items():
-        np.testing.assert_array_equal(found.series[name], values)
+        np.testing.assert_array_equal(loaded.series[name], values)
+
+
+def test_another_run_is_replaced_only_when_asked_and_a_file_is_no_folder(tmp_path):
+    (tmp_path / "openfoam").mkdir()
+    for free in (tmp_path, tmp_path / "new"):
+        RunFolder(free).check_free(overwrite=False)
+    for name in ("series.npz", "summary.json"):
+        folder = tmp_path / name[:3]
+        folder.mkdir()
+        (folder / name).write_text("")
+        with pytest.raises(StillwakeError, match="holds a run: give another folder, or --overwrite"):
+            RunFolder(folder).check_free(overwrite=False)
+        RunFolder(folder).check_free(overwrite=True)
+        with pytest.raises(StillwakeError, match=rf"cannot write .*{name}: it is a file"):
+            RunFolder(folder / name).check_free(overwrite=True)
 
 
 def test_a_file_that_is_no_run_is_refused_by_name(tmp_path):
@@ -73,28 +89,16 @@ def test_a_header_that_does_not_fit_is_refused(log_of, tmp_path):
 
 def test_a_row_becomes_one_value_in_every_column(run_metadata):
     entries = {name: float(k) for k, name in enumerate(LEDGER_FIELDS)}
-    rows = [
-        Row(
-            sample=Sample(
-                **entries, t=t, Cp=np.arange(sensors.COUNT, dtype=np.float64) + t, Uy_probe=-t, action=0.01 * t
-            ),
-            command=0.02,
-            predicted_Cd=1.0,
-            predicted_Cl=2.0,
-            mode=3,
-            reason=1,
-            step_ms=NAN,
-            age_ms=8.0,
-        )
-        for t in (1.0, 2.0)
-    ]
+    ecu = {"command": 0.02, "predicted_Cd": 1.0, "predicted_Cl": 2.0, "step_ms": NAN, "age_ms": 8.0}
+    rows = []
+    for t in (1.0, 2.0):
+        cp = np.arange(sensors.COUNT, dtype=np.float64) + t
+        rows.append(Row(sample=Sample(**entries, t=t, Cp=cp, Uy_probe=-t, action=0.01 * t), mode=3, reason=1, **ecu))
     log = RunLog.of(rows, 1, BusTotals(sent=0, lost=0, rejected=0), run_metadata, traffic=QUIET)
     assert tuple(log.series) == (*COLUMNS, WALL)
     # In the order of the bundle: upper_39, lower_39, base_0, base_9.
     assert log.series[WALL].tolist() == [[value + t for value in MOUNTED] for t in (1.0, 2.0)]
     # The base sensors are 80 to 89.
     assert log.series["base_Cp"].tolist() == [85.5, 86.5]
-    assert log.series["action"].tolist() == [0.01, 0.02]
-    assert log.series["mode"].tolist() == [3.0, 3.0]
-    for name, value in entries.items():
-        assert log.series[name].tolist() == [value, value]
+    for name, values in {"action": [0.01, 0.02], "mode": [3.0, 3.0], **{n: [v, v] for n, v in entries.items()}}.items():
+        assert log.series[name].tolist() == values, name

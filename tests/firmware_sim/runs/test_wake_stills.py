@@ -25,32 +25,27 @@ def street(k: int) -> np.ndarray:
     return np.clip(np.rint(total), -127, 127).astype(np.int8)
 
 
-def recorded(times: np.ndarray, kept: int | None = None) -> WakeStills:
-    recorder = WakeRecorder(SCENE, len(times) if kept is None else kept)
+def recorded(times: np.ndarray) -> WakeStills:
+    recorder = WakeRecorder(SCENE, len(times))
     for k, t in enumerate(times):
         recorder.record(k, float(t), partial(street, k))
     return recorder.recorded()
 
 
-@pytest.fixture
-def log(log_of):
-    return log_of()
-
-
-def test_levels_come_back_within_the_loss_of_the_codec(log, tmp_path):
+def test_levels_come_back_within_the_loss_of_the_codec(log_of, tmp_path):
+    log = log_of()
     save(tmp_path / "wake.npz", recorded(log.series["t"]))
-    found = load(tmp_path / "wake.npz", log)
-    assert found.scene == SCENE
-    assert found.k.tolist() == list(range(6))
+    loaded = load(tmp_path / "wake.npz", log)
+    assert (loaded.scene, loaded.k.tolist()) == (SCENE, list(range(6)))
     for k in range(6):
-        error = found.levels(k).astype(int) - street(k)
-        # A level is 1/127 of the scale: nobody sees 2 % of it, and it has no sign.
+        error = loaded.levels(k).astype(int) - street(k)
+        # A level is 1/127 of the scale: no one sees 2 % of it, and it has no sign.
         assert np.sqrt(np.mean(error**2)) < 3.0
         assert abs(np.mean(error)) < 0.5
         assert np.abs(error).max() < 25
 
 
-def test_a_long_run_keeps_as_many_stills_evenly_spaced():
+def test_a_long_run_keeps_as_many_stills_evenly_spaced_and_a_part_counts_from_its_begin():
     recorder, asked = WakeRecorder(SCENE, 10 * MOST_STILLS + 1), list[int]()
 
     def levels(k: int) -> np.ndarray:
@@ -59,20 +54,17 @@ def test_a_long_run_keeps_as_many_stills_evenly_spaced():
 
     for k in range(10 * MOST_STILLS + 1):
         recorder.record(k, 0.2 * k, partial(levels, k))
-    found = recorder.recorded()
-    assert MOST_STILLS / 2 < len(found.stills) <= MOST_STILLS
-    assert set(np.diff(found.k)) == {11}
-    assert asked == found.k.tolist()
-
-
-def test_only_the_latest_part_is_kept_and_counted_from_its_begin():
+    wake = recorder.recorded()
+    assert MOST_STILLS / 2 < len(wake.stills) <= MOST_STILLS
+    assert set(np.diff(wake.k)) == {11}
+    assert asked == wake.k.tolist()
     recorder = WakeRecorder(SCENE, 4)
     for k in range(10):
         recorder.record(k, 0.2 * k, partial(street, k))
-    found = recorder.recorded(first=7)
-    assert found.k.tolist() == [0, 1, 2]
-    assert found.t == pytest.approx([1.4, 1.6, 1.8])
-    assert np.abs(found.levels(0).astype(int) - street(7)).mean() < 2.0
+    wake = recorder.recorded(first=7)
+    assert wake.k.tolist() == [0, 1, 2]
+    assert wake.t == pytest.approx([1.4, 1.6, 1.8])
+    assert np.abs(wake.levels(0).astype(int) - street(7)).mean() < 2.0
     assert len(recorder.recorded().stills) == 4
 
 
@@ -92,7 +84,8 @@ WRONG = {
 }
 
 
-def test_a_damaged_file_or_one_that_contradicts_the_run_is_refused(log, tmp_path, monkeypatch):
+def test_a_damaged_file_or_one_that_contradicts_the_run_is_refused(log_of, tmp_path, monkeypatch):
+    log = log_of()
     path, wake = tmp_path / "wake.npz", recorded(log.series["t"])
     for message, change in WRONG.items():
         save(path, change(wake))

@@ -1,6 +1,9 @@
-"""Who may look at the loop and act on it."""
+"""Who may look at the loop and act on it, and which requests are none."""
+
+import json
 
 from firmware_sim.live.serving.access import Access
+from firmware_sim.live.serving.control import as_json, check
 
 HERE = Access(token=None)
 FAR = Access(token="right")
@@ -14,31 +17,48 @@ def test_only_the_loopback_goes_without_a_token():
     assert all(token is not None and len(token) >= 22 for token in tokens)
 
 
-def test_this_machine_by_its_names():
-    for host in ["localhost:8765", "127.0.0.1:8765", "[::1]:8765", "localhost", "LOCALHOST:1"]:
+def test_others_are_refused_by_their_host_origin_or_token():
+    for host in ("localhost:8765", "127.0.0.1:8765", "[::1]:8765", "localhost", "LOCALHOST:1"):
         assert HERE.refusal(host=host, origin=None, token=None) is None, host
         assert HERE.refusal(host=host, origin=f"http://{host}", token=None) is None, host
-
-
-def test_a_name_that_was_pointed_here_is_refused():
-    for host in ["evil.example:8765", "localhost.evil.example", "10.0.0.1", "", "[", "a@localhost@b"]:
+    # A name that was pointed here.
+    for host in ("evil.example:8765", "localhost.evil.example", "10.0.0.1", "", "[", "a@localhost@b"):
         assert "localhost alone" in str(HERE.refusal(host=host, origin=f"http://{host}", token=None)), host
-
-
-def test_a_page_of_another_server_is_refused():
-    for access in [HERE, FAR]:
-        for origin in [
-            "http://evil.example",
-            "http://localhost:3000",
-            "null",
-            "",
-            "localhost:8765",
-            "http://localhost:8765/x",
-        ]:
-            assert "another server" in str(access.refusal(host="localhost:8765", origin=origin, token="right")), access
-
-
-def test_without_the_token_nothing():
-    for token in [None, "", "wrong", "righ", "right ", "r\xefght"]:
+    origins = ("http://evil.example", "http://localhost:3000", "null", "", "localhost:8765", "http://localhost:8765/x")
+    for access in (HERE, FAR):
+        for origin in origins:
+            refusal = access.refusal(host="localhost:8765", origin=origin, token="right")
+            assert "another server" in str(refusal), (access, origin)
+    for token in (None, "", "wrong", "righ", "right ", "r\xefght"):
         assert "the link" in str(FAR.refusal(host="truck.example:8765", origin=None, token=token)), token
-        assert FAR.refusal(host="truck.example:8765", origin="http://truck.example:8765", token="right") is None, token
+    assert FAR.refusal(host="truck.example:8765", origin="http://truck.example:8765", token="right") is None
+
+
+def test_what_is_no_request_gets_an_error():
+    cases: list[tuple[str | bytes, str]] = [
+        ("", "is JSON"),
+        ("{", "is JSON"),
+        ('{"set": {"noise": NaN}}', "NaN is no number"),
+        ('{"set": {"noise": -Infinity}}', "-Infinity is no number"),
+        ("[" * 5000, "is JSON"),
+        ("9" * 5000, "is JSON"),
+        (b"{}", "is text"),
+        ("[]", "is an object"),
+        ("null", "is an object"),
+        ('{"id": "1"}', "id: must be"),
+        ('{"id": true}', "id: must be"),
+        ('{"id": 1.5}', "id: must be"),
+    ]
+    for text, message in cases:
+        answer = check(text)
+        assert answer is not None, text
+        assert message in answer["error"], text
+        assert "\n" not in answer["error"], text
+    # Any other object is for the loop to judge.
+    for text in ["{}", '{"id": 1, "set": {"enable": true}}', '{"id": -7, "anything": [1.5, null]}']:
+        assert check(text) is None, text
+
+
+def test_no_number_is_null():
+    text = as_json({"a": float("nan"), "b": [float("inf"), 1.5]})  # type: ignore[arg-type]
+    assert json.loads(text) == {"a": None, "b": [None, 1.5]}

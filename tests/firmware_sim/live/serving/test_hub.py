@@ -37,23 +37,14 @@ def test_no_period_is_missed_or_doubled(steps: list[int]):
     assert seen == list(range(given_so_far))
 
 
-def test_a_viewer_who_is_late_gets_what_is_kept_in_parts():
+def test_a_viewer_who_is_late_gets_what_is_kept_in_parts_and_of_the_rest_the_newest_once():
     hub = Hub()
-    hub.put([hello(kept=2 * MOST_ROWS), periods(*range(3 * MOST_ROWS))])
-    viewer = Viewer(hub)
-    assert rows_of(viewer.take("periods")) == list(range(MOST_ROWS, 2 * MOST_ROWS))
-    assert rows_of(viewer.take("periods")) == list(range(2 * MOST_ROWS, 3 * MOST_ROWS))
-    assert viewer.take("periods") is None
-
-
-def test_of_other_streams_the_newest_is_had_once():
-    hub = Hub()
-    hub.put([hello(), now(1), b"first", now(2), b"second"])
+    hub.put([hello(kept=2 * MOST_ROWS), periods(*range(3 * MOST_ROWS)), now(1), b"first", now(2), b"second"])
     for viewer in (Viewer(hub), Viewer(hub)):
-        assert viewer.take("now") == now(2)
-        assert viewer.take("picture") == b"second"
-        assert viewer.take("now") is None
-        assert viewer.take("picture") is None
+        assert rows_of(viewer.take("periods")) == list(range(MOST_ROWS, 2 * MOST_ROWS))
+        assert rows_of(viewer.take("periods")) == list(range(2 * MOST_ROWS, 3 * MOST_ROWS))
+        assert (viewer.take("now"), viewer.take("picture")) == (now(2), b"second")
+        assert {viewer.take(stream) for stream in ("periods", "now", "picture")} == {None}
 
 
 def test_a_new_run_begins_with_nothing_of_the_old_one():
@@ -67,7 +58,7 @@ def test_a_new_run_begins_with_nothing_of_the_old_one():
 
 
 def test_what_came_before_its_hello_comes_again():
-    # A new run may begin between two looks at the streams: a page begins anew with its `hello`.
+    # A new run may begin between two looks at the streams: a page begins again with its `hello`.
     hub = Hub()
     hub.put([hello()])
     viewer = Viewer(hub)

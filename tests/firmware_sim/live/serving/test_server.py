@@ -29,7 +29,7 @@ from tests.firmware_sim.live.serving.fake_session import PICTURE_BYTES, MakeFake
 
 PATIENCE_S = 60.0
 """A process is started on a machine that does other things."""
-NOBODY = Access(token=None)
+OPEN = Access(token=None)
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Place:
 async def placed(
     saves: Path,
     make: MakeFake | None = None,
-    access: Access = NOBODY,
+    access: Access = OPEN,
     *,
     page: Path | None = None,
     stalled_s: float = 30.0,
@@ -101,56 +101,36 @@ def page(tmp_path) -> Path:
     return folder
 
 
-def test_the_page_and_its_files(page, tmp_path):
+def test_the_page_has_its_files_and_no_other_can_be_had(page, tmp_path):
     async def look() -> None:
         async with placed(tmp_path, page=page) as place:
-            index = await place.get("/")
+            index, script = await place.get("/"), await place.get("/static/vendor/a.js")
             assert index.body == b"<!doctype html>"
             assert index.headers["Cache-Control"] == "no-store"
             assert "Set-Cookie" not in index.headers
-            script = await place.get("/static/vendor/a.js")
             assert script.headers["Content-Type"].startswith("text/javascript")
             for response in (index, script):
                 assert response.headers["Content-Security-Policy"].startswith("default-src 'self';")
                 assert response.headers["X-Content-Type-Options"] == "nosniff"
                 assert response.headers["Referrer-Policy"] == "no-referrer"
-
-    asyncio.run(look())
-
-
-def test_no_other_file_can_be_had(page, tmp_path):
-    async def look() -> None:
-        async with placed(tmp_path, page=page) as place:
             for path in (
-                "/static/../secret.txt",
-                "/static/%2e%2e/secret.txt",
-                "/static/..%2fpage-secret.txt",
-                "/static/%2e%2e%2fpage-secret.txt",
-                "/static/vendor/../../secret.txt",
-                "/static//etc/hostname",
-                "/static/vendor",
-                "/static/none.js",
-                "/saved/secret.zip",
-                "/saved/..zip",
-                "/none",
+                *("/static/../secret.txt", "/static/%2e%2e/secret.txt", "/static/vendor/../../secret.txt"),
+                *("/static/..%2fpage-secret.txt", "/static/%2e%2e%2fpage-secret.txt", "/static//etc/hostname"),
+                *("/static/vendor", "/static/none.js", "/saved/secret.zip", "/saved/..zip", "/none"),
             ):
                 response = await place.get(path)
                 assert response.code in (403, 404), path
-                assert b"secret" not in response.body, path
-                assert response.body.count(b"\n") == 1, path
+                assert b"secret" not in response.body and response.body.count(b"\n") == 1, path
 
     asyncio.run(look())
 
 
-def test_everything_is_refused_without_the_token(page, tmp_path):
+def test_who_has_not_the_token_or_is_another_page_is_refused(page, tmp_path):
     async def look() -> None:
         async with placed(tmp_path, page=page, access=Access(token="right")) as place:
+            evil = {"Origin": "http://evil.example"}
             for path in ("/", "/static/vendor/a.js", "/stream", "/control", "/saved/x.zip", "/none"):
-                for query, origin in (
-                    ("", {}),
-                    ("?token=wrong", {}),
-                    ("?token=right", {"Origin": "http://evil.example"}),
-                ):
+                for query, origin in (("", {}), ("?token=wrong", {}), ("?token=right", evil)):
                     response = await place.get(path + query, **origin)
                     assert response.code == 403, path + query
                     assert b"right" not in response.body, path + query
@@ -162,12 +142,6 @@ def test_everything_is_refused_without_the_token(page, tmp_path):
                 with pytest.raises(HTTPClientError, match="403"):
                     await place.connect(path, Cookie=cookie.partition(";")[0])
                 (await place.connect(f"{path}?token=right", Origin=f"http://127.0.0.1:{place.port}")).close()
-
-    asyncio.run(look())
-
-
-def test_no_other_page_can_use_the_sockets_of_this_machine(tmp_path):
-    async def look() -> None:
         async with placed(tmp_path) as place:
             for path in ("/stream", "/control"):
                 for headers in ({"Origin": "http://localhost:1"}, {"Origin": "null"}, {"Host": "evil.example"}):
@@ -224,7 +198,7 @@ def test_viewers_see_and_ask(tmp_path):
             assert (await answer(control, '{"id": 7}')).items() >= {"id": 7}.items()
             assert "error" in await answer(control, "{")
             assert "error" in await answer(control, b"{}")
-            # It says what is waited for, and the other viewer sees it.
+            # What is waited for is shown to the other viewer as well.
             assert (await answer(control, '{"id": 8, "set": {"wait": 0.3}}'))["id"] == 8
             await heard(viewers[1], lambda m: m["type"] == "loop" and m["text"] == "something takes long")
             await heard(viewers[1], lambda m: m["type"] == "loop" and m["state"] == "running")
@@ -264,7 +238,7 @@ def silent(port: int) -> socket.socket:
 
 
 @pytest.mark.processes
-def test_who_does_not_read_holds_up_nobody_and_is_closed(tmp_path):
+def test_who_does_not_read_holds_up_no_one_and_is_closed(tmp_path):
     async def look() -> None:
         async with placed(tmp_path, MakeFake(), stalled_s=1.0) as place:
             reading = await place.connect("/stream")
@@ -315,9 +289,9 @@ def test_a_loop_that_ends_reports_why_and_starts_again(tmp_path):
 
 @pytest.mark.processes
 def test_a_loop_that_cannot_start_ends_the_server(tmp_path):
-    told = list[str]()
+    lines = list[str]()
     make = MakeFake(error="no data are installed")
-    served = serve(make, port=0, saves=tmp_path, is_stopped=lambda: False, ready=lambda url: None, report=told.append)
+    served = serve(make, port=0, saves=tmp_path, is_stopped=lambda: False, ready=lambda url: None, report=lines.append)
     with pytest.raises(StillwakeError, match="no data are installed"):
         asyncio.run(asyncio.wait_for(served, PATIENCE_S))
-    assert len(told) == 2
+    assert len(lines) == 2

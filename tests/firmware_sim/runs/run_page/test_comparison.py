@@ -1,4 +1,4 @@
-"""Runs beside each other: names that tell them apart, differences, and settings that are not the same."""
+"""Runs next to each other: names that tell them apart, differences, and settings that are not the same."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,16 +10,9 @@ from firmware_sim.runs.metadata import InjectedFault
 from firmware_sim.runs.run_page.comparison import differing, figure_rows, names_of
 
 
-def test_names_are_as_long_as_it_takes():
-    assert names_of([Path("/x/a"), Path("/x/b")]) == ["a", "b"]
-    assert names_of([Path("/x/new/run"), Path("/x/old/run"), Path("/x/old/other")]) == [
-        "new/run",
-        "old/run",
-        "old/other",
-    ]
-
-
-def test_one_run_alone_is_not_compared():
+def test_names_are_as_long_as_it_takes_and_one_run_alone_is_not_compared():
+    for paths, names in (("/x/a /x/b", "a b"), ("/x/new/run /x/old/run /x/old/other", "new/run old/run old/other")):
+        assert names_of([Path(path) for path in paths.split()]) == names.split()
     with pytest.raises(StillwakeError, match="1 runs: between 2 and 6"):
         names_of([Path("a")])
 

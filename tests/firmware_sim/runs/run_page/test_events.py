@@ -7,7 +7,7 @@ from firmware_sim.runs.run_page.disturbed import disturbed
 from firmware_sim.runs.run_page.events import MOST, events
 
 
-def test_request_states_and_disturbances_are_told_in_order(shedding):
+def test_request_states_and_disturbances_are_listed_in_order(shedding):
     # A period is 20 ms; control is requested in period 60.
     faults = (
         InjectedFault(text="ecu:drop:probability=1@1.25..1.3", acted=3),
@@ -26,21 +26,16 @@ def test_request_states_and_disturbances_are_told_in_order(shedding):
     ]
 
 
-def test_the_sensor_that_a_disturbance_is_of_is_known(shedding):
-    texts = (
-        "dead:sensor=base_7@1.25..1.3",
-        "bias:level=2,sensor=upper_39",
-        "noise:level=1",
-        "swap:first=a,second=b@1..",
-    )
-    log = shedding(faults=tuple(InjectedFault(text=text, acted=1) for text in texts))
-    found = [(one.sensor, one.first, one.after) for one in disturbed(log)]
-    assert found == [(("base_7", "dead"), 63, 65), (("upper_39", "bias"), 0, 160), (None, 0, 160), (None, 50, 160)]
-
-
-def test_a_disturbance_at_no_time_begins_with_the_run(shedding):
-    found = events(shedding(faults=(InjectedFault(text="reset@x..nan", acted=0),)))
-    assert (found[0].period, found[0].text) == (0, "disturbed by reset")
+def test_the_sensor_and_the_time_of_a_disturbance_are_known(shedding):
+    for text, expected in {
+        "dead:sensor=base_7@1.25..1.3": (("base_7", "dead"), 63, 65),
+        "bias:level=2,sensor=upper_39": (("upper_39", "bias"), 0, 160),
+        "swap:first=a,second=b@1..": (None, 50, 160),
+        # At no time: it begins with the run.
+        "reset@x..nan": (None, 0, 160),
+    }.items():
+        (one,) = disturbed(shedding(faults=(InjectedFault(text=text, acted=1),)))
+        assert (one.sensor, one.first, one.after) == expected, text
 
 
 def test_a_loop_that_flaps_ends_in_a_count(shedding, monkeypatch):

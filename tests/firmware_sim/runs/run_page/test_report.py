@@ -64,22 +64,19 @@ def test_names_are_escaped_and_none_ends_the_data(folder):
     assert page.count("data:image/png;base64,") == 5
 
 
-def test_a_faulted_run_has_a_red_box_before_anything_else(shedding, tmp_path):
+def test_a_faulted_run_has_a_red_box_before_anything_else(shedding, folder):
     modes, reasons = ({2: value} for value in (Mode.FAULT, Reason.SENSOR_INVALID))
-    page = write_report(written(shedding(modes=modes, reasons=reasons), tmp_path)).read_text(encoding="utf-8")
+    run_log.save(folder.series, shedding(modes=modes, reasons=reasons))
+    page = write_report(folder).read_text(encoding="utf-8")
     box = page.index('<p class="trouble" role="alert">ECU FAULT: SENSOR_INVALID at t = 12.4 t_c')
     assert box < page.index("<table>") < page.index('<caption class="trouble">ECU FAULT') < page.index("mean Cd (wall)")
 
 
-def test_the_strip_shows_every_stretch_of_a_mode(shedding):
-    log = shedding(modes={3: Mode.HOLD}, skipped=[5, 6])
-    assert mode_spans(log) == [
-        ("OFF", 0, 60), ("CONTROL", 60, 63), ("HOLD", 63, 64), ("CONTROL", 64, 65), ("SKIPPED", 65, 67),
+def test_the_strip_shows_every_stretch_of_a_mode_and_a_run_without_a_plan_can_be_drawn(shedding, tmp_path):
+    assert mode_spans(shedding(modes={3: Mode.HOLD}, skipped=[5, 6])) == [
+        *(("OFF", 0, 60), ("CONTROL", 60, 63), ("HOLD", 63, 64), ("CONTROL", 64, 65), ("SKIPPED", 65, 67)),
         ("CONTROL", 67, 160),
-    ]  # fmt: skip
-
-
-def test_a_run_in_which_nothing_was_planned_can_be_drawn(shedding, tmp_path):
+    ]
     nothing = shedding(modes=dict.fromkeys(range(100), Mode.OFF), skipped=range(100))
     assert write_report(written(nothing, tmp_path)).is_file()
 
