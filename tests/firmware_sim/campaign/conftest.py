@@ -13,7 +13,7 @@ FREE = Figures(Cd=1.0, abs_Cl=0.9, mean_Cl=0.0, rms_action=0.0)
 
 
 def scenario_of(name: str, group: str = "a group", **fields) -> Scenario:
-    return Scenario(name=name, group=group, sentence=f"What {name} says.", **fields)
+    return Scenario(name=name, group=group, sentence=f"What {name} is.", **fields)
 
 
 def phase_of(

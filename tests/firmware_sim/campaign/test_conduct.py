@@ -29,7 +29,7 @@ def campaign(bundle_of) -> Campaign:
 
 
 class Worker:
-    """Runs nothing, and says by the scenario's name what came of it; stops when it is told to."""
+    """Runs nothing, and gives an outcome by the scenario's name; stops after `stop_after` runs."""
 
     def __init__(self) -> None:
         self.ran: list[str] = []
@@ -91,18 +91,28 @@ def test_a_campaign_that_is_stopped_goes_on_and_a_whole_one_runs_nothing(campaig
     assert (second.rows, second.kept) == (first.rows, 14)
 
 
-def test_a_scenario_that_changed_is_run_again_and_no_other(campaign, worker, tmp_path) -> None:
-    conduct(replace(campaign, combine=False), CampaignFolder(tmp_path / "c"), workers=1)
+def test_only_what_changed_or_did_not_finish_is_run_again(campaign, worker, tmp_path) -> None:
+    folder = CampaignFolder(tmp_path / "c")
+    alone = replace(campaign, combine=False)
+    worker.failing = "noise_0.5.phase1"
+    result = conduct(alone, folder, workers=1)
+    assert not result.safe
+    assert result.rows[1].broken == ["phase 1: did not finish: it fell over"]
+    worker.failing = ""
+    worker.ran.clear()
+    assert conduct(alone, folder, workers=1).safe
+    assert worker.ran == ["noise_0.5.phase1"]
     worker.ran.clear()
     louder = replace(SCENARIOS[1], disturb=("noise:level=0.6",))
-    changed = replace(campaign, scenarios=(SCENARIOS[0], louder, SCENARIOS[2]), combine=False)
-    conduct(changed, CampaignFolder(tmp_path / "c"), workers=1)
+    conduct(replace(alone, scenarios=(SCENARIOS[0], louder, SCENARIOS[2])), folder, workers=1)
     assert worker.ran == ["noise_0.5.phase0", "noise_0.5.phase1"]
 
 
 def test_a_campaign_that_replaces_another_keeps_the_runs_they_share(campaign, worker, tmp_path) -> None:
-    folder = CampaignFolder(tmp_path / "c")
-    conduct(campaign, folder, workers=1)
+    folder, seen = CampaignFolder(tmp_path / "c"), []
+    conduct(campaign, folder, workers=1, progress=lambda *of: seen.append(of))
+    assert (seen[0], seen[-1]) == ((0, 10, ""), (14, 14, "two_worst.phase1"))
+    assert [done for done, _, _ in seen] == sorted(done for done, _, _ in seen)
     worker.ran.clear()
     fewer = replace(campaign, phases=1)
     folder.check(fewer.label(), overwrite=True)
@@ -110,25 +120,6 @@ def test_a_campaign_that_replaces_another_keeps_the_runs_they_share(campaign, wo
     assert worker.ran == []
     folder.check(fewer.label(), overwrite=False)
     assert folder.finished == 7
-
-
-def test_a_run_that_did_not_finish_is_unsafe_and_tried_again(campaign, worker, tmp_path) -> None:
-    worker.failing = "noise_0.5.phase1"
-    result = conduct(replace(campaign, combine=False), CampaignFolder(tmp_path / "c"), workers=1)
-    assert not result.safe
-    assert result.rows[1].broken == ["phase 1: did not finish: it fell over"]
-    worker.failing = ""
-    worker.ran.clear()
-    assert conduct(replace(campaign, combine=False), CampaignFolder(tmp_path / "c"), workers=1).safe
-    assert worker.ran == ["noise_0.5.phase1"]
-
-
-def test_progress_ends_at_its_total(campaign, worker, tmp_path) -> None:
-    seen = []
-    conduct(campaign, CampaignFolder(tmp_path / "c"), workers=1, progress=lambda *of: seen.append(of))
-    assert seen[0] == (0, 10, "")
-    assert seen[-1] == (14, 14, "two_worst.phase1")
-    assert [done for done, _, _ in seen] == sorted(done for done, _, _ in seen)
 
 
 def test_what_no_run_could_have_is_refused_before_any(campaign, short_release) -> None:

@@ -40,14 +40,14 @@ def files(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*.json"))}
 
 
-def test_workers_write_the_bytes_of_runs_in_this_process(campaign, tmp_path, monkeypatch) -> None:
+def test_a_worker_writes_the_bytes_of_runs_in_this_process(campaign, tmp_path, monkeypatch) -> None:
     def here(tasks, bundle, starts, *, workers, scheduler, finished) -> None:
         for task in reversed(tasks):
             finished(task, run_task(task, bundle, starts[task.phase]))
 
     campaign.check()
     together, alone = tmp_path / "together", tmp_path / "alone"
-    by_workers = conduct(campaign, CampaignFolder(together), workers=2)
+    by_workers = conduct(campaign, CampaignFolder(together), workers=1)
     monkeypatch.setattr(conducting, "execute", here)
     assert conduct(campaign, CampaignFolder(alone), workers=1).rows == by_workers.rows
     assert files(alone) == files(together)
@@ -55,7 +55,7 @@ def test_workers_write_the_bytes_of_runs_in_this_process(campaign, tmp_path, mon
     assert by_workers.safe
 
 
-def test_a_scheduler_that_is_not_there_is_said(campaign, monkeypatch) -> None:
+def test_a_scheduler_that_is_not_there_is_an_error(campaign, monkeypatch) -> None:
     from tests.firmware_sim.campaign.test_task import TASK
     from wake.truck.state import developed_state
 

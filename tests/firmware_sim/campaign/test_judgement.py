@@ -14,16 +14,7 @@ from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
 numbers = st.floats(-200, 200)
 
 
-def test_reduction_is_against_the_same_phase_and_spreads_over_them() -> None:
-    _, row = rows_of((scenario_of("one"), [phase_of(0.9), phase_of(0.7)]))
-    found = row.reduction
-    assert (found.mean, found.least, found.most) == pytest.approx((20.0, 10.0, 30.0))
-    assert row.lost == pytest.approx(0.0)
-    assert row.figures()["reduction_percent_min"] == pytest.approx(10.0)
-    assert row.figures()["reduction_percent_max"] == pytest.approx(30.0)
-
-
-def test_use_follows_its_criteria() -> None:
+def test_reduction_and_use_follow_their_criteria_over_all_phases() -> None:
     for Cd, abs_Cl, use in [
         # Undisturbed there is 20 % less: three quarters of it are 15 %.
         (0.85, 0.2, Use.USEFUL),
@@ -37,11 +28,18 @@ def test_use_follows_its_criteria() -> None:
     ]:
         _, row = rows_of((scenario_of("one"), [phase_of(Cd, abs_Cl=abs_Cl)] * 2))
         assert row.use == use, Cd
-
-
-def test_a_scenarios_own_criteria_count() -> None:
     strict = scenario_of("one", criteria=Criteria(useful=1.2))
     assert rows_of((strict, [phase_of()]))[1].use == Use.MARGINAL
+    # Nothing is useful next to a loop that reduces nothing.
+    rows = rows_of((scenario_of("one"), [phase_of(0.5)]), undisturbed=[phase_of(1.0)])
+    assert [row.use for row in rows] == [Use.NONE, Use.NONE]
+    # Against the same phase, spread over them; time in control and reasons are of all.
+    _, row = rows_of((scenario_of("one"), [phase_of(0.9, in_control=50, latches=2), phase_of(0.7)]))
+    assert (row.reduction.mean, row.reduction.least, row.reduction.most) == pytest.approx((20.0, 10.0, 30.0))
+    assert row.lost == pytest.approx(0.0)
+    figures = row.figures()
+    assert [figures[f"reduction_percent_{end}"] for end in ("min", "max")] == pytest.approx([10.0, 30.0])
+    assert (row.in_control, row.reasons, figures["latches"]) == (75.0, {"STREAM_LOST": 50}, 2)
 
 
 @given(numbers, numbers, numbers)
@@ -50,11 +48,6 @@ def test_more_reduction_is_never_less_useful(one, other, undisturbed) -> None:
     low, high = sorted((one, other))
     first, second = (use_of(value, undisturbed, 0.5, Criteria()) for value in (low, high))
     assert order.index(first) <= order.index(second)
-
-
-def test_nothing_is_useful_next_to_a_loop_that_reduces_nothing() -> None:
-    rows = rows_of((scenario_of("one"), [phase_of(0.5)]), undisturbed=[phase_of(1.0)])
-    assert [row.use for row in rows] == [Use.NONE, Use.NONE]
 
 
 def test_a_broken_invariant_or_a_run_that_did_not_finish_in_one_phase_is_unsafe() -> None:
@@ -72,13 +65,6 @@ def test_a_broken_invariant_or_a_run_that_did_not_finish_in_one_phase_is_unsafe(
     assert json.loads(json.dumps(figures, allow_nan=False)) == figures
 
 
-def test_time_in_control_and_reasons_are_of_all_phases() -> None:
-    _, row = rows_of((scenario_of("one"), [phase_of(in_control=50, latches=2), phase_of()]))
-    assert row.in_control == pytest.approx(75.0)
-    assert row.reasons == {"STREAM_LOST": 50}
-    assert row.figures()["latches"] == 2
-
-
 def made(name: str, group: str, Cd: float, in_control: int = 100, **fields):
     return scenario_of(name, group, **fields), [phase_of(Cd, in_control=in_control)]
 
@@ -90,11 +76,11 @@ def test_the_two_of_least_reduction_are_combined_from_two_groups() -> None:
         made("worse", "A", 0.99, disturb=("noise:level=0.9",)),
         made("also_bad", "A", 0.97),
     )
-    found = two_worst(rows)
-    assert found is not None
-    assert found.disturb == ("gust:amplitude=0.1,period=20", "noise:level=0.9")
-    assert found.settings == ("bus.background.load=0.9",)
-    assert "bad and worse" in found.sentence
+    both = two_worst(rows)
+    assert both is not None
+    assert both.disturb == ("gust:amplitude=0.1,period=20", "noise:level=0.9")
+    assert both.settings == ("bus.background.load=0.9",)
+    assert "bad and worse" in both.sentence
 
 
 def test_pairs_that_do_not_go_together_are_left_out() -> None:
@@ -111,7 +97,7 @@ def test_pairs_that_do_not_go_together_are_left_out() -> None:
             ),
         ),
     ):
-        found = two_worst(rows_of(*rows))
-        assert found is not None and chosen in found.sentence, chosen
+        both = two_worst(rows_of(*rows))
+        assert both is not None and chosen in both.sentence, chosen
     # Without two groups there is none.
     assert two_worst(rows_of(made("one", "A", 0.9), made("two", "A", 0.95))) is two_worst(rows_of()) is None

@@ -1,4 +1,4 @@
-"""Test plans from TOML: the built-in one, a user's, and what is said of one that is wrong."""
+"""Test plans from TOML: the built-in one, a user's, and the error of one that is wrong."""
 
 from collections import Counter
 from dataclasses import replace
@@ -78,7 +78,7 @@ def test_a_users_scenarios_come_after_the_built_in_ones(written, place) -> None:
 
 
 def test_a_wrong_file_is_one_line_that_names_file_and_field(written, place) -> None:
-    for text, says in [
+    for text, message in [
         ("[[group]\n", r"plan\.toml: "),
         (b"\xff\xfe", "UTF-8"),
         ("", "group"),
@@ -96,7 +96,7 @@ def test_a_wrong_file_is_one_line_that_names_file_and_field(written, place) -> N
         ("criteria = 1\ngroup = []", "criteria"),
         ("group = 3", "group"),
     ]:
-        with pytest.raises(ConfigError, match=says) as raised:
+        with pytest.raises(ConfigError, match=message) as raised:
             read_plan(written(text), place)
         line = str(raised.value)
         assert "plan.toml: " in line, text

@@ -12,7 +12,7 @@ from contract.release import bundle
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.campaign import running
-from firmware_sim.campaign.outcome import Course, Figures, Outcome, Service
+from firmware_sim.campaign.outcome import Course, Outcome, Service
 from firmware_sim.campaign.running import check_run, flow_disturbances, run_task
 from firmware_sim.campaign.task import Task, Timing
 from tests.firmware_sim.campaign.conftest import scenario_of
@@ -43,11 +43,6 @@ def course_of(outcome: Outcome) -> Course:
     return outcome.course
 
 
-def figures_of(outcome: Outcome) -> Figures:
-    assert outcome.figures is not None, outcome.failure
-    return outcome.figures
-
-
 def service_of(outcome: Outcome) -> Service:
     assert outcome.service is not None, outcome.failure
     return outcome.service
@@ -63,46 +58,34 @@ def start(wake) -> State:
     return replace(moved(developed_state(), truck_grid(), wake, 0.4), substep=0, action=0.0)
 
 
-@pytest.fixture(scope="module")
-def free(release, start) -> Outcome:
-    return run_task(task_of(controlled=False), release, start)
-
-
-@pytest.fixture(scope="module")
-def undisturbed(release, start):
-    return run_task(task_of(), release, start)
-
-
-def test_a_run_without_control_is_the_solver_by_itself(free, wake, start) -> None:
+def test_a_run_without_control_is_the_solver_by_itself_and_control_begins_with_the_request(
+    release, wake, start
+) -> None:
+    free, undisturbed = (run_task(task_of(controlled=controlled), release, start) for controlled in (False, True))
     wake.reset(start)
     drag = [wake.sample().Cd, *(wake.advance(0.0).Cd for _ in range(PERIODS - 1))]
     assert course_of(free).Cd == pytest.approx(drag, abs=1e-6)
     # Averaged from 0.8 t_c after the request at 1.2 t_c on: the last four samples.
-    assert figures_of(free).Cd == pytest.approx(np.mean(drag[-4:]), abs=1e-6)
+    assert free.figures is not None
+    assert free.figures.Cd == pytest.approx(np.mean(drag[-4:]), abs=1e-6)
     assert free.service is None
-
-
-def test_before_the_request_a_run_under_control_is_the_one_without(free, undisturbed) -> None:
     assert course_of(undisturbed).enabled_t == pytest.approx(1.2)
     assert course_of(undisturbed).Cd[: LEAD_IN + 1] == course_of(free).Cd[: LEAD_IN + 1]
     assert course_of(undisturbed).Cd != course_of(free).Cd
     assert not any(course_of(undisturbed).action[: LEAD_IN + 1])
     assert any(course_of(undisturbed).action)
     service = service_of(undisturbed)
-    assert (service.violations, service.broken, undisturbed.failure) == (0, [], "")
+    assert (service.violations, service.broken, service.latches, undisturbed.failure) == (0, [], 0, "")
     assert service.in_control == service.requested > 0
-    assert service.latches == 0
+    # A disturbance of the flow acts without control, too.
+    windy = run_task(task_of("gust:amplitude=0.1,period=2.8", controlled=False), release, start)
+    assert course_of(free).Cd != course_of(windy).Cd
 
 
 def test_the_same_seed_gives_the_same_run_and_another_one_another(release, start) -> None:
     first, again, other = (run_task(task_of("noise:level=0.5", seed=seed), release, start) for seed in (1, 1, 2))
     assert first == again
     assert course_of(first).action != course_of(other).action
-
-
-def test_a_disturbance_of_the_flow_also_acts_without_control(release, start, free) -> None:
-    windy = run_task(task_of("gust:amplitude=0.1,period=2.8", controlled=False), release, start)
-    assert course_of(free).Cd != course_of(windy).Cd
 
 
 def test_lost_pressures_latch_and_are_counted(release, start) -> None:
@@ -140,11 +123,11 @@ def test_only_what_acts_on_the_flow_is_left_without_control() -> None:
 
 
 def test_a_disturbance_that_could_not_act_is_refused_with_its_scenario(release) -> None:
-    for text, says in [
+    for text, message in [
         ("noize:level=1", "noize"),
         ("noise:level=0.5@9..", "when the run has ended"),
         ("dead:sensor=upper_00", "upper_00 is not in use"),
         ("ecu:drop:probability=2", "probability"),
     ]:
-        with pytest.raises(ConfigError, match=rf"scenario 'wrong': .*{says}"):
+        with pytest.raises(ConfigError, match=rf"scenario 'wrong': .*{message}"):
             check_run(scenario_of("wrong", disturb=(text,)), Config(), release, TIMING, OnnxController.of(release))

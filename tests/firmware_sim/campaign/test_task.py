@@ -23,14 +23,11 @@ TASK = Task(
 )
 
 
-def test_a_scenarios_settings_go_on_top() -> None:
+def test_a_scenarios_settings_go_on_top_and_a_wrong_one_is_refused_with_its_name() -> None:
     base = Config(ecu=EcuConfig(hold_periods=2))
     config = settings_of(scenario_of("late", settings=("ecu.delay_steps=12", "bus.background.load=0.9")), base)
     assert (config.ecu.delay_steps, config.ecu.hold_periods, config.bus.background.load) == (12, 2, 0.9)
     assert settings_of(scenario_of("none"), base) == base
-
-
-def test_a_wrong_setting_is_refused_with_its_scenario() -> None:
     for text in ["ecu.delay=1", "ecu.delay_steps=-1", "flow.reynolds=700", "train.epochs=3", "nonsense"]:
         with pytest.raises(ConfigError, match="scenario 'wrong': "):
             settings_of(scenario_of("wrong", settings=(text,)), Config())
