@@ -50,33 +50,11 @@ def test_noise_has_its_level_and_its_seed():
         Noise(-0.1, UNIT, seed=0)
 
 
-def test_bias_shifts_one_sensor():
-    change = Bias(0.5, UNIT, 1)(READINGS) - READINGS
-    np.testing.assert_allclose(change, np.broadcast_to([0.0, 1.5], change.shape), atol=1e-12)
-
-
 def test_drift_grows_evenly_over_its_steps_and_stays():
     change = Drift(0.5, UNIT, 0, steps=101)(np.zeros((200, 2)))
     np.testing.assert_allclose(change[:101, 0], np.arange(101) / 100.0, atol=1e-12)
     assert np.all(change[101:, 0] == 1.0)
     assert np.all(change[:, 1] == 0.0)
-
-
-def test_a_stuck_sensor_keeps_its_first_reading():
-    stuck = Stuck(0)(READINGS)
-    assert np.all(stuck[:, 0] == READINGS[0, 0])
-    np.testing.assert_array_equal(stuck[:, 1], READINGS[:, 1])
-
-
-def test_a_dead_sensor_reads_zero():
-    found = Dead(1)(READINGS)
-    assert not found[:, 1].any()
-    np.testing.assert_array_equal(found[:, 0], READINGS[:, 0])
-
-
-def test_swapped_sensors_have_each_others_readings():
-    three = np.column_stack([READINGS, READINGS[:, 0] + 5.0])
-    np.testing.assert_array_equal(Swapped(2, 0)(three), three[:, [2, 1, 0]])
 
 
 def test_a_quantised_reading_is_the_nearest_whole_step():
@@ -85,3 +63,15 @@ def test_a_quantised_reading_is_the_nearest_whole_step():
     assert np.abs(found - READINGS).max() <= 0.125
     with pytest.raises(ConfigError, match=r"quantisation step 0\.0"):
         Quantised(0.0)
+
+
+def test_a_fault_changes_its_own_sensors_alone():
+    ones, first = np.ones(STEPS), np.full(STEPS, READINGS[0, 0])
+    three = np.column_stack([READINGS, READINGS[:, 0] + 5.0])
+    for fault, expected in (
+        (Bias(0.5, np.array([2.0, 3.0, 1.0]), 1), [three[:, 0], three[:, 1] + 1.5 * ones, three[:, 2]]),
+        (Stuck(0), [first, three[:, 1], three[:, 2]]),
+        (Dead(1), [three[:, 0], 0.0 * ones, three[:, 2]]),
+        (Swapped(2, 0), [three[:, 2], three[:, 1], three[:, 0]]),
+    ):
+        np.testing.assert_allclose(fault(three), np.column_stack(expected), atol=1e-12, err_msg=str(fault))

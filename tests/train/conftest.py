@@ -62,7 +62,6 @@ def make_episode() -> MakeEpisode:
         state = stuart_landau(action, start)
         previous = np.concatenate([[0.0], action[:-1]])
         Cp = observe(state, previous) + 1e-3 * generator.standard_normal((steps, sensors.COUNT))
-        zeros = np.zeros(steps)
         return Episode(
             name=name,
             role=role,
@@ -72,11 +71,6 @@ def make_episode() -> MakeEpisode:
                 "Cp": Cp,
                 "Cd": 1.0 + 0.2 * np.abs(state) ** 2 + 0.05 * np.real(state**2),
                 "Cl": np.real(state * np.exp(0.7j)),
-                "Cd_slot_pressure": zeros,
-                "Cd_slot_viscous": zeros,
-                "Cd_momentum": zeros,
-                "jet_power": zeros,
-                "Uy_probe": zeros,
             },
             initial_action=0.0,
             provenance={"seed": seed},

@@ -15,11 +15,9 @@ from contract.sensor_layout import SensorLayout
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train import model_store
-from train.networks.model import WakeModel
 from train.pipeline import train_all
 from train.samples.rows import Rows, prepare
 from train.samples.scaling import fit_scaling
-from train.selection.methods import METHODS, select
 
 LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)
 CONFIG = Config(
@@ -77,13 +75,6 @@ def test_without_mirror_images_scaling_is_that_of_the_recording_alone(recording,
     assert rows.actions[-100:-20].abs().max() == 0.0
     with pytest.raises(ConfigError, match="no mirror images"):
         prepare(recording.episodes, fit_scaling(recording.episodes, LAYOUT), mirrored=True, layout=LAYOUT)
-
-
-def test_every_method_but_hand_chooses_among_the_seven(rows):
-    encoder = WakeModel(7, CONFIG.model).encoder
-    for method in METHODS:
-        if method != "hand":
-            assert set(select(method, encoder, rows, 7, settings=CONFIG.train)) == set(NAMES), method
 
 
 @pytest.mark.slow  # a whole training

@@ -61,11 +61,6 @@ def test_committed_actions_come_back_to_the_bit_and_the_rest_answers_them():
     np.testing.assert_allclose(answer(window=window).plan[: H - 2], found.plan[2:], atol=1e-12)
 
 
-def test_actions_keep_the_limit():
-    found = answer(window=50.0 * WINDOW)
-    assert np.abs(found.plan).max() == PROGRAM.action_limit
-
-
 def test_the_mirror_image_has_the_opposite_plan():
     image = WINDOW[:, [1, 0, 3, 2, 4]] * [1, 1, 1, 1, -1]
     here, there = answer(plan=np.full(H, 0.02)), answer(window=image, plan=np.full(H, -0.02))

@@ -1,6 +1,5 @@
 """Properties of the control step that hold whatever the networks are."""
 
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -14,7 +13,6 @@ from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window
-from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, Linear
 from export.reference.model import encode
 from export.reference.mpc import control_step, evaluate, gradient, optimise, project, rollout, shift
 from tests.examples import examples
@@ -94,43 +92,3 @@ def test_first_forces_are_those_one_step_ahead():
     plan[2] = 0.05
     difference = np.abs(rollout(program, z, plan) - rollout(program, z, np.zeros(HORIZON))).max(axis=1)
     assert (difference[:3] == 0).all() and (difference[3:] > 0).all()
-
-
-def test_the_mirror_image_of_a_program_answers_with_the_mirror_image():
-    """Reflection in y = 0 swaps upper and lower sensors and turns the signs of actions and lift. A program with
-    its weights reflected must answer reflected windows with the negative plan: the MPC itself prefers no side."""
-    program = small(3)
-    swap = np.array([1, 0, 3, 2])  # upper_39 <-> lower_39, base_0 <-> base_9
-    mirrored = _mirrored(program, swap)
-    window = a_window(program, 3)
-    reflected = np.column_stack([window[:, swap], -window[:, -1]])
-    plan, free = np.linspace(-0.05, 0.07, HORIZON), np.ones(HORIZON)
-    straight = control_step(program, window, plan, free)
-    turned = control_step(mirrored, reflected, -plan, free)
-    np.testing.assert_allclose(turned.plan, -straight.plan, atol=1e-12)
-    np.testing.assert_allclose(turned.forces, straight.forces * [1.0, -1.0], atol=1e-12)
-    assert turned.cost == pytest.approx(straight.cost, abs=1e-12)
-
-
-def _mirrored(program: ControllerProgram, swap: np.ndarray) -> ControllerProgram:
-    encoder: EncoderWeights = program.encoder
-    dynamics: DynamicsWeights = program.dynamics
-    decoder: DecoderWeights = program.decoder
-    columns = encoder.lstm.weight_input
-    lstm = replace(encoder.lstm, weight_input=np.column_stack([columns[:, :-1][:, swap], -columns[:, -1]]))
-    by_action = np.append(np.ones(program.latent), -1.0)
-    lift = np.array([1.0, -1.0])
-    scaling = replace(
-        program.scaling,
-        pressure_mean=tuple(np.array(program.scaling.pressure_mean)[swap]),
-        pressure_std=tuple(np.array(program.scaling.pressure_std)[swap]),
-    )
-    return replace(
-        program,
-        encoder=replace(encoder, lstm=lstm),
-        dynamics=replace(dynamics, input=replace(dynamics.input, weight=dynamics.input.weight * by_action)),
-        decoder=replace(
-            decoder, output=Linear(weight=decoder.output.weight * lift[:, None], bias=decoder.output.bias * lift)
-        ),
-        scaling=scaling,
-    )

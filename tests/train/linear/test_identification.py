@@ -42,14 +42,6 @@ def test_it_is_the_ridge_regression_that_numpy_solves():
     np.testing.assert_allclose(fit([one], window, ridge).flat, expected.T, rtol=1e-7, atol=1e-9)
 
 
-def test_the_fit_is_odd_in_the_mirror_image():
-    """So mirror images change nothing, but that the same is seen twice."""
-    one = series(300, 5, noise=0.05)
-    image = Series(rows=-one.rows, responses=-one.responses)
-    alone, both = (fit(used, 3, 1e-3).coefficients for used in ([one], [one, image]))
-    np.testing.assert_allclose(alone, both, rtol=1e-9, atol=1e-12)
-
-
 def test_roll_outs_are_judged_on_recorded_actions():
     """The true system predicts any number of steps; one with the action's share turned round does not."""
     true = Arx(coefficients=KNOWN, differences=2)

@@ -37,27 +37,6 @@ def test_cheap_action_stabilises_and_dear_action_reflects_the_pole():
     assert design(model, [1.0], 1e-6).closed_loop < dear.closed_loop
 
 
-def test_no_other_gain_is_cheaper():
-    """The cost from a state, summed over the closed loop's own steps, rises for every change of the gain."""
-    model, weights, price = Arx(coefficients=KNOWN, differences=2), np.array([2.0, 3.0, 0.5]), 4.0
-    best = design(model, weights.tolist(), price).gain.ravel()[:-1]
-    A, B = model.state_space()
-    rng = np.random.default_rng(0)
-    start = rng.normal(size=len(A))
-
-    def cost(gain):
-        x, total = start, 0.0
-        for _ in range(600):
-            a = gain @ x
-            z = model.flat @ np.append(x, a)
-            total += weights @ z**2 + price * a**2
-            x = A @ x + B[:, 0] * a
-        return total
-
-    for _ in range(5):
-        assert cost(best + 0.01 * rng.normal(size=len(A))) > cost(best)
-
-
 def test_feedback_at_the_predicted_state_is_the_regulator_with_delay():
     """With one action committed, the state of the system with delay is (x_k, a_k), and a_{k+1} is decided: its own
     Riccati equation gives the gain on what x_{k+1} = A x_k + B a_k will be."""

@@ -3,7 +3,7 @@
 import torch
 
 from contract.config.learning import ModelConfig
-from train.networks.model import Encoder, ResidualBlock, WakeModel
+from train.networks.model import WakeModel
 
 
 def test_names_and_shapes_of_the_weights_are_the_paper_s():
@@ -33,36 +33,6 @@ def test_names_and_shapes_of_the_weights_are_the_paper_s():
     for name, shape in linear.items():
         expected |= {f"{name}.weight": shape, f"{name}.bias": shape[:1]}
     assert shapes == expected
-
-
-def test_the_encoder_is_lstm_norm_and_perceptron_of_the_last_state():
-    torch.manual_seed(0)
-    encoder = Encoder(4, ModelConfig(window=6))
-    windows = torch.randn(3, 6, 5)
-    last = encoder.lstm(windows)[0][:, -1]
-    expected = encoder.output(torch.nn.functional.elu(encoder.hidden(encoder.norm(last))))
-    torch.testing.assert_close(encoder(windows), expected, rtol=1e-5, atol=1e-6)
-    segments = torch.randn(2, 9, 5)
-    shared = encoder.encode_segments(segments)
-    for w in range(4):
-        torch.testing.assert_close(shared[:, w], encoder(segments[:, w : w + 6]), rtol=1e-5, atol=1e-6)
-
-
-def test_dynamics_and_blocks_are_residual_and_the_rollout_recurs():
-    torch.manual_seed(0)
-    model = WakeModel(4, ModelConfig()).eval()
-    latent, actions = torch.randn(5, 8), torch.randn(5, 3)
-    first, second, third = model.dynamics.rollout(latent, actions)
-    torch.testing.assert_close(first, model.dynamics(latent, actions[:, 0]))
-    torch.testing.assert_close(third, model.dynamics(second, actions[:, 2]))
-    block = model.decoder.blocks[0]
-    assert isinstance(block, ResidualBlock)
-    with torch.no_grad():
-        for parameter in [*model.dynamics.output.parameters(), *block.norm.parameters()]:
-            parameter.zero_()
-    assert torch.equal(model.dynamics(latent, actions[:, 0]), latent)
-    wide = torch.randn(2, 128)
-    assert torch.equal(block(wide), wide)
 
 
 def test_dropout_acts_in_training_only():

@@ -11,7 +11,7 @@ from contract import sensors
 from contract.errors import DatasetError
 from train.networks.model import Encoder
 from train.samples.rows import Rows
-from train.selection.ridge_student import RIDGE, lagged, ridge_student, sample
+from train.selection.ridge_student import RIDGE, ridge_student, sample
 
 MakeRows = Callable[..., Rows]
 MakeTeacher = Callable[..., Encoder]
@@ -36,12 +36,6 @@ def test_the_error_is_that_of_numpy_s_least_squares(listener, noise_rows):
     expected = np.square(left).sum() / np.square(judged_z - mean_z).sum()
     assert 0.2 < expected < 0.9
     assert student.error(chosen) == pytest.approx(expected, rel=1e-9)
-
-
-def test_lags_are_every_fourth_row_from_the_newest():
-    windows = np.arange(2 * 32 * 3, dtype=float).reshape(2, 32, 3)
-    lags = lagged(windows).reshape(2, 3, 8)
-    np.testing.assert_array_equal(lags[1, 2], windows[1, [31, 27, 23, 19, 15, 11, 7, 3], 2])
 
 
 def test_nothing_is_left_where_all_is_heard_and_all_where_nothing_is(listener, noise_rows):

@@ -74,16 +74,6 @@ def test_the_number_is_the_mean_of_a_cycle_under_control_only(played):
     assert shown[36] == "\N{MINUS SIGN}22 %"
 
 
-def test_a_gif_has_colours_for_it(played):
-    film = Film(played, STORY, ("base_0",), 480)
-    played.says(12.0, share=0.5)
-    table = Film.palette()
-    assert table.shape[0] <= 256
-    pixels = film.pixels().reshape(-1, 3)[::7] / 255.0
-    nearest = np.abs(pixels[:, None] - table[None]).sum(axis=2).min(axis=1)
-    assert nearest.mean() < 0.05
-
-
 def test_the_jets_show_their_sign(played):
     film = Film(played, replace(STORY, control=0.0), ("base_0",), 960)
     for share, upper, lower in ((0.8, BLOWING, SUCKING), (-0.8, SUCKING, BLOWING)):

@@ -7,7 +7,6 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import psutil
 import pytest
 
@@ -22,15 +21,6 @@ pytestmark = pytest.mark.processes
 ROOT = Path(__file__).resolve().parents[3]
 PLANS = (EpisodePlan(forcing="training", steps=9, seed=5, lead=1), EpisodePlan(forcing="none", steps=4, seed=0))
 BLOCK_STEPS = 2
-RECORD = f"""
-from pathlib import Path
-import sys
-from contract.config.tree import Config
-from wake.recording.episode_plan import EpisodePlan
-from wake.recording.recorder import record
-record(Path(sys.argv[1]), {PLANS!r}, Config(), block_steps={BLOCK_STEPS},
-       progress=lambda name, done, total: print(name, done, flush=True))
-"""
 
 
 @pytest.fixture(scope="module")
@@ -39,25 +29,6 @@ def whole(tmp_path_factory) -> Dataset:
     path = tmp_path_factory.mktemp("whole") / "whole.h5"
     record(path, PLANS, Config(), block_steps=BLOCK_STEPS)
     return read(path)
-
-
-def test_killed_at_random_instants_it_continues_without_a_seam(tmp_path, whole):
-    output, rng, kills = tmp_path / "a.h5", np.random.default_rng(), 0
-    while not output.exists():
-        with subprocess.Popen(
-            [sys.executable, "-c", RECORD, output], cwd=ROOT, stdout=subprocess.PIPE, text=True
-        ) as process:
-            assert process.stdout is not None
-            if not kills:
-                # Both episodes are announced first; then somewhere in the next two blocks.
-                for _ in range(3):
-                    process.stdout.readline()
-                time.sleep(rng.uniform(0.0, 0.8))
-                process.kill()
-                kills += 1
-            process.stdout.read()
-        assert output.exists() or process.returncode == -signal.SIGKILL
-    assert equal(read(output), whole)
 
 
 def is_worker(process: psutil.Process) -> bool:

@@ -2,11 +2,9 @@
 
 import numpy as np
 import numpy.typing as npt
-import pytest
 
 from wake.solver import boundary
-from wake.solver.grid import from_faces, truck_grid
-from wake.truck.body import signed_distance
+from wake.solver.grid import from_faces
 
 
 def _disc(x: npt.ArrayLike, y: npt.ArrayLike) -> npt.NDArray[np.float64]:
@@ -36,24 +34,3 @@ def test_ghosts_are_second_order_on_a_curved_wall():
     assert errors[-1] < 2e-3
     # Image points jump between cells as the grid changes, so single ratios scatter; a staircase would give 1.
     assert np.mean(orders) > 1.7, orders
-
-
-def test_straight_walls_reflect_in_one_point():
-    grid = truck_grid()
-    ghosts = boundary.build(grid, signed_distance).u_ghosts
-    columns = grid.shape[1] + 2
-    side = ghosts.target % columns - 1 == grid.upper - 1
-    middle = side & (np.abs(grid.xf[ghosts.target // columns] - 4.0) < 2.0)
-    assert middle.sum() > 20
-    counts = np.diff(ghosts.start)[middle]
-    assert (counts == 1).all()
-    # Cells inside and outside the wall differ by a tenth of a percent.
-    assert ghosts.weight[ghosts.start[:-1][middle]] == pytest.approx(-1.0, rel=5e-3)
-
-
-def test_closed_faces_surround_the_body():
-    grid = truck_grid(0.5)
-    walls = boundary.build(grid, signed_distance)
-    assert not walls.open_u[grid.rear, grid.lower : grid.upper].any()
-    assert not walls.open_v[grid.front + 20 : grid.rear, [grid.lower, grid.upper]].any()
-    assert np.array_equal(walls.fluid, walls.fluid[:, ::-1])

@@ -16,14 +16,6 @@ def series(frequency: float, phase: float, count: int) -> tuple[np.ndarray, np.n
 
 
 # A period of 24.2 control steps, never a whole number of samples.
-def test_a_straight_line_is_integrated_exactly():
-    t, lift = series(0.19, 0.4, 90)
-    average = over_cycles(t, lift)
-    up = np.flatnonzero((lift[:-1] < 0) & (lift[1:] >= 0))
-    ends = [float(np.interp(0.0, lift[k : k + 2], t[k : k + 2])) for k in (up[0], up[-1])]
-    assert average.mean(3.0 * t - 1.0) == pytest.approx(1.5 * sum(ends) - 1.0, abs=1e-12)
-
-
 def test_less_than_a_cycle_is_refused():
     t, lift = series(0.2, 0.0, 30)
     with pytest.raises(PlantError, match=r"crosses zero upwards 1 times in 30 samples: .* run longer"):

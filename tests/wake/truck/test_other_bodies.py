@@ -1,7 +1,6 @@
 """A square cylinder and other boxes in the same solver, and the truck's plant as it was before there were others."""
 
 import dataclasses
-from functools import partial
 
 import numpy as np
 import pytest
@@ -39,17 +38,6 @@ def test_the_trucks_first_steps_are_those_from_before_other_bodies(wake):
     assert sample.Cd == pytest.approx(0.9973759647024201, rel=1e-12)
     assert sample.Cl == pytest.approx(2.106641897948373, rel=1e-12)
     assert sample.Uy_probe == pytest.approx(-0.5623716000360626, rel=1e-12)
-
-
-def test_distance_to_a_square():
-    distance = partial(signed_distance, body=SQUARE)
-    assert distance(-0.3, 0.2) == pytest.approx(0.3)
-    assert distance(0.5, 0.9) == pytest.approx(0.4)
-    assert distance(-0.3, -0.9) == pytest.approx(0.5)  # from the sharp corner
-    assert distance(0.5, 0.0) == pytest.approx(-0.5)
-    # A round nose: from the centre of its half circle.
-    assert signed_distance(-0.1, 0.0, ROUND_NOSE) == pytest.approx(0.1)
-    assert signed_distance(0.5 - np.sqrt(0.5), np.sqrt(0.5), ROUND_NOSE) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(

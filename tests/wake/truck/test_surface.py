@@ -6,7 +6,6 @@ import pytest
 from contract import sensors
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 from wake.solver.flow import Flow
-from wake.truck import jets, surface
 from wake.truck.body import signed_distance
 from wake.truck.surface import Measured
 from wake.truck.truck_wake import TruckWake
@@ -51,18 +50,6 @@ def test_pressure_gradients_give_archimedes_force(shared_wake):
     assert along.Cd + along.slots.Cd_pressure == pytest.approx(-2 * AREA, rel=3e-4)
     across = _measure(shared_wake, 0.0, 0.0, 1.0)
     assert across.Cl == pytest.approx(-2 * AREA, rel=1e-4)
-
-
-def test_the_corners_are_resolved_by_their_quadrature(wake, monkeypatch):
-    coarse = wake.surface.measure(wake.flow)
-    monkeypatch.setattr(surface, "_ARC_POINTS", 2 * surface._ARC_POINTS)
-    viscosity = 1.0 / wake.config.reynolds
-    profile = jets.slot_profile(wake.grid)
-    finer = surface.Surface(wake.grid, wake.boundary, viscosity, profile, wake.body, wake.layout)
-    fine = finer.measure(wake.flow)
-    # Far below what the grid itself leaves open.
-    assert fine.Cd == pytest.approx(coarse.Cd, abs=1e-4)
-    assert fine.Cl == pytest.approx(coarse.Cl, abs=1e-4)
 
 
 def test_pressure_falls_towards_a_slot_as_the_flow_quickens(shared_wake):
