@@ -8,11 +8,11 @@ from can_bridge.flashing.flash_memory.simulated_flash import SimulatedFlash
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release.signing import public_key
-from firmware_sim.bench.flashing.figures import flash_time
 from firmware_sim.ecu.flashable.equipment import Equipment
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
 from tests.can_bridge.flashing.releases import HARDWARE, ROOT, provision
 from tests.can_bridge.flashing.store_ecu import KEY, Counted
+from tests.proofs.flash.flash_bench import FlashBench, flash_on
 from tests.proofs.flash.releases import NEW, OLD, shipped
 
 BUSES: Final = ("fd", "classic")
@@ -28,15 +28,16 @@ def measured(frames: str, lost: float) -> dict[str, Any]:
     memory = provision(FlashBacking(SimulatedFlash()), shipped(OLD))
     ecu = FlashableEcu(memory, config, equipment, boot_ns=BOOT_NS)
     faults = [Drop(probability=lost, at=end) for end in ("send", "receive")] if lost else []
-    taken = flash_time(ecu, shipped(NEW), config, key=KEY.answer, losses=faults, seed=1)
+    bench = FlashBench(ecu, config, losses=faults, seed=1)
+    flashed = flash_on(bench, shipped(NEW), key=KEY.answer)
     return {
         "frames": frames,
         "lost": lost,
-        "end": taken.end.name,
+        "end": flashed.end.name,
         "bytes": len(shipped(NEW)),
-        "seconds": taken.seconds,
-        "diagnostic_frames": taken.frames,
-        "load": taken.load,
-        "unanswered": taken.unanswered,
-        "attempts": taken.attempts,
+        "seconds": flashed.seconds,
+        "diagnostic_frames": bench.diagnostic_frames,
+        "load": bench.bus.activity().load,
+        "unanswered": flashed.unanswered,
+        "attempts": 0 if flashed.transferred is None else flashed.transferred.attempts,
     }

@@ -1,15 +1,16 @@
-"""A vehicle, an ECU that can be flashed, and a tester on one simulated bus, in virtual time.
+"""A vehicle, an ECU that can be flashed, and a tester on one simulated bus, in virtual time; how long a flash takes.
 
 The vehicle samples once a control period, and the ECU steps a fixed time after it. Between the steps ECU and tester
 look at what is for them `SERVICE_NS` after a frame of diagnosis, as processes do that are woken by frames. Time passes
-only while somebody waits for it (`advance`).
+only while someone waits for it (`advance`).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from udsoncan.client import Client
+from udsoncan.exceptions import TimeoutException
 
 from can_bridge.bus.faults.fault import Fault
 from can_bridge.bus.faults.wrapping import wrap
@@ -17,6 +18,9 @@ from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.bus.simulated.port import SimulatedPort
 from can_bridge.isotp.endpoint import Endpoint
+from can_bridge.tester.asking import KeyOf
+from can_bridge.tester.direct_connection import DirectConnection
+from can_bridge.tester.sequence import Flashed, flash
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
@@ -39,30 +43,18 @@ _AMPLITUDE_CP: Final = 0.3
 _SENSORS: Final = ("upper_39", "lower_39", "base_0", "base_9")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Faults:
-    """Faults of the tester's connection, and their seed.
-
-    Attributes:
-        tester: both ways; from the wire to the node.
-    """
-
-    tester: Sequence[Fault] = ()
-    seed: int = 0
-
-
 class FlashBench:
     """Everything at time 0.
 
     Args:
         ecu: just powered on.
         config: of the vehicle; the bit rates are the bus's.
-        faults: of the tester's connection.
+        losses: faults of the tester's connection, both ways, and their seed.
         request: whether the vehicle asks for control at a time in ns.
 
     Attributes:
         bus: all three are on.
-        periods: control steps so far.
+        periods, diagnostic_frames: control steps and frames of diagnosis so far.
         status: the ECU's latest; None before the first.
         largest_flow: largest |flow| commanded with the jets enabled so far, in m2/s.
     """
@@ -72,24 +64,24 @@ class FlashBench:
         ecu: FlashableEcu,
         config: Config,
         *,
-        faults: Faults = Faults(),
+        losses: Sequence[Fault] = (),
+        seed: int = 0,
         request: Callable[[int], bool] = lambda now_ns: False,
-        capture: Callable[[Frame], None] = lambda frame: None,
     ) -> None:
         self.bus = SimulatedBus(config.bus, self._heard)
         self.ecu = ecu
-        self._config, self._request, self._capture = config, request, capture
+        self._config, self._request = config, request
         self._messages = message_set(config.bus)
         self._vehicle = VehicleNode(_SENSORS, config)
         self._vehicle_port, self._ecu_port = self.bus.port("vehicle"), self.bus.port("ecu")
         self._tester_port = self.bus.port("tester")
-        self._tester: Bus = wrap(self._tester_port, faults.tester, lambda: self.bus.now_ns, seed=faults.seed)
+        self._tester: Bus = wrap(self._tester_port, losses, lambda: self.bus.now_ns, seed=seed)
         self._endpoint = Endpoint(isotp_settings(config.bus, receive_id=RESPONSE_ID, send_id=REQUEST_ID))
         self._answers: list[bytes] = []
         self._for_control: list[Frame] = []
         self._for_service: list[Frame] = []
         self._looks = False
-        self.periods = 0
+        self.periods = self.diagnostic_frames = 0
         self.status: EcuStatus | None = None
         self.largest_flow = 0.0
         self._period()
@@ -142,8 +134,8 @@ class FlashBench:
         self.periods += 1
 
     def _heard(self, frame: Frame) -> None:
-        self._capture(frame)
         if frame.frame_id in _DIAGNOSTIC:
+            self.diagnostic_frames += 1
             self._look_soon()
 
     def _look_soon(self) -> None:
@@ -183,3 +175,36 @@ class FlashBench:
                 port.send(frame)
             except BusError:
                 return
+
+
+class BenchConnection(DirectConnection):
+    """udsoncan's connection to the ECU on the bench: while its client waits for an answer, virtual time passes."""
+
+    def __init__(self, bench: FlashBench) -> None:
+        super().__init__()
+        self._bench = bench
+
+    def empty_rxqueue(self) -> None:
+        """Drop late answers to earlier requests."""
+        self._bench.forget_answers()
+
+    def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
+        """Hand a request over."""
+        self._bench.ask(payload)
+
+    def specific_wait_frame(self, timeout: float | None = None) -> Any:
+        """The next answer; raises TimeoutException if none comes in so long."""
+        answer = self._bench.answer(2.0 if timeout is None else timeout)
+        if answer is None:
+            raise TimeoutException(f"no answer within {timeout} s of virtual time")
+        return answer
+
+
+def flash_on(bench: FlashBench, image: bytes, *, key: KeyOf) -> Flashed:
+    """Run the tester's sequence, that of `stillwake flash`, in the bench's time; raises FlashError."""
+
+    def sleep(seconds: float) -> None:
+        bench.advance(seconds)
+
+    with Client(BenchConnection(bench)) as client:
+        return flash(client, image, key=key, clock=lambda: bench.bus.now_ns / 1e9, sleep=sleep)

@@ -14,9 +14,8 @@ from tests.can_bridge.flashing.store_ecu import KEY
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, provision
 
 pytest.importorskip("udsoncan")
-from firmware_sim.bench.flashing.figures import flash_on, flash_time
-from firmware_sim.bench.flashing.flash_bench import FlashBench
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
+from tests.proofs.flash.flash_bench import FlashBench, flash_on
 
 BOOT_NS = 300_000_000
 
@@ -35,11 +34,11 @@ def test_the_time_is_that_of_the_frames(tmp_path: Path) -> None:
     for bus, bits in ((BusConfig(frames="fd"), fd), (BusConfig(frames="classic"), classic)):
         config = Config(bus=bus)
         ecu, rig = made(tmp_path / bus.frames, config)
-        taken = flash_time(ecu, image("second"), config, key=KEY.answer)
-        assert taken.end is End.CONFIRMED
+        flashed = flash_on(FlashBench(ecu, config), image("second"), key=KEY.answer)
+        assert (flashed.end, flashed.unanswered) == (End.CONFIRMED, 0)
+        assert flashed.transferred is not None and flashed.transferred.attempts == 1
         least = bits + BOOT_NS / 1e9
-        assert least < taken.seconds < 2 * least + 1.0, bus.frames
-        assert (taken.unanswered, taken.attempts) == (0, 1)
+        assert least < flashed.seconds < 2 * least + 1.0, bus.frames
         assert ecu.boot.bundle is not None
         assert ecu.boot.bundle.manifest.name == "second"
         assert "confirmed" in rig.log.names()
@@ -50,9 +49,9 @@ def test_one_frame_in_five_hundred_is_lost_both_ways(tmp_path: Path) -> None:
     config = Config()
     ecu, _ = made(tmp_path, config)
     losses = [Drop(probability=0.002, at="send"), Drop(probability=0.002, at="receive")]
-    taken = flash_time(ecu, image("second"), config, key=KEY.answer, losses=losses, seed=1)
-    assert taken.end is End.CONFIRMED
-    assert taken.unanswered > 0
+    flashed = flash_on(FlashBench(ecu, config, losses=losses, seed=1), image("second"), key=KEY.answer)
+    assert flashed.end is End.CONFIRMED
+    assert flashed.unanswered > 0
 
 
 def test_a_vehicle_in_control_keeps_it(tmp_path: Path) -> None:
