@@ -100,6 +100,24 @@ class Bench:
         assert len(answers) <= 1
         return answers[0] if answers else None
 
+    def talk(self, text: str) -> None:
+        """Lines of a request and its one answer, in hexadecimal, `00x7` for seven such bytes.
+
+        An answer may be a code's name, `ok` for any positive one, and `-` for none.
+        """
+        for line in text.strip().splitlines():
+            request, answer = (part.strip() for part in line.split(">"))
+            parts = (part.partition("x") for part in request.split())
+            asked = b"".join(bytes.fromhex(byte) * int(count or 1) for byte, _, count in parts)
+            answers = self.server.request(self.now_ns, asked)
+            if answer == "ok":
+                assert [each[0] for each in answers] == [asked[0] + 0x40], line
+            elif answer == "-":
+                assert answers == [], line
+            else:
+                named = answer in Nrc.__members__
+                assert answers == [refused(asked[0], Nrc[answer]) if named else bytes.fromhex(answer)], line
+
     def wait(self, nanoseconds: int) -> list[bytes]:
         """One tick after so long."""
         self.now_ns += nanoseconds

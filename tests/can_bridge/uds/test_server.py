@@ -62,30 +62,24 @@ def test_wrong_lengths_and_sub_functions(bench):
 
 def test_a_request_longer_than_iso_tp_carries(bench):
     bench.unlock()
-    assert bench.ask(0x2E, KEY_LIST, bytes(4092)) == b"\x6e" + KEY_LIST
-    assert bench.ask(0x2E, KEY_LIST, bytes(4093)) == refused(0x2E, Nrc.INCORRECT_LENGTH)
-
-
-def test_refused_session_leaves_the_one_before(bench):
-    bench.unlock()
-    bench.ecu.refusals["enter"] = Nrc.CONDITIONS_NOT_CORRECT
-    assert bench.ask(0x10, 2) == refused(0x10, Nrc.CONDITIONS_NOT_CORRECT)
-    assert (bench.server.session, bench.server.unlocked) == (Session.PROGRAMMING, Level.PROGRAMMING)
+    bench.talk("2E FD 02 00x4092 > 6E FD 02\n2E FD 02 00x4093 > INCORRECT_LENGTH")
 
 
 def test_every_change_of_session_locks_and_leaves(bench):
+    bench.ask(0x10, 1)
+    bench.wait(60 * S)
+    assert bench.ecu.calls == [("enter", Session.DEFAULT)], "the default session is not left"
     for session in Session:
         bench.unlock()
         bench.ecu.calls.clear()
         bench.ask(0x10, session)
         assert bench.server.unlocked is None
         assert bench.ecu.calls == [("enter", session), ("leave",)], session
-
-
-def test_default_session_is_not_left(bench):
-    bench.ask(0x10, 1)
-    bench.wait(60 * S)
-    assert bench.ecu.calls == [("enter", Session.DEFAULT)]
+    # A refused one leaves that before.
+    bench.unlock()
+    bench.ecu.refusals["enter"] = Nrc.CONDITIONS_NOT_CORRECT
+    bench.talk("10 02 > CONDITIONS_NOT_CORRECT")
+    assert (bench.server.session, bench.server.unlocked) == (Session.PROGRAMMING, Level.PROGRAMMING)
 
 
 def test_silence_ends_a_session_and_any_request_keeps_it(bench):
@@ -120,20 +114,12 @@ def test_work_keeps_a_session(bench):
     assert bench.server.session == Session.DEFAULT
 
 
-def test_a_clock_that_goes_back_ends_nothing(bench):
-    bench.now_ns = 100 * S
-    bench.ask(0x10, 3)
-    bench.wait(-90 * S)
-    assert bench.server.session == Session.EXTENDED
-
-
 def test_positive_answers_are_suppressed_and_negative_ones_are_not(bench):
-    assert bench.ask(0x10, 0x83) is None
-    assert bench.server.session == Session.EXTENDED
-    assert bench.ask(0x3E, 0x80) is None
-    assert bench.ask(0x31, 0x81, PRECONDITIONS) is None
+    bench.now_ns = 100 * S
+    bench.talk("10 83 > -\n3E 80 > -\n31 81 02 03 > -\n10 84 > SUB_FUNCTION_NOT_SUPPORTED")
     assert ("routine", Routine.PRECONDITIONS, b"") in bench.ecu.calls
-    assert bench.ask(0x10, 0x84) == refused(0x10, Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+    bench.wait(-90 * S)
+    assert bench.server.session == Session.EXTENDED, "a clock that goes back ends nothing"
 
 
 def test_reset_is_answered_before_it_happens(bench):
@@ -176,22 +162,15 @@ def test_suppressed_work_is_answered_only_to_who_had_to_wait(bench):
     assert not bench.server.is_busy
 
 
-def test_refusal_at_the_end_of_long_work(bench):
-    bench.unlock()
-    bench.ecu.pieces, bench.ecu.refusals["routine"] = 1, Nrc.PROGRAMMING_FAILURE
-    assert bench.ask(0x31, 1, CHECK) is None
-    assert bench.wait(MS) == [refused(0x31, Nrc.PROGRAMMING_FAILURE)]
-
-
-def test_other_requests_wait(bench):
+def test_other_requests_wait_and_work_may_end_in_a_refusal(bench):
     bench.unlock()
     bench.ecu.pieces = 2
-    bench.ask(0x31, 1, CHECK)
-    assert bench.ask(0x10, 1) == refused(0x10, Nrc.BUSY_REPEAT_REQUEST)
-    assert bench.ask(0x3E, 0x80) is None
-    assert bench.ask(0x3E, 0x00) == refused(0x3E, Nrc.BUSY_REPEAT_REQUEST)
+    bench.talk("31 01 FF 01 > -\n10 01 > BUSY_REPEAT_REQUEST\n3E 80 > -\n3E 00 > BUSY_REPEAT_REQUEST")
     assert bench.wait(MS) + bench.wait(MS) == [b"\x71\x01" + CHECK]
     assert bench.server.session == Session.PROGRAMMING
+    bench.ecu.pieces, bench.ecu.refusals["routine"] = 1, Nrc.PROGRAMMING_FAILURE
+    bench.talk("31 01 FF 01 > -")
+    assert bench.wait(MS) == [refused(0x31, Nrc.PROGRAMMING_FAILURE)]
 
 
 def test_an_error_of_the_ecu_is_not_hidden_and_ends_the_work(bench, monkeypatch):
@@ -201,31 +180,30 @@ def test_an_error_of_the_ecu_is_not_hidden_and_ends_the_work(bench, monkeypatch)
     assert not bench.server.is_busy
 
 
-def test_reading(bench):
-    assert bench.ask(0x22, SERIAL) == b"\x62\xf1\x8c0815"
-    for number in (0x0000, 0xFD11, 0xFFFF):
-        assert bench.ask(0x22, number.to_bytes(2, "big")) == refused(0x22, Nrc.OUT_OF_RANGE), number
+def test_reading_and_writing(bench):
     # Several at once, without those that are not there.
-    hardware = Did.HARDWARE.to_bytes(2, "big")
-    assert bench.ask(0x22, SERIAL, b"\0\0", hardware) == b"\x62\xf1\x8c0815\xf1\x91bench"
+    bench.talk(
+        """
+        22 F1 8C > 62 F1 8C 30 38 31 35
+        22 00 00 > OUT_OF_RANGE
+        22 FD 11 > OUT_OF_RANGE
+        22 FF FF > OUT_OF_RANGE
+        22 F1 8C 00 00 F1 91 > 62 F1 8C 30 38 31 35 F1 91 62 65 6E 63 68
+        """
+    )
     store = Did.STORE.to_bytes(2, "big")
     bench.ecu.values[Did.STORE] = bytes(4092)
     assert bench.ask(0x22, store) == b"\x62" + store + bytes(4092)
     bench.ecu.values[Did.STORE] = bytes(4093)
-    assert bench.ask(0x22, store) == refused(0x22, Nrc.RESPONSE_TOO_LONG)
+    bench.talk("22 FD 01 > RESPONSE_TOO_LONG")
     bench.ecu.refusals["read"] = Nrc.CONDITIONS_NOT_CORRECT
-    assert bench.ask(0x22, SERIAL) == refused(0x22, Nrc.CONDITIONS_NOT_CORRECT)
-
-
-def test_writing(bench):
+    bench.talk("22 F1 8C > CONDITIONS_NOT_CORRECT")
     bench.unlock(Level.CALIBRATION)
-    assert bench.ask(0x2E, STORED, 1) == b"\x6e" + STORED
+    bench.talk("2E FD 12 01 > 6E FD 12")
     assert bench.ecu.calls[-1] == ("write", Did.CALIBRATION_STORED, b"\x01")
-    for value in (bytes(39), bytes(41)):
-        assert bench.ask(0x2E, CALIBRATION, value) == refused(0x2E, Nrc.INCORRECT_LENGTH)
-    assert bench.ask(0x2E, CALIBRATION, bytes(40)) == b"\x6e" + CALIBRATION
+    bench.talk("2E FD 10 00x39 > INCORRECT_LENGTH\n2E FD 10 00x41 > INCORRECT_LENGTH\n2E FD 10 00x40 > 6E FD 10")
     bench.ecu.refusals["write"] = Nrc.OUT_OF_RANGE
-    assert bench.ask(0x2E, CALIBRATION, bytes(40)) == refused(0x2E, Nrc.OUT_OF_RANGE)
+    bench.talk("2E FD 10 00x40 > OUT_OF_RANGE")
 
 
 def test_identifiers_are_written_in_their_sessions_with_their_keys(bench):

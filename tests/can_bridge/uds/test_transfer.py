@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.uds.services import MAX_BLOCK, Nrc, Session
+from can_bridge.uds.services import MAX_BLOCK, Nrc
 from tests.can_bridge.uds.scripted_ecu import MS, Bench, S, refused
 from tests.examples import examples
 
@@ -16,27 +16,34 @@ def bench() -> Bench:
     return bench
 
 
-def begin(bench: Bench, length: int, offset: int = 0) -> bytes | None:
-    return bench.ask(0x34, 0x00, 0x44, offset.to_bytes(4, "big"), length.to_bytes(4, "big"))
+def asking(length: int, offset: int = 0) -> str:
+    return f"34 00 44 {offset:08x} {length:08x}"
 
 
 def written(bench: Bench) -> bytes:
     return b"".join(call[1] for call in bench.ecu.calls if call[0] == "transfer")
 
 
-def test_download_says_how_long_a_block_may_be(bench):
-    assert begin(bench, 10, offset=7) == bytes.fromhex("7420") + MAX_BLOCK.to_bytes(2, "big")
-    assert bench.ecu.calls[-1] == ("download", 7, 10)
-
-
-def test_wrong_download_requests(bench):
-    for formats in ((0x10, 0x44), (0x01, 0x44), (0x00, 0x33), (0x00, 0x24)):
-        assert bench.ask(0x34, *formats, bytes(8)) == refused(0x34, Nrc.OUT_OF_RANGE), formats
-    for length in (7, 9):
-        assert bench.ask(0x34, 0x00, 0x44, bytes(length)) == refused(0x34, Nrc.INCORRECT_LENGTH)
-    bench.ask(0x10, Session.PROGRAMMING)
-    for raw in (b"\x34\x00\x44" + bytes(8), b"\x36\x01\x00", b"\x37"):
-        assert bench.ask(raw) == refused(raw[0], Nrc.SECURITY_ACCESS_DENIED), raw
+def test_download_requests(bench):
+    bench.talk(
+        f"""
+        34 10 44 00x8 > OUT_OF_RANGE
+        34 01 44 00x8 > OUT_OF_RANGE
+        34 00 33 00x8 > OUT_OF_RANGE
+        34 00 24 00x8 > OUT_OF_RANGE
+        34 00 44 00x7 > INCORRECT_LENGTH
+        34 00 44 00x9 > INCORRECT_LENGTH
+        {asking(10, offset=7)} > 74 20 {MAX_BLOCK:04x}
+        {asking(5)} > CONDITIONS_NOT_CORRECT
+        36 01 00x4 > 76 01
+        {asking(10, offset=7)} > CONDITIONS_NOT_CORRECT
+        10 02 > ok
+        {asking(0)} > SECURITY_ACCESS_DENIED
+        36 01 00 > SECURITY_ACCESS_DENIED
+        37 > SECURITY_ACCESS_DENIED
+        """
+    )
+    assert [call for call in bench.ecu.calls if call[0] == "download"] == [("download", 7, 10)]
 
 
 @given(blocks=st.lists(st.binary(min_size=1, max_size=8), min_size=1, max_size=5), repeats=st.data())
@@ -47,7 +54,7 @@ def test_blocks_arrive_once_whatever_is_repeated(blocks, repeats):
     bench.unlock()
     image = b"".join(blocks)
     for _ in range(repeats.draw(st.integers(1, 2))):
-        assert begin(bench, len(image)) is not None
+        bench.talk(f"{asking(len(image))} > ok")
     for number, block in enumerate(blocks, start=1):
         for _ in range(repeats.draw(st.integers(1, 3))):
             assert bench.ask(0x36, number, block) == bytes([0x76, number])
@@ -58,84 +65,63 @@ def test_blocks_arrive_once_whatever_is_repeated(blocks, repeats):
 
 
 def test_counter_goes_from_255_to_0(bench):
-    begin(bench, 600)
+    bench.talk(f"{asking(600)} > ok")
     for number in range(1, 601):
         assert bench.ask(0x36, number % 256, number % 251) == bytes([0x76, number % 256])
     assert written(bench) == bytes(number % 251 for number in range(1, 601))
 
 
-def test_another_counter(bench):
-    """The second block is due; counter 1 with other data is no repeated first one."""
-    assert bench.ask(0x36, 1, b"abc") == refused(0x36, Nrc.SEQUENCE_ERROR)
-    assert bench.ask(0x37) == refused(0x37, Nrc.SEQUENCE_ERROR)
-    begin(bench, 10)
-    assert bench.ask(0x36, 0, b"abc") == refused(0x36, Nrc.WRONG_BLOCK_COUNTER)
-    bench.ask(0x36, 1, b"abc")
-    for counter in (0, 1, 3, 255):
-        assert bench.ask(0x36, counter, b"xyz") == refused(0x36, Nrc.WRONG_BLOCK_COUNTER), counter
-    assert bench.ask(0x36, 2, b"xyz") == b"\x76\x02"
-    assert written(bench) == b"abcxyz"
-
-
-def test_more_bytes_than_asked_for(bench):
-    begin(bench, 4)
-    assert bench.ask(0x36, 1, b"abcde") == refused(0x36, Nrc.TRANSFER_SUSPENDED)
-    assert bench.ask(0x36, 1, b"abcd") == b"\x76\x01"
-    assert bench.ask(0x36, 2, b"e") == refused(0x36, Nrc.SEQUENCE_ERROR)
-    assert written(bench) == b"abcd"
-
-
-def test_longest_block(bench):
-    begin(bench, MAX_BLOCK)
-    assert bench.ask(0x36, 1, bytes(MAX_BLOCK - 1)) == refused(0x36, Nrc.INCORRECT_LENGTH)
-    assert bench.ask(0x36, 1, bytes(MAX_BLOCK - 2)) == b"\x76\x01"
-
-
-def test_exit(bench):
-    begin(bench, 4)
-    bench.ask(0x36, 1, b"abc")
-    assert bench.ask(0x37) == refused(0x37, Nrc.SEQUENCE_ERROR)
-    bench.ask(0x36, 2, b"d")
+def test_blocks_out_of_order_and_of_another_length(bench):
+    bench.talk(
+        f"""
+        36 01 AA > SEQUENCE_ERROR
+        37 > SEQUENCE_ERROR
+        {asking(4)} > ok
+        36 00 AA > WRONG_BLOCK_COUNTER
+        36 01 00x5 > TRANSFER_SUSPENDED
+        36 01 AA BB > 76 01
+        36 00 CC > WRONG_BLOCK_COUNTER
+        36 01 CC > WRONG_BLOCK_COUNTER
+        36 03 CC > WRONG_BLOCK_COUNTER
+        36 FF CC > WRONG_BLOCK_COUNTER
+        37 > SEQUENCE_ERROR
+        36 02 CC DD > 76 02
+        36 03 EE > SEQUENCE_ERROR
+        """
+    )
+    assert written(bench) == b"\xaa\xbb\xcc\xdd"
     bench.ecu.refusals["exit"] = Nrc.PROGRAMMING_FAILURE
-    assert bench.ask(0x37) == refused(0x37, Nrc.PROGRAMMING_FAILURE)
+    bench.talk("37 > PROGRAMMING_FAILURE")
     bench.ecu.refusals.clear()
-    assert bench.ask(0x37) == b"\x77"
-    assert bench.ask(0x36, 2, b"d") == refused(0x36, Nrc.SEQUENCE_ERROR)
-    assert begin(bench, 1) is not None
-
-
-def test_download_during_another(bench):
-    begin(bench, 4)
-    assert begin(bench, 5) == refused(0x34, Nrc.CONDITIONS_NOT_CORRECT)
-    bench.ask(0x36, 1, b"a")
-    assert begin(bench, 4) == refused(0x34, Nrc.CONDITIONS_NOT_CORRECT)
+    bench.talk(
+        f"""
+        37 > 77
+        36 02 CC DD > SEQUENCE_ERROR
+        {asking(MAX_BLOCK)} > ok
+        36 01 00x{MAX_BLOCK - 1} > INCORRECT_LENGTH
+        36 01 00x{MAX_BLOCK - 2} > 76 01
+        """
+    )
 
 
 def test_what_ends_a_download(bench):
-    begin(bench, 4)
-    bench.ask(0x36, 1, b"a")
-    bench.ask(0x31, 1, b"\xff\x00", bytes(36))
-    assert bench.ask(0x36, 2, b"b") == refused(0x36, Nrc.SEQUENCE_ERROR), "an announcement"
-    begin(bench, 5)
+    bench.talk(f"{asking(4)} > ok\n36 01 AA > ok\n31 01 FF 00 00x36 > ok\n36 02 BB > SEQUENCE_ERROR\n{asking(5)} > ok")
     bench.wait(5 * S)
     bench.unlock()
-    assert bench.ask(0x36, 1, b"a") == refused(0x36, Nrc.SEQUENCE_ERROR), "the end of the session"
-    bench.ecu.refusals["download"] = Nrc.OUT_OF_RANGE
-    assert begin(bench, 4) == refused(0x34, Nrc.OUT_OF_RANGE)
+    bench.talk("36 01 AA > SEQUENCE_ERROR")
+    bench.ecu.refusals = {"download": Nrc.OUT_OF_RANGE, "transfer": Nrc.PROGRAMMING_FAILURE}
+    bench.talk(f"{asking(4)} > OUT_OF_RANGE\n36 01 AA > SEQUENCE_ERROR")
+    del bench.ecu.refusals["download"]
+    bench.talk(f"{asking(4)} > ok\n36 01 AA > PROGRAMMING_FAILURE")
     bench.ecu.refusals.clear()
-    assert bench.ask(0x36, 1, b"a") == refused(0x36, Nrc.SEQUENCE_ERROR), "a refusal"
-    begin(bench, 4)
-    bench.ecu.refusals["transfer"] = Nrc.PROGRAMMING_FAILURE
-    assert bench.ask(0x36, 1, b"a") == refused(0x36, Nrc.PROGRAMMING_FAILURE)
-    bench.ecu.refusals.clear()
-    assert bench.ask(0x36, 1, b"a") == refused(0x36, Nrc.SEQUENCE_ERROR), "a memory that fails"
+    bench.talk("36 01 AA > SEQUENCE_ERROR")
 
 
 def test_slow_block_is_repeated_while_it_is_written(bench):
-    begin(bench, 2)
+    bench.talk(f"{asking(2)} > ok")
     bench.ecu.pieces = 1
-    assert bench.ask(0x36, 1, b"ab") is None
-    assert bench.ask(0x36, 1, b"ab") == refused(0x36, Nrc.BUSY_REPEAT_REQUEST)
+    bench.talk("36 01 AA BB > -")
+    assert bench.ask(0x36, 1, b"\xaa\xbb") == refused(0x36, Nrc.BUSY_REPEAT_REQUEST)
     assert bench.wait(MS) == [b"\x76\x01"]
-    assert bench.ask(0x36, 1, b"ab") == b"\x76\x01"
-    assert written(bench) == b"ab"
+    bench.talk("36 01 AA BB > 76 01")
+    assert written(bench) == b"\xaa\xbb"
