@@ -1,21 +1,24 @@
 import pickle
 from dataclasses import replace
+from itertools import product
 
 import pytest
 
 from can_bridge.e2e import profile5
+from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import Check, E2eReceiver, StreamState, receive
 from can_bridge.e2e.sender import E2eSender, SenderState
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
+from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, PRESSURE_CLASSIC, MessageSpec
 from contract.config.vehicle import E2eConfig
 
 CONFIG = E2eConfig(max_delta=4, window=5, min_ok=2, max_errors=2)
 
 
-def good(counter: int, time_ns: int = 0) -> Frame:
-    data = profile5.protect(bytes(PRESSURE.length), data_id=PRESSURE.data_id, counter=counter % 256)
-    return Frame(frame_id=PRESSURE.frame_id, data=data, timestamp_ns=time_ns)
+def good(counter: int, time_ns: int = 0, spec: MessageSpec = PRESSURE) -> Frame:
+    profile = profile_of(spec)
+    data = profile.protect(bytes(spec.length), data_id=spec.data_id, counter=counter % profile.counter_period)
+    return Frame(frame_id=spec.frame_id, data=data, timestamp_ns=time_ns, is_fd=spec.is_fd)
 
 
 def corrupt(counter: int) -> Frame:
@@ -36,20 +39,19 @@ def valid_receiver(last: int = 9) -> E2eReceiver:
 
 
 def test_every_counter_step_gets_its_check():
-    """All 256 steps from `last`, across the wrap."""
-    for last in [0, 1, 100, 252, 253, 254, 255]:
-        expected = {0: Check.REPEATED, 1: Check.OK} | dict.fromkeys((2, 3, 4), Check.OK_SOME_LOST)
-        for step in range(256):
-            made = receiver()
-            made.tick([good(last)])
-            reception = made.tick([good(last + step, time_ns=step)])
-            assert reception.checks == (expected.get(step, Check.WRONG_SEQUENCE),), step
-            assert (reception.accepted is not None) == (1 <= step <= 4), last
-
-
-def test_first_frame_is_good_whatever_its_counter():
-    for counter in range(256):
-        assert receiver().tick([good(counter)]).checks == (Check.OK,)
+    """All steps of both counters, across the wrap; the first frame is good whatever its counter."""
+    for spec, most, lasts in (
+        *((PRESSURE, 4, (last,)) for last in (0, 1, 100, 252, 253, 254, 255)),
+        *((PRESSURE_CLASSIC, most, range(16)) for most in (1, 4, 7)),
+    ):
+        period = profile_of(spec).counter_period
+        expected = {0: Check.REPEATED, 1: Check.OK} | dict.fromkeys(range(2, most + 1), Check.OK_SOME_LOST)
+        for last, step in product(lasts, range(period)):
+            made = E2eReceiver(spec, replace(CONFIG, max_delta=most))
+            assert made.tick([good(last, spec=spec)]).checks == (Check.OK,)
+            reception = made.tick([good(last + step, step, spec)])
+            assert reception.checks == (expected.get(step, Check.WRONG_SEQUENCE),), (spec.name, last, step)
+            assert (reception.accepted is not None) == (1 <= step <= most), (spec.name, last, step)
 
 
 def test_frame_that_fails_is_an_error_and_changes_no_counter():

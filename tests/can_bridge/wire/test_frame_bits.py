@@ -105,19 +105,6 @@ def test_no_frame_is_longer_than_the_bound(frame):
     assert nominal + data <= most_nominal + most_data
 
 
-def test_published_ranges_hold():
-    for frame, on_bus in [
-        # Davis, Burns, Bril, Lukkien (2007): 47 + 8 n bits without stuff bits, 67 + 8 n with the long identifier. Ids
-        # and data chosen so that none is needed but in the CRC, which is counted in the test above.
-        (Frame(frame_id=0x555, data=b"\x55" * 8, is_fd=False), range(111, 115)),
-        (Frame(frame_id=0x15555555, data=b"\x55" * 8, is_fd=False, is_extended=True), range(131, 135)),
-        # The same paper: 55 + 10 n at most; 80 + 10 n.
-        (Frame(frame_id=0, data=bytes(8), is_fd=False), range(111, 136)),
-        (Frame(frame_id=0, data=bytes(8), is_fd=False, is_extended=True), range(131, 161)),
-    ]:
-        assert frame_bits(frame)[0] in on_bus, (frame, on_bus)
-
-
 def test_the_published_worst_case_of_stuffing():
     """Figure 1 of Davis et al. (2007): five bits, then runs of four, each of which a stuff bit makes five."""
     body = "111110000111100001111"
@@ -130,26 +117,6 @@ def test_crc_is_the_published_one():
     message = "".join(format(byte, "08b") for byte in b"123456789")
     assert crc15(message) == 0x059E
     assert crc15("") == 0
-
-
-@given(body=st.lists(st.integers(0, 1), max_size=200))
-def test_crc_is_the_remainder_of_the_division(body):
-    assert crc15("".join(map(str, body))) == crc_by_division([0, *body])
-
-
-@given(body=st.text("01", max_size=300))
-def test_stuffing_leaves_no_six_equal_bits_and_can_be_undone(body):
-    sent = stuffed(body)
-    assert "000000" not in sent
-    assert "111111" not in sent
-    kept, run, last, skip = "", 0, "", False
-    for bit in sent:
-        run = run + 1 if bit == last else 1
-        last = bit
-        if not skip:
-            kept += bit
-        skip = run == 5
-    assert kept == body
 
 
 def test_every_stuff_bit_in_the_identifier_is_known():

@@ -61,10 +61,3 @@ def test_value_tables_are_the_dbcs():
             signal,
             table,
         )
-
-
-def test_default_action_limit_fits_the_flow_signal():
-    config = Config()
-    flow = DBC.get_message_by_name("JetCommand").get_signal_by_name("Flow")
-    assert flow.maximum is not None
-    assert config.flow.action_limit * config.operating_point.flow_rate_scale < flow.maximum

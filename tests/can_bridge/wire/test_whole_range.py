@@ -31,7 +31,8 @@ def raw_values(signal):
 @pytest.mark.slow  # 65,536 encodings by cantools for each of the scaled signals
 def test_every_value_means_the_same_to_cantools():
     messages: list[Any] = [one for used in SETS for one in (used.pressure, used.command, used.status)]
-    for message in messages:
+    # Two sets have the same codec.
+    for message in {one.parse: one for one in messages}.values():
         described = DBC.get_message_by_name(message.spec.name)
         for signal in (one for one in described.signals if one.name not in BEHIND):
             # A counter that is not flagged as valid is not sent again.
