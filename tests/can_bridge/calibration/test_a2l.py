@@ -1,4 +1,4 @@
-"""The file as a tool reads it: by a small strict reader, and by a2ltool and pya2l where they are installed."""
+"""The file as a tool reads it: by a small strict reader, and by a2ltool where it is installed."""
 
 import re
 import shutil
@@ -73,53 +73,37 @@ def test_it_is_plain_text_of_version_1_71(text, module):
     assert read(text).words == ["ASAP2_VERSION", "1", "71"]
     assert max(map(len, text.splitlines())) <= 132
     assert module.one("MOD_PAR").after("VERSION") == r'"truck \"wake\"\\4.1????"'
-
-
-def test_every_value_is_where_the_file_says(module):
-    layouts = {block.words[0]: block.words[3] for block in module.all("RECORD_LAYOUT")}
-    raw = changed(**{name: 0.5 + index for index, name in enumerate(NAMES[:7])}, delay_steps=5).pack()
-    found = {}
-    for block in module.all("CHARACTERISTIC"):
-        name, _, kind, address, layout = block.words[:5]
-        assert kind == "VALUE"
-        (found[name],) = struct.unpack_from(DATA_TYPES[layouts[layout]], raw, int(address, 16) - ADDRESS)
-    assert list(found) == list(NAMES)
-    assert list(found.values())[:7] == [0.5 + index for index in range(7)]
-    assert found["action_limit"] == pytest.approx(0.075)
-    assert found["command_step"] == pytest.approx(0.0375)
-    assert found["delay_steps"] == 5
     assert module.one("MOD_COMMON").after("BYTE_ORDER") == "MSB_LAST"
 
 
-def test_limits_and_units(module):
+def test_every_value_is_where_the_file_says_with_its_limits_and_unit(module):
+    layouts = {block.words[0]: block.words[3] for block in module.all("RECORD_LAYOUT")}
     units = {block.words[0]: block.words[-1] for block in module.all("COMPU_METHOD")}
-    rows = zip(module.all("CHARACTERISTIC"), LIMITS.least.values, LIMITS.greatest.values, strict=True)
-    for block, least, greatest in rows:
-        assert block.words[5] == "0"
-        assert [float(word) for word in block.words[7:]] == [least, greatest]
-        assert block.words[6] in units
-    conversions = {block.words[0]: units[block.words[6]] for block in module.all("CHARACTERISTIC")}
-    assert conversions["action_limit"] == conversions["command_step"] == '"U_inf W"'
-    assert conversions["delay_steps"] == '"control periods"'
-    assert {conversions[name] for name in NAMES[:7]} == {'""'}
+    values = changed(**{name: 0.5 + index for index, name in enumerate(NAMES[:7])}, delay_steps=5)
+    blocks = module.all("CHARACTERISTIC")
+    assert [block.words[0] for block in blocks] == list(NAMES)
+    for block, value, least, greatest in zip(
+        blocks, values.values, LIMITS.least.values, LIMITS.greatest.values, strict=True
+    ):
+        name, _, kind, address, layout, difference, conversion, *limits = block.words
+        assert (kind, difference) == ("VALUE", "0")
+        there = struct.unpack_from(DATA_TYPES[layouts[layout]], values.pack(), int(address, 16) - ADDRESS)
+        assert there == pytest.approx((value,)), name
+        assert [float(word) for word in limits] == [least, greatest]
+        expected = {"action_limit": '"U_inf W"', "command_step": '"U_inf W"', "delay_steps": '"control periods"'}
+        assert units[conversion] == expected.get(name, '""')
     groups = [name for block in module.all("GROUP") for name in block.one("REF_CHARACTERISTIC").words]
     assert groups == list(NAMES)
 
 
-def test_the_segment_and_its_pages(module):
+def test_the_segment_and_how_a_tool_reaches_it(module, slave, segment):
     memory = module.one("MOD_PAR").one("MEMORY_SEGMENT")
     assert memory.words[2:] == ["DATA", "RAM", "INTERN", "0x20000000", "0x28", *["-1"] * 5]
     assert len(REFERENCE.pack()) == 0x28
     described = memory.one("IF_DATA").one("SEGMENT")
     assert described.words == ["0", "2", "0", "0", "0"]
-    writable = {int(page.words[0]): page.words[3] for page in described.all("PAGE")}
-    assert writable == {
-        Page.WORKING: "XCP_WRITE_ACCESS_DONT_CARE",
-        Page.REFERENCE: "XCP_WRITE_ACCESS_NOT_ALLOWED",
-    }
-
-
-def test_how_a_tool_reaches_the_ecu(module, slave, segment):
+    access = {Page.WORKING: "XCP_WRITE_ACCESS_DONT_CARE", Page.REFERENCE: "XCP_WRITE_ACCESS_NOT_ALLOWED"}
+    assert {int(page.words[0]): page.words[3] for page in described.all("PAGE")} == access
     interface = module.one("IF_DATA")
     can = interface.one("XCP_ON_CAN")
     assert (can.after("CAN_ID_MASTER"), can.after("CAN_ID_SLAVE")) == ("0x7d0", "0x7d8")
@@ -129,8 +113,7 @@ def test_how_a_tool_reaches_the_ecu(module, slave, segment):
     (connected,) = slave.command(0, b"\xff\x00")
     assert [int(word) for word in protocol[8:10]] == [connected[3], int.from_bytes(connected[4:6], "little")]
     assert "BYTE_ORDER_MSB_LAST" in protocol
-    announced = {Command[protocol[i + 1]] for i, word in enumerate(protocol) if word == "OPTIONAL_CMD"}
-    for command in announced:
+    for command in (Command[protocol[i + 1]] for i, word in enumerate(protocol) if word == "OPTIONAL_CMD"):
         assert slave.command(0, bytes([command]) + bytes(7)) != [b"\xfe\x20"]
     classic = read(a2l_text(segment, release="r", data_bitrate=None)).one("PROJECT").one("MODULE")
     assert classic.one("IF_DATA").one("XCP_ON_CAN").blocks == []
@@ -147,12 +130,3 @@ def test_a2ltool_finds_nothing_to_complain_of(text, tmp_path):
     assert "No problems found" in done.stdout
     assert "CAN id master: 0x7D0" in done.stdout
     assert "CAN id slave: 0x7D8" in done.stdout
-
-
-def test_pya2l_reads_the_same(text):
-    pya2l = pytest.importorskip("pya2l.parser")
-    with pya2l.A2lParser() as parser:
-        tree = parser.tree_from_a2l(text.encode("ascii"))
-    (module,) = tree.PROJECT.MODULE
-    assert [value.Name.Value for value in module.CHARACTERISTIC] == list(NAMES)
-    assert [value.Address.Value for value in module.CHARACTERISTIC] == [ADDRESS + 4 * index for index in range(10)]

@@ -32,39 +32,36 @@ def test_values_are_taken_together_and_once(segment):
     assert segment.take() is None
 
 
-def test_half_of_a_value_waits_for_the_rest(segment):
-    new = float_bytes(2.0)
-    segment.write(OFFSETS["effort"], new[:3])
-    assert segment.take() is None
-    assert segment.read(Page.WORKING, OFFSETS["effort"], 4) == new[:3] + b"\x00"
-    segment.write(OFFSETS["effort"] + 3, new[3:])
-    assert segment.take().weights.effort == 2.0
+def test_half_of_a_value_waits_for_the_rest_or_is_dropped():
+    first, second = float_bytes(2.0)[:3], float_bytes(2.0)[3:]
+    begin, end = OFFSETS["effort"], OFFSETS["effort"] + 3
 
-
-def test_half_of_a_value_is_dropped_when_its_rest_is_refused(segment):
-    segment.write(OFFSETS["effort"], float_bytes(-2.0)[:2])
-    with pytest.raises(ConfigError, match="effort = -2"):
-        segment.write(OFFSETS["effort"] + 2, float_bytes(-2.0)[2:])
-    assert segment.read(Page.WORKING, 0, 40) == REFERENCE.pack()
-    with pytest.raises(ConfigError, match="must begin with a value"):
-        segment.write(OFFSETS["effort"] + 2, float_bytes(2.0)[2:])
-
-
-def test_half_of_a_value_is_dropped_with_the_working_page():
-    for to_reference in (Segment.revert, Segment.copy_reference):
+    def begun() -> Segment:
         segment = Segment(REFERENCE, LIMITS)
-        segment.write(OFFSETS["effort"], b"\x01\x02")
-        to_reference(segment)
-        assert segment.read(Page.WORKING, 0, 40) == REFERENCE.pack(), to_reference
+        segment.write(begin, first)
+        assert segment.take() is None
+        return segment
 
-
-def test_half_of_a_value_is_dropped_by_a_write_elsewhere(segment):
-    segment.write(OFFSETS["effort"], float_bytes(2.0)[:2])
-    segment.write(OFFSETS["rate"], float_bytes(3.0))
-    with pytest.raises(ConfigError, match=f"write from byte {OFFSETS['effort'] + 2}: must begin with a value"):
-        segment.write(OFFSETS["effort"] + 2, float_bytes(2.0)[2:])
+    segment = begun()
+    assert segment.read(Page.WORKING, begin, 4) == first + b"\x00"
+    segment.write(end, second)
     taken = segment.take()
-    assert (taken.weights.effort, taken.weights.rate) == (0.0, 3.0)
+    assert taken is not None and taken.weights.effort == 2.0
+    # Its rest is refused; the page is left; another value is written.
+    segment = begun()
+    with pytest.raises(ConfigError, match="effort = -2"):
+        segment.write(end, float_bytes(-2.0)[3:])
+    assert segment.read(Page.WORKING, 0, 40) == REFERENCE.pack()
+    for drop in (
+        lambda one: one.revert(),
+        lambda one: one.copy_reference(),
+        lambda one: one.write(OFFSETS["rate"], float_bytes(0.0)),
+    ):
+        segment = begun()
+        drop(segment)
+        assert segment.read(Page.WORKING, 0, 40) == REFERENCE.pack()
+        with pytest.raises(ConfigError, match=f"write from byte {end}: must begin with a value"):
+            segment.write(end, second)
 
 
 @examples(100)
@@ -117,13 +114,6 @@ def test_a_limit_may_be_reached_though_it_is_no_float32_and_is_not_passed(segmen
     beyond = np.nextafter(np.float32(0.075), np.float32(1))
     with pytest.raises(ConfigError, match="action_limit"):
         segment.write(OFFSETS["action_limit"], beyond.tobytes())
-
-
-def test_the_releases_own_values_come_back_as_they_were(segment):
-    segment.write(OFFSETS["action_limit"], float_bytes(0.05))
-    segment.take()
-    segment.write(0, REFERENCE.pack())
-    assert segment.take() == REFERENCE
 
 
 def test_set_and_revert(segment):

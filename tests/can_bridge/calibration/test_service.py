@@ -79,7 +79,8 @@ def test_values_that_are_not_allowed_are_refused_whole():
         assert refused(service, Did.CALIBRATION_STORED, value) is Nrc.OUT_OF_RANGE, value
 
 
-def test_the_page_in_force_is_what_is_stored():
+def test_what_is_stored():
+    """The page in force is; going back where nothing is stored writes nothing; a memory that fails is reported."""
     kept = Kept()
     service, segment = service_of(kept)
     write(service, Did.CALIBRATION, values(lift=0.5))
@@ -87,32 +88,22 @@ def test_the_page_in_force_is_what_is_stored():
     assert service.read(Did.CALIBRATION) == values()
     service.store()
     assert kept.raw == values()
-
-
-def test_a_record_that_this_vehicle_does_not_allow_is_not_used():
-    for raw in (b"", bytes(41), values(action_limit=0.08), values(lift=float("inf"))):
-        kept = Kept(raw)
-        service, segment = service_of(kept)
-        assert "calibration" in str(service.restore())
-        assert (segment.take(), kept.raw) == (None, raw)
-
-
-def test_going_back_where_nothing_is_stored_writes_nothing():
     service, _ = service_of(empty := Kept(), Nrc.CONDITIONS_NOT_CORRECT)
     write(service, Did.CALIBRATION, values(lift=0.7))
     assert refused(service, Did.CALIBRATION_STORED, b"\x01") is Nrc.CONDITIONS_NOT_CORRECT
     write(service, Did.CALIBRATION_STORED, b"\x00")
     assert (service.read(Did.CALIBRATION), empty.writes) == (values(), 0)
-
-
-def test_a_memory_that_fails_is_reported_and_the_values_stay():
-    kept = Kept(values(lift=0.5))
-    service, _ = service_of(kept)
+    service, _ = service_of(kept := Kept(values(lift=0.5)))
     service.restore()
     kept.is_worn_out = True
     for value in (b"\x00", b"\x01"):
         assert refused(service, Did.CALIBRATION_STORED, value) is Nrc.PROGRAMMING_FAILURE
     assert service.read(Did.CALIBRATION) == values(lift=0.5)
+    # A record that this vehicle does not allow is not used.
+    for raw in (b"", bytes(41), values(action_limit=0.08), values(lift=float("inf"))):
+        service, segment = service_of(kept := Kept(raw))
+        assert "calibration" in str(service.restore())
+        assert (segment.take(), kept.raw) == (None, raw)
 
 
 def test_other_identifiers_are_not_its_own():

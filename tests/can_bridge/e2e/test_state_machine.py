@@ -133,25 +133,12 @@ def test_any_story_is_the_standards(letters, sizes):
         assert made.state.stream.name == standard.check(GENERIC[letter])
 
 
+SAME_PERIOD: Final = "OE>E EO>E OEO>E EEO>E RE>E WE>E OR>O OO>O LO>O LR>L WO>O OW>O RR>R RW>W WR>W"
+
+
 def test_a_period_is_one_check():
     """An error counts whatever else came; a good one otherwise; in any order."""
-    for case in [
-        "OE>E",
-        "EO>E",
-        "OEO>E",
-        "EEO>E",
-        "RE>E",
-        "WE>E",
-        "OR>O",
-        "OO>O",
-        "LO>O",
-        "LR>L",
-        "WO>O",
-        "OW>O",
-        "RR>R",
-        "RW>W",
-        "WR>W",
-    ]:
+    for case in SAME_PERIOD.split():
         letters, counts_as = case.split(">")
         state, reception = receive(at(VALID, "OOO"), frames_for(letters, 9), spec=PRESSURE, config=CONFIG)
         assert len(reception.checks) == len(letters), case

@@ -2,55 +2,12 @@ import struct
 import zlib
 from dataclasses import replace
 
-from hypothesis import given
-from hypothesis import strategies as st
-
 from can_bridge.flashing import state
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import MAX_RECORD, Slot
 from can_bridge.flashing.state import Phase, SlotState, StoreState
-from contract.printable import is_name
-from tests.examples import examples
+from contract.printable import MAX_NAME
 from tests.refused import refused
-
-U32 = st.integers(0, 2**32 - 1)
-NAMES = st.text(min_size=1, max_size=100).filter(is_name)
-HASHES = st.binary(min_size=32, max_size=32)
-
-
-@st.composite
-def slots(draw, phases=tuple(Phase)):
-    phase = draw(st.sampled_from(phases))
-    if phase == Phase.EMPTY:
-        return SlotState()
-    length = draw(st.integers(1, 2**32 - 1))
-    common = SlotState(phase=phase, length=length, sha256=draw(HASHES), received=draw(st.integers(0, length)))
-    if phase == Phase.FILLING or (phase == Phase.BAD and draw(st.booleans())):
-        return common
-    return replace(
-        common,
-        received=length,
-        digest=draw(HASHES).hex(),
-        name=draw(NAMES),
-        security_version=draw(U32),
-        signer=draw(HASHES),
-        boots_left=draw(st.integers(0, 3)) if phase == Phase.TRIAL else 0,
-    )
-
-
-@st.composite
-def states(draw):
-    first = draw(slots())
-    others = [phase for phase in Phase if phase != first.phase or phase not in (Phase.CHECKED, Phase.TRIAL)]
-    second = draw(slots(tuple(others)))
-    confirmed = [slot for slot, each in zip(Slot, (first, second), strict=True) if each.phase == Phase.CONFIRMED]
-    return StoreState(
-        slots=(first, second),
-        active=draw(st.sampled_from([None, *confirmed])),
-        least_security_version=draw(st.integers(1, 2**32 - 1)),
-        failed_attempts={level: draw(st.integers(0, 255)) for level in Level},
-    )
-
 
 FULL = SlotState(
     phase=Phase.CONFIRMED, length=97_000, sha256=bytes(range(32)), received=97_000, digest="ab" * 32, name="truck",
@@ -63,12 +20,19 @@ def sealed(body: bytes) -> bytes:
     return body + struct.pack(">I", zlib.crc32(body))
 
 
-@examples(100)
-@given(states())
-def test_what_goes_in_comes_out(value):
-    raw = state.encode(value)
-    assert state.decode(raw) == value
-    assert len(raw) < MAX_RECORD
+def test_what_goes_in_comes_out():
+    bad = SlotState(phase=Phase.BAD, length=9, sha256=b"h" * 32, received=9)
+    named = replace(bad, digest="cd" * 32, name="\U0001f69a" * MAX_NAME, security_version=2**32 - 1, signer=b"k" * 32)
+    trial = replace(named, phase=Phase.TRIAL, boots_left=3)
+    for value in (
+        StoreState(),
+        SAMPLE,
+        *(replace(SAMPLE, slots=(FULL, other)) for other in (bad, named, trial, replace(named, phase=Phase.CHECKED))),
+        replace(SAMPLE, slots=(trial, FULL), active=Slot.B, least_security_version=2**32 - 1),
+        replace(SAMPLE, failed_attempts={level: 255 - level for level in Level}),
+    ):
+        raw = state.encode(value)
+        assert (state.decode(raw), len(raw) < MAX_RECORD) == (value, True)
 
 
 def test_the_layout_is_as_described():
