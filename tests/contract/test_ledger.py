@@ -5,12 +5,9 @@ import numpy as np
 from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
 
 
-def test_slots_and_net_are_sums_of_the_entries():
+def test_the_ledger_adds_up_for_an_instant_and_a_series():
     one = DragLedger(Cd=1.0, Cl=-2.0, Cd_slot_pressure=0.25, Cd_slot_viscous=-0.125, Cd_momentum=-0.5, jet_power=0.01)
     assert (one.Cd_slot, one.Cd_net) == (0.125, 0.625)
-
-
-def test_a_series_has_the_ledger_of_every_instant():
     rng = np.random.default_rng(0)
     series = {name: rng.normal(size=5) for name in (*LEDGER_FIELDS, "t")}
     whole = ledger_of(series)

@@ -18,12 +18,6 @@ def test_mirror_image_of_any_symmetric_layout_is_found(half, random):
     np.testing.assert_array_equal(layout.positions[layout.mirror], layout.positions * (1.0, -1.0))
 
 
-def test_one_sensor_without_a_partner_leaves_no_mirror_image():
-    layout = SensorLayout.of("abc", np.array([(0.0, 1.0), (0.0, -1.0), (1.0, 0.5)]))
-    assert layout.mirror is None and layout.without_partner() == ("c",)
-    assert SensorLayout.of("ab", np.array([(0.0, 1.0), (0.0, -1.0)]), symmetric=False).mirror is None
-
-
 def test_layouts_differ_by_name_place_and_base():
     places = np.array([(0.0, 1.0), (0.0, -1.0)])
     layout = SensorLayout.of("ab", places)
@@ -35,6 +29,9 @@ def test_layouts_differ_by_name_place_and_base():
         (SensorLayout.of("ab", places, symmetric=False), "mirror"),
     ):
         assert what in str(layout.difference(other))
+    layout = SensorLayout.of("abc", np.array([(0.0, 1.0), (0.0, -1.0), (1.0, 0.5)]))
+    assert layout.mirror is None and layout.without_partner() == ("c",)
+    assert SensorLayout.of("ab", np.array([(0.0, 1.0), (0.0, -1.0)]), symmetric=False).mirror is None
 
 
 def test_layout_that_contradicts_itself_is_refused():
@@ -49,9 +46,6 @@ def test_layout_that_contradicts_itself_is_refused():
     for names, places, base, message in wrong:
         with pytest.raises(ConfigError, match=message):
             SensorLayout.of(names, places, base=base)
-
-
-def test_unknown_sensor_is_named_with_those_that_there_are():
     layout = SensorLayout.of("ab", np.array([(0.0, 1.0), (0.0, -1.0)]))
     assert layout.indices("ba").tolist() == [1, 0]
     with pytest.raises(ConfigError, match="unknown sensor 'c': there are a, b"):

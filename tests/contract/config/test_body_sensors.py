@@ -12,14 +12,11 @@ from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, JET_WIDTH, WAKE_PROBE
 
 
-def test_the_defaults_are_the_papers_truck():
+def test_the_defaults_are_the_papers_truck_and_the_rule_gives_its_table():
     assert (TRUCK_BODY.length, TRUCK_BODY.leading_edge_radius) == (7.647, 0.118)
     assert layout_of(BodyConfig()) is sensors.TRUCK
     assert TRUCK_BODY.wake_probe == WAKE_PROBE == (10.0, 0.0)
-
-
-def test_the_rule_gives_the_papers_table_but_for_its_misprint():
-    """With another length the rule decides. The paper's table has 0.204555 once, for 0.204545."""
+    # With another length the rule decides. The paper's table has 0.204555 once, for 0.204545.
     near = layout_of(BodyConfig(length=7.648))
     assert near.names == sensors.NAMES
     assert np.abs(near.positions[80:, 1] - sensors.positions()[80:, 1]).max() == pytest.approx(1e-5, rel=1e-6)
@@ -42,7 +39,7 @@ def test_sensors_lie_on_sides_and_base_clear_of_edge_and_slots(length, radius, s
     assert (np.diff(x[:sides]) >= 0).all() and (np.diff(y[base]) < 0).all()
 
 
-def test_the_mirror_image_of_the_upper_side_is_the_lower():
+def test_bodies_are_their_own_mirror_image_and_hold_their_nose():
     for count in (1, 2, 5, 10):
         body = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=count, sensors_on_base=count)
         layout = layout_of(body)
@@ -50,8 +47,5 @@ def test_the_mirror_image_of_the_upper_side_is_the_lower():
         assert np.array_equal(layout.positions[layout.mirror], layout.positions * (1.0, -1.0))
         upper, lower = (layout.names.index(f"{side}_00") for side in ("upper", "lower"))
         assert layout.mirror[upper] == lower
-
-
-def test_the_nose_must_fit_into_the_body():
     with pytest.raises(ConfigError, match=r"leading_edge_radius = 0\.4: must be at most half the length"):
         BodyConfig(length=0.6, leading_edge_radius=0.4)

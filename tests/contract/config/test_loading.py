@@ -9,7 +9,7 @@ from contract.config.tree import Config
 from contract.errors import ConfigError
 
 
-def test_file_goes_on_top_of_the_releases_settings(tmp_path):
+def test_file_goes_on_top_of_the_releases_settings_or_of_the_papers(tmp_path):
     """One from Windows; the overrides go on top of it."""
     (tmp_path / "mine.toml").write_bytes(b"\xef\xbb\xbf[mpc]\r\niterations = 3\r\n[mpc.weights]\r\nlift = 1\r\n")
     release, mine = load_config(), load(tmp_path / "mine.toml", ["mpc.weights.lift = 2"])
@@ -18,11 +18,11 @@ def test_file_goes_on_top_of_the_releases_settings(tmp_path):
     assert mine.config.train == release.train != Config().train
     assert mine.in_file == frozenset({"mpc.iterations", "mpc.weights.lift"})
     assert mine.in_overrides == frozenset({"mpc.weights.lift"})
-
-
-def test_file_may_go_on_top_of_the_papers(tmp_path):
     (tmp_path / "paper.toml").write_text('base = "paper"\n')
     assert load_config(tmp_path / "paper.toml") == Config()
+    (tmp_path / "mine.toml").write_text("[mpc]\nhorizon = 9\n[mpc.weights]\nlift = 1\ndrag_mean = 2\n")
+    weights = load_config(tmp_path / "mine.toml").mpc.weights
+    assert tuple(vars(weights).values()) == weights.as_tuple()
 
 
 REFUSED = {
@@ -102,9 +102,6 @@ def test_a_bad_file_is_refused_with_its_name(tmp_path):
         with pytest.raises(ConfigError, match=r"^configuration .*bad\.toml: ") as refused:
             load_config(path)
         assert line in str(refused.value), text[:20]
-
-
-def test_what_cannot_be_read_is_named(tmp_path):
     with pytest.raises(ConfigError, match=r"nowhere\.toml: No such file"):
         load_config(tmp_path / "nowhere.toml")
     with pytest.raises(ConfigError, match=r"Is a directory$"):
@@ -118,10 +115,3 @@ def test_the_quick_training_differs_from_the_release_in_training_alone():
     assert fast.train.streamed and fast.train.finish.epochs > 0, "its encoder must have read windows in the end"
     for name in ("epochs", "stream_epochs", "distil_epochs", "predictor_epochs"):
         assert getattr(fast.train, name) < getattr(usual.train, name)
-
-
-def test_fields_stand_in_their_own_order_whatever_the_file_has(tmp_path):
-    """What people see of a section is listed by `vars`."""
-    (tmp_path / "mine.toml").write_text("[mpc]\nhorizon = 9\n[mpc.weights]\nlift = 1\ndrag_mean = 2\n")
-    weights = load_config(tmp_path / "mine.toml").mpc.weights
-    assert tuple(vars(weights).values()) == weights.as_tuple()

@@ -32,20 +32,15 @@ def listed() -> list[Setting]:
     return [one for section in sections(Config()) for one in section.settings]
 
 
-def test_every_default_has_a_source():
+def test_every_default_has_a_source_that_gives_it():
     for one in listed():
         assert one.source is not None, one.name
         assert one.source.place if one.source.kind in ("paper", "standard") else one.source.note, one.name
-
-
-def test_what_is_the_papers_stands_at_that_place():
+    # What is the paper's stands at that place.
     for one in listed():
         if one.source.kind == "paper":
             assert one.source.place in PAPER, one.name
             # A note says how the default follows from what is not written there.
             assert one.source.note or one.paper in PAPER[one.source.place], one.name
-
-
-def test_a_page_that_says_more_is_there():
     for page in {one.source.page for one in listed()} - {""}:
         assert (DOCS / page.partition("#")[0]).is_file(), page

@@ -52,16 +52,13 @@ def test_rows_are_read_to_the_bit_as_they_were_written(rows):
     np.testing.assert_array_equal(rows_from_text(rows_text(rows)), rows)
 
 
-def test_a_folder_is_read_as_it_was_written(tmp_path):
+def test_a_folder_is_read_as_it_was_written_and_replaces_no_other(tmp_path):
     contents = {SETTINGS: b"", "a.c": b"int a;", REPLAY: b"int main(void);", RECORDED: b"1 2\n3 4\n"}
     write_folder(tmp_path / "c", contents)
     sources = read_sources(tmp_path / "c")
     assert sources == {name: content for name, content in contents.items() if name != RECORDED}
     assert set(library_sources(sources)) == {SETTINGS, "a.c"}
     np.testing.assert_array_equal(read_recorded(tmp_path / "c"), [[1, 2], [3, 4]])
-
-
-def test_another_folder_is_never_replaced(tmp_path):
     (tmp_path / "thesis.txt").write_text("years of work")
     with pytest.raises(LibraryError, match="holds something else"):
         write_folder(tmp_path, {SETTINGS: b""})
@@ -101,13 +98,7 @@ def test_a_size_that_is_none_is_named():
         assert str(refused.value).isprintable()
 
 
-def test_a_pipe_among_the_sources_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "a.c")
-    with pytest.raises(LibraryError, match=r"'a\.c' is not a plain file"):
-        read_sources(tmp_path)
-
-
-def test_files_without_end_are_refused(tmp_path):
+def test_files_that_are_none_or_have_no_end_are_refused(tmp_path):
     for name in ("a.c", RECORDED):
         with (tmp_path / name).open("wb") as file:
             file.truncate(2**40)
@@ -115,6 +106,10 @@ def test_files_without_end_are_refused(tmp_path):
         read_sources(tmp_path)
     with pytest.raises(LibraryError, match="more than 67108864 bytes"):
         read_recorded(tmp_path)
+    (tmp_path / "a.c").unlink()
+    os.mkfifo(tmp_path / "a.c")
+    with pytest.raises(LibraryError, match=r"'a\.c' is not a plain file"):
+        read_sources(tmp_path)
 
 
 def test_the_licence_in_the_folder_is_the_projects():

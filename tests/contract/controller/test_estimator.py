@@ -7,14 +7,12 @@ import numpy as np
 from contract.controller.estimator import EstimatorNetwork, Hypotheses, View, estimator_shapes, pairs, views
 
 
-def test_views_are_one_or_two_left_out_and_every_exchange_with_one_left_out():
+def test_views_leave_out_one_or_two_and_exchange_every_pair():
     for sensors, count in ((2, 2 + 1 + 2), (3, 3 + 3 + 9), (4, 4 + 6 + 24)):
         found = views(sensors)
         assert len(found) == len(set(found)) == count
         assert estimator_shapes(7, sensors) == {"window": (7, sensors + 1), "estimates": (count, sensors)}
-
-
-def test_an_exchange_moves_the_readings_and_leaves_the_action():
+    # An exchange moves the readings and leaves the action.
     assert View((0,), (1, 3)).order(4) == [0, 3, 2, 1, 4]
 
 

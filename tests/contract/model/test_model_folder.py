@@ -61,6 +61,25 @@ def test_what_is_written_is_read_back(folder):
     for name, tensor in TENSORS.items():
         assert read.tensors[name].dtype == np.float32
         np.testing.assert_array_equal(read.tensors[name], tensor)
+    # Networks have the names of their own state.
+    read = model_folder.read(folder)
+    np.testing.assert_array_equal(read.network("slim")["layer.weight"], TENSORS["slim.layer.weight"])
+    assert read.network("slim_dynamics") == {}
+    np.testing.assert_array_equal(read.deployed("dynamics")["layer.weight"], TENSORS["dynamics.layer.weight"])
+    np.testing.assert_array_equal(read.deployed("decoder")["layer.weight"], TENSORS["slim_decoder.layer.weight"])
+    # Provenance carries what a manifest holds.
+    provenance = model_folder.read(folder).provenance
+    assert provenance.dataset_sha256 == "d" * 64
+    assert provenance.weights_sha256 == hashlib.sha256((folder / WEIGHTS).read_bytes()).hexdigest()
+    assert provenance.training().keys() == {"metrics", "versions", "config"}
+    assert provenance.metrics == {"slim": {"r2": 0.9}}
+    assert provenance.config["model"]["latent"] == 3
+    json.dumps(provenance.training())
+    # A model of the first schema is the truck's.
+    body = json.loads((folder / DESCRIPTION).read_text())
+    del body["layout"]
+    (folder / DESCRIPTION).write_text(json.dumps({**body, "schema": "stillwake-model/1"}))
+    assert model_folder.read(folder).description.layout is sensors.TRUCK
 
 
 def test_another_body_s_sensors_are_kept_with_their_places(tmp_path):
@@ -70,31 +89,6 @@ def test_another_body_s_sensors_are_kept_with_their_places(tmp_path):
     assert model_folder.read(tmp_path / "model").description.layout.difference(layout) is None
     with pytest.raises(ConfigError, match="unknown sensor 'base_9': there are lid, tail, tail'"):
         description(layout=layout, scaling=scaling)
-
-
-def test_a_model_of_the_first_schema_is_the_truck_s(folder):
-    body = json.loads((folder / DESCRIPTION).read_text())
-    del body["layout"]
-    (folder / DESCRIPTION).write_text(json.dumps({**body, "schema": "stillwake-model/1"}))
-    assert model_folder.read(folder).description.layout is sensors.TRUCK
-
-
-def test_networks_have_the_names_of_their_own_state(folder):
-    read = model_folder.read(folder)
-    np.testing.assert_array_equal(read.network("slim")["layer.weight"], TENSORS["slim.layer.weight"])
-    assert read.network("slim_dynamics") == {}
-    np.testing.assert_array_equal(read.deployed("dynamics")["layer.weight"], TENSORS["dynamics.layer.weight"])
-    np.testing.assert_array_equal(read.deployed("decoder")["layer.weight"], TENSORS["slim_decoder.layer.weight"])
-
-
-def test_provenance_carries_what_a_manifest_holds(folder):
-    provenance = model_folder.read(folder).provenance
-    assert provenance.dataset_sha256 == "d" * 64
-    assert provenance.weights_sha256 == hashlib.sha256((folder / WEIGHTS).read_bytes()).hexdigest()
-    assert provenance.training().keys() == {"metrics", "versions", "config"}
-    assert provenance.metrics == {"slim": {"r2": 0.9}}
-    assert provenance.config["model"]["latent"] == 3
-    json.dumps(provenance.training())
 
 
 def rewrite(folder, **changes):

@@ -24,7 +24,7 @@ def test_episodes_come_last_and_the_old_ones_keep_every_bit(written):
     assert [item.role for item in found] == ["train", "test", "controlled", "train"]
 
 
-def test_a_file_of_the_second_schema_is_added_to_and_written_in_the_third(written):
+def test_a_data_set_is_made_or_added_to(written, tmp_path):
     with h5py.File(written, "r+") as file:
         file.attrs["schema"] = dataset.SCHEMA_2
         file.attrs["sensors"] = json.dumps(sensors.NAMES)
@@ -32,21 +32,13 @@ def test_a_file_of_the_second_schema_is_added_to_and_written_in_the_third(writte
     append(written, [episode("c")], FACTS)
     assert dataset.schema_of(written) == dataset.SCHEMA
     assert [item.name for item in dataset.read(written).episodes] == ["b", "a", "c"]
-
-
-def test_other_sensors_are_refused_by_what_differs(written):
-    renamed = SensorLayout.of(("a", "b"), np.zeros((2, 2)), symmetric=False)
-    with pytest.raises(DatasetError, match=r"in names: upper_00, .*\(90 in all\), and a, b$"):
-        read_to_append(written, FACTS, renamed)
-
-
-def test_a_data_set_that_is_not_there_is_made(tmp_path):
+    # A data set that is not there is made.
     assert read_to_append(tmp_path / "new.h5", FACTS) == ()
     append(tmp_path / "new.h5", [episode("c")], FACTS)
     assert [item.name for item in dataset.read(tmp_path / "new.h5").episodes] == ["c"]
 
 
-def test_another_flow_is_refused_by_what_differs(written):
+def test_another_flow_or_other_sensors_are_refused_by_what_differs(written):
     for facts, named in (
         ({**FACTS, "flow": {"reynolds": 400.0, "substeps": 30}}, r"flow\.reynolds = 500\.0, .* has 400\.0"),
         ({**FACTS, "flow": {"reynolds": 500.0, "substeps": 30, "new": 1}}, r"flow\.new = None, .* has 1"),
@@ -57,9 +49,9 @@ def test_another_flow_is_refused_by_what_differs(written):
         with pytest.raises(DatasetError, match=rf"data\.h5: episode b was recorded with {named}"):
             append(written, [episode("c")], facts)
         assert written.read_bytes() == before
-
-
-def test_an_earlier_schema_is_refused(written):
+    renamed = SensorLayout.of(("a", "b"), np.zeros((2, 2)), symmetric=False)
+    with pytest.raises(DatasetError, match=r"in names: upper_00, .*\(90 in all\), and a, b$"):
+        read_to_append(written, FACTS, renamed)
     with h5py.File(written, "r+") as file:
         file.attrs["schema"] = dataset.SCHEMA_1
         file.attrs["sensors"] = json.dumps(sensors.NAMES)

@@ -37,6 +37,15 @@ def test_round_trip_keeps_order_and_all_but_half_a_quantum(tmp_path, written):
         node = file["episodes/b/Cp"]
         assert node.dtype == np.int16, "other readers need the quantum alone"
         assert (node[:] * node.attrs["quantum"] == read.episodes[0].series["Cp"]).all()
+    # Writing what was read changes nothing.
+    dataset.write(tmp_path / "again.h5", dataset.read(written))
+    assert (tmp_path / "again.h5").read_bytes() == written.read_bytes()
+    # Roles are told apart.
+    read = dataset.read(written)
+    assert [item.name for item in read.with_role("train")] == ["b"]
+    assert [item.name for item in read.with_role("test")] == ["a"]
+    with pytest.raises(DatasetError, match="'train'"):
+        Dataset(episodes=read.with_role("test")).with_role("train")
 
 
 def test_a_value_beyond_16_bits_is_refused_and_nothing_written(tmp_path):
@@ -47,11 +56,6 @@ def test_a_value_beyond_16_bits_is_refused_and_nothing_written(tmp_path):
         with pytest.raises(DatasetError, match=f"episode first: field '{field}' holds 129, more than 127.996"):
             dataset.write(tmp_path / "data.h5", Dataset(episodes=(episode(series=series),)))
         assert list(tmp_path.iterdir()) == []
-
-
-def test_writing_what_was_read_changes_nothing(tmp_path, written):
-    dataset.write(tmp_path / "again.h5", dataset.read(written))
-    assert (tmp_path / "again.h5").read_bytes() == written.read_bytes()
 
 
 def test_the_first_schema_is_still_read(tmp_path, written):
@@ -103,11 +107,15 @@ def test_another_body_s_layout_and_facts_come_back(tmp_path):
         _ = read.episodes[0].ledger
 
 
-def test_facts_are_found_in_provenance_and_times_where_none_are_given():
+def test_facts_and_actions_that_follow_from_an_episode():
     flow = {"reynolds": 500.0, "action_limit": 0.075, "substeps": 30}
     found = Dataset(episodes=(episode("a"), episode("b", provenance={"flow": flow}))).plant
     assert found == PlantFacts(control_period=0.2, action_limit=0.075, reynolds=500.0)
     assert Dataset(episodes=()).plant == PlantFacts()
+    # Previous action is the action one step late.
+    one = episode(steps=5, initial_action=-0.5)
+    assert len(one) == 5
+    assert one.previous_action.tolist() == [-0.5, *one.series["action"][:4]]
 
 
 def test_a_survey_names_everything_that_is_wrong_at_once(written):
@@ -121,20 +129,6 @@ def test_a_survey_names_everything_that_is_wrong_at_once(written):
     for field, problem in zip(("'Cl'", "'Uy_probe'", "'provenance'", "'action'"), problems, strict=True):
         assert problem.startswith("episode a: ")
         assert field in problem
-
-
-def test_previous_action_is_the_action_one_step_late():
-    one = episode(steps=5, initial_action=-0.5)
-    assert len(one) == 5
-    assert one.previous_action.tolist() == [-0.5, *one.series["action"][:4]]
-
-
-def test_roles_are_told_apart(written):
-    read = dataset.read(written)
-    assert [item.name for item in read.with_role("train")] == ["b"]
-    assert [item.name for item in read.with_role("test")] == ["a"]
-    with pytest.raises(DatasetError, match="'train'"):
-        Dataset(episodes=read.with_role("test")).with_role("train")
 
 
 def bad(value: float) -> Array:

@@ -65,6 +65,8 @@ def test_a_sound_data_set_has_only_the_note_that_mirror_images_are_absent(sound)
     assert note.stops is None
     assert "no mirror images" in note.text
     refuse_unfit([note], "a.h5")
+    # The shipped recording is sound.
+    assert findings(dataset.read(RECORDING), Config()) == ()
 
 
 def test_settings_of_another_plant_are_named_with_what_to_set(sound):
@@ -78,14 +80,6 @@ def test_settings_of_another_plant_are_named_with_what_to_set(sound):
             refuse_unfit(findings(sound, other), "a.h5")
         assert "`stillwake dataset show FILE --settings`" in str(caught.value)
         assert texts(sound, agreeing(sound, other)) == []
-
-
-def test_an_episode_of_another_plant_than_the_first_is_named(sound):
-    flow = {"control_period": PERIOD, "action_limit": 0.1}
-    odd = replace(
-        sound, episodes=(*sound.episodes, episode("odd", "train", 80, forced=False, provenance={"flow": flow}))
-    )
-    assert texts(odd) == ["episode odd: its provenance has flow.action_limit = 0.1, the data set has 0.2"]
 
 
 T = PERIOD * np.arange(120)
@@ -108,14 +102,18 @@ def test_times_and_actions_are_checked(sound):
             assert len(found) == 1
             with pytest.raises(DatasetError, match=message):
                 refuse_unfit(findings(with_first(sound, **series), CONFIG), "a.h5")
-
-
-def test_the_action_before_the_first_sample_counts(sound):
+    # The action before the first sample counts.
     first, *others = sound.episodes
     odd = replace(sound, episodes=(replace(first, initial_action=-0.3), *others))
     assert texts(odd) == [
         "episode sweep: action is -0.3 before the first sample, beyond the limit of 0.2 (1 of 121 are)"
     ]
+    # An episode of another plant than the first is named.
+    flow = {"control_period": PERIOD, "action_limit": 0.1}
+    odd = replace(
+        sound, episodes=(*sound.episodes, episode("odd", "train", 80, forced=False, provenance={"flow": flow}))
+    )
+    assert texts(odd) == ["episode odd: its provenance has flow.action_limit = 0.1, the data set has 0.2"]
 
 
 def test_a_constant_signal_is_named(sound):
@@ -134,13 +132,6 @@ def test_a_constant_signal_is_named(sound):
     ]
 
 
-def test_a_control_step_longer_than_a_period_stops_the_export(sound):
-    """W = 0.1 m, 20 m/s: t_c is 5 ms, a period of 0.3 t_c 1.5 ms, and the release's step takes 8 ms."""
-    rig = replace(CONFIG, operating_point=OperatingPoint(width=0.1, speed=20.0, density=1.2))
-    (text,) = texts(sound, rig, stops="export")
-    assert text.startswith("ecu.compute_time_ms = 8: must be within the control period, which is 1.5 ms")
-
-
 def test_slips_of_units_are_noted(sound):
     """Places in millimetres, a limit in percent, times in seconds (W / U_inf = 5 ms): each note says what to do."""
     places = replace(sound.layout, positions=100.0 * sound.layout.positions)
@@ -157,11 +148,27 @@ def test_slips_of_units_are_noted(sound):
     assert any("divide seconds by that" in text for text in texts(seconds, config, stops=None))
 
 
-def test_a_missing_role_is_named(sound):
+def test_what_is_missing_for_training_is_named(sound):
     for role, index in (("train", slice(2, 3)), ("test", slice(0, 2))):
         assert texts(replace(sound, episodes=sound.episodes[index]))[0].startswith(
             f"dataset has no episode with role '{role}'"
         )
+    # Too few windows or sensors for the selection are named.
+    shap = replace(CONFIG, train=replace(CONFIG.train, shap_explained=5000))
+    # 120 - 11 and 80 - 11 windows, without mirror images.
+    assert texts(sound, shap)[0].startswith("training episodes hold 178 windows, too few for 5000 samples")
+    many = replace(CONFIG, train=replace(CONFIG.train, sensors=8))
+    assert texts(sound, many) == ["train.sensors = 8: must be from 1 to 7, the sensors that there are"]
+    assert not [item for item in findings(sound, many, choosing=False) if item.stops]
+    # A recording without an uncontrolled stretch is noted.
+    forced = replace(sound, episodes=(sound.episodes[0], sound.episodes[2]))
+    assert any("does not see the uncontrolled wake" in text for text in texts(forced, stops=None))
+    # All of it is reported at once.
+    bad = with_first(sound, t=2 * T, action=np.linspace(0, 2.0, 120))
+    found = findings(bad, replace(CONFIG, flow=FlowConfig()))
+    assert len([item for item in found if item.stops == "training"]) == 4
+    with pytest.raises(DatasetError, match="and 3 more"):
+        refuse_unfit(found, "a.h5")
 
 
 def test_a_short_training_episode_is_left_out_by_name_and_only_all_of_them_stop_training(sound):
@@ -192,33 +199,9 @@ def test_what_export_needs_is_told_before_training(sound):
     assert gate.startswith("test episodes are too short, the longest is held out with 60 steps: 50 windows of 12")
     assert "need 61" in gate
     assert calibration.startswith("training episodes are too short, the longest is sweep with 60 steps: 50 windows")
-
-
-def test_too_few_windows_or_sensors_for_the_selection_are_named(sound):
-    shap = replace(CONFIG, train=replace(CONFIG.train, shap_explained=5000))
-    # 120 - 11 and 80 - 11 windows, without mirror images.
-    assert texts(sound, shap)[0].startswith("training episodes hold 178 windows, too few for 5000 samples")
-    many = replace(CONFIG, train=replace(CONFIG.train, sensors=8))
-    assert texts(sound, many) == ["train.sensors = 8: must be from 1 to 7, the sensors that there are"]
-    assert not [item for item in findings(sound, many, choosing=False) if item.stops]
-
-
-def test_a_recording_without_an_uncontrolled_stretch_is_noted(sound):
-    forced = replace(sound, episodes=(sound.episodes[0], sound.episodes[2]))
-    assert any("does not see the uncontrolled wake" in text for text in texts(forced, stops=None))
-
-
-def test_all_is_said_at_once(sound):
-    bad = with_first(sound, t=2 * T, action=np.linspace(0, 2.0, 120))
-    found = findings(bad, replace(CONFIG, flow=FlowConfig()))
-    assert len([item for item in found if item.stops == "training"]) == 4
-    with pytest.raises(DatasetError, match="and 3 more"):
-        refuse_unfit(found, "a.h5")
-
-
-def test_the_shipped_recording_is_sound():
-
-    assert findings(dataset.read(RECORDING), Config()) == ()
+    rig = replace(CONFIG, operating_point=OperatingPoint(width=0.1, speed=20.0, density=1.2))
+    (text,) = texts(sound, rig, stops="export")
+    assert text.startswith("ecu.compute_time_ms = 8: must be within the control period, which is 1.5 ms")
 
 
 def forced_by(*waves: Callable[[Array], Array], steps: int = 500) -> Dataset:

@@ -13,14 +13,10 @@ def test_a_frequency_between_the_lines_of_the_spectrum_is_found():
         values = 3.0 + np.sin(2 * np.pi * np.arange(500) / cycle + 1.0)
         # An eighth of 1 / duration.
         assert dominant_frequency(values, PERIOD) == pytest.approx(1 / (cycle * PERIOD), abs=1 / (8 * 500 * PERIOD))
-
-
-def test_no_frequency_without_a_wave():
+    # No frequency without a wave.
     assert dominant_frequency(np.ones(100), PERIOD) is None
     assert dominant_frequency(np.arange(5.0), PERIOD) is None
-
-
-def test_two_waves_share_the_power_by_their_squares():
+    # Two waves share the power by their squares.
     t = 0.2 * np.arange(2000)
     waves = 3.0 * np.sin(2.0 * np.pi * 0.2 * t) + 1.0 * np.cos(2.0 * np.pi * 0.4 * t)
     assert share_near(waves, 0.2, 0.2, 0.1) == pytest.approx(0.9, abs=1e-3)

@@ -36,13 +36,11 @@ def test_figures_of_a_wave():
     assert found.drag == 1.25
     assert found.lift == pytest.approx(np.sqrt(2))
     assert found.frequency == pytest.approx(1 / (20 * PERIOD), rel=1e-2)
-
-
-def test_the_longest_calm_stretch_is_the_uncontrolled_wake():
+    # The longest calm stretch is the uncontrolled wake.
     forced, calm = wave("forced", 300, 20.0, 0.1), wave("calm", 100, 20.0, 0.0)
-    found = uncontrolled(data(forced, calm, action_limit=0.1))
-    assert found is not None
-    assert (found.name, len(found)) == ("calm", 100)
+    stretch = uncontrolled(data(forced, calm, action_limit=0.1))
+    assert stretch is not None
+    assert (stretch.name, len(stretch)) == ("calm", 100)
 
 
 def test_settings_follow_from_the_data():
@@ -54,15 +52,9 @@ def test_settings_follow_from_the_data():
         "model": {"window": 26},
         "train": {"sensors": 2},
     }
-
-
-def test_a_moment_without_forcing_is_no_uncontrolled_flow():
     text = fitting_settings(data(wave("forced", 300, 20.0, 0.1), wave("moment", 24, 20.0, 0.0), action_limit=0.1))
     assert "all episodes: none is uncontrolled for 25 steps" in text
     assert "horizon" not in tomllib.loads(text)["mpc"]
-
-
-def test_what_is_not_known_is_left_to_the_settings_and_said():
     text = fitting_settings(data(wave("calm", 900, 150.0, 0.0)))
     assert tomllib.loads(text)["flow"] == {"control_period": PERIOD}
     assert "# reynolds: not known" in text

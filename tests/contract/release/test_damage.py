@@ -170,15 +170,6 @@ def test_no_bit_of_manifest_or_signature_can_change(sound, tmp_path_factory, nam
             bundle.load(folder, trusted)
 
 
-def test_everything_that_is_wrong_is_listed(signed):
-    flipped(CONTROLLER, 1000)(signed)
-    (signed / "extra.bin").touch()
-    names = ["container", SIGNATURE, MANIFEST, CONTROLLER, "extra.bin", "DBC", "content"]
-    made = bundle.examine(signed)
-    assert [check.name for check in made] == names
-    assert {check.name for check in made if check.error} == {CONTROLLER, "extra.bin"}
-
-
 def test_nothing_is_parsed_whose_signature_is_bad(signed, monkeypatch):
     flipped(MANIFEST, 100)(signed)
     monkeypatch.setattr(checks, "open_manifest", lambda path, raw: pytest.fail("was parsed"))
@@ -186,7 +177,14 @@ def test_nothing_is_parsed_whose_signature_is_bad(signed, monkeypatch):
         bundle.load(signed, TRUSTED)
 
 
-def test_a_signed_bundle_verifies_as_directory_and_zip(signed):
+def test_everything_that_is_wrong_is_listed_and_nothing_if_all_is_sound(signed):
     for path in (signed, zipped(signed)):
         assert bundle.load(path, TRUSTED).signer == TRUSTED
         assert all(check.error is None for check in bundle.examine(path, TRUSTED))
+    # Everything that is wrong is listed.
+    flipped(CONTROLLER, 1000)(signed)
+    (signed / "extra.bin").touch()
+    names = ["container", SIGNATURE, MANIFEST, CONTROLLER, "extra.bin", "DBC", "content"]
+    made = bundle.examine(signed)
+    assert [check.name for check in made] == names
+    assert {check.name for check in made if check.error} == {CONTROLLER, "extra.bin"}

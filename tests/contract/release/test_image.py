@@ -42,27 +42,17 @@ def an_image(*entries: bytes, contents: bytes = b"", count: int | None = None) -
 def test_the_layout_is_as_described():
     assert image_of(SMALL) == BY_HAND
     assert files_of(BY_HAND) == SMALL
-
-
-@examples(100)
-@given(FILES)
-def test_what_goes_in_comes_out(files):
-    assert files_of(image_of(files)) == files
-
-
-def test_the_shipped_release_has_an_image_whose_manifest_comes_first():
+    # The shipped release has an image whose manifest comes first.
     files = read_files(BUNDLE)
     image = image_of(files)
     assert list(files_of(image)) == ["manifest.json", "manifest.sig", "controller.onnx", "sensors.onnx"]
     assert files_of(image) == files
 
 
-def test_no_truncated_and_no_longer_image_is_read():
-    for length in range(len(BY_HAND)):
-        with pytest.raises(BundleContainerError):
-            files_of(BY_HAND[:length])
-    with pytest.raises(BundleContainerError, match="states"):
-        files_of(BY_HAND + b"\0")
+@examples(100)
+@given(FILES)
+def test_what_goes_in_comes_out(files):
+    assert files_of(image_of(files)) == files
 
 
 def test_what_is_no_image_is_refused_in_one_line():
@@ -85,6 +75,12 @@ def test_what_is_no_image_is_refused_in_one_line():
         with pytest.raises(BundleContainerError, match=message) as refused:
             files_of(image)
         assert str(refused.value).isprintable()
+    # No truncated and no longer image is read.
+    for length in range(len(BY_HAND)):
+        with pytest.raises(BundleContainerError):
+            files_of(BY_HAND[:length])
+    with pytest.raises(BundleContainerError, match="states"):
+        files_of(BY_HAND + b"\0")
 
 
 @examples(200)

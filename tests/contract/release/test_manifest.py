@@ -78,6 +78,10 @@ def test_the_shipped_manifest_reads_and_has_the_trucks_positions():
         (float(x), float(y)) for x, y in TRUCK.positions[TRUCK.indices(manifest.sensors)]
     )
     assert read(sealed(SHIPPED)) == manifest
+    # Zero must stay zero: an action and its mirror image differ in sign only.
+    scaling = read(sealed(SHIPPED)).scaling
+    assert scaling.window_mean == (*scaling.pressure_mean, 0.0)
+    assert scaling.window_std == (*scaling.pressure_std, scaling.action_std)
 
 
 def older(schema: int, *unknown: str, **values: object) -> dict[str, Any]:
@@ -93,16 +97,13 @@ FORMER = older(3, *FLASHED, "sensor_estimator", sensor_positions=None)
 OLD = older(2, *FLASHED, "sensor_estimator", "sensor_positions")
 
 
-def test_a_manifest_of_an_old_schema_means_the_same_and_has_no_security_version():
+def test_a_manifest_of_an_old_schema_means_the_same_and_knows_no_later_fields():
     shipped = read(sealed(SHIPPED))
     assert shipped.security_version == 1
     expected = replace(shipped, security_version=0, hardware=None)
     assert read(sealed(FOURTH)) == expected
     for body in (FORMER, OLD):
         assert read(sealed(body)) == replace(expected, sensor_estimator=None, sensor_positions=None)
-
-
-def test_an_old_schema_knows_nothing_of_later_fields():
     for schema, body, later in (
         (4, FOURTH, FLASHED),
         (3, FORMER, (*FLASHED, "sensor_estimator")),
@@ -202,14 +203,7 @@ def test_what_makes_no_sense_is_named():
     assert "sensors: none is named" in refusal(sealed({**SHIPPED, "sensors": [], "sensor_positions": None}))
 
 
-def test_nesting_is_bounded():
-    """At some depths the parser passes and what works on its result does not: all are tried around the limit."""
-    for depth in (33, 500, 900, *range(960, 1010), 5_000, 100_000):
-        raw = json.dumps({**SHIPPED, "provenance": "HERE"}).replace('"HERE"', '{"a":' * depth + "1" + "}" * depth)
-        assert "nested more than 32 deep" in refusal(raw.encode()), depth
-
-
-def test_json_that_has_two_readings_is_refused():
+def test_json_that_has_two_readings_or_no_end_is_refused():
     for raw, named in (
         (b'{"schema": 1, "schema": 2}', "'schema' is there twice"),
         (b'{"schema": 1e999}', "1e999 is too large a number"),
@@ -221,18 +215,13 @@ def test_json_that_has_two_readings_is_refused():
         (b"{" + b",".join(b'"%d":0' % i for i in range(100_000)) + b',"7":0}', "'7' is there twice"),
     ):
         assert named in refusal(raw), raw[:30]
-
-
-def test_a_provenance_that_json_cannot_say_is_not_written():
+    # At some depths the parser passes and what works on its result does not: all are tried around the limit.
+    for depth in (33, 500, 900, *range(960, 1010), 5_000, 100_000):
+        text = json.dumps({**SHIPPED, "provenance": "HERE"}).replace('"HERE"', '{"a":' * depth + "1" + "}" * depth)
+        assert "nested more than 32 deep" in refusal(text.encode()), depth
+    # A provenance that JSON cannot hold is not written.
     odd: list[Callable[[], object]] = [lambda: float("nan"), object, lambda: {1, 2}]
     for make in odd:
         broken = replace(read(sealed(SHIPPED)), provenance={"loss": make()})
         with pytest.raises(BundleManifestError, match=r"manifest\.json: cannot be written"):
             encode(broken, {}, "0" * 64)
-
-
-def test_the_action_is_the_windows_last_column_and_keeps_its_zero():
-    """Zero must stay zero: an action and its mirror image differ in sign only."""
-    scaling = read(sealed(SHIPPED)).scaling
-    assert scaling.window_mean == (*scaling.pressure_mean, 0.0)
-    assert scaling.window_std == (*scaling.pressure_std, scaling.action_std)

@@ -25,7 +25,7 @@ def doubled(x: int, y: int) -> tuple[int, int]:
     return 2 * x * y * pow(1 + product, P - 2, P) % P, (y * y + x * x) * pow(1 - product, P - 2, P) % P
 
 
-def test_every_key_on_the_list_is_nothing_eight_times():
+def test_every_key_on_the_list_is_nothing_eight_times_and_none_is_missing():
     for raw in signing._SMALL_ORDER:
         y = int.from_bytes(raw, "little") % P
         x = x_of(y)
@@ -33,16 +33,13 @@ def test_every_key_on_the_list_is_nothing_eight_times():
         for _ in range(3):
             x, y = doubled(x, y)
         assert (x, y) == (0, 1)
-
-
-def test_the_list_has_all_eight_points():
-    """Eight points have five different y; of them 0 and 1 fit into 255 bits a second time, not reduced."""
+    # Eight points have five different y; of them 0 and 1 fit into 255 bits a second time, not reduced.
     found = {int.from_bytes(raw, "little") for raw in signing._SMALL_ORDER}
     assert len({y % P for y in found}) == 5
     assert found >= {y + P for y in found if y + P < 2**255}
 
 
-def test_a_signature_by_such_a_key_is_bad():
+def test_such_a_key_is_not_trusted_and_its_signature_is_bad(tmp_path):
     for sign_bit in (0, 0x80):
         for raw in sorted(signing._SMALL_ORDER):
             key = bytes([*raw[:31], raw[31] | sign_bit])
@@ -50,9 +47,6 @@ def test_a_signature_by_such_a_key_is_bad():
             value = b"\x01" + bytes(63)
             text = f"stillwake-signature/1\nkey {key.hex()}\nsignature {value.hex()}\n".encode()
             assert signing.signer(text, b"any text") is None
-
-
-def test_such_a_key_is_not_trusted(tmp_path):
     weak = Ed25519PublicKey.from_public_bytes(b"\x01" + bytes(31))
     path = tmp_path / "weak.pub"
     path.write_bytes(weak.public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo))

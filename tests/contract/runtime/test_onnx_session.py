@@ -51,6 +51,9 @@ def test_a_model_that_contradicts_its_manifest_is_refused(release):
     broken = replace(release, files={"controller.onnx": b"no model"})
     with pytest.raises(BundleError, match=r"controller\.onnx does not load"):
         OnnxController.of(broken)
+    horizon = release.manifest.mpc.horizon
+    with pytest.raises(ControllerError, match=r"controller\.onnx failed"):
+        OnnxController.of(release).control_step(np.zeros((2, 2)), np.zeros(horizon), np.ones(horizon))
 
 
 def test_weights_are_optional_and_their_default_is_the_manifests(release):
@@ -65,17 +68,15 @@ def test_weights_are_optional_and_their_default_is_the_manifests(release):
     assert (controller.control_step(window, plan, free, np.eye(7)[5]).plan != default.plan).any()
 
 
-def test_inputs_of_another_shape_are_the_controllers_failure(release):
-    horizon = release.manifest.mpc.horizon
-    with pytest.raises(ControllerError, match=r"controller\.onnx failed"):
-        OnnxController.of(release).control_step(np.zeros((2, 2)), np.zeros(horizon), np.ones(horizon))
-
-
-def test_a_graph_without_end_is_stopped(monkeypatch):
+def test_a_graph_without_end_is_stopped(monkeypatch, release):
     controller = OnnxController(graphs.endless(), graphs.SIZES)
     with pytest.raises(BundleControllerError, match=r"0 of 3 steps on zeros were done after 0\.\d s: at most 0\.3 s"):
         controller.warm_up(3, limit_s=0.3)
     OnnxController(graphs.graph_of().SerializeToString(), graphs.SIZES).warm_up(3, limit_s=5.0)
+    # A graph without end is stopped before it is optimised.
+    monkeypatch.setattr(onnx_session, "WARM_UP_LIMIT_S", 0.3)
+    with pytest.raises(BundleControllerError, match="0 of 1 steps on zeros"):
+        OnnxController.of(unchecked(release, graphs.endless()))
 
 
 def unchecked(release: bundle.Bundle, model: bytes) -> bundle.Bundle:
@@ -85,12 +86,6 @@ def unchecked(release: bundle.Bundle, model: bytes) -> bundle.Bundle:
     scaling = replace(release.manifest.scaling, pressure_mean=(0.0,), pressure_std=(1.0,))
     manifest = replace(release.manifest, window=sizes.window, sensors=("base_0",), mpc=mpc, scaling=scaling)
     return replace(release, manifest=manifest, files={"controller.onnx": model})
-
-
-def test_a_graph_without_end_is_stopped_before_it_is_optimised(release, monkeypatch):
-    monkeypatch.setattr(onnx_session, "WARM_UP_LIMIT_S", 0.3)
-    with pytest.raises(BundleControllerError, match="0 of 1 steps on zeros"):
-        OnnxController.of(unchecked(release, graphs.endless()))
 
 
 def test_constants_that_multiply_to_gigabytes_are_not_computed(release):

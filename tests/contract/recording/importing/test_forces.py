@@ -47,7 +47,7 @@ def test_what_lies_outside_or_in_a_gap_is_refused_by_time():
     assert one.at(np.array([0.0, 0.1, 0.5, 0.605]), **wide).tolist() == [1.0, 2.0, 3.0, 4.0]
 
 
-def test_series_that_are_none_are_refused():
+def test_series_that_are_none_are_refused_and_times_move_to_another_clock():
     for t, values, text in (
         ([0.0, 1.0, 1.0], [1.0, 2.0, 3.0], "do not rise from row 1 to 2: 1, 1"),
         ([0.0, 1.0, 0.5], [1.0, 2.0, 3.0], "do not rise from row 1 to 2"),
@@ -57,6 +57,9 @@ def test_series_that_are_none_are_refused():
     ):
         with pytest.raises(DatasetError, match=text):
             series(t, values)
+    moved = series([0.0, 2.0], [5.0, 6.0]).shifted(scale=0.1, origin=1000.0)
+    assert moved.t.tolist() == [1000.0, 1000.2]
+    assert moved.values.tolist() == [5.0, 6.0]
 
 
 def write(path: Path, values: dict[str, Any]) -> Path:
@@ -87,9 +90,6 @@ def test_tables_are_read_whatever_holds_them(tmp_path):
                 assert found.forces[name].name == inside
                 np.testing.assert_array_equal(found.forces[name].t, T)
                 np.testing.assert_array_equal(found.forces[name].values, VALUES[name])
-
-
-def test_a_table_without_a_force_or_of_two_lengths_is_refused(tmp_path):
     for values, text in (
         ({"t": T, "Cd": T}, "no column 'Cl' for the forces' table; it has t, Cd"),
         ({"t": T, "Cd": T, "Cl [1]": T, "Cl [-]": T}, "no column 'Cl'"),
@@ -99,9 +99,3 @@ def test_a_table_without_a_force_or_of_two_lengths_is_refused(tmp_path):
             read_forces(write(tmp_path / "forces.npz", values), {})
     with pytest.raises(DatasetError, match="must end in"):
         read_forces(write(tmp_path / "forces.npz", VALUES).rename(tmp_path / "forces.xls"), {})
-
-
-def test_times_are_moved_to_another_clock():
-    moved = series([0.0, 2.0], [5.0, 6.0]).shifted(scale=0.1, origin=1000.0)
-    assert moved.t.tolist() == [1000.0, 1000.2]
-    assert moved.values.tolist() == [5.0, 6.0]

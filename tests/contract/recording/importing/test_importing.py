@@ -30,14 +30,11 @@ def imported(path: Path, layout: SensorLayout, **more: Any) -> Dataset:
     return assemble([Source(path=path, role="train")], layout, FACTS, **more)
 
 
-def test_the_layout_is_the_file_s(layout):
+def test_the_layout_is_the_file_s_with_mirror_images_by_the_places(layout, tmp_path):
     assert layout.names == NAMES
     np.testing.assert_array_equal(layout.positions, POSITIONS)
     assert tuple(layout.names[column] for column in layout.base) == BASE
     assert layout.mirror is None
-
-
-def test_mirror_images_follow_from_the_places(tmp_path):
     (tmp_path / "s.csv").write_text("name;x;y\nup;1.0;0.5\ndown;1.0;-0.5\nnose;0.0;0.0\n")
     layout = read_sensors(tmp_path / "s.csv", symmetric=True)
     assert layout.mirror is not None
@@ -60,16 +57,14 @@ def test_every_format_gives_the_same_data_set_within_half_a_quantum(tmp_path, la
             assert np.abs(episode.series[name] - values[name]).max() <= half, name
 
 
-def test_pressures_in_pascal_and_other_names(tmp_path, layout):
+def test_other_units_names_and_series_are_taken_where_they_are(tmp_path, layout):
     values = foreign_plant.series(30, 2)
     renamed = {"drag": values["Cd"], "p": values["Cp"] * 375.0} | {k: values[k] for k in ("action", "Cl")}
     path = foreign_plant.write_npz(tmp_path / "a.npz", renamed)
     made = imported(path, layout, renamed={"Cd": "drag", "Cp": "p"}, dynamic_pressure=375.0)
     np.testing.assert_allclose(made.episodes[0].series["Cp"], values["Cp"], rtol=1e-12)
     np.testing.assert_array_equal(made.episodes[0].series["Cd"], values["Cd"])
-
-
-def test_the_action_before_the_first_row_and_the_ledger_are_taken_where_they_are(tmp_path, layout):
+    # The action before the first row and the ledger are taken where they are.
     values = foreign_plant.series(30, 2) | {"jet_power": np.linspace(0, 1, 30), "initial_action": np.array(0.07)}
     episode = imported(foreign_plant.write_npz(tmp_path / "a.npz", values), layout).episodes[0]
     assert episode.initial_action == 0.07
@@ -193,12 +188,6 @@ def test_what_is_not_used_is_told_and_a_renamed_column_must_be_there(tmp_path, l
         imported(path, layout, renamed={"t": "zeit"})
 
 
-def test_a_file_has_one_role(tmp_path, layout):
-    path = foreign_plant.write_npz(tmp_path / "a.npz", foreign_plant.series(20, 3))
-    with pytest.raises(DatasetError, match=r"a\.npz: given twice; an episode has one role"):
-        assemble([Source(path=path, role="train"), Source(path=path, role="test")], layout, FACTS)
-
-
 def test_sensors_that_do_not_fit_are_refused(tmp_path):
     for text, message in (
         ("a,1,1\nb,1,-1\n", "'1' is there twice; the first line must have the names"),
@@ -227,3 +216,6 @@ def test_wrong_arguments_are_refused(tmp_path, layout):
             assemble(sources, layout, FACTS, **more)
     with pytest.raises(DatasetError, match="must be given"):
         assemble([one], layout, PlantFacts(control_period=PERIOD))
+    path = foreign_plant.write_npz(tmp_path / "a.npz", foreign_plant.series(20, 3))
+    with pytest.raises(DatasetError, match=r"a\.npz: given twice; an episode has one role"):
+        assemble([Source(path=path, role="train"), Source(path=path, role="test")], layout, FACTS)
