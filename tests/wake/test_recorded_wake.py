@@ -46,8 +46,6 @@ def test_the_jets_reach_the_action_at_the_periods_end():
     assert wake.sample().action == pytest.approx(0.03)
     with pytest.raises(PlantError, match="from substep 15"):
         wake.advance_to(15)
-
-
-def test_another_period_is_refused():
+    # Another period is refused.
     with pytest.raises(PlantError, match=r"a row every 0\.1 t_c"):
         RecordedWake(recording(period=0.1), LAYOUT, FLOW)

@@ -20,7 +20,7 @@ def _field(values: list[float], kind: str, count: int) -> bytes:
     )
 
 
-def test_fields_are_read_as_written():
+def test_fields_are_read_as_written(tmp_path):
     assert fields.parse_cells(_field([1.5, -2.0, 1e-300], "scalar", 3), "p").tolist() == [1.5, -2.0, 1e-300]
     assert fields.parse_cells(_field([1.0, 2, 3, 4, 5, 6], "vector", 2), "U").tolist() == [[1, 2, 3], [4, 5, 6]]
     for content, what in (
@@ -30,9 +30,6 @@ def test_fields_are_read_as_written():
     ):
         with pytest.raises(PlantError, match=what):
             fields.parse_cells(content, "p")
-
-
-def test_the_latest_time_is_the_largest_number_with_fields(tmp_path):
     assert fields.latest(tmp_path) is None
     for name in ("0", "5", "10", "9.5", "system", "20"):
         (tmp_path / name).mkdir()
@@ -116,7 +113,7 @@ def kept() -> state.FoamState:
     )
 
 
-def test_a_state_survives_its_file(kept, tmp_path):
+def test_a_state_survives_its_file_and_others_are_refused(kept, tmp_path, monkeypatch):
     state.save(tmp_path / "state.npz", kept, "made so")
     back, facts = state.load(tmp_path / "state.npz")
     assert facts == "made so"
@@ -124,9 +121,6 @@ def test_a_state_survives_its_file(kept, tmp_path):
     assert (back.velocity.tolist(), back.pressure.tolist()) == ([[1, 2]], [4])
     for name in ("forces", "pressures", "wake"):
         assert np.array_equal(getattr(back.readings, name), getattr(kept.readings, name))
-
-
-def test_damaged_and_foreign_states_are_refused(kept, tmp_path, monkeypatch):
     path = tmp_path / "state.npz"
     for content in (b"", b"PK\x03\x04 not a zip"):
         path.write_bytes(content)

@@ -34,15 +34,19 @@ def _arc_cells(mesh: Mesh) -> int:
     return int(np.count_nonzero((x < RADIUS) & (np.abs(y) > 0.5 - RADIUS))) // 2
 
 
-def test_the_cells_fill_the_domain_around_the_body(mesh):
+def test_the_cells_fill_the_domain_around_the_body_and_are_symmetric(mesh):
     assert (mesh.areas > 0).all()
     # The chords of the rounded corners lie in the body: each leaves a segment of the disc to the fluid.
     angle = 0.5 * np.pi / _arc_cells(mesh)
     segments = 2 * _arc_cells(mesh) * 0.5 * RADIUS**2 * (angle - np.sin(angle))
     assert mesh.areas.sum() == pytest.approx(30.0 * 15.0 - BODY + segments, abs=1e-9)
+    distance, partner = KDTree(mesh.centres).query(mesh.centres * (1.0, -1.0))
+    assert distance.max() < 1e-12
+    assert len(np.unique(partner)) == len(mesh.cells)
+    assert mesh.areas[partner] == pytest.approx(mesh.areas, rel=1e-9)
 
 
-def test_patches_are_as_long_as_the_outline(mesh):
+def test_patches_are_as_long_as_the_outline_and_lie_on_it(mesh):
     arc = 2 * _arc_cells(mesh) * 2.0 * RADIUS * np.sin(0.25 * np.pi / _arc_cells(mesh))
     front, sides, base = 1.0 - 2 * RADIUS, 2 * (LENGTH - RADIUS), 0.9
     wanted = {
@@ -50,9 +54,7 @@ def test_patches_are_as_long_as_the_outline(mesh):
         "truck": front + arc + sides + base, "jetUpper": 0.05, "jetLower": 0.05,
     }  # fmt: skip
     assert {name: _lengths(mesh, name).sum() for name in mesh.patches} == pytest.approx(wanted, abs=1e-9)
-
-
-def test_wall_vertices_lie_on_the_outline(mesh):
+    # Wall vertices lie on the outline.
     x, y = mesh.points[np.unique(mesh.patches["truck"])].T
     on_front, on_side, on_base = np.abs(x) < 1e-12, np.abs(np.abs(y) - 0.5) < 1e-12, np.abs(x - LENGTH) < 1e-12
     on_arc = np.abs(np.hypot(x - RADIUS, np.abs(y) - (0.5 - RADIUS)) - RADIUS) < 1e-12
@@ -78,13 +80,6 @@ def test_refinement_divides_the_spacings():
     # A tenth of play for the whole number of cells; on the arc the chord's sagitta adds to it.
     assert 2 * half_cell[~on_base] == pytest.approx(0.0125, rel=0.1)
     assert 2 * half_cell[on_base] == pytest.approx(0.016, rel=0.1)
-
-
-def test_the_mesh_is_symmetric(mesh):
-    distance, partner = KDTree(mesh.centres).query(mesh.centres * (1.0, -1.0))
-    assert distance.max() < 1e-12
-    assert len(np.unique(partner)) == len(mesh.cells)
-    assert mesh.areas[partner] == pytest.approx(mesh.areas, rel=1e-9)
 
 
 def _read_list(path: Path) -> list[str]:
@@ -127,15 +122,12 @@ def test_the_written_cells_are_closed_and_their_faces_look_outwards(written, coa
     assert volume == pytest.approx(coarse_mesh.areas, rel=1e-9)
 
 
-def test_faces_are_in_the_order_that_openfoam_wants(written):
+def test_faces_and_patches_are_in_the_order_that_openfoam_wants(written):
     _, _, faces, owner, neighbour = written
     assert (owner[: len(neighbour)] < neighbour).all()
     keys = list(zip(owner[: len(neighbour)], neighbour, strict=True))
     assert keys == sorted(keys)
     assert len(np.unique(np.sort(faces, axis=1), axis=0)) == len(faces)
-
-
-def test_patches_cover_the_boundary_faces_in_order(written):
     folder, _, faces, _, neighbour = written
     text = (folder / "boundary").read_text(encoding="ascii")
     entries = re.findall(r"(\w+)\s*\{\s*type (\w+);\s*nFaces (\d+);\s*startFace (\d+);", text)

@@ -16,13 +16,20 @@ def probes(coarse_mesh):
     return pressure_points(coarse_mesh), sensor_weights(coarse_mesh)
 
 
-def test_a_linear_pressure_is_read_exactly(probes):
+def test_a_linear_pressure_is_read_exactly_on_its_side(probes):
     at, weights = probes
     # Along a wall only the coordinate on it may vary: a wall face has its cell's pressure.
     side, base = slice(0, 80), slice(80, 90)
     x, y = sensors.positions().T
     assert (weights @ (0.3 + 0.1 * at[:, 0]))[side] == pytest.approx(2 * (0.3 + 0.1 * x[side]), abs=1e-12)
     assert (weights @ (0.3 - 0.7 * at[:, 1]))[base] == pytest.approx(2 * (0.3 - 0.7 * y[base]), abs=1e-12)
+    # Sides and slots are not mixed up.
+    at, weights = probes
+    cp = weights @ np.sign(at[:, 1])
+    assert cp[:40] == pytest.approx(2.0)
+    assert cp[40:80] == pytest.approx(-2.0)
+    # Symmetric weights: the mean of a linear pressure on a slot is that at its middle.
+    assert (weights @ (1.0 + at[:, 1]))[90:] == pytest.approx((2 * 1.475, 2 * 0.525), abs=1e-12)
 
 
 def test_jet_files_name_every_step_and_lead_to_one_pipe(coarse_mesh, tmp_path):
@@ -39,15 +46,6 @@ def test_jet_files_name_every_step_and_lead_to_one_pipe(coarse_mesh, tmp_path):
         }
         assert jets.pipe(tmp_path, jet).is_fifo()
         assert re.match(r"2\n\(\n\(0 0 0\)\n\(0 0 0\)\n\)\n", (data / "0" / "U").read_text().replace("-0", "0"))
-
-
-def test_sides_and_slots_are_not_mixed_up(probes):
-    at, weights = probes
-    cp = weights @ np.sign(at[:, 1])
-    assert cp[:40] == pytest.approx(2.0)
-    assert cp[40:80] == pytest.approx(-2.0)
-    # Symmetric weights: the mean of a linear pressure on a slot is that at its middle.
-    assert (weights @ (1.0 + at[:, 1]))[90:] == pytest.approx((2 * 1.475, 2 * 0.525), abs=1e-12)
 
 
 def test_jets_are_parabolas_averaged_over_each_face(coarse_mesh):

@@ -19,7 +19,7 @@ def filled(grid: Grid, u, v, p=lambda x, y: 0.0 * x * y) -> Flow:
     return flow
 
 
-def test_vorticity_of_taylor_green_vortices(wake):
+def test_fields_are_those_that_are_known(wake):
     grid = wake.grid
     flow = filled(grid, lambda x, y: np.sin(x) * np.cos(y), lambda x, y: -np.cos(x) * np.sin(y))
     wake.flow.flat[:] = flow.flat
@@ -27,14 +27,20 @@ def test_vorticity_of_taylor_green_vortices(wake):
     exact = 2.0 * np.sin(grid.xf[1:-1, None]) * np.sin(grid.yf[None, 1:-1])
     # Central differences over cells of at most 0.09 W: dx^2 / 24 for each term, and as much from stretching.
     assert wake.vorticity()[near] == pytest.approx(exact[near], abs=2e-3)
-
-
-def test_velocity_in_the_cell_centres(wake):
+    # Velocity in the cell centres.
     grid = wake.grid
     u, v = velocity(filled(grid, lambda x, y: 2.0 * x + y, lambda x, y: x - 3.0 * y))
     x, y = grid.xc[:, None], grid.yc[None, :]
     assert u == pytest.approx(2.0 * x + y, abs=1e-12)
     assert v == pytest.approx(x - 3.0 * y, abs=1e-12)
+    # A raster keeps linear fields.
+    grid = wake.grid
+    raster = Raster.of(grid.xc, grid.yc, (0.0, 10.0, -1.0, 1.0), 50)
+    pixels = raster(3.0 * grid.xc[:, None] - grid.yc[None, :])
+    assert pixels.shape == (10, 50)
+    # Pixels of 0.2 W, row 0 at the bottom.
+    assert (raster.x[0], raster.y[0]) == pytest.approx((0.1, -0.9))
+    assert pixels == pytest.approx(3.0 * raster.x[None, :] - raster.y[:, None], abs=1e-10)
 
 
 def test_a_flow_and_its_mirror_image_have_a_symmetric_mean(wake):
@@ -68,13 +74,3 @@ def test_a_mean_leaves_out_what_is_skipped(wake):
     assert calls == [(1, 3), (2, 3), (3, 3)]
     with pytest.raises(PlantError, match="0 instants"):
         mean_flow(wake, np.zeros(0))
-
-
-def test_a_raster_keeps_linear_fields(wake):
-    grid = wake.grid
-    raster = Raster.of(grid.xc, grid.yc, (0.0, 10.0, -1.0, 1.0), 50)
-    pixels = raster(3.0 * grid.xc[:, None] - grid.yc[None, :])
-    assert pixels.shape == (10, 50)
-    # Pixels of 0.2 W, row 0 at the bottom.
-    assert (raster.x[0], raster.y[0]) == pytest.approx((0.1, -0.9))
-    assert pixels == pytest.approx(3.0 * raster.x[None, :] - raster.y[:, None], abs=1e-10)

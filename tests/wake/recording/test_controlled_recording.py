@@ -43,17 +43,6 @@ class Integrator:
         return self.gain * float(memory[0] + memory[1]), memory
 
 
-class Witness(Integrator):
-    """Also keeps what it was shown."""
-
-    def __init__(self) -> None:
-        self.seen: list[tuple[np.ndarray, float]] = []
-
-    def step(self, memory: np.ndarray, Cp: np.ndarray, action: float) -> tuple[float, np.ndarray]:
-        self.seen.append((Cp.copy(), action))
-        return super().step(memory, Cp, action)
-
-
 class Eager(Integrator):
     gain = 10.0
 
@@ -112,13 +101,6 @@ def test_no_two_episodes_are_disturbed_alike():
 
 @pytest.mark.usefixtures("cheap_plant")
 class TestOnACheapPlant:
-    def test_the_controller_gets_what_acted_and_what_was_measured(self, tmp_path):
-        witness = Witness()
-        episode = recorded(tmp_path / "a.h5", a_round(episodes=1, steps=20), lambda: witness).episodes[0]
-        assert [action for _, action in witness.seen] == episode.previous_action.tolist()
-        # Stored in 16 bits.
-        assert np.array([Cp for Cp, _ in witness.seen]) == pytest.approx(episode.series["Cp"], abs=2**-14)
-
     def test_what_acts_is_command_and_exploration_cut_to_the_limit(self, tmp_path, oscillator):
         for policy in (Integrator, Eager):
             wanted = a_round(episodes=1, steps=40)

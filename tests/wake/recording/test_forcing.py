@@ -19,15 +19,13 @@ def test_every_signal_keeps_the_bound_and_is_repeatable(seed, name, steps):
     assert np.array_equal(first, second)
 
 
-def test_chirp_is_scipys():
+def test_signals_are_scipys_and_the_papers():
     steps = 5000
     t = np.arange(steps) * FLOW.control_period
     expected = FLOW.action_limit * scipy_chirp(t, 0.1, steps * FLOW.control_period, 0.4, phi=-90)
     actual = SIGNALS["chirp"](steps, FORCING, FLOW, np.random.default_rng(0))
     assert actual == pytest.approx(expected, abs=1e-9)
-
-
-def test_training_waveform_wanders_around_the_shedding_frequency():
+    # Training waveform wanders around the shedding frequency.
     signal = SIGNALS["training"](50_000, FORCING, FLOW, np.random.default_rng(1))
     phase = np.unwrap(np.angle(hilbert(signal)))
     frequency = np.diff(phase) / (2 * np.pi * FLOW.control_period)

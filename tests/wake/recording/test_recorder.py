@@ -155,3 +155,7 @@ def test_parts_that_do_not_fit_are_refused_by_what_differs(tmp_path):
     label.write_text(json.dumps(json.loads(label.read_text()) | {"start_sha256": "0"}))
     with pytest.raises(StillwakeError, match=r"other settings \(start_sha256\)"):
         recorded(output, plans)
+    for text in ("{", None):
+        label.unlink() if text is None else label.write_text(text)
+        with pytest.raises(StillwakeError, match="unknown recording: delete it first"):
+            recorded(output, plans)

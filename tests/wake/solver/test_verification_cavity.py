@@ -87,21 +87,15 @@ def fine() -> Profiles:
     return _cavity(64)
 
 
-def test_the_spectral_table_is_met(fine):
+def test_the_published_tables_are_met(fine):
     # Second order on 64 cells leaves 6e-3 (measured), and a quarter of it on 128.
     assert fine.errors(2).max() < 8e-3
     assert np.sqrt((fine.errors(2) ** 2).mean()) < 4e-3
-
-
-def test_the_classic_table_is_met_within_its_own_error(fine):
+    # The classic table is met within its own error.
     assert fine.errors(1).max() < 0.02
-
-
-def test_the_error_falls_with_the_square_of_the_cells(fine):
+    # The error falls with the square of the cells.
     coarse = _cavity(32)
     ratio = np.sqrt((coarse.errors(2) ** 2).mean() / (fine.errors(2) ** 2).mean())
     assert np.log2(ratio) == pytest.approx(2.0, abs=0.3)
-
-
-def test_no_fluid_cell_leaks(fine):
+    # No fluid cell leaks.
     assert fine.leak < 1e-12

@@ -95,15 +95,11 @@ def test_the_flow_inside_a_curved_wall_is_of_second_order(spun):
     # Measured 1.8 to 2.1; single ratios scatter with the cuts.
     assert _orders(spun, "inside").mean() > 1.7
     assert spun[-1][0].inside < 6e-4
-
-
-def test_at_the_wall_the_staircase_of_the_mass_balance_leaves_first_order(spun):
+    # At the wall the staircase of the mass balance leaves first order.
     # In cells the wall cuts, what the staircase lets through is of the order of the distance squared over the cell.
     assert _orders(spun, "largest").mean() > 0.7
     assert _orders(spun, "everywhere").mean() > 1.3
-
-
-def test_a_viscous_vortex_loses_energy_at_the_exact_rate(spun):
+    # A viscous vortex loses energy at the exact rate.
     exact = np.exp(-2.0 * VISCOSITY * ROOT**2)
     for one in spun[-1]:
         assert one.energy_left == pytest.approx(exact, rel=0.01)

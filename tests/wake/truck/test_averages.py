@@ -20,6 +20,9 @@ def test_less_than_a_cycle_is_refused():
     t, lift = series(0.2, 0.0, 30)
     with pytest.raises(PlantError, match=r"crosses zero upwards 1 times in 30 samples: .* run longer"):
         over_cycles(t, lift)
+    for count in [0, 1, 20]:
+        with pytest.raises(PlantError, match=r"a whole cycle of 5\.00 t_c, so run longer"):
+            over_last_cycles(np.linspace(0.0, DT * (count - 1), count), 0.2)
 
 
 def test_the_last_cycles_of_a_known_frequency():
@@ -34,29 +37,18 @@ def test_the_last_cycles_of_a_known_frequency():
         assert average.weights[-1] > 0.0
         left_out = (count - 1) - round(average.cycles / (frequency * DT))
         assert not average.weights[:left_out].any()
-
-
-def test_a_cycle_of_no_whole_number_of_samples_is_cut_between_them():
+    # A cycle of no whole number of samples is cut between them.
     t, _ = series(0.1994, 0.0, 200)
     average = over_last_cycles(t, 0.1994)
     # A straight line's mean is its value in the middle of the span, to the bit of the arithmetic.
     middle = t[-1] - 0.5 * average.cycles / 0.1994
     assert average.mean(3.0 * t - 1.0) == pytest.approx(3.0 * middle - 1.0, abs=1e-12)
-
-
-def test_noise_that_crosses_zero_marks_no_cycles():
-    """A controlled wake: little of the shedding is left, and something faster crosses zero in between."""
-    t: np.ndarray = np.linspace(DT, 300 * DT, 300)
+    # A controlled wake: little of the shedding is left, and something faster crosses zero in between.
+    t = np.linspace(DT, 300 * DT, 300)
     lift = 0.05 * np.sin(2 * np.pi * 0.2 * t) + 0.1 * np.sin(2 * np.pi * 0.71 * t)
     drag = 0.8 + 0.02 * np.sin(2 * np.pi * 0.2 * t + 1.0)
     assert over_cycles(t, lift).cycles > 30
     assert over_last_cycles(t, 0.2).mean(drag) == pytest.approx(0.8, abs=1e-12)
-
-
-def test_less_than_a_known_cycle_is_refused():
-    for count in [0, 1, 20]:
-        with pytest.raises(PlantError, match=r"a whole cycle of 5\.00 t_c, so run longer"):
-            over_last_cycles(np.linspace(0.0, DT * (count - 1), count), 0.2)
 
 
 def test_a_sine_and_its_drag():

@@ -28,6 +28,10 @@ def test_a_linear_flow_is_interpolated_exactly():
     found = interpolated(State(flat=linear(fine).flat, substep=0, action=0.0), fine, coarse)
     # Also beyond the outermost points of the fine grid, in double precision over some 30 W.
     assert np.abs(found.flat - linear(coarse).flat).max() < 1e-12
+    # A grid too coarse for the slots is refused with what would do.
+    with pytest.raises(ConfigError, match=r"refinement = 0\.35: gives 1 cells a slot, .* take 0\.38 or more"):
+        TruckWake(FlowConfig(refinement=0.35))
+    assert truck_grid(0.38).slot_cells == 2
 
 
 @pytest.mark.slow  # 25 t_c of the wake
@@ -42,9 +46,3 @@ def test_the_wake_goes_on_shedding_on_the_coarse_grid():
     # The default grid sheds at 0.1994; a wake that fell back to the steady flow would have no cycle here.
     assert cycles.frequency == pytest.approx(0.1994, abs=0.01)
     assert np.abs(wake.solver.divergence(wake.flow)).max() < 1e-9
-
-
-def test_a_grid_too_coarse_for_the_slots_is_refused_with_what_would_do():
-    with pytest.raises(ConfigError, match=r"refinement = 0\.35: gives 1 cells a slot, .* take 0\.38 or more"):
-        TruckWake(FlowConfig(refinement=0.35))
-    assert truck_grid(0.38).slot_cells == 2

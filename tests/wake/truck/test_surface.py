@@ -26,14 +26,12 @@ def _measure(wake: TruckWake, constant: float, slope_x: float = 0.0, slope_y: fl
     return wake.surface.measure(flow)
 
 
-def test_sensors_read_a_linear_pressure_exactly(shared_wake):
+def test_pressures_have_their_known_integrals(shared_wake):
     measured = _measure(shared_wake, 0.3, 0.1, -0.7)
     x, y = sensors.positions().T
     # What is left is the balancing velocity's square of the distance, interpolated linearly between rows.
     assert measured.Cp == pytest.approx(2 * (0.3 + 0.1 * x - 0.7 * y), abs=1e-7)
-
-
-def test_uniform_pressure_pushes_only_through_the_left_out_slots(shared_wake):
+    # Uniform pressure pushes only through the left out slots.
     measured = _measure(shared_wake, 1.0)
     slots = 2 * 2 * JET_WIDTH
     assert measured.Cd == pytest.approx(slots, abs=1e-4)  # the arc's quadrature
@@ -41,9 +39,7 @@ def test_uniform_pressure_pushes_only_through_the_left_out_slots(shared_wake):
     assert measured.slots.Cd_viscous == 0.0
     assert measured.Cl == pytest.approx(0.0, abs=1e-12)
     assert (measured.slots.Cp_upper, measured.slots.Cp_lower) == pytest.approx((2.0, 2.0), abs=1e-12)
-
-
-def test_pressure_gradients_give_archimedes_force(shared_wake):
+    # Pressure gradients give archimedes force.
     # -Integral p n dS = -grad p * area, and a force coefficient is twice the kinematic force. The balancing
     # velocity is interpolated on the corners, and the slots' pressure is taken half a cell before them.
     along = _measure(shared_wake, 0.0, 1.0, 0.0)
