@@ -1,4 +1,4 @@
-"""The winner beside the present: what counts as clearly better, and that finished runs are not made again."""
+"""The winner next to the present: what counts as clearly better, and that finished runs are not made again."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ def judged(*reductions, abs_Cl=0.1) -> Judged:
 
 
 def test_a_winner_must_gain_more_than_the_spread_within_the_bound() -> None:
-    for winner, better, says in [
+    for winner, better, words in [
         (judged(27.0, 27.4), True, "clearly better: +2.00 points, more than the spread over the phases"),
         (judged(25.0, 25.8), False, "not clearly better: +0.20 points, within the spread over the phases"),
         (judged(22.0, 34.0), False, "not clearly better: +2.80 points, within the spread over the phases"),
@@ -27,10 +27,7 @@ def test_a_winner_must_gain_more_than_the_spread_within_the_bound() -> None:
     ]:
         present = judged(25.0, 25.4)
         assert is_clearly_better(winner, present, Goal()) == better, winner
-        assert verdict(winner, present, Goal()) == says, winner
-
-
-def test_without_a_winner_the_verdict_says_so() -> None:
+        assert verdict(winner, present, Goal()) == words, winner
     assert verdict(None, judged(25.0), Goal()) == "no settings scored better than the present ones"
 
 
@@ -49,9 +46,7 @@ def test_kept_runs_are_not_made_again(tmp_path) -> None:
     judge(tmp_path, CANDIDATE, (0, 12), run)
     assert made == [0, 1, 2, 1, 1]
     assert first.spread("reduction_percent") == (21.0, 20.0, 22.0)
-
-
-def test_runs_are_kept_by_settings_and_program() -> None:
+    # They are kept by settings and program.
     others = (
         replace(CANDIDATE, mpc=MpcConfig(weights=CostWeights(lift=0.3))),
         replace(CANDIDATE, mpc=MpcConfig(learning_rate=2e-3)),

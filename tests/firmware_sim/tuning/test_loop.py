@@ -27,16 +27,10 @@ class Heard(Waves):
         return super().control_step(window, plan, free, weights)
 
 
-def runs_with(controller, config: Config | None = None) -> WakeRuns:
-    config = Config() if config is None else config
-    return WakeRuns(
-        make_bundle(),
-        config,
-        wake_at=lambda phase: LiveOscillator(config),
-        spans=SPANS,
-        goal=Goal(),
-        controller=lambda mpc: controller,
-    )
+def runs_with(controller) -> WakeRuns:
+    config = Config()
+    wake_at, made = lambda phase: LiveOscillator(config), lambda mpc: controller
+    return WakeRuns(make_bundle(), config, wake_at=wake_at, spans=SPANS, goal=Goal(), controller=made)
 
 
 def settings() -> MpcConfig:
@@ -45,12 +39,12 @@ def settings() -> MpcConfig:
 
 def test_the_ecu_plans_with_the_weights_that_are_tried() -> None:
     controller, seen, periods = Heard(), [], []
-    found = runs_with(controller)(
+    figures = runs_with(controller)(
         settings(), 0, lambda block, score: seen.append(block), lambda done, total: periods.append((done, total))
     )
     assert controller.weights == pytest.approx(settings().weights.as_tuple())
-    assert found.trouble is None
-    assert found.rms_action is not None and found.rms_action > 0.0
+    assert figures.trouble is None
+    assert figures.rms_action is not None and figures.rms_action > 0.0
     assert seen == [0, 1, 2, 3] and blocks_in(SPANS.controlled) == 4
     assert periods[-1] == (275, 275)
 
@@ -72,5 +66,5 @@ def test_a_flow_that_diverges_is_trouble(monkeypatch) -> None:
         raise PlantError("the flow diverged at t = 12.4")
 
     monkeypatch.setattr("firmware_sim.tuning.loop.simulate", diverges)
-    found = runs_with(Heard())(settings(), 0, lambda block, score: None)
-    assert (found.trouble, found.reduction_percent) == ("the flow diverged at t = 12.4", None)
+    figures = runs_with(Heard())(settings(), 0, lambda block, score: None)
+    assert (figures.trouble, figures.reduction_percent) == ("the flow diverged at t = 12.4", None)
