@@ -11,8 +11,6 @@ A number that is none is null.
 import struct
 from typing import Any, Final, Literal, NamedTuple, TypedDict
 
-import numpy as np
-
 from wake.pictures.levels import Levels
 
 SCHEMA: Final = "stillwake-live/1"
@@ -254,10 +252,3 @@ def pack_field(picture: FieldPicture) -> bytes:
     """Little-endian: k (uint32), t (float32), width, height (uint16), then the levels row by row (int8)."""
     height, width = picture.levels.shape
     return _FIELD.pack(picture.k, picture.t, width, height) + picture.levels.tobytes()
-
-
-def unpack_field(raw: bytes) -> FieldPicture:
-    """What `pack_field` made."""
-    k, t, width, height = _FIELD.unpack_from(raw)
-    levels = np.frombuffer(raw, dtype=np.int8, offset=_FIELD.size).reshape(height, width)
-    return FieldPicture(k=k, t=t, levels=levels)

@@ -9,7 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.e2e import profile5
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.e2e.profiles import profile_of
+from can_bridge.e2e.sender import E2eSender, SenderState, protected_frame
+from can_bridge.secoc.freshness import Freshness
+from can_bridge.secoc.key import Key
+from can_bridge.secoc.node import Authentication, secured
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
@@ -255,3 +259,25 @@ def test_late_jets_follow_every_command_so_many_periods_later():
     followed = [node.apply_commands([commands(action)]).action for action in wanted]
     # The first frame only makes the stream known.
     assert followed == pytest.approx([0.0, 0.0, 0.0, 0.01, -0.02], abs=1e-5)
+
+
+def test_with_a_key_forged_and_replayed_commands_drive_nothing():
+    key, another = Key(b"the nodes' secret"[:16]), Key(b"an attacker's own"[:16])
+    config = Config(bus=BusConfig(key="key"))
+    node, spec = (
+        VehicleNode(NAMES, config, authentication=Authentication(key=key)),
+        message_set(config.bus).command.spec,
+    )
+
+    def driven(count: int, used: Key, *, age: int = 0) -> float:
+        request(node)
+        command = JetCommand(flow_m2_per_s=2.0, mode=Mode.CONTROL, enable=True, pressure_counter=(count - age) % 256)
+        sender = SenderState(counter=(count - age) % profile_of(spec).counter_period)
+        plain = protected_frame(sender, messages.command.emit(command), spec=spec, now_ns=0)
+        return node.apply_commands([secured(plain, spec=spec, key=used, freshness=Freshness(count=count - age))]).action
+
+    assert all([driven(count, key) for count in range(300)][-200:])
+    assert not any([driven(count, another) for count in range(300, 310)][2:])
+    # Of 256 periods ago, with the same counter and echo.
+    assert not any(driven(count, key, age=256) for count in range(310, 320))
+    assert node.frames_not_authentic == node.frames_rejected == 20

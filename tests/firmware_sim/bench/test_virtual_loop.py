@@ -10,7 +10,7 @@ from can_bridge.bus.faults.content import FlipBits
 from can_bridge.bus.faults.loss import Drop
 from can_bridge.bus.faults.wrapping import FaultyBus, wrap
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
+from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import Mode
 from contract import sensors
 from contract.config.vehicle import BusConfig
@@ -89,25 +89,6 @@ def test_an_ecu_that_is_too_slow_skips_steps_and_loses_no_frame(harness, compute
     ages = [row.age_ms for row in rows[-8:] if not isnan(row.age_ms)]
     assert ages
     assert min(ages) > compute_ms
-
-
-@each("compute_ms", [0.0, 8.0, 19.0, 19.9, 20.0, 25.0, 41.0])
-def test_frames_are_captured_in_the_order_of_virtual_time(harness, compute_ms):
-    h = harness(compute_ms)
-    h.run(20)
-    times = [frame.timestamp_ns for frame in h.captured]
-    assert times == sorted(times)
-    # Everything was captured: a pressure frame a period, a command and a status a step.
-    by_id = {spec.frame_id: 0 for spec in (PRESSURE, JET_COMMAND, ECU_STATUS)}
-    for frame in h.captured:
-        by_id[frame.frame_id] += 1
-    assert by_id[PRESSURE.frame_id] == 20
-    assert by_id[JET_COMMAND.frame_id] == h.loop.totals().sent - 20
-    compute_ns = max(round(compute_ms * 1e6), INTERMISSION_NS)
-    first = h.taken(PRESSURE)[0] + compute_ns + h.taken(JET_COMMAND)[0]
-    if compute_ms < 19.5:
-        assert h.ends(JET_COMMAND)[0] == first
-        assert h.ends(ECU_STATUS)[0] == first + INTERMISSION_NS + h.taken(ECU_STATUS)[0]
 
 
 def test_a_row_is_the_plants_sample_at_the_periods_start(harness):
@@ -207,7 +188,7 @@ def acted(ports: list[FaultyBus]) -> list[int]:
     return [port.injectors[0].acted for port in ports]
 
 
-def test_frames_dropped_on_either_side_are_lost(faulty):
+def test_frames_that_are_dropped_are_lost_and_damaged_ones_rejected_by_their_receiver(faulty):
     h, ports = faulty(Drop, probability=0.15)
     rows = h.run(60)
     pressures, commands = acted(ports)
@@ -215,18 +196,13 @@ def test_frames_dropped_on_either_side_are_lost(faulty):
     assert asdict(h.loop.totals()) == {"sent": 120, "lost": pressures + commands, "rejected": 0}
     # A period whose command was dropped has no age, and the jets hold.
     assert sum(isnan(row.age_ms) for row in rows) >= commands
-
-
-def test_corrupted_frames_are_rejected_on_the_side_that_receives_them(faulty):
     h, ports = faulty(FlipBits, probability=0.15)
     h.run(60)
     pressures, commands = acted(ports)
     assert min(pressures, commands) > 3
     assert asdict(h.loop.totals()) == {"sent": 120, "lost": 0, "rejected": pressures + commands}
     assert h.ecu.status().crc_errors == pressures
-
-
-def test_frames_that_come_while_the_ecu_is_busy_are_checked_too(faulty):
+    # Those that come while the ECU is busy are checked too: it steps in every other period, the last included.
     h, ports = faulty(FlipBits, compute_ms=25.0, probability=0.2)
-    h.run(61)  # it steps in every other period, the last included
+    h.run(61)
     assert h.ecu.status().crc_errors == acted(ports)[0] > 8

@@ -1,4 +1,4 @@
-"""Who else may be on the bus: a vehicle that speaks another set of messages, and a second ECU."""
+"""A second ECU on the bus."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -78,16 +78,3 @@ def test_a_damaged_command_on_the_bus_is_no_second_ecu():
         noise.send(Frame(frame_id=JET_COMMAND.frame_id, data=bytes(JET_COMMAND.length), is_fd=True))
         company.run(1)
     assert ecu.status().reason is not Reason.OTHER_ECU
-
-
-@each("vehicle, ecu", [("fd", "classic"), ("classic", "fd")])
-def test_a_vehicle_with_another_set_of_messages_is_not_heard_and_its_jets_stay_shut(vehicle, ecu):
-    theirs, ours = (replace(Config(), bus=replace(Config().bus, frames=frames)) for frames in (vehicle, ecu))
-    one = ecu_of(ours)
-    company = Company(theirs, [one], [1_000_000])
-    company.run(60)
-    assert company.actions == [0.0] * 60
-    # Seen on the bus as an ECU that misses every frame, and is in no fault: nobody asked it for control.
-    status = one.status()
-    assert (status.state, status.missed, status.crc_errors) == (Mode.OFF, 60, 0)
-    assert company.node.frames_rejected == 0

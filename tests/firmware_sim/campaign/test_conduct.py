@@ -126,6 +126,7 @@ def test_what_no_run_could_have_is_refused_before_any(campaign, short_release) -
     campaign = replace(campaign, bundle=bundle.load(short_release))
     for wrong in (
         scenario_of("wrong", disturb=("dead:sensor=upper_00",)),
+        scenario_of("wrong", disturb=("noize:level=1",)),
         scenario_of("wrong", settings=("bus.interface=virtual",)),
         scenario_of("wrong", settings=("vehicle.actuator_delay=300",)),
     ):

@@ -7,15 +7,12 @@ import pytest
 
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
-from contract.errors import ConfigError
 from contract.release import bundle
-from contract.runtime.onnx_session import OnnxController
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.campaign import running
 from firmware_sim.campaign.outcome import Course, Outcome, Service
-from firmware_sim.campaign.running import check_run, flow_disturbances, run_task
+from firmware_sim.campaign.running import flow_disturbances, run_task
 from firmware_sim.campaign.task import Task, Timing
-from tests.firmware_sim.campaign.conftest import scenario_of
 from wake.solver.grid import truck_grid
 from wake.truck.regrid import moved
 from wake.truck.state import State, developed_state
@@ -82,12 +79,6 @@ def test_a_run_without_control_is_the_solver_by_itself_and_control_begins_with_t
     assert course_of(free).Cd != course_of(windy).Cd
 
 
-def test_the_same_seed_gives_the_same_run_and_another_one_another(release, start) -> None:
-    first, again, other = (run_task(task_of("noise:level=0.5", seed=seed), release, start) for seed in (1, 1, 2))
-    assert first == again
-    assert course_of(first).action != course_of(other).action
-
-
 def test_lost_pressures_latch_and_are_counted(release, start) -> None:
     service = service_of(run_task(task_of("vehicle:drop:probability=1@0.18.."), release, start))
     assert (service.latches, service.violations) == (1, 0)
@@ -120,14 +111,3 @@ def test_only_what_acts_on_the_flow_is_left_without_control() -> None:
     kept = flow_disturbances(texts)
     assert [text.partition(":")[0].partition("=")[0] for text in kept] == ["gust", "reynolds"]
     assert flow_disturbances(kept) == kept
-
-
-def test_a_disturbance_that_could_not_act_is_refused_with_its_scenario(release) -> None:
-    for text, message in [
-        ("noize:level=1", "noize"),
-        ("noise:level=0.5@9..", "when the run has ended"),
-        ("dead:sensor=upper_00", "upper_00 is not in use"),
-        ("ecu:drop:probability=2", "probability"),
-    ]:
-        with pytest.raises(ConfigError, match=rf"scenario 'wrong': .*{message}"):
-            check_run(scenario_of("wrong", disturb=(text,)), Config(), release, TIMING, OnnxController.of(release))

@@ -104,15 +104,6 @@ def test_a_run_from_the_first_frame_to_the_farewell(bundle_of, recording_control
     assert ((came == 0)[:-1] | ((came >= due)[:-1] & (came[:-1] < due[1:]))).all()
 
 
-def test_a_vehicle_without_an_ecu_reports_once_what_it_hears(replay) -> None:
-    lines: list[str] = []
-    with PythonCanBus.open(BUS) as bus:
-        figures = run_vehicle(bus, NAMES, replay, CONFIG, course(periods=320), report=lines.append)
-    assert figures.commands == figures.misses == 0
-    (line,) = [line for line in lines if "JetCommand" in line]
-    assert "nothing at all is heard" in line
-
-
 def test_with_a_key_both_are_believed_and_the_power_cycles_are_counted(
     bundle_of, recording_controller, replay, tmp_path: Path
 ) -> None:
