@@ -264,10 +264,9 @@ def test_late_jets_follow_every_command_so_many_periods_later():
 def test_with_a_key_forged_and_replayed_commands_drive_nothing():
     key, another = Key(b"the nodes' secret"[:16]), Key(b"an attacker's own"[:16])
     config = Config(bus=BusConfig(key="key"))
-    node, spec = (
-        VehicleNode(NAMES, config, authentication=Authentication(key=key)),
-        message_set(config.bus).command.spec,
-    )
+    node = VehicleNode(NAMES, config, authentication=Authentication(key=key))
+    messages = message_set(config.bus)
+    spec = messages.command.spec
 
     def driven(count: int, used: Key, *, age: int = 0) -> float:
         request(node)

@@ -7,7 +7,7 @@ import pytest
 
 from can_bridge.wire.frame import Frame
 from firmware_sim.live.loop.kept import packed, unpacked
-from firmware_sim.runs import run_log
+from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.run_folder import RunFolder
 from tests.firmware_sim.live.harness import Live
 from tests.firmware_sim.live.shown_loop import plant
