@@ -6,7 +6,7 @@ from can_bridge.bus.mailbox import Mailbox
 
 @given(st.lists(st.none() | st.integers()))
 def test_latest_value_once_and_every_lost_one_counted(actions):
-    """None takes, a number puts; an obvious model runs beside the mailbox."""
+    """None takes, a number puts; an obvious model runs with the mailbox."""
     mailbox: Mailbox[int] = Mailbox()
     waiting: list[int] = []
     lost = 0

@@ -1,4 +1,4 @@
-"""Changed data, ahead of the end-to-end protection and behind it, and a node that is stuck."""
+"""Wrong data: on the wire, behind the end-to-end protection and ahead of it, and a node that is stuck."""
 
 from typing import Literal
 
@@ -6,18 +6,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.bus.faults.content import FlipBits, StuckAt
-from can_bridge.bus.faults.copies import Duplicate
 from can_bridge.bus.faults.protection import payload_bits
+from can_bridge.bus.faults.wire_errors import WireErrors
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import Check, StreamState
 from can_bridge.e2e.sender import SenderState, protected_frame
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
+from can_bridge.wire.frame_bits import frame_bits
 from can_bridge.wire.message_specs import PRESSURE, PRESSURE_SECURED, SPECS
 from contract.errors import BusError
 from tests.can_bridge.bus.faults.links import PERIOD_S, number_of, numbered, simulated_link
 from tests.refused import refused
 
+FRAME = Frame(frame_id=0x555, data=bytes([0x55] * 8), is_fd=False)
+BITS = sum(frame_bits(FRAME)) - 3
 OURS = [spec for spec in SPECS if not spec.is_secured]
 
 
@@ -114,11 +117,25 @@ def test_a_frozen_message_with_a_counter_that_runs_passes_every_check(link):
     assert shown == [*range(10), *[10] * 20, *range(30, 50)]
 
 
-def test_copies_follow_their_frame_and_change_nothing():
-    for copies in [1, 3]:
-        link = simulated_link()
-        fault = Duplicate(copies=copies, at="receive", start_s=9.5 * PERIOD_S, end_s=29.5 * PERIOD_S)
-        receptions = link.protected(link.one, link.wrapped(link.other, fault), 50)
-        expected = [(Check.OK,)] * 10 + [(Check.OK, *[Check.REPEATED] * copies)] * 20 + [(Check.OK,)] * 20
-        assert [reception.checks for reception in receptions] == expected, copies
-        assert all(reception.live is not None for reception in receptions[1:]), copies
+def test_frames_are_hit_as_often_as_independent_bits_make_them():
+    for rate in [1e-4, 1e-2, 0.5]:
+        hook = WireErrors(bit_error_rate=rate).hook(1)
+        n = 4_000
+        places = [place for _ in range(n) if (place := hook(FRAME, "any", 0)) is not None]
+        hit = 1 - (1 - rate) ** BITS
+        # Five standard deviations of a binomial number.
+        assert abs(len(places) - n * hit) < 5 * (n * hit * (1 - hit)) ** 0.5 + 1e-9, rate
+        assert 0 <= min(places) <= max(places) < BITS, rate
+        # Place k is first with (1 - rate)^k rate: the mean over a frame that is hit, by summation.
+        law = [(1 - rate) ** k * rate / hit for k in range(BITS)]
+        mean = sum(k * p for k, p in enumerate(law))
+        spread = sum((k - mean) ** 2 * p for k, p in enumerate(law)) ** 0.5
+        assert abs(sum(places) / len(places) - mean) < 5 * spread / len(places) ** 0.5, rate
+
+
+def test_only_the_named_nodes_and_frames_are_hit_in_the_span():
+    hook = WireErrors(bit_error_rate=1.0, nodes=("ecu",), frame_ids=(0x555,), start_s=1.0, end_s=2.0).hook(1)
+    hit = [hook(FRAME, "ecu", at) for at in (999_999_999, 10**9, 2 * 10**9 - 1, 2 * 10**9)]
+    assert hit == [None, 0, 0, None]
+    assert hook(FRAME, "vehicle", 10**9) is None
+    assert hook(Frame(frame_id=0x120, data=b""), "ecu", 10**9) is None
