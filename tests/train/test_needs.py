@@ -53,7 +53,7 @@ def test_the_stream(make_episode, config):
         fit(need.steps - 1)
 
 
-def test_the_judging(make_episode, config):
+def test_the_judging_and_the_windows_of_an_episode(make_episode, config):
     need = needs.judging_need(config)
     model = WakeModel(90, config.model).eval()
     # One step more, because a single roll-out has no deviation to compare with.
@@ -61,9 +61,7 @@ def test_the_judging(make_episode, config):
     assert len(rollout_starts(rows_of(make_episode, need.steps), config.model.window, 25)) == 1
     with pytest.raises(DatasetError, match="too short"):
         evaluate(model.encoder, model, rows_of(make_episode, need.steps - 1))
-
-
-def test_the_windows_of_an_episode(make_episode, config):
+    # The windows of an episode.
     model = WakeModel(90, config.model).eval()
     for steps in (5, 11, 12, 40):
         latents = encode_all(model.encoder, rows_of(make_episode, steps))

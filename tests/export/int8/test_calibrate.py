@@ -50,16 +50,14 @@ def test_inputs_are_those_of_the_reference(case):
     np.testing.assert_allclose(forces, decode(program, seen.z), atol=1e-12)
 
 
-def test_a_step_is_closer_than_rounded_to_nearest(case):
+def test_a_step_and_its_parts_are_closer_than_rounded_to_nearest(case):
     program, windows, seen = case
     nearest, calibrated = (
         np.sqrt(np.mean(_step_errors(program, other, seen) ** 2))
         for other in (rounded_to_nearest(program).program, rounded_on(program, windows).program)
     )
     assert calibrated < 0.5 * nearest
-
-
-def test_so_are_latent_states_and_forces(case):
+    # So are latent states and forces.
     program, windows, seen = case
     nearest, calibrated = rounded_to_nearest(program).program, rounded_on(program, windows).program
     for function, inputs in ((encode, windows), (decode, seen.z[::50])):

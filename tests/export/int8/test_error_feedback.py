@@ -30,7 +30,7 @@ def test_independent_inputs_leave_nearest_rounding():
         np.testing.assert_array_equal(quantise_on(weight, rows).values, quantise_matrix(weight).values)
 
 
-def test_products_are_several_times_closer():
+def test_products_are_several_times_closer_and_rounding_again_changes_nothing():
     for seed in range(4):
         rng = np.random.default_rng(seed)
         weight, inputs = rng.standard_normal((16, 40)), correlated(rng, 500, 40)
@@ -38,6 +38,13 @@ def test_products_are_several_times_closer():
             error(weight, of, inputs).sum() for of in (quantise_on(weight, inputs), quantise_matrix(weight))
         )
         assert fed < 0.3 * nearest, seed
+    # Rounding again changes nothing.
+    rng = np.random.default_rng(3)
+    weight, inputs = rng.standard_normal((16, 40)), correlated(rng, 500, 40)
+    fed = quantise_on(weight, inputs)
+    again = quantise_matrix(fed.dequantised().astype(float))
+    np.testing.assert_array_equal(again.values, fed.values)
+    np.testing.assert_allclose(again.scales, fed.scales, rtol=1e-6)
 
 
 def test_the_last_column_is_the_best_there_is():
@@ -53,12 +60,3 @@ def test_the_last_column_is_the_best_there_is():
         for change in (-1.0, 1.0):
             other = left - change * np.eye(6)[-1] * found.scales[:, None]
             assert np.all(damped(left, h) <= damped(other, h) * (1 + 1e-9)), seed
-
-
-def test_rounding_again_changes_nothing():
-    rng = np.random.default_rng(3)
-    weight, inputs = rng.standard_normal((16, 40)), correlated(rng, 500, 40)
-    fed = quantise_on(weight, inputs)
-    again = quantise_matrix(fed.dequantised().astype(float))
-    np.testing.assert_array_equal(again.values, fed.values)
-    np.testing.assert_allclose(again.scales, fed.scales, rtol=1e-6)

@@ -85,9 +85,7 @@ def test_the_narrow_networks_go_on_the_vehicle_where_there_are_any(directory, tr
     wide = program_of(read, MpcConfig())
     np.testing.assert_array_equal(program.decoder.output.weight, 2.0 * wide.decoder.output.weight)
     np.testing.assert_array_equal(program.dynamics.output.weight, wide.dynamics.output.weight)
-
-
-def test_weights_for_other_sensors_are_refused(directory):
+    # Weights for other sensors are refused.
     read = model_folder.read(directory)
     fewer = replace(read, description=replace(read.description, sensors=CHOSEN[:2]))
     with pytest.raises(ExportError, match=r"lstm\.weight_ih_l0"):

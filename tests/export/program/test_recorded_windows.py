@@ -29,16 +29,12 @@ def test_rows_pair_pressures_with_the_action_before_them():
     # upper_39, lower_39, base_0, base_9 are sensors 39, 79, 80, 89.
     np.testing.assert_array_equal(last[-1, :4], [539, 579, 580, 589])
     np.testing.assert_allclose(last[:, -1], [0.002, 0.003, 0.004])
-
-
-def test_windows_are_consecutive_and_reach_back_to_the_action_in_force_at_the_start():
+    # Windows are consecutive and reach back to the action in force at the start.
     windows = recorded_windows(PROGRAM, episode(6), 4)
     assert windows[0][0, -1] == -0.05
     for earlier, later in pairwise(windows):
         np.testing.assert_array_equal(earlier[1:], later[:-1])
-
-
-def test_an_episode_that_is_too_short_is_refused():
+    # An episode that is too short is refused.
     for count in (0, 5):
         with pytest.raises(ExportError, match="episode chirp: 6 steps"):
             recorded_windows(PROGRAM, episode(6), count)

@@ -92,15 +92,13 @@ def test_cost_terms_and_their_gradient_are_those_of_each_plan(shape, seed):
         np.testing.assert_allclose(found.plan[i], one.plan, **CLOSE)
 
 
-def test_adam_yields_every_iteration_and_the_program_takes_the_last_of_its_own():
+def test_adam_and_the_lstm_take_one_step_at_a_time():
     program, (z, plan, before) = small(1), draw(1, ())
     stages = list(adam(program, z, plan, float(before), [program.mpc.learning_rate] * 8))
     assert len(stages) == 8
     expected = optimise(program, z, plan, float(before))
     np.testing.assert_array_equal(stages[program.mpc.iterations - 1], expected)
-
-
-def test_the_lstm_starts_at_zero_and_takes_one_row_at_a_time():
+    # The LSTM starts at zero and takes one row at a time.
     program = small(3)
     window = random_window(program, np.random.default_rng(3))
     recurrent = encoder_layers(program, window).recurrent

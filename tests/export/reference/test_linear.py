@@ -23,11 +23,6 @@ def answer(program=PROGRAM, window=WINDOW, plan=None, free=None):
     )
 
 
-def test_the_history_pairs_each_difference_with_the_action_that_followed():
-    window = np.array([[3.0, 1.0, 5.0, 9.0, 0.01], [2.0, 2.0, 7.0, 4.0, 0.02]])
-    np.testing.assert_array_equal(history_of(window), [[2.0, -4.0, 0.02], [0.0, 3.0, 0.0]])
-
-
 def test_it_follows_the_closed_loop_of_a_scalar_system():
     """y_{k+1} = 0.9 y_k + 2 a_k, a = -0.3 y: y decays by 0.3 a step, Cl is the last difference."""
     program = replace(
@@ -42,6 +37,9 @@ def test_it_follows_the_closed_loop_of_a_scalar_system():
     np.testing.assert_allclose(found.plan, -0.3 * y)
     np.testing.assert_allclose(found.forces[:, 1], y)
     np.testing.assert_array_equal(found.forces[:, 0], program.scaling.force_mean[0])
+    # The history pairs each difference with the action that followed.
+    window = np.array([[3.0, 1.0, 5.0, 9.0, 0.01], [2.0, 2.0, 7.0, 4.0, 0.02]])
+    np.testing.assert_array_equal(history_of(window), [[2.0, -4.0, 0.02], [0.0, 3.0, 0.0]])
 
 
 def test_committed_actions_come_back_to_the_bit_and_the_rest_answers_them():
@@ -61,19 +59,17 @@ def test_committed_actions_come_back_to_the_bit_and_the_rest_answers_them():
     np.testing.assert_allclose(answer(window=window).plan[: H - 2], found.plan[2:], atol=1e-12)
 
 
-def test_the_mirror_image_has_the_opposite_plan():
-    image = WINDOW[:, [1, 0, 3, 2, 4]] * [1, 1, 1, 1, -1]
-    here, there = answer(plan=np.full(H, 0.02)), answer(window=image, plan=np.full(H, -0.02))
-    np.testing.assert_allclose(there.plan, -here.plan, atol=1e-15)
-    np.testing.assert_allclose(there.forces, here.forces * [1, -1], atol=1e-15)
-    assert there.cost == pytest.approx(here.cost)
-
-
 def test_the_weights_change_the_cost_and_no_action():
     weights = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0])
     found = linear_control_step(PROGRAM, WINDOW, np.zeros(H), np.ones(H), weights)
     np.testing.assert_array_equal(found.plan, answer().plan)
     assert found.cost == pytest.approx(3.0 * np.mean(found.plan**2))
+    # The mirror image has the opposite plan.
+    image = WINDOW[:, [1, 0, 3, 2, 4]] * [1, 1, 1, 1, -1]
+    here, there = answer(plan=np.full(H, 0.02)), answer(window=image, plan=np.full(H, -0.02))
+    np.testing.assert_allclose(there.plan, -here.plan, atol=1e-15)
+    np.testing.assert_allclose(there.forces, here.forces * [1, -1], atol=1e-15)
+    assert there.cost == pytest.approx(here.cost)
 
 
 def test_a_program_that_contradicts_itself_is_refused():
@@ -87,9 +83,7 @@ def test_a_program_that_contradicts_itself_is_refused():
     ):
         with pytest.raises(ExportError, match=message):
             replace(PROGRAM, **change)
-
-
-def test_every_number_is_in_the_hash():
+    # Every number is in the hash.
     moved = PROGRAM.model.copy()
     moved[1, 2, 0] += 1e-12
     gain = PROGRAM.gain * 1.0000001

@@ -53,9 +53,7 @@ def test_exp(apply):
     np.testing.assert_allclose(apply(EXP, x), np.exp(x.astype(np.float64)), rtol=1.5e-7, atol=0)
     near = spread(-0.4, 0.4)
     np.testing.assert_allclose(apply(EXP, near), np.exp(near.astype(np.float64)), rtol=1.5e-7, atol=0)
-
-
-def test_exp_of_zero_is_one_and_beyond_its_range_it_stays(apply):
+    # Exp of zero is one and beyond its range it stays.
     np.testing.assert_array_equal(apply(EXP, [0.0]), [1.0])
     far = apply(EXP, [-1e30, -np.inf, -100.0, 100.0, 1e30, np.inf])
     np.testing.assert_array_equal(far[:3], apply(EXP, [-87.0] * 3))

@@ -43,13 +43,11 @@ def paper_model(request):
     return build_controller(request.param(random_program(0)))
 
 
-def test_interface_is_the_bundles(paper_model):
+def test_interface_and_operators_are_those_of_the_bundle(paper_model):
     assert shapes(paper_model.graph.input) == {"window": (32, 5), "plan": (25,), "free": (25,), "weights": (7,)}
     assert shapes(paper_model.graph.output) == {"new_plan": (25,), "forces": (25, 2), "terms": (7,), "cost": ()}
     assert "weights" in {initializer.name for initializer in paper_model.graph.initializer}
-
-
-def test_only_standard_operators_of_an_opset_that_onnxruntime_1_20_knows(paper_model):
+    # Only standard operators of an opset that ONNX Runtime 1.20 knows.
     assert [(entry.domain, entry.version) for entry in paper_model.opset_import] == [("", 18)]
     assert paper_model.ir_version <= 10
     for node in nodes(paper_model.graph):
@@ -66,15 +64,7 @@ def test_nothing_is_unrolled():
     assert count(horizon=5, iterations=2) < 300
 
 
-def test_dequantisation_happens_outside_the_scans():
-    graph = build_controller(rounded_to_nearest(random_program(0, model=SMALL))).graph
-    outside = sum(node.op_type == "DequantizeLinear" for node in graph.node)
-    # LSTM 2, encoder 2, dynamics 3, decoder 2 and one a block.
-    assert outside == 9 + SMALL.decoder_blocks
-    assert sum(node.op_type == "DequantizeLinear" for node in nodes(graph)) == outside
-
-
-def test_int8_stores_every_matrix_in_a_byte_a_weight():
+def test_int8_weights_are_a_byte_each_and_dequantised_once():
     program = random_program(0)
     whole, small = (build_controller(of) for of in (program, rounded_to_nearest(program)))
     stored = [t for t in small.graph.initializer if t.data_type == TensorProto.INT8 and len(t.dims) >= 2]
@@ -84,6 +74,17 @@ def test_int8_stores_every_matrix_in_a_byte_a_weight():
     assert [t.dims for t in floats if min(t.dims) > 1] == 3 * [[program.mpc.horizon] * 2]
     assert small.ByteSize() < whole.ByteSize() / 3
     assert whole.ByteSize() < 600_000
+    # Dequantisation happens outside the scans.
+    graph = build_controller(rounded_to_nearest(random_program(0, model=SMALL))).graph
+    outside = sum(node.op_type == "DequantizeLinear" for node in graph.node)
+    # LSTM 2, encoder 2, dynamics 3, decoder 2 and one a block.
+    assert outside == 9 + SMALL.decoder_blocks
+    assert sum(node.op_type == "DequantizeLinear" for node in nodes(graph)) == outside
+    # onnxruntime 1.20 aborts where a per-row DequantizeLinear feeds an operator that only rearranges.
+    graph = build_controller(rounded_to_nearest(random_program(0, model=SMALL))).graph
+    weights = {node.output[0] for node in graph.node if node.op_type == "DequantizeLinear"}
+    consumers = {node.op_type for node in nodes(graph) if weights & set(node.input)}
+    assert consumers <= {"LSTM", "Gemm", "MatMul", "Sub", "Mul", "ReduceMean"}
 
 
 def test_values_that_float32_cannot_hold_are_refused():
@@ -100,11 +101,3 @@ def test_values_that_float32_cannot_hold_are_refused():
         tiny = replace(program.scaling, pressure_std=(1e-60, 1.0, 1.0, 1.0))
         with pytest.raises(ExportError, match="window_std: a value is too large"):
             build_controller(lowered(replace(program, scaling=tiny)))
-
-
-def test_int8_weights_go_straight_into_arithmetic():
-    """onnxruntime 1.20 aborts where a per-row DequantizeLinear feeds an operator that only rearranges."""
-    graph = build_controller(rounded_to_nearest(random_program(0, model=SMALL))).graph
-    weights = {node.output[0] for node in graph.node if node.op_type == "DequantizeLinear"}
-    consumers = {node.op_type for node in nodes(graph) if weights & set(node.input)}
-    assert consumers <= {"LSTM", "Gemm", "MatMul", "Sub", "Mul", "ReduceMean"}

@@ -22,7 +22,24 @@ def built(network: EstimatorNetwork | None = None) -> onnx.ModelProto:
     return build_estimator(rounded_estimator(random_network() if network is None else network))
 
 
+def test_a_graph_of_other_sizes_is_refused():
+    content = built().SerializeToString()
+    assert check_model(content) == len(onnx.load_from_string(content).graph.node)
+    for sizes in (Sizes(window=6, sensors=4, horizon=3), Sizes(window=5, sensors=3, horizon=3)):
+        with pytest.raises(BundleControllerError, match=r"sensors\.onnx: 'window' has shape \[5, 5\]"):
+            OnnxEstimator(content, sizes)
+
+
 def test_onnx_runtime_and_numpy_estimate_the_same():
+    rounded = rounded_estimator(random_network())
+    estimator, network = OnnxEstimator(build_estimator(rounded).SerializeToString(), SIZES), rounded.network
+    window = np.random.default_rng(0).normal(size=(5, 5))
+    at_the_end, beyond = window.copy(), window.copy()
+    # One sensor alone: exchanged ones are judged by the others' ranges.
+    at_the_end[:, 2], beyond[:, 2] = network.mean[2] + REACH * network.std[2], 1e6
+    own = slice(0, len(views(4)) - 24)
+    np.testing.assert_allclose(estimator.estimates(beyond)[own], network.estimates(at_the_end)[own], atol=5e-6)
+    # ONNX Runtime and NumPy estimate the same.
     rounded = rounded_estimator(random_network())
     network = rounded.network
     estimator = OnnxEstimator(build_estimator(rounded).SerializeToString(), SIZES)
@@ -37,26 +54,7 @@ def test_onnx_runtime_and_numpy_estimate_the_same():
         built(network)
 
 
-def test_a_graph_of_other_sizes_is_refused():
-    content = built().SerializeToString()
-    assert check_model(content) == len(onnx.load_from_string(content).graph.node)
-    for sizes in (Sizes(window=6, sensors=4, horizon=3), Sizes(window=5, sensors=3, horizon=3)):
-        with pytest.raises(BundleControllerError, match=r"sensors\.onnx: 'window' has shape \[5, 5\]"):
-            OnnxEstimator(content, sizes)
-
-
-def test_readings_out_of_reach_count_as_those_at_its_end():
-    rounded = rounded_estimator(random_network())
-    estimator, network = OnnxEstimator(build_estimator(rounded).SerializeToString(), SIZES), rounded.network
-    window = np.random.default_rng(0).normal(size=(5, 5))
-    at_the_end, beyond = window.copy(), window.copy()
-    # One sensor alone: exchanged ones are judged by the others' ranges.
-    at_the_end[:, 2], beyond[:, 2] = network.mean[2] + REACH * network.std[2], 1e6
-    own = slice(0, len(views(4)) - 24)
-    np.testing.assert_allclose(estimator.estimates(beyond)[own], network.estimates(at_the_end)[own], atol=5e-6)
-
-
-def test_what_is_written_is_read_again():
+def test_what_is_written_is_read_again_and_another_make_is_not():
     rounded = rounded_estimator(random_network())
     found = read_estimator(build_estimator(rounded).SerializeToString())
     assert found.network.window == 5
@@ -66,17 +64,13 @@ def test_what_is_written_is_read_again():
     window = np.random.default_rng(0).normal(size=(5, 5))
     # The graph has mean, deviation and biases in float32.
     np.testing.assert_allclose(found.network.estimates(window), rounded.network.estimates(window), atol=1e-6)
-
-
-def test_equal_numbers_of_two_layers_are_read_for_each():
+    # Equal numbers of two layers are read for each.
     network = random_network(width=4)
     (first, _), (second, _), (last, _) = network.layers
     alike = replace(network, layers=[(first, np.zeros(4)), (second, np.zeros(4)), (last, np.zeros(4))])
-    found = read_estimator(built(alike).SerializeToString()).network
-    assert [bias.tolist() for _, bias in found.layers] == [[0.0] * 4] * 3
-
-
-def test_a_graph_of_another_make_is_not_read():
+    same = read_estimator(built(alike).SerializeToString()).network
+    assert [bias.tolist() for _, bias in same.layers] == [[0.0] * 4] * 3
+    # A graph of another make is not read.
     model = built()
     for node in model.graph.node:
         if node.op_type == "DequantizeLinear":

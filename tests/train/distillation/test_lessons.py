@@ -29,7 +29,7 @@ def taught(make_episode, small_config) -> tuple[WakeModel, Rows, Scaling, Config
     return teacher, rows, scaling, config, teach(teacher, encode_all(teacher.encoder, rows), rows, scaling, config)
 
 
-def test_there_are_as_many_as_asked_for_and_all_are_the_teachers(taught):
+def test_lessons_are_the_teachers_and_their_plans_go_down_its_cost(taught):
     teacher, _, _, _, lessons = taught
     assert len(lessons) >= 1000
     some = lessons.drawn(torch.tensor([0, 17, 999]))
@@ -37,9 +37,7 @@ def test_there_are_as_many_as_asked_for_and_all_are_the_teachers(taught):
         ahead = teacher.dynamics.rollout(some.latents[:, 0], some.actions).transpose(0, 1)
         assert torch.allclose(some.latents[:, 1:], ahead, atol=1e-5)  # float32, in other batches
         assert torch.allclose(some.forces, teacher.decoder(some.latents), atol=1e-5)
-
-
-def test_plans_on_their_way_cost_less_step_by_step_and_stay_within_the_limit(taught):
+    # Plans on their way cost less step by step and stay within the limit.
     _, _, scaling, config, lessons = taught
     weights = config.mpc.weights
     drag, lift = (lessons.forces[:, 1:] * torch.tensor(scaling.force_std) + torch.tensor(scaling.force_mean)).unbind(-1)

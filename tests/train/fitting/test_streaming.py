@@ -1,7 +1,5 @@
 """A state carried along is the plain recurrence over the whole episode, and a student can be trained for it."""
 
-from collections import Counter
-from collections.abc import Mapping
 from dataclasses import replace
 
 import pytest
@@ -61,28 +59,14 @@ def test_a_streaming_student_follows_the_teacher_past_the_stretches_it_learned_f
 
 
 def test_the_fit_streams_and_the_finish_does_not(rows, small_config, monkeypatch):
-    calls: Counter[str] = Counter()
+    def refuse(encoder: Encoder, segments: torch.Tensor) -> torch.Tensor:
+        raise AssertionError(segments.shape)
 
-    def count(name: str) -> None:
-        inner = getattr(Encoder, name)
-
-        def counted(self: Encoder, segments: torch.Tensor) -> torch.Tensor:
-            calls[name] += 1
-            found: torch.Tensor = inner(self, segments)
-            return found
-
-        monkeypatch.setattr(Encoder, name, counted)
-
-    count("encode_stream")
-    count("encode_segments")
-    steps: dict[Phase, int] = {}
-
-    def progress(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
-        steps[phase] = step
-
-    settings = replace(
-        small_config.train,
-        epochs=2.0, streamed=True, finish=replace(small_config.train.finish, epochs=1.0, unroll=8),
-    )  # fmt: skip
-    fit_joint(rows, replace(small_config, train=settings), progress=progress)
-    assert calls == {"encode_stream": steps[Phase.FIT], "encode_segments": steps[Phase.FINISH]}
+    finish = replace(small_config.train.finish, epochs=1.0, unroll=8)
+    settings = replace(small_config.train, epochs=2.0, streamed=True, finish=finish)
+    for name, phases in (("encode_stream", set()), ("encode_segments", {Phase.FIT})):
+        seen: set[Phase] = set()
+        with monkeypatch.context() as patch, pytest.raises(AssertionError):
+            patch.setattr(Encoder, name, refuse)
+            fit_joint(rows, replace(small_config, train=settings), progress=lambda phase, *_, to=seen: to.add(phase))
+        assert seen == phases, name

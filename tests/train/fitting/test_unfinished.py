@@ -37,6 +37,15 @@ def test_the_same_training_goes_on_from_where_it_was(folder):
     assert str(REACHED) == "longer unroll, iteration 300 of 4000"
     # What the training does not read does not bind it.
     assert unfinished.check(folder, identity(replace(CONFIG, mpc=replace(CONFIG.mpc, iterations=3)))) == REACHED
+    # A damaged label is no reason to fail.
+    path = folder / "training.json"
+    body = json.loads(path.read_text())
+    assert (body["reached"], body["dataset_sha256"]) == ({"phase": "finish", "step": 300, "total": 4000}, DATA)
+    for label in ("{", "[]", "{}", '{"reached": {"phase": "lunch", "step": 1, "total": 2}}'):
+        path.write_text(label)
+        assert unfinished.reached(folder) is None, label
+    path.unlink()
+    assert unfinished.reached(folder) is None
 
 
 def test_another_training_is_refused_by_what_differs_and_with_both_ways(folder):
@@ -50,22 +59,9 @@ def test_another_training_is_refused_by_what_differs_and_with_both_ways(folder):
         unfinished.check(folder, identity(chosen=("base_0",)))
     with pytest.raises(DatasetError, match=rf"another recording: {ways}"):
         unfinished.check(folder, identity(data="1" * 64))
-
-
-def test_a_folder_without_a_checkpoint_binds_no_training(folder):
+    # A folder without a checkpoint binds no training.
     (folder / "fit.pt").unlink()
     assert unfinished.check(folder, identity(data="1" * 64)) is None
-
-
-def test_a_damaged_label_is_no_reason_to_fail(folder):
-    path = folder / "training.json"
-    body = json.loads(path.read_text())
-    assert (body["reached"], body["dataset_sha256"]) == ({"phase": "finish", "step": 300, "total": 4000}, DATA)
-    for label in ("{", "[]", "{}", '{"reached": {"phase": "lunch", "step": 1, "total": 2}}'):
-        path.write_text(label)
-        assert unfinished.reached(folder) is None, label
-    path.unlink()
-    assert unfinished.reached(folder) is None
 
 
 @pytest.mark.processes

@@ -10,7 +10,7 @@ from tests.train.linear.systems import LAYOUT, NAMES, episode, simulated
 from train.linear.differences import SENSORS, check_pairs, chosen_episodes, series_of
 
 
-def test_sensors_must_be_pairs_of_mirror_images():
+def test_rows_are_differences_of_pairs_of_mirror_images():
     check_pairs(TRUCK, SENSORS)
     for sensors, error, named in (
         (("up", "left"), DatasetError, "up and left are no pair: the mirror image of up is down"),
@@ -22,9 +22,7 @@ def test_sensors_must_be_pairs_of_mirror_images():
     crooked = SensorLayout(names=NAMES, positions=LAYOUT.positions, base=LAYOUT.base, mirror=None)
     with pytest.raises(DatasetError, match="no mirror images"):
         check_pairs(crooked, NAMES)
-
-
-def test_rows_are_differences_and_actions_without_the_transient():
+    # Rows are differences and actions without the transient.
     found = series_of(episode("one", 50, 0), LAYOUT, NAMES, ("Cl",), 10)
     rows, lift = simulated(50, 0)
     np.testing.assert_allclose(found.rows, rows[10:], atol=1e-12)
@@ -33,9 +31,7 @@ def test_rows_are_differences_and_actions_without_the_transient():
         series_of(episode("one", 50, 0), LAYOUT, NAMES, ("Cl",), 50)
     with pytest.raises(DatasetError, match="'Uy_probe' is missing; give it no weight"):
         series_of(episode("one", 50, 0), LAYOUT, NAMES, ("Cl", "Uy_probe"), 0)
-
-
-def test_episodes_are_chosen_by_patterns():
+    # Episodes are chosen by patterns.
     episodes = [episode(name, 5, 0) for name in ("controlled_1", "free", "controlled_2")]
     assert [item.name for item in chosen_episodes(episodes, ["controlled*"])] == ["controlled_1", "controlled_2"]
     with pytest.raises(DatasetError, match=r"no episode is called x\*: there are controlled_1, free, controlled_2"):

@@ -35,6 +35,9 @@ def test_cheap_action_stabilises_and_dear_action_reflects_the_pole():
     dear = design(model, [1e-6], 1e3)
     assert dear.closed_loop == pytest.approx(1 / 1.1, rel=1e-3)
     assert design(model, [1.0], 1e-6).closed_loop < dear.closed_loop
+    # What cannot be stabilised is refused.
+    with pytest.raises(DesignError, match=r"Riccati|spectral radius"):
+        design(scalar(1.2, 0.0), [1.0], 1.0)
 
 
 def test_feedback_at_the_predicted_state_is_the_regulator_with_delay():
@@ -53,8 +56,3 @@ def test_feedback_at_the_predicted_state_is_the_regulator_with_delay():
     P = scipy.linalg.solve_discrete_are(delayed_A, delayed_B, Q + 1e-9 * np.eye(n + 1), [[1e-9]])
     K = np.linalg.solve(1e-9 + delayed_B.T @ P @ delayed_B, delayed_B.T @ P @ delayed_A)[0]
     np.testing.assert_allclose(-K, gain @ np.hstack([A, B]), rtol=1e-4, atol=1e-5)
-
-
-def test_what_cannot_be_stabilised_is_refused():
-    with pytest.raises(DesignError, match=r"Riccati|spectral radius"):
-        design(scalar(1.2, 0.0), [1.0], 1.0)

@@ -57,9 +57,7 @@ def test_what_cannot_be_identified_leaves_nothing(recording, tmp_path):
         with pytest.raises(error, match=named):
             identify_all(recording, tmp_path / "m", Config(), how, weights)
         assert list(tmp_path.iterdir()) == []
-
-
-def test_numbers_outside_their_range_are_refused():
+    # Numbers outside their range are refused.
     for settings, named in (
         ({"window": 1}, "window = 1: must be at least 2"),
         ({"ridge": float("nan")}, "ridge = nan: must be positive and finite"),
@@ -69,6 +67,6 @@ def test_numbers_outside_their_range_are_refused():
     ):
         with pytest.raises(ConfigError, match=named):
             Identification(**settings)
-    for weights in ({"action": 0.0}, {"lift": -1.0}, {"differences": float("inf")}):
+    for prices in ({"action": 0.0}, {"lift": -1.0}, {"differences": float("inf")}):
         with pytest.raises(ConfigError, match="weight = "):
-            Design(**weights)
+            Design(**prices)

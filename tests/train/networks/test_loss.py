@@ -12,25 +12,21 @@ from train.networks.model import WakeModel
 from train.samples.sampler import Batch
 
 
-def test_prediction_loss_by_hand():
+def test_terms_by_hand_and_by_formula():
     predicted = torch.tensor([[[1.0, 2.0]], [[0.0, 0.0]]])
     target = torch.tensor([[[0.0, 0.0]], [[3.0, 0.0]]])
     assert prediction_loss(predicted, target).item() == pytest.approx((1 + 4 + 9) / 4)
-
-
-def test_variance_loss_by_hand():
+    # Variance loss by hand.
     latents = torch.tensor([[0.0, 0.0], [1.0, 10.0]])  # variances 1/2 and 50
     assert variance_loss(latents).item() == pytest.approx((1 - math.sqrt(0.5 + EPSILON)) / 2, rel=1e-6)
     assert variance_loss(torch.zeros(4, 3)).item() == pytest.approx(1 - math.sqrt(EPSILON), rel=1e-6)
-
-
-def test_covariance_loss_against_the_formula():
-    latents = np.random.default_rng(0).normal(size=(3, 20, 4))
+    # Covariance loss against the formula.
+    drawn = np.random.default_rng(0).normal(size=(3, 20, 4))
     expected = 0.0
-    for batch in latents:
+    for batch in drawn:
         covariance = np.cov(batch.T)
         expected += sum(covariance[i, j] ** 2 for i in range(4) for j in range(4) if i != j) / (4 * 3)
-    assert covariance_loss(torch.from_numpy(latents)).item() == pytest.approx(expected / 3, rel=1e-12)
+    assert covariance_loss(torch.from_numpy(drawn)).item() == pytest.approx(expected / 3, rel=1e-12)
     assert covariance_loss(torch.randn(5, 1)).item() == 0.0
 
 

@@ -37,9 +37,7 @@ def test_values_and_gradients_are_those_of_nn_lstm(lstm):
         gradients = torch.autograd.grad(shared, wanted, direction)
         for gradient, true in zip(gradients, torch.autograd.grad(expected, wanted, direction), strict=True):
             torch.testing.assert_close(gradient, true, rtol=1e-10, atol=1e-12)
-
-
-def test_gradient_of_the_input_alone(lstm):
+    # Gradient of the input alone.
     segments = torch.randn(2, 9, FEATURES, dtype=torch.float64, requires_grad=True)
     lstm.requires_grad_(False)
     (found,) = torch.autograd.grad(last_hidden(segments, WINDOW, *lstm.all_weights[0]).sum(), segments)

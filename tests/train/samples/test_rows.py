@@ -10,10 +10,13 @@ from train.samples.rows import prepare
 from train.samples.scaling import fit_scaling
 
 
-def test_rows_are_standardised_over_the_recording_and_its_mirror_image(rows):
+def test_rows_are_standardised_with_the_action_before_them(rows):
     for values in (rows.inputs[:, : sensors.COUNT], rows.actions[:, None], rows.forces):
         torch.testing.assert_close(values.mean(dim=0), torch.zeros(values.shape[1]), rtol=0, atol=1e-5)
         torch.testing.assert_close(values.std(dim=0, correction=0), torch.ones(values.shape[1]), rtol=1e-5, atol=0)
+    # Chosen sensors keep their order and the action.
+    slim = rows.with_sensors(sensors.TRUCK.indices(["base_9", "upper_02"]))
+    assert torch.equal(slim.inputs, rows.inputs[:, [89, 2, 90]])
 
 
 def test_a_row_holds_the_pressures_and_the_action_before_them(make_episode):
@@ -26,8 +29,3 @@ def test_a_row_holds_the_pressures_and_the_action_before_them(make_episode):
         assert rows.actions[k].item() == pytest.approx(episode.series["action"][k] / scaling.action_std, rel=1e-6)
         physical = rows.inputs[k, 55].item() * scaling.pressure_std[55] + scaling.pressure_mean[55]
         assert physical == pytest.approx(episode.series["Cp"][k, 55], rel=1e-5)
-
-
-def test_chosen_sensors_keep_their_order_and_the_action(rows):
-    slim = rows.with_sensors(sensors.TRUCK.indices(["base_9", "upper_02"]))
-    assert torch.equal(slim.inputs, rows.inputs[:, [89, 2, 90]])

@@ -34,7 +34,7 @@ def test_one_pass_holds_every_sample_and_none_across_a_boundary(rows):
         assert len(seen) >= (1.0 if segment == 1 else 0.9) * len(wanted), segment
 
 
-def test_a_batch_agrees_with_brute_force(rows):
+def test_a_batch_agrees_with_brute_force_and_depends_on_seed_and_step_alone(rows):
     drawn = sampler(rows, 3)
     batch = drawn.batch(5)
     for segment, first in enumerate(drawn.first_rows(5)):
@@ -45,9 +45,7 @@ def test_a_batch_agrees_with_brute_force(rows):
             assert batch.ends[segment, w] == end
             assert batch.actions[segment, w] == rows.actions[end]
             assert torch.equal(batch.forces[segment, w], rows.forces[end])
-
-
-def test_batches_depend_on_seed_and_step_alone(rows):
+    # Batches depend on seed and step alone.
     one, two = sampler(rows, 4, seed=3), sampler(rows, 4, seed=3)
     later = one.first_rows(40)
     for step in (0, 17):

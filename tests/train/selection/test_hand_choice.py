@@ -9,7 +9,7 @@ from contract.sensor_layout import SensorLayout
 from train.selection.hand_choice import select_by_hand
 
 
-def test_even_counts_are_their_own_mirror_image_and_odd_ones_lack_one():
+def test_the_choice_is_symmetric_and_grows_from_the_rear_corners():
     assert [sensors.NAMES[index] for index in select_by_hand(4)] == ["upper_39", "lower_39", "base_0", "base_9"]
     for count in range(1, 91):
         chosen = select_by_hand(count)
@@ -20,9 +20,7 @@ def test_even_counts_are_their_own_mirror_image_and_odd_ones_lack_one():
             (alone,) = set(chosen) - image
             assert alone == chosen[-1]
             assert sensors.positions()[alone, 1] > 0
-
-
-def test_none_left_out_is_nearer_to_a_corner_along_its_own_wall():
+    # None left out is nearer to a corner along its own wall.
     corner = np.array([sensors.positions()[:, 0].max(), 0.5])
     position = np.abs(sensors.positions())
     distance = np.abs(position - corner).sum(axis=1)

@@ -34,9 +34,7 @@ def test_pivots_are_the_peaks_of_disjoint_modes():
     assert set(select_qr(rows, 3)) == set(PEAKS)
     assert select_qr(rows, 1) == (PEAKS[0],)  # of one mode, the strongest
     assert set(select_qr(rows, 2)) == set(PEAKS[:2])
-
-
-def test_a_sensor_that_repeats_a_pivot_is_passed_over():
+    # A sensor that repeats a pivot is passed over.
     # Sensors 10 and 11 hear the same amplitude, 70 another at half the strength: QR takes one of the two, then 70.
     t = 2 * np.pi * np.arange(200) / 200
     pressure = np.zeros((200, sensors.COUNT))
@@ -44,9 +42,7 @@ def test_a_sensor_that_repeats_a_pivot_is_passed_over():
     pressure[:, 70] = 0.5 * np.cos(t)
     first, second = select_qr(rows_of(pressure), 2)
     assert {first, second} in ({10, 70}, {11, 70})
-
-
-def test_more_modes_than_sensors_are_used_as_told():
+    # More modes than sensors are used as told.
     # Sensor 5 is largest in the strong mode, 8 has the longest row of both: 0.36 / 2.17 + 0.81 / 1.17.
     t = 2 * np.pi * np.arange(400) / 400
     strong, weak = np.zeros(sensors.COUNT), np.zeros(sensors.COUNT)

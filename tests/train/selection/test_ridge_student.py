@@ -38,7 +38,7 @@ def test_the_error_is_that_of_numpy_s_least_squares(listener, noise_rows):
     assert student.error(chosen) == pytest.approx(expected, rel=1e-9)
 
 
-def test_nothing_is_left_where_all_is_heard_and_all_where_nothing_is(listener, noise_rows):
+def test_errors_are_those_known_in_closed_form(listener, noise_rows):
     # Only ages that are multiples of four are lags; the action is always one of the inputs.
     teacher = listener((("upper_07", 12, 1.0), ("action", 28, 1.0)))
     student = ridge_student(teacher, noise_rows((2000,)), seed=0)
@@ -47,6 +47,18 @@ def test_nothing_is_left_where_all_is_heard_and_all_where_nothing_is(listener, n
     assert student.error([8]) == pytest.approx(0.5, abs=0.1)
     deaf = ridge_student(listener((("upper_07", 13, 1.0),)), noise_rows((2000,)), seed=0)
     assert deaf.error([7]) == pytest.approx(1.0, abs=0.1)
+    # Noise on the sensors is priced as if it had been drawn.
+    teacher = listener((("upper_07", 12, 1.0), ("base_2", 12, 0.5)))
+    clean = noise_rows((6000,))
+    unit = torch.full((90,), 1.0)
+    unit[7] = 4.0
+    rows = replace(clean, unit=unit)
+    student = ridge_student(teacher, rows, seed=0, sensor_noise=0.5)
+    chosen = (7, 82)
+    # One sensor, one lag, unit variance: the best weight leaves noise / (1 + noise) of its power.
+    left = (1.0 * 4.0 / (1 + 4.0) + 0.25 * 0.25 / (1 + 0.25)) / 1.25
+    assert student.error(chosen) == pytest.approx(left, rel=0.05)
+    assert ridge_student(teacher, rows, seed=0).error(chosen) < 0.01
 
 
 def test_fitted_and_judged_windows_are_others_and_none_crosses_an_episode_s_end(listener, noise_rows):
@@ -66,17 +78,3 @@ def test_too_few_windows_and_a_teacher_without_opinion_are_refused(listener, noi
     still = Rows(inputs=torch.zeros_like(still.inputs), actions=still.actions, forces=still.forces, lengths=(60,))
     with pytest.raises(DatasetError, match="the same in all windows"):
         ridge_student(teacher, still, seed=0)
-
-
-def test_noise_on_the_sensors_is_priced_as_if_it_had_been_drawn(listener, noise_rows):
-    teacher = listener((("upper_07", 12, 1.0), ("base_2", 12, 0.5)))
-    clean = noise_rows((6000,))
-    unit = torch.full((90,), 1.0)
-    unit[7] = 4.0
-    rows = replace(clean, unit=unit)
-    student = ridge_student(teacher, rows, seed=0, sensor_noise=0.5)
-    chosen = (7, 82)
-    # One sensor, one lag, unit variance: the best weight leaves noise / (1 + noise) of its power.
-    left = (1.0 * 4.0 / (1 + 4.0) + 0.25 * 0.25 / (1 + 0.25)) / 1.25
-    assert student.error(chosen) == pytest.approx(left, rel=0.05)
-    assert ridge_student(teacher, rows, seed=0).error(chosen) < 0.01

@@ -159,9 +159,7 @@ def test_where_all_hidden_activations_are_0_the_estimate_is_the_biases(in_c):
     # The answer is a number of order one in single precision.
     found = in_c(graph(replace(NETWORK, layers=silent)))(window(0))
     np.testing.assert_allclose(found, np.tile(expected, (10, 1)), rtol=1e-6)
-
-
-def test_networks_that_the_sources_cannot_run_are_refused():
+    # Networks that the sources cannot run are refused.
     first, second, last = NETWORK.layers
     narrower = (second[0][:40], second[1][:40])
     for other, message in (
