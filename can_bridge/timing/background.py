@@ -10,7 +10,7 @@ from pathlib import Path
 from random import Random
 from typing import Final
 
-from can_bridge.timing.dbc_traffic import read_traffic
+from can_bridge.timing.dbc_traffic import Traffic, read_traffic
 from can_bridge.timing.periodic_message import NS_PER_MS, OUR_IDS, PeriodicMessage
 from contract.config.vehicle import BackgroundConfig, BusConfig
 from contract.errors import ConfigError
@@ -25,8 +25,8 @@ _IDS: Final = range(0x010, 0x700)
 """Identifiers of made-up messages: below lies network management of high priority, above diagnostics."""
 
 
-def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int]) -> tuple[PeriodicMessage, ...]:
-    """What other nodes send, the highest priority first; empty where no background is set.
+def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int]) -> Traffic:
+    """What other nodes send; nothing where no background is set.
 
     Args:
         config: a share of the bus, or a file.
@@ -38,8 +38,8 @@ def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int])
         BusError: a file that cannot be read, or that does not go with this bus.
     """
     if config.dbc:
-        return read_traffic(Path(config.dbc), bus, taken, seed=config.seed).messages
-    return made_up(config.load, bus, taken, seed=config.seed) if config.load else ()
+        return read_traffic(Path(config.dbc), bus, taken, seed=config.seed)
+    return Traffic(messages=made_up(config.load, bus, taken, seed=config.seed) if config.load else ())
 
 
 def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -> tuple[PeriodicMessage, ...]:

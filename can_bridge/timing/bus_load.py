@@ -2,12 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from random import Random
 from typing import Final
 
-from can_bridge.timing.background import made_up
-from can_bridge.timing.dbc_traffic import read_traffic
+from can_bridge.timing.background import background
 from can_bridge.timing.periodic_message import NS_PER_MS, PeriodicMessage
 from can_bridge.timing.response_time import Response, message_response_times
 from can_bridge.wire.frame_bits import frame_ns
@@ -69,15 +67,9 @@ def bus_load(config: Config) -> BusLoad:
         BusError: the background's file, as `read_traffic` has it.
     """
     bus = config.bus
-    others: Sequence[PeriodicMessage] = ()
-    left_out: tuple[str, ...] = ()
-    if bus.background.dbc:
-        traffic = read_traffic(Path(bus.background.dbc), bus, (), seed=bus.background.seed)
-        others, left_out = traffic.messages, traffic.left_out
-    elif bus.background.load:
-        others = made_up(bus.background.load, bus, (), seed=bus.background.seed)
-    ours = loop_messages(config, others)
-    everyone = _by_priority((*ours, *others))
+    others = background(bus.background, bus, ())
+    ours = loop_messages(config, others.messages)
+    everyone = _by_priority((*ours, *others.messages))
     names = {message.name for message in ours}
     loads = tuple(
         MessageLoad(
@@ -93,7 +85,7 @@ def bus_load(config: Config) -> BusLoad:
         messages=loads,
         mean=sum(one.mean_ns / one.message.period_ns for one in loads),
         worst=sum(one.worst_ns / one.message.period_ns for one in loads),
-        left_out=left_out,
+        left_out=others.left_out,
     )
 
 

@@ -22,19 +22,19 @@ _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
 
 
 @dataclass(frozen=True, kw_only=True)
-class FileTraffic:
-    """What a file describes.
+class Traffic:
+    """What other nodes send.
 
     Attributes:
         messages: to be sent, the highest priority first.
-        left_out: the others, each as "name (why)".
+        left_out: the others that a file describes, each as "name (why)".
     """
 
     messages: tuple[PeriodicMessage, ...]
-    left_out: tuple[str, ...]
+    left_out: tuple[str, ...] = ()
 
 
-def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: int) -> FileTraffic:
+def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: int) -> Traffic:
     """The messages of a file at their cycle times (`GenMsgCycleTime` in a DBC), their phases drawn from the seed.
 
     Left out are messages without a cycle time, those that no CAN frame of ours can carry, and stillwake's own, which a
@@ -79,7 +79,7 @@ def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: in
     for one, other in pairwise(messages):
         if one.priority == other.priority:
             raise BusError(f"{path}: {one.name} and {other.name} have one identifier, {one.frame_id:#x}")
-    return FileTraffic(messages=tuple(messages), left_out=tuple(left_out))
+    return Traffic(messages=tuple(messages), left_out=tuple(left_out))
 
 
 def _why_not(message: "Message", database: "Database") -> str | None:

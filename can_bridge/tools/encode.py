@@ -84,24 +84,20 @@ _Emitter = tuple[MessageSpec, tuple[str, ...], Callable[[Mapping[str, float]], b
 def _emitters() -> dict[str, _Emitter]:
     emitters: dict[str, _Emitter] = {}
     for one in SETS:
-        pressure, command, status = one.pressure, one.command, one.status
-        is_classic = not pressure.spec.is_fd
-        build_pressure = _classic_pressure if is_classic else _pressure
-        emitters[pressure.spec.name] = (pressure.spec, _names(pressure), _then(build_pressure, pressure))
-        emitters[command.spec.name] = (command.spec, _names(command), _then(_command, command))
-        build_status = _classic_status if is_classic else _status
-        emitters[status.spec.name] = (status.spec, _names(status), _then(build_status, status))
+        is_fd = one.pressure.spec.is_fd
+        emitters |= (
+            _emitter(one.pressure, _pressure if is_fd else _classic_pressure)
+            | _emitter(one.command, _command)
+            | _emitter(one.status, _status if is_fd else _classic_status)
+        )
     return emitters
 
 
-def _names(message: Message[T]) -> tuple[str, ...]:
+def _emitter(message: Message[T], build: Callable[[Mapping[str, float]], T]) -> dict[str, _Emitter]:
     spec = message.spec
     decoded = decode(Frame(frame_id=spec.frame_id, data=bytes(spec.length), is_fd=spec.is_fd))
-    return () if decoded is None else tuple(one.name for one in decoded.signals if one.name not in PROTECTION)
-
-
-def _then(build: Callable[[Mapping[str, float]], T], message: Message[T]) -> Callable[[Mapping[str, float]], bytes]:
-    return lambda values: message.emit(build(values))
+    names = () if decoded is None else tuple(one.name for one in decoded.signals if one.name not in PROTECTION)
+    return {spec.name: (spec, names, lambda values: message.emit(build(values)))}
 
 
 def _pressure(values: Mapping[str, float]) -> Pressure:

@@ -145,8 +145,9 @@ def observe(
         key: of secured messages; without it their authentication is not checked.
     """
     decoded = decoder(frame)
-    receiver = ReceiverState() if before is None else before.receiver
-    verifier = VerifierState() if before is None else before.verifier
+    if before is None:
+        before = Traffic(latest=frame, decoded=decoded, count=0, first_ns=frame.timestamp_ns, recent_ns=())
+    receiver, verifier = before.receiver, before.verifier
     check: Check | None = None
     mac: Mac | None = None
     lost = 0
@@ -157,18 +158,6 @@ def observe(
         verifier, mac = _verified(verifier, whole, spec, key)
         if mac not in MAC_REFUSED:
             receiver, check, lost = _checked(receiver, whole, spec, e2e)
-    if before is None:
-        return Traffic(
-            latest=frame,
-            decoded=decoded,
-            first_ns=frame.timestamp_ns,
-            recent_ns=(frame.timestamp_ns,),
-            check=check,
-            mac=mac,
-            lost=lost,
-            receiver=receiver,
-            verifier=verifier,
-        )
     return replace(
         before,
         latest=frame,

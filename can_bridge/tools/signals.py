@@ -137,7 +137,7 @@ def _of_command(value: JetCommand) -> tuple[Signal, ...]:
     )
 
 
-def _of_classic_status(value: EcuStatus) -> tuple[Signal, ...]:
+def _counted(value: EcuStatus) -> tuple[Signal, ...]:
     return (
         Signal(name="State", value=int(value.state), text=value.state.name),
         Signal(name="Reason", value=int(value.reason), text=value.reason.name),
@@ -145,6 +145,12 @@ def _of_classic_status(value: EcuStatus) -> tuple[Signal, ...]:
         Signal(name="Overruns", value=value.overruns),
         Signal(name="Missed", value=value.missed),
         Signal(name="CrcErrors", value=value.crc_errors),
+    )
+
+
+def _of_classic_status(value: EcuStatus) -> tuple[Signal, ...]:
+    return (
+        *_counted(value),
         Signal(name="Refused", value=value.refused),
         Signal(name="BundleHash", value=value.bundle_hash >> 16, text=f"{value.bundle_hash >> 16:#06x}"),
     )
@@ -152,12 +158,7 @@ def _of_classic_status(value: EcuStatus) -> tuple[Signal, ...]:
 
 def _of_status(value: EcuStatus) -> tuple[Signal, ...]:
     return (
-        Signal(name="State", value=int(value.state), text=value.state.name),
-        Signal(name="Reason", value=int(value.reason), text=value.reason.name),
-        Signal(name="BusOff", value=value.bus_off),
-        Signal(name="Overruns", value=value.overruns),
-        Signal(name="Missed", value=value.missed),
-        Signal(name="CrcErrors", value=value.crc_errors),
+        *_counted(value),
         Signal(name="BundleHash", value=value.bundle_hash, text=f"{value.bundle_hash:#010x}"),
         Signal(name="Refused", value=value.refused),
         Signal(name="NotAuthentic", value=value.not_authentic),

@@ -95,7 +95,7 @@ def wire(
         ConfigError: the wake has no sensor of a name; or settings of the bus contradict each other.
     """
     messages = message_set(config.bus)
-    others = background(config.bus.background, config.bus, [spec.frame_id for spec in messages.specs])
+    others = background(config.bus.background, config.bus, [spec.frame_id for spec in messages.specs]).messages
     waits = WaitingTimes(messages=messages)
 
     def seen(transmission: Transmission) -> None:

@@ -8,11 +8,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from random import Random
 
-from can_bridge.bus.faults.fault import Clock, Probability, SidedFault
-from can_bridge.bus.faults.frame_by_frame import FrameByFrame
-from can_bridge.bus.faults.injector import Injector
+from can_bridge.bus.faults.fault import Probability
+from can_bridge.bus.faults.frame_by_frame import Change, SidedFault
 from can_bridge.bus.faults.protection import payload_bits, reprotected, spec_of
-from can_bridge.bus.interface import Bus
 from can_bridge.wire.frame import Frame
 from contract.config.rules import AtLeastOne
 
@@ -30,13 +28,9 @@ class FlipBits(SidedFault, section="flip_bits"):
     wrong; frames that are not ours pass as they are. Otherwise they change behind it: in a driver, a gateway or the
     receiver's memory."""
 
-    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
-        """See `Fault.around`; with `before_crc`, passing on an authenticated frame raises BusError."""
-
-        def change(frame: Frame) -> list[Frame]:
-            return [self._flipped(frame, random) if random.random() < self.probability else frame]
-
-        return FrameByFrame(bus, self, clock, change)
+    def change(self, random: Random) -> Change:
+        """See `SidedFault.change`; with `before_crc`, passing on an authenticated frame raises BusError."""
+        return lambda frame: [self._flipped(frame, random) if random.random() < self.probability else frame]
 
     def _flipped(self, frame: Frame, random: Random) -> Frame:
         if not self.before_crc:
@@ -59,8 +53,8 @@ class StuckAt(SidedFault, section="stuck_at"):
     are not ours pass as they are. Otherwise the whole frame is the same to the bit, as when a buffer is not refilled.
     """
 
-    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
-        """See `Fault.around`; with `counter_runs`, passing on an authenticated frame raises BusError."""
+    def change(self, random: Random) -> Change:
+        """See `SidedFault.change`; with `counter_runs`, passing on an authenticated frame raises BusError."""
         first: dict[tuple[bool, int], bytes] = {}
 
         def change(frame: Frame) -> list[Frame]:
@@ -70,7 +64,7 @@ class StuckAt(SidedFault, section="stuck_at"):
             spec = spec_of(frame)
             return [frame if spec is None else reprotected(frame, data, spec)]
 
-        return FrameByFrame(bus, self, clock, change)
+        return change
 
 
 def _with_flips(data: bytes, places: Iterable[int]) -> bytes:

@@ -3,11 +3,8 @@
 from dataclasses import dataclass
 from random import Random
 
-from can_bridge.bus.faults.fault import Clock, Probability, SidedFault
-from can_bridge.bus.faults.frame_by_frame import FrameByFrame
-from can_bridge.bus.faults.injector import Injector
-from can_bridge.bus.interface import Bus
-from can_bridge.wire.frame import Frame
+from can_bridge.bus.faults.fault import Probability
+from can_bridge.bus.faults.frame_by_frame import Change, SidedFault
 from contract.config.rules import AtLeastOne
 
 
@@ -23,10 +20,6 @@ class Duplicate(SidedFault, section="duplicate"):
     copies: AtLeastOne[int] = 1
     """Copies of each frame, without the frame itself."""
 
-    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
-        """See `Fault.around`."""
-
-        def change(frame: Frame) -> list[Frame]:
-            return [frame] * (1 + self.copies) if random.random() < self.probability else [frame]
-
-        return FrameByFrame(bus, self, clock, change)
+    def change(self, random: Random) -> Change:
+        """See `SidedFault.change`."""
+        return lambda frame: [frame] * (1 + self.copies) if random.random() < self.probability else [frame]

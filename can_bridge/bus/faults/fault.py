@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
 from random import Random
-from typing import Annotated, Final, Literal, TypeVar
+from typing import Annotated, Final, TypeVar
 
 from can_bridge.bus.faults.injector import Injector
 from can_bridge.bus.interface import Bus
@@ -62,15 +62,3 @@ class FrameFault(Fault, ABC, section="frame_fault"):
     def concerns(self, frame: Frame) -> bool:
         """Whether the fault is meant for this frame."""
         return not self.frame_ids or frame.frame_id in self.frame_ids
-
-
-@dataclass(frozen=True, kw_only=True)
-class SidedFault(FrameFault, ABC, section="sided_fault"):
-    """A fault of single frames on one side of the port."""
-
-    at: Literal["send", "receive"] = "send"
-    """What the node sends, and so all the others get, or what this node alone receives."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require(self.at in ("send", "receive"), self, "at", "'send' or 'receive'")

@@ -1,17 +1,42 @@
-"""The injector of faults that turn one frame into none, another one, or several, at once."""
+"""Faults that turn one frame into none, another one, or several, at once, and their injector."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
+from random import Random
+from typing import Literal
 
 from can_bridge.bus.faults.arrivals import Arrivals
-from can_bridge.bus.faults.fault import Clock, SidedFault
+from can_bridge.bus.faults.fault import Clock, FrameFault
 from can_bridge.bus.faults.injector import Injector
 from can_bridge.bus.interface import Bus
 from can_bridge.wire.frame import Frame
+from contract.config.rules import require
 
 Change = Callable[[Frame], list[Frame]]
 
 
-class FrameByFrame(Injector):
+@dataclass(frozen=True, kw_only=True)
+class SidedFault(FrameFault, ABC, section="sided_fault"):
+    """A fault of single frames on one side of the port."""
+
+    at: Literal["send", "receive"] = "send"
+    """What the node sends, and so all the others get, or what this node alone receives."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.at in ("send", "receive"), self, "at", "'send' or 'receive'")
+
+    @abstractmethod
+    def change(self, random: Random) -> Change:
+        """What a frame turns into; all draws come from `random`."""
+
+    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
+        """See `Fault.around`."""
+        return _FrameByFrame(bus, self, clock, self.change(random))
+
+
+class _FrameByFrame(Injector):
     """Passes each frame that the fault concerns, and that was sent or arrived in its span, through `change`.
 
     Attributes:

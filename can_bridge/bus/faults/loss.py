@@ -4,10 +4,8 @@ from dataclasses import dataclass
 from random import Random
 from typing import Annotated
 
-from can_bridge.bus.faults.fault import Clock, Probability, SidedFault
-from can_bridge.bus.faults.frame_by_frame import FrameByFrame
-from can_bridge.bus.faults.injector import Injector
-from can_bridge.bus.interface import Bus
+from can_bridge.bus.faults.fault import Probability
+from can_bridge.bus.faults.frame_by_frame import Change, SidedFault
 from can_bridge.wire.frame import Frame
 from contract.config.rules import Fraction, at_least, require
 
@@ -18,13 +16,9 @@ class Drop(SidedFault, section="drop"):
 
     probability: Probability[float]
 
-    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
-        """See `Fault.around`."""
-
-        def change(frame: Frame) -> list[Frame]:
-            return [] if random.random() < self.probability else [frame]
-
-        return FrameByFrame(bus, self, clock, change)
+    def change(self, random: Random) -> Change:
+        """See `SidedFault.change`."""
+        return lambda frame: [] if random.random() < self.probability else [frame]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,8 +51,8 @@ class BurstLoss(SidedFault, section="burst_loss"):
         """Probability that a burst begins behind a frame that passed."""
         return self.to_good * self.loss / (1.0 - self.loss)
 
-    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
-        """See `Fault.around`."""
+    def change(self, random: Random) -> Change:
+        """See `SidedFault.change`."""
         # A frame before the first was lost with the share of the lost: the stationary distribution, which stays.
         bad = random.random() < self.loss
 
@@ -67,4 +61,4 @@ class BurstLoss(SidedFault, section="burst_loss"):
             bad = random.random() < (1.0 - self.to_good if bad else self.to_bad)
             return [] if bad else [frame]
 
-        return FrameByFrame(bus, self, clock, change)
+        return change

@@ -5,7 +5,7 @@ rules are those of `can_bridge.bus.simulated.fault_confinement`.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import Final, Generic, Literal, NamedTuple, TypeVar
 
@@ -122,7 +122,9 @@ def resolve(
     answered = any(not sender.passive for sender in senders) or any(
         not passive for node, passive in receivers.items() if node not in first
     )
-    return _with(outcome, dict.fromkeys(first, Verdict.SIGNALLED_FIRST)) if answered else outcome
+    if not answered:
+        return outcome
+    return replace(outcome, verdicts={**outcome.verdicts, **dict.fromkeys(first, Verdict.SIGNALLED_FIRST)})
 
 
 def _collide(senders: list[Sender[T]], verdicts: dict[T, Verdict]) -> tuple[list[Sender[T]], int | None]:
@@ -180,8 +182,8 @@ def _disturbed(
     if position == last:
         # Receivers take the frame at the bit before. The sender sends it again, and they get it twice.
         outcome = _destroyed(senders, receivers, verdicts, Verdict.TRANSMIT_ERROR, used)
-        heard = _with(outcome, {node: Verdict.HEARD for node in receivers if node not in deaf})
-        return Outcome(frame=frame, verdicts=heard.verdicts, used=used, rest=heard.rest)
+        heard = {node: Verdict.HEARD for node in receivers if node not in deaf}
+        return replace(outcome, frame=frame, verdicts={**outcome.verdicts, **heard})
     if position < len(bits.stuffed) and bits.stuffed[position] == "1":
         if is_arbitration_stuff_bit(frame, position):
             return _destroyed(senders, receivers, verdicts, Verdict.ARBITRATION_STUFF, used)
@@ -199,13 +201,5 @@ def _destroyed(
     used: tuple[int, int],
 ) -> Outcome[T]:
     """An error that every node knows of in the end."""
-    found = {
-        **dict.fromkeys(receivers, Verdict.RECEIVE_ERROR),
-        **{sender.node: verdict for sender in senders},
-        **verdicts,
-    }
-    return Outcome(frame=None, verdicts=found, used=used, rest=FLAGS + DELIMITER + INTERMISSION)
-
-
-def _with(outcome: Outcome[T], changed: Mapping[T, Verdict]) -> Outcome[T]:
-    return Outcome(frame=outcome.frame, verdicts={**outcome.verdicts, **changed}, used=outcome.used, rest=outcome.rest)
+    by_node = dict.fromkeys(receivers, Verdict.RECEIVE_ERROR) | {sender.node: verdict for sender in senders} | verdicts
+    return Outcome(frame=None, verdicts=by_node, used=used, rest=FLAGS + DELIMITER + INTERMISSION)

@@ -184,7 +184,9 @@ class _Loop:
         self._bus = bus = SimulatedBus(config.bus, self._on_the_wire, corrupts=self._wire_errors)
         self._ports = {name: bus.port(name) for name in ("vehicle", "ECU", "background")}
         ours = [spec.frame_id for spec in message_set(config.bus).specs]
-        BackgroundNode(bus, self._ports["background"], background(config.bus.background, config.bus, ours), seed)
+        BackgroundNode(
+            bus, self._ports["background"], background(config.bus.background, config.bus, ours).messages, seed
+        )
         pressures, commands = (PRESSURE.frame_id,), (JET_COMMAND.frame_id,)
         # Of the pressures some 3 % are lost and 1 % damaged behind CAN's own check; two fifths come twice.
         at_ecu = [

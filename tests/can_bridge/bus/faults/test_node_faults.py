@@ -6,13 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.bus.faults.babble import MOST_AT_ONCE, Babble
+from can_bridge.bus.faults.babble import MOST_AT_ONCE, Babble, keep_babbling
 from can_bridge.bus.faults.clocks import ClockDrift
 from can_bridge.bus.faults.connection import Disconnect, SlowConsumer
 from can_bridge.bus.faults.fault import NS
+from can_bridge.bus.faults.wrapping import wrap
+from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame
+from contract.config.vehicle import BusConfig
 from contract.errors import BusError
-from tests.can_bridge.bus.faults.links import PERIOD_S, number_of, numbered, numbers, simulated_link
+from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, number_of, numbered, numbers, simulated_link
 
 
 def test_the_node_sends_at_the_rate_with_its_own_frames(link):
@@ -59,6 +62,24 @@ def test_a_bus_that_takes_no_more_ends_the_babble_and_not_the_node(link):
     full.room = full.taken
     with pytest.raises(BusError, match="full"):
         faulty.send(numbered(1))
+
+
+def test_on_a_bus_with_arbitration_a_babbling_node_starves_the_others():
+    bus = SimulatedBus(BusConfig())
+    one, other = bus.port(), bus.port()
+    babbler = wrap(bus.port(), (Babble(start_s=9.5 * PERIOD_S, end_s=29.5 * PERIOD_S),), lambda: bus.now_ns)
+    keep_babbling(babbler, bus)
+    received = []
+    for period in range(40):
+        one.send(numbered(period))
+        bus.advance_to((period + 1) * PERIOD_NS)
+        received.append([number_of(frame) for frame in other.receive_all() if frame.frame_id == 0x120])
+    # Up to 64 frames are still in the babbler's queue when it stops; then everything that waited gets through.
+    assert received[:10] + received[32:] == [[k] for k in (*range(10), *range(32, 40))]
+    assert received[10:30] == [[]] * 20
+    assert sum(received[30:32], []) == list(range(10, 32))
+    # It had the bus to itself: no pause between frames of 111 to 135 bits at 2 us.
+    assert 400_000_000 / 270_000 < babbler.injectors[0].acted < 400_000_000 / 222_000 + 64
 
 
 def test_an_open_wire_is_silence_in_both_directions(link):

@@ -9,7 +9,8 @@ from can_bridge.bus.faults.babble import Babble
 from can_bridge.bus.faults.clocks import ClockDrift
 from can_bridge.bus.faults.connection import Disconnect
 from can_bridge.bus.faults.content import FlipBits
-from can_bridge.bus.faults.fault import Fault, FrameFault, Instant, SidedFault, Span
+from can_bridge.bus.faults.fault import Fault, FrameFault, Instant, Span
+from can_bridge.bus.faults.frame_by_frame import SidedFault
 from can_bridge.bus.faults.lateness import Delay
 from can_bridge.bus.faults.loss import BurstLoss, Drop
 from can_bridge.bus.faults.text import KINDS, parse_described, parse_fault, text_of
