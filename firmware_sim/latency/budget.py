@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 from contract.errors import ConfigError
 from contract.toml_file import read_toml
 from contract.typed import typed
-from firmware_sim.latency.quantiles import Quantiles
+from firmware_sim.latency.measured import Quantiles
 from firmware_sim.latency.stages import Stage
 
 COUNTS: Final = ("misses", "misses_ours")

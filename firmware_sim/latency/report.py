@@ -7,8 +7,7 @@ from typing import Final
 
 from firmware_sim.latency.budget import Verdict
 from firmware_sim.latency.histogram_and_timeline import histogram_figure, timeline_figure
-from firmware_sim.latency.measured import Measured
-from firmware_sim.latency.quantiles import NEEDED_FOR_P99_9, Quantiles
+from firmware_sim.latency.measured import NEEDED_FOR_P99_9, Measured, Quantiles
 from firmware_sim.latency.stages import Stage
 
 PAGE: Final = "report.md"

@@ -2,7 +2,7 @@
 
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import date
 from importlib.metadata import version
 from statistics import median
@@ -182,18 +182,8 @@ class RunMetadata:
 
     def to_tree(self) -> dict[str, Any]:
         """Nested plain values, accepted back by `from_tree`."""
-        return {
-            **{item.name: getattr(self, item.name) for item in fields(self)},
-            "sensors": list(self.sensors),
-            "mpc": asdict(self.mpc),
-            "weights": asdict(self.weights),
-            "status": {name: int(value) for name, value in self.status._asdict().items()},
-            "config": loading.to_tree(self.config),
-            "origin": {**asdict(self.origin), "command": list(self.origin.command)},
-            "versions": dict(self.versions),
-            "faults": [asdict(one) for one in self.faults],
-            "ecu": asdict(self.ecu),
-        }
+        status = {name: int(value) for name, value in self.status._asdict().items()}
+        return {**asdict(self), "status": status, "versions": dict(self.versions)}
 
     @classmethod
     def from_tree(cls, tree: Mapping[str, Any]) -> "RunMetadata":

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 from matplotlib.figure import Figure
 
@@ -43,27 +43,6 @@ class Still:
         """Not kept."""
 
 
-class FlowScene(Protocol):
-    """What a run of the loop asks for."""
-
-    @property
-    def view(self) -> tuple[float, ...]:
-        """x and y limits in W; empty without a picture."""
-
-    @property
-    def size(self) -> tuple[int, ...]:
-        """Width and height in pixels; likewise."""
-
-    def look(self, k: int) -> FieldPicture | None:
-        """The flow at the start of period k."""
-
-    def still(self) -> Still | None:
-        """The flow now, to be drawn later."""
-
-    def recorded(self, first: int) -> WakeStills | None:
-        """What was kept from period `first` on."""
-
-
 class ShownFlow:
     """The scene of a plant whose flow can be drawn.
 
@@ -79,13 +58,13 @@ class ShownFlow:
         self.view, self.size = self._picture.view, self._picture.size
 
     def look(self, k: int) -> FieldPicture:
-        """See `FlowScene.look`; to be asked once a period."""
+        """The flow at the start of period k; to be asked once a period."""
         levels = self._picture.levels()
         self._recorder.record(k, self._wake.t, lambda: levels)
         return FieldPicture(k=k, t=self._wake.t, levels=levels)
 
     def still(self) -> Still:
-        """See `FlowScene.still`."""
+        """The flow now, to be drawn later."""
         wake = self._wake
         return Still(
             grid=wake.grid,
@@ -98,7 +77,7 @@ class ShownFlow:
         )
 
     def recorded(self, first: int) -> WakeStills | None:
-        """See `FlowScene.recorded`; None of fewer periods than two stills are apart."""
+        """What was kept from period `first` on; None of fewer periods than two stills are apart."""
         found = self._recorder.recorded(first)
         return found if found.stills else None
 
@@ -119,7 +98,7 @@ class NoFlow:
         """Nothing."""
 
 
-def scene_of(wake: LoopPlant, kept: int) -> FlowScene:
+def scene_of(wake: LoopPlant, kept: int) -> ShownFlow | NoFlow:
     """What can be shown of a plant; `kept` periods are remembered."""
     if not hasattr(wake, "vorticity"):
         return NoFlow()

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any, Final
+from typing import IO, Any, Final
+from zipfile import ZIP_DEFLATED, ZipFile
 
 from tornado.web import HTTPError, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
@@ -17,10 +18,8 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 from firmware_sim.live.loop.messages import Answer
 from firmware_sim.live.serving.access import Access
 from firmware_sim.live.serving.control import as_json, check
-from firmware_sim.live.serving.hub import STREAMS
-from firmware_sim.live.serving.saved import write_zip
+from firmware_sim.live.serving.hub import STREAMS, Viewer
 from firmware_sim.live.serving.supervisor import Supervisor
-from firmware_sim.live.serving.viewer import Viewer
 
 MOST_VIEWERS: Final = 32
 BATCHES_A_SECOND: Final = 30.0
@@ -240,7 +239,7 @@ class SavedRun(Guarded):
         self.set_header("Content-Disposition", f'attachment; filename="{name}.zip"')
         self.set_header("Cache-Control", "no-store")
         with TemporaryFile() as file:
-            await asyncio.to_thread(write_zip, self.served.saves / name, file)
+            await asyncio.to_thread(_write_zip, self.served.saves / name, file)
             file.seek(0)
             while piece := file.read(_PIECE):
                 self.write(piece)
@@ -249,3 +248,11 @@ class SavedRun(Guarded):
 
 def _numbered(answer: Answer, number: int | None) -> Answer:
     return answer if number is None else {**answer, "id": number}
+
+
+def _write_zip(folder: Path, file: IO[bytes]) -> None:
+    """The folder's files, under its name, as one file to be taken away."""
+    with ZipFile(file, "w", compression=ZIP_DEFLATED) as archive:
+        for path in sorted(folder.rglob("*")):
+            if path.is_file():
+                archive.write(path, path.relative_to(folder.parent))

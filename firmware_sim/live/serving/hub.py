@@ -1,6 +1,6 @@
 """The newest value of each stream, and rings of what a viewer must not miss: kept once for all viewers.
 
-A viewer holds how far it has come (`firmware_sim.live.serving.viewer`), so a slow one costs as much as a quick one.
+A `Viewer` holds how far it has come, so a slow one costs as much as a quick one.
 """
 
 from collections import deque
@@ -70,6 +70,29 @@ class Hub:
         self._events.restart(KEPT_EVENTS)
         for stream in _OF_A_RUN:
             self._latest.pop(stream, None)
+
+
+class Viewer:
+    """How far one viewer of a hub has come: it holds counts and no messages, however long it does not read.
+
+    Args:
+        hub: what it looks at.
+    """
+
+    def __init__(self, hub: Hub) -> None:
+        self._hub = hub
+        self._counts = dict.fromkeys(STREAMS, 0)
+
+    def take(self, stream: str) -> Message | bytes | None:
+        """What this viewer has not had of one of `STREAMS`; None if nothing.
+
+        Of latest values the newest. Of the others the oldest `MOST_ROWS` that the hub still has.
+        """
+        message, self._counts[stream] = self._hub.after(stream, self._counts[stream])
+        if stream == "hello" and message is not None:
+            # A page begins again with it. What was taken of the new run before its `hello` is wanted again.
+            self._counts |= dict.fromkeys(STREAMS[STREAMS.index("hello") + 1 :], 0)
+        return message
 
 
 class Ring:

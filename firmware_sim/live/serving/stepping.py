@@ -15,8 +15,7 @@ from typing import Any, Final, Protocol, runtime_checkable
 
 from contract.errors import StillwakeError
 from firmware_sim.live.loop.messages import Answer, LoopNow, Message, Request
-from firmware_sim.live.serving.hub import STREAMS, Hub
-from firmware_sim.live.serving.viewer import Viewer
+from firmware_sim.live.serving.hub import STREAMS, Hub, Viewer
 
 IDLE_S: Final = 0.02
 """Between two looks at a session that makes no periods, such as one that is paused."""

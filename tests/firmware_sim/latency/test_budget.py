@@ -5,7 +5,7 @@ import pytest
 
 from contract.errors import ConfigError
 from firmware_sim.latency.budget import Verdict, read_budget, verdicts
-from firmware_sim.latency.quantiles import Quantiles
+from firmware_sim.latency.measured import Quantiles
 from firmware_sim.latency.stages import Stage
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from firmware_sim.latency.cyclictest import Cyclictest, parsed
-from firmware_sim.latency.quantiles import NEEDED_FOR_P99_9, Quantiles
+from firmware_sim.latency.measured import NEEDED_FOR_P99_9, Quantiles
 
 
 def test_percentiles_are_measured_values_by_nearest_rank():

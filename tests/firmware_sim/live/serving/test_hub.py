@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_sim.live.loop.messages import Events, Message
-from firmware_sim.live.serving.hub import KEPT_EVENTS, MOST_ROWS, STREAMS, Hub
-from firmware_sim.live.serving.viewer import Viewer
+from firmware_sim.live.serving.hub import KEPT_EVENTS, MOST_ROWS, STREAMS, Hub, Viewer
 from tests.examples import examples
 from tests.firmware_sim.live.serving.fake_session import hello, periods
 
