@@ -119,6 +119,7 @@ def test_what_cannot_be_trained_is_refused_before_training(recording, small_reco
         (recording, small_config, {"chosen": ["base_1", "base_1"]}, ConfigError, "sensor named twice"),
         (recording, small_config, {"chosen": ["roof_1"]}, ConfigError, "unknown sensor 'roof_1'"),
         (recording, more, {}, ConfigError, "train.sensors = 91: must be from 1 to 90"),
+        (recording, small_config, {"device": "tpu"}, ConfigError, "device 'tpu'"),
         (broken, small_config, {}, DatasetError, "no episode with role 'test'"),
     ]
     if not torch.cuda.is_available():

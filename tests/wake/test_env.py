@@ -145,21 +145,3 @@ def test_what_does_not_fit_is_refused_by_its_value(env):
     for use in (lambda: fresh.step(action(0.0)), fresh.render):
         with pytest.raises(gymnasium.error.ResetNeeded):
             use()
-
-
-@pytest.mark.slow
-def test_a_vector_of_environments_in_processes_is_each_of_them(env):
-    several = gymnasium.make_vec(
-        "stillwake/TruckWake-v0", num_envs=2, vectorization_mode="async", sensor_names=WATCHED, episode_steps=1
-    )
-    try:
-        several.reset(seed=5, options={"phase_steps": 0})
-        observations, rewards, _, truncated, info = several.step(np.array([[0.02], [0.2]], dtype=np.float32))
-    finally:
-        several.close()
-    for k, value in enumerate((0.02, 0.2)):
-        env.reset(options={"phase_steps": 0})
-        observation, reward, _, _, alone = env.step(action(value))
-        assert np.array_equal(observations[k], observation) and rewards[k] == reward
-        assert (info["Cd_net"][k], info["clipped_count"][k]) == (alone["Cd_net"], alone["clipped_count"])
-    assert truncated.tolist() == [True, True]

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from contract.config.loading import load, load_config, quick
 from contract.config.tree import Config
 from contract.errors import ConfigError
+from tests.examples import examples
 
 
 def test_file_goes_on_top_of_the_releases_settings_or_of_the_papers(tmp_path):
@@ -77,6 +78,7 @@ def test_text_needs_no_quotation_marks():
         assert load_config(None, [f"bus.channel='{channel}'"]).bus.channel == channel
 
 
+@examples(40)
 @given(st.text())
 def test_any_override_gives_settings_or_one_line(text):
     for override in (text, f"bus.channel={text}", f"flow.reynolds={text}", f"{text}=1", f"ecu.{text}=1"):

@@ -5,13 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contract.errors import BundleContainerError
-from contract.release.container import is_plain_name, read_files
+from contract.release.container import read_files
 from contract.release.image import files_of, image_of
 from contract.shipped import BUNDLE
 from tests.examples import examples
 
-NAMES = st.text(min_size=1, max_size=20).filter(is_plain_name)
-FILES = st.dictionaries(NAMES, st.binary(max_size=60), max_size=6)
 SMALL = {"manifest.json": b"{}", "manifest.sig": b"sig", "b": b"", "a": b"12"}
 BY_HAND = (
     b"SWIMAGE1"
@@ -47,12 +45,6 @@ def test_the_layout_is_as_described():
     image = image_of(files)
     assert list(files_of(image)) == ["manifest.json", "manifest.sig", "controller.onnx", "sensors.onnx"]
     assert files_of(image) == files
-
-
-@examples(100)
-@given(FILES)
-def test_what_goes_in_comes_out(files):
-    assert files_of(image_of(files)) == files
 
 
 def test_what_is_no_image_is_refused_in_one_line():

@@ -41,23 +41,15 @@ def refusal(raw: bytes) -> str:
 
 
 def changed(path: str, value: object) -> dict[str, Any]:
-    """The shipped manifest with one value put in its place, by a dotted name."""
+    """The shipped manifest with one value put in its place, by a dotted name; ... leaves it out."""
     body = deepcopy(SHIPPED)
     *sections, leaf = path.split(".")
     inner = body
     for name in sections:
         inner = inner[name]
     inner[leaf] = value
-    return body
-
-
-def without(path: str) -> dict[str, Any]:
-    body = changed(path, None)
-    *sections, leaf = path.split(".")
-    inner = body
-    for name in sections:
-        inner = inner[name]
-    del inner[leaf]
+    if value is ...:
+        del inner[leaf]
     return body
 
 
@@ -118,7 +110,7 @@ def test_nothing_may_be_missing():
     """Nor what this version has a default for: the bundle was built with its maker's."""
     for name in leaves(SHIPPED):
         if name != "manifest_sha256":
-            assert name.rsplit(".", 1)[-1] in refusal(sealed(without(name))), name
+            assert name.rsplit(".", 1)[-1] in refusal(sealed(changed(name, ...))), name
 
 
 NUMBERS = [
@@ -152,18 +144,14 @@ def test_every_field_refuses_values_that_are_none_of_its_kind():
 
 NONSENSE = [
     ("mpc", {}, "mpc.drag_reference is missing"),
-    ("operating_point", {}, "operating_point.density is missing"),
     ("mpc", None, "mpc = None: must be a table"),
-    ("sensors", None, "sensors = None: must be a list"),
     ("sensors", "abcd", "sensors = 'abcd': must be a list"),
-    ("scaling.force_mean", {"": None}, "must be a list"),
     ("sensors", [], "sensor_positions has 4 places: must have 0"),
     ("sensors", ["a", "b", "c", "c"], "'c': named twice"),
     ("sensors", ["a", "b", "c", "d\x1b[2J"], r"sensor 'd\x1b[2J': must be"),
     ("sensors", ["a", "b", "c", "d" * 101], "must be 1 to 100 printable characters"),
     ("sensors", ["a", "b", "c", "d,e"], "without commas"),
     ("sensors", ["a", "b", "c", 4], "sensors[3] = 4: must be text"),
-    ("sensors", ["base_0"], "has 4"),
     ("precision", "fp16", "precision = 'fp16': must be 'float32' or 'int8'"),
     ("compute_time_ms", 20.5, "compute_time_ms = 20.5: must be in 0..budget_ms, which is 20.0"),
     ("dataset_sha256", "0" * 63, "must be a SHA-256"),
@@ -171,8 +159,6 @@ NONSENSE = [
     ("operating_point.width", -1.0, "operating_point.width = -1.0: must be positive"),
     ("window", 10**9, "window = 1000000000: must be positive and at most 10000"),
     ("window", 10**400, "an integer of 401 digits"),
-    ("mpc.horizon", 10**9, "mpc.horizon = 1000000000"),
-    ("created", "yesterday", "created = 'yesterday': must be a date"),
     ("created", "2026-W01-1", "created = '2026-W01-1': must be a date"),
     ("created", "20260102", "created = '20260102': must be a date"),
     ("created", "2026-02-30", "created = '2026-02-30': must be a date"),
@@ -180,14 +166,11 @@ NONSENSE = [
     ("name", "", "name '': must be"),
     ("name", "x" * 101, "must be 1 to 100 printable characters"),
     ("name", "a\x1b]0;title\x07", r"name 'a\x1b]0;title\x07': must be"),
-    ("name", "a\nb", r"name 'a\nb'"),
     ("name", "\ud800", "half of a surrogate pair"),
     ("provenance", [], "provenance"),
     ("provenance", {"\udfff": 1}, "half of a surrogate pair"),
     ("provenance", {"loss": float("nan")}, "NaN is no number"),
-    ("provenance", {"loss": float("-inf")}, "-Infinity is no number"),
     ("files", {"\x1b[2J": "0" * 64}, r"'\x1b[2J' must be a plain file name"),
-    ("files", {"../evil": "0" * 64}, "must be a plain file name"),
     ("files", {CONTROLLER: None}, "files.controller.onnx = None: must be a SHA-256"),
     ("files", {str(i): "0" * 64 for i in range(65)}, "files has 65 entries: at most 64"),
     ("surprise\x1b[2J", 1, r"\x1b[2J"),

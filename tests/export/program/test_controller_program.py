@@ -48,7 +48,7 @@ def parts():
     }
 
 
-def test_a_consistent_set_is_accepted_with_the_widths_of_its_arrays():
+def test_every_tensor_is_needed_and_checked():
     program = ControllerProgram.from_state(**parts())
     assert program.latent == LATENT
     assert program.dynamics.hidden.weight.shape == (7, 6)
@@ -56,9 +56,7 @@ def test_a_consistent_set_is_accepted_with_the_widths_of_its_arrays():
     assert program.encoder.hidden.weight.dtype == np.float64
     with pytest.raises(ValueError, match="read-only"):
         program.dynamics.output.bias[0] = 2.0
-
-
-def test_every_tensor_is_needed_and_checked():
+    # Every tensor is needed and checked.
     for network in ("encoder", "dynamics", "decoder"):
         for name, tensor in parts()[network].items():
             missing = parts()

@@ -16,7 +16,6 @@ from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
 from export.program.controller_program import ControllerProgram
 from export.program.random_program import random_program, random_window
-from export.reference.cost import cost_gradient, cost_terms
 from export.reference.model import encode, encoder_layers
 from export.reference.mpc import adam, evaluate, gradient, optimise, plan_cost, predict, rollout
 from tests.examples import examples
@@ -74,22 +73,6 @@ def test_every_function_acts_on_the_last_axes(shape, seed):
         np.testing.assert_allclose(optimised[i], optimise(*one, free[i], weights), rtol=0, atol=1e-10)
         *_, alone = adam(*one, rates[(slice(None), *i)], free_mask=free[i])
         np.testing.assert_allclose(moved[i], alone, rtol=0, atol=1e-10)
-
-
-@examples(20)
-@given(shape=leading, seed=st.integers(0, 5))
-def test_cost_terms_and_their_gradient_are_those_of_each_plan(shape, seed):
-    """Forces are rounded to tenths, so that extremes tie and lifts are zero."""
-    rng = np.random.default_rng(seed)
-    _, plan, before = draw(seed, shape)
-    forces, weights = np.round(rng.normal(size=(*shape, HORIZON, 2)), 1), rng.uniform(0.1, 2.0, 7)
-    terms, found = cost_terms(forces, plan, before, 1.0), cost_gradient(forces, plan, before, weights)
-    assert terms.shape == (*shape, 7)
-    for i in np.ndindex(shape):
-        one = cost_gradient(forces[i], plan[i], float(before[i]), weights)
-        np.testing.assert_allclose(terms[i], cost_terms(forces[i], plan[i], float(before[i]), 1.0), **CLOSE)
-        np.testing.assert_allclose(found.forces[i], one.forces, **CLOSE)
-        np.testing.assert_allclose(found.plan[i], one.plan, **CLOSE)
 
 
 def test_adam_and_the_lstm_take_one_step_at_a_time():

@@ -23,8 +23,6 @@ def test_terms_of_a_small_example_by_hand():
             "rate": 0.03**2,
         }
     )
-
-
-def test_terms_have_the_order_of_the_weights():
+    # Terms have the order of the weights.
     named = CostWeights(**{name: float(i) for i, name in enumerate(TERMS)})
     assert named.as_tuple() == tuple(range(7))

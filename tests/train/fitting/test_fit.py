@@ -12,7 +12,7 @@ from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError, StillwakeError, TrainingError
 from train.distillation.evaluate import evaluate
 from train.fitting.checkpoint import Identity
-from train.fitting.fit import Checkpoints, device_named, fit_joint
+from train.fitting.fit import Checkpoints, fit_joint
 from train.fitting.progress import Phase
 from train.networks.model import WakeModel
 
@@ -107,15 +107,6 @@ def test_a_loss_that_is_not_finite_ends_the_training_at_once(rows, small_config,
         fit_joint(rows, config, checkpoints=kept, progress=lambda phase, step, total, terms: steps.append(step))
     assert steps == []
     assert list(tmp_path.iterdir()) == []
-
-
-def test_devices():
-    assert device_named("cpu").type == "cpu"
-    with pytest.raises(ConfigError, match="device 'tpu'"):
-        device_named("tpu")
-    if not torch.cuda.is_available():
-        with pytest.raises(ConfigError, match="no CUDA"):
-            device_named("cuda")
 
 
 def test_the_finish_lengthens_the_unroll_and_a_resume_goes_on_inside_it(rows, small_config, tmp_path):

@@ -61,6 +61,13 @@ def test_only_sensors_the_encoder_listens_to_score(rows, small_config):
     assert ranking.is_stable(2)
     assert ranking.is_stable(3)
     assert np.count_nonzero(ranking.mean) == 3
+    # Sets are compared without their order.
+    ranking = scored([3, 5, 7], [5, 3, 8])
+    assert ranking.is_stable(2)
+    assert not ranking.is_stable(3)
+    assert ranking.top_sets(3)[1] == {"upper_05", "upper_03", "upper_08"}
+    np.testing.assert_allclose(ranking.mean[[3, 5]], 9.5)
+    np.testing.assert_allclose(ranking.std[[3, 7]], [np.sqrt(0.5), 8 / np.sqrt(2)])
 
 
 def test_repeats_differ_a_seed_repeats_and_numpy_is_left_alone(rows, small_config):
@@ -82,12 +89,3 @@ def scored(*best: Sequence[int]) -> Ranking:
         for place, index in enumerate(order):
             scores[repeat, index] = 10.0 - place
     return Ranking(scores=scores)
-
-
-def test_sets_are_compared_without_their_order():
-    ranking = scored([3, 5, 7], [5, 3, 8])
-    assert ranking.is_stable(2)
-    assert not ranking.is_stable(3)
-    assert ranking.top_sets(3)[1] == {"upper_05", "upper_03", "upper_08"}
-    np.testing.assert_allclose(ranking.mean[[3, 5]], 9.5)
-    np.testing.assert_allclose(ranking.std[[3, 7]], [np.sqrt(0.5), 8 / np.sqrt(2)])

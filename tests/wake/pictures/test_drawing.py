@@ -104,9 +104,7 @@ def test_figures_are_written_in_the_format_they_are_named_after(wake, tmp_path):
     with pytest.raises(ConfigError, match=r"a\.bmp: must be a file ending in \.png, \.pdf, \.svg"):
         save_figure(tmp_path / "a.bmp", figure)
     assert not (tmp_path / "a.bmp").exists()
-
-
-def test_a_mean_is_drawn_with_the_numbers_of_its_flow(wake, tmp_path):
+    # A mean is drawn with the numbers of its flow.
     wake.flow.faces_u[:] = wake.grid.xf[:, None] - LENGTH - 1.25
     figure = mean_figure(wake.grid, wake.body, wake.flow, 10.0)
     assert "bubble 1.25 W" in figure.axes[0].get_title()

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from contract import sensors
 from contract.errors import PlantError
-from wake.pictures.fields import Raster, TimeMean, mean_flow, velocity
+from wake.pictures.fields import Raster, mean_flow, velocity
 from wake.solver.flow import Flow
 from wake.solver.grid import Grid
 
@@ -41,24 +40,6 @@ def test_fields_are_those_that_are_known(wake):
     # Pixels of 0.2 W, row 0 at the bottom.
     assert (raster.x[0], raster.y[0]) == pytest.approx((0.1, -0.9))
     assert pixels == pytest.approx(3.0 * raster.x[None, :] - raster.y[:, None], abs=1e-10)
-
-
-def test_a_flow_and_its_mirror_image_have_a_symmetric_mean(wake):
-    wake.advance(0.05)
-    flow = wake.flow
-    mirrored = Flow.zeros(wake.grid.shape)
-    mirrored.u[:], mirrored.v[:], mirrored.p[:] = flow.u[:, ::-1], -flow.v[:, ::-1], flow.p[:, ::-1]
-    mean = TimeMean(wake.grid.shape)
-    mean.add(flow)
-    mean.add(mirrored)
-    u, v = velocity(mean.flow())
-    assert np.array_equal(u, u[:, ::-1]) and np.array_equal(v, -v[:, ::-1])
-    measured = wake.surface.measure(mean.flow())
-    # One pair of base sensors lies 1e-5 W off its mirror image, as in the paper.
-    assert measured.Cp == pytest.approx(measured.Cp[np.array(sensors.TRUCK.mirror)], abs=1e-5)
-    # The force is linear in the flow: half of drag and its mirror image, lift against its own.
-    assert measured.Cd == pytest.approx(wake.sample().Cd, abs=1e-10)
-    assert measured.Cl == pytest.approx(0.0, abs=1e-10)
 
 
 def test_a_mean_leaves_out_what_is_skipped(wake):

@@ -62,15 +62,6 @@ def developed(shared_wake) -> Iterator[TruckWake]:
         shared_wake.set_reynolds(FlowConfig().reynolds)
 
 
-def test_a_quicker_wind_drags_more_and_its_start_pushes(developed):
-    calm = [developed.advance(0.0).Cd for _ in range(5)]
-    developed.reset(developed_state())
-    # A quarter of this sine: the wind grows all the time.
-    developed.wind = Gust(amplitude=0.1, period=20.0, start=developed.t)
-    gusty = [developed.advance(0.0).Cd for _ in range(5)]
-    assert np.all(np.array(gusty) > np.array(calm))
-
-
 @pytest.mark.slow  # builds a second plant
 def test_a_changed_viscosity_is_that_of_a_plant_built_with_it(developed):
     built = TruckWake(replace(developed.config, reynolds=700.0))

@@ -24,14 +24,6 @@ def test_divergence_names_the_step_its_number_and_a_step_that_holds(wake):
     wake.solver.run(wake.flow, dt=advised, steps=round(2.0 / advised), action_from=0.0, action_to=0.0)
 
 
-def test_what_is_refused_at_construction_does_diverge(wake):
-    with pytest.raises(PlantError, match=r"convective number of the free stream .* at least \d+ substeps"):
-        TruckWake(FlowConfig(substeps=12))
-    with pytest.raises(PlantError, match="diverged"):
-        for _ in range(10):
-            wake.solver.run(wake.flow, dt=0.2 / 12, steps=12, action_from=0.0, action_to=0.0)
-
-
 @pytest.mark.slow  # builds flows
 def test_a_step_too_long_is_refused_with_one_that_is_not():
     for config, named in [

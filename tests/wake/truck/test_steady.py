@@ -29,7 +29,7 @@ def plant(coarse, settled) -> TruckWake:
     return coarse
 
 
-def test_it_is_steady_and_symmetric_to_the_bit(plant, settled):
+def test_it_is_steady_and_symmetric_without_a_third_of_the_drag(plant, settled):
     u, v, p = plant.flow.u, plant.flow.v, plant.flow.p
     assert np.array_equal(u, u[:, ::-1])
     assert np.array_equal(v, -v[:, ::-1])
@@ -40,9 +40,7 @@ def test_it_is_steady_and_symmetric_to_the_bit(plant, settled):
     assert abs(later.Cd + later.Cd_slot - settled.sample.Cd - settled.sample.Cd_slot) < 3e-3
     velocities = plant.flow.u.size + plant.flow.v.size
     assert np.abs(plant.flow.flat - settled.state.flat)[:velocities].max() < 3e-3
-
-
-def test_without_shedding_a_third_of_the_drag_is_gone(settled):
+    # Without shedding a third of the drag is gone.
     # The shedding wake has 1.0 to 1.08 on every grid and in OpenFOAM, a base Cp of -0.44 to -0.49.
     assert 0.55 < settled.sample.Cd < 0.75
     assert -0.25 < settled.figures()["base_Cp"] < -0.1
@@ -50,7 +48,7 @@ def test_without_shedding_a_third_of_the_drag_is_gone(settled):
     assert settled.sample.Cl == pytest.approx(0.0, abs=1e-9)
 
 
-def test_what_is_not_steady_is_refused(plant, settled):
+def test_what_is_not_steady_is_refused(plant, settled, coarse):
     with pytest.raises(PlantError, match=r"with an action of 0\.01 in force: `stillwake steady FILE` computes"):
         steady.check_steady(plant, replace(settled.state, action=0.01))
     plant.reset(settled.state)
@@ -64,8 +62,5 @@ def test_what_is_not_steady_is_refused(plant, settled):
     plant.flow.u[:] *= 0.5
     with pytest.raises(PlantError, match=r"max \|du/dt\| = .*, must be at most 0\.01"):
         steady.check_steady(plant, replace(plant.state(), action=0.0))
-
-
-def test_a_wake_that_does_not_settle_is_an_error(coarse):
     with pytest.raises(PlantError, match=r"not steady after 0\.4 t_c: max \|du/dt\| = .* must be below 1e-09"):
         steady.settle(coarse, tolerance=1e-9, longest=0.4)

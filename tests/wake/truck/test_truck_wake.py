@@ -46,7 +46,7 @@ def uncontrolled(shared_wake) -> Uncontrolled:
 
 
 @pytest.mark.slow
-def test_shedding_is_established_near_the_known_frequency(uncontrolled):
+def test_shedding_is_established_and_vortices_leave_through_the_outlet(uncontrolled):
     cl = uncontrolled.Cl
     up = np.flatnonzero((cl[:-1] < 0) & (cl[1:] >= 0))
     assert len(up) >= 3
@@ -56,11 +56,7 @@ def test_shedding_is_established_near_the_known_frequency(uncontrolled):
     assert 1.0 / (np.diff(crossings).mean() * 0.2) == pytest.approx(0.2, abs=0.005)
     # OpenFOAM: 0.97 and 1.10.
     assert 0.95 < cl[up[0] : up[-1]].std() < 1.15
-
-
-@pytest.mark.slow
-def test_vortices_leave_through_the_outlet(uncontrolled):
-    """An outlet whose velocity is copied from upstream allows no transverse flow there, and shakes the pressure."""
+    # An outlet whose velocity is copied from upstream allows no transverse flow there, and shakes the pressure.
     upstream, last = uncontrolled.transverse[:25].max(axis=0)
     assert upstream > 0.1
     assert last > 0.5 * upstream
