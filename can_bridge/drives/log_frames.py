@@ -62,9 +62,7 @@ def frames_of(
         DatasetError: no pressure or no command with a right CRC, pressures of two sets, or times that go back.
     """
     kept: dict[int, list[CountedFrame]] = {}
-    damaged: Counter[int] = Counter()
-    forged: Counter[int] = Counter()
-    seen: Counter[int] = Counter()
+    damaged, forged, seen = Counter[int](), Counter[int](), Counter[int]()
     sets = SETS if only is None else (only,)
     specs = {spec.frame_id: spec for one in sets for spec in (one.pressure.spec, one.command.spec)}
     fresh: dict[int, int] = {}
@@ -100,7 +98,7 @@ def frames_of(
         latest = max(latest, message.timestamp)
         frame = CountedFrame(time_s=message.timestamp, counter=profile.counter_of(covered), data=covered)
         kept.setdefault(frame_id, []).append(frame)
-    chosen = _only_set(path, sets, kept, damaged, forged, seen)
+    chosen = _only_set(path, sets, kept, lambda kind, specs: _without(kind, specs, damaged, forged, seen))
     ids = (chosen.pressure.spec.frame_id, chosen.command.spec.frame_id)
     return LogFrames(
         messages=chosen,
@@ -116,16 +114,12 @@ def _only_set(
     path: Path,
     sets: Iterable[MessageSet],
     kept: dict[int, list[CountedFrame]],
-    damaged: Counter[int],
-    forged: Counter[int],
-    seen: Counter[int],
+    without: Callable[[str, list[MessageSpec]], str],
 ) -> MessageSet:
     """The one set that has pressures and commands."""
     present = [one for one in sets if one.pressure.spec.frame_id in kept]
     if not present:
-        raise DatasetError(
-            f"{path}: {_without('pressure', [one.pressure.spec for one in sets], damaged, forged, seen)}"
-        )
+        raise DatasetError(f"{path}: {without('pressure', [one.pressure.spec for one in sets])}")
     if len(present) > 1:
         names = " and ".join(f"{one.pressure.spec.name} (0x{one.pressure.spec.frame_id:x})" for one in present)
         raise DatasetError(
@@ -133,10 +127,8 @@ def _only_set(
         )
     (one,) = present
     if one.command.spec.frame_id not in kept:
-        raise DatasetError(
-            f"{path}: {_without('command', [one.command.spec], damaged, forged, seen)}; without commands it is unknown "
-            f"what the jets did"
-        )
+        reason = without("command", [one.command.spec])
+        raise DatasetError(f"{path}: {reason}; without commands it is unknown what the jets did")
     return one
 
 

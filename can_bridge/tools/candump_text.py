@@ -8,9 +8,10 @@ import can
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_EXTENDED_ID, MAX_FRAME_ID
 from contract.errors import BusError
 
-_CLASSIC: Final = re.compile(r"([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#((?:[0-9A-Fa-f]{2}\.?)*)")
-_REMOTE: Final = re.compile(r"([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#[Rr]([0-8]?)")
-_FD: Final = re.compile(r"([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})##([0-3])((?:[0-9A-Fa-f]{2}\.?)*)")
+_FRAME: Final = re.compile(
+    r"(?P<id>[0-9A-F]{3}|[0-9A-F]{8})#(?:(?P<remote>R)(?P<length>[0-8]?)|(?:#(?P<flags>[0-3]))?(?P<data>(?:[0-9A-F]{2}\.?)*))",
+    re.IGNORECASE | re.ASCII,
+)
 
 NOTATION: Final = (
     "must be ID#DATA, ID#R or ID#R<length> of a remote frame, or ID##<flags>DATA of CAN FD: three or eight hexadecimal "
@@ -24,18 +25,12 @@ def parse(text: str) -> can.Message:
     Raises:
         BusError: for anything else, or what no wire carries.
     """
-    flags, length = 0, 0
-    if match := _REMOTE.fullmatch(text):
-        identifier, digits = match[1], ""
-        length = int(match[2] or 0)
-    elif match := _CLASSIC.fullmatch(text):
-        identifier, digits = match[1], match[2]
-    elif match := _FD.fullmatch(text):
-        identifier, flags, digits = match[1], int(match[2]), match[3]
-    else:
+    match = _FRAME.fullmatch(text)
+    if match is None:
         raise BusError(f"{text}: {NOTATION}")
-    is_fd, is_remote, is_extended = "##" in text, _REMOTE.fullmatch(text) is not None, len(identifier) == 8
-    data = bytes.fromhex(digits.replace(".", ""))
+    identifier, flags = match["id"], int(match["flags"] or 0)
+    is_fd, is_remote, is_extended = match["flags"] is not None, match["remote"] is not None, len(identifier) == 8
+    data = bytes.fromhex((match["data"] or "").replace(".", ""))
     largest = MAX_EXTENDED_ID if is_extended else MAX_FRAME_ID
     if int(identifier, 16) > largest:
         raise BusError(f"{text}: the identifier must be in 0..{largest:X}")
@@ -46,7 +41,7 @@ def parse(text: str) -> can.Message:
         arbitration_id=int(identifier, 16),
         is_extended_id=is_extended,
         is_remote_frame=is_remote,
-        dlc=length if is_remote else len(data),
+        dlc=int(match["length"] or 0) if is_remote else len(data),
         data=data,
         is_fd=is_fd,
         bitrate_switch=bool(flags & 1),

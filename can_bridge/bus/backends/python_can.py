@@ -185,10 +185,10 @@ class PythonCanBus(Connection):
         if message is None:
             return None, True
         frame = message if isinstance(message, Rejection) else self._judged(message)
-        if isinstance(frame, Rejection):
-            self._reject(frame)
-            return None, False
         self.received += 1
+        if isinstance(frame, Rejection):
+            self._rejected[frame] += 1
+            return None, False
         self.accepted += 1
         return frame, False
 
@@ -207,7 +207,3 @@ class PythonCanBus(Connection):
         if (frame.is_fd and self._is_classic) or _IS_FD.get(frame.frame_id, frame.is_fd) != frame.is_fd:
             return Rejection.WRONG_FORMAT
         return frame
-
-    def _reject(self, reason: Rejection) -> None:
-        self.received += 1
-        self._rejected[reason] += 1

@@ -24,7 +24,7 @@ from functools import partial
 from typing import Final, NamedTuple
 
 from can_bridge.bus.interface import BusState
-from can_bridge.bus.simulated.attempt import DELIMITER, FLAG, INTERMISSION, Outcome, Sender, Verdict, resolve
+from can_bridge.bus.simulated.attempt import Outcome, Sender, Verdict, resolve
 from can_bridge.bus.simulated.fault_confinement import RECESSIVE_BITS
 from can_bridge.bus.simulated.port import Recovery, SimulatedPort
 from can_bridge.bus.simulated.transmit_queue import Queued
@@ -86,14 +86,13 @@ class _Attempt(NamedTuple):
     Attributes:
         end_ns: when it is decided.
         free_ns: when the bus is free again, and the next frame can begin.
-        outcome: None while the bus is held dominant.
         items: what the senders had in their queues.
     """
 
     begin_ns: int
     end_ns: int
     free_ns: int
-    outcome: Outcome[SimulatedPort] | None
+    outcome: Outcome[SimulatedPort]
     items: dict[SimulatedPort, Queued]
 
 
@@ -216,37 +215,6 @@ class SimulatedBus:
         self.now_ns = t_ns
         return False
 
-    def hold_dominant(self, duration_ns: int) -> None:
-        """Short the bus to the dominant level from its time on; what is on it is destroyed.
-
-        Raises:
-            ValueError: for a duration that is not positive.
-        """
-        if duration_ns <= 0:
-            raise ValueError(f"dominant for {duration_ns} ns: must be positive")
-        begin_ns, begun = self.now_ns, self._attempt
-        sending = set() if begun is None else set(begun.items)
-        if begun is not None:
-            self._busy_ns += begin_ns - begun.begin_ns
-        self._attempt = _Attempt(
-            begin_ns=begin_ns,
-            end_ns=begin_ns + duration_ns,
-            free_ns=begin_ns + duration_ns + self._ns(DELIMITER + INTERMISSION),
-            outcome=None,
-            items={},
-        )
-        bits = duration_ns // self._ns(1)
-        for port in self._working():
-            transmits, passive = port in sending, port.faults.state is BusState.ERROR_PASSIVE
-            # Who does not send takes the first bits for a frame, until six equal ones are against the rule.
-            held = bits if transmits else bits - FLAG
-            if held <= 0:
-                continue
-            hit = port.faults.transmit_error() if transmits else port.faults.receive_error()
-            port.faults = hit.held_dominant(
-                max(held - FLAG, 0) if passive else held, transmitting=transmits, passive_flag=passive
-            )
-
     # Events.
 
     def _next_event(self) -> tuple[int, Callable[[], None] | None] | None:
@@ -322,10 +290,9 @@ class SimulatedBus:
         attempt, self._attempt = self._attempt, None
         self._free_ns = attempt.free_ns
         self._busy_ns += attempt.free_ns - attempt.begin_ns
-        if attempt.outcome is None or Verdict.SENT not in attempt.outcome.verdicts.values():
+        if Verdict.SENT not in attempt.outcome.verdicts.values():
             self._error_frames += 1
-        if attempt.outcome is not None:
-            self._conclude(attempt, attempt.outcome)
+        self._conclude(attempt, attempt.outcome)
         for port in self._ports:
             port.settle(attempt.end_ns)
             if port.recovery is not None:

@@ -7,7 +7,6 @@ from random import Random
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.bus.interface import BusState
 from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import frame_bits
@@ -60,30 +59,6 @@ def test_a_doubled_identifier_drives_a_node_off_the_bus_in_the_end():
     assert max(one.health().bus_off, other.health().bus_off) >= 1
     # The frames of both are still heard.
     assert {frame.data[3] for frame in listener.receive_all()} == {0x55, 0x57}
-
-
-def test_a_bus_held_dominant_drives_the_sender_off_and_receivers_passive():
-    """Rule 6: 256 needs 8 for the error and 31 times 8: bit 14 of the flag, and 30 times eight bits."""
-    least = 14 + 30 * 8
-    for held, state in ((least - 1, BusState.ERROR_PASSIVE), (least, BusState.BUS_OFF)):
-        bus, _, sender, receiver = bus_of("sender", "receiver")
-        sender.send(SENT)
-        bus.advance_to(20 * BIT)
-        bus.hold_dominant(held * BIT)
-        assert sender.health().state is state
-        assert receiver.health().state is BusState.ERROR_PASSIVE
-        bus.advance_to(10**8)
-        assert sender.health().state is not BusState.BUS_OFF  # recovered by itself
-        assert len(receiver.receive_all()) == (1 if state is BusState.ERROR_PASSIVE else 0)
-
-
-def test_on_an_idle_bus_a_dominant_level_is_an_error_from_the_sixth_bit_on():
-    """Six bits until the rule of stuff bits is broken; then rules 1 and 6."""
-    for held, counted in [(6, 0), (7, 1), (19, 1), (20, 9), (28, 17)]:
-        bus, _, one, other = bus_of("one", "other")
-        bus.hold_dominant(held * BIT)
-        bus.advance_to(10**6)
-        assert counts(one, other) == [(0, counted)] * 2, (held, counted)
 
 
 @examples(30)
