@@ -63,7 +63,7 @@ def open_bus(config: BusConfig) -> RawBus:
             "bus.interface = simulated: that bus exists within a run only; name a real one, e.g. "
             "--set bus.interface=socketcan --set bus.channel=can0, or a log with --log where the command has it"
         )
-    return RawBus(open_backend(config).bus)
+    return RawBus(open_backend(config)[0])
 
 
 def is_sound(message: can.Message) -> bool:

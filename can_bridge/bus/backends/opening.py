@@ -1,7 +1,6 @@
 """From the settings of a bus to an open python-can bus."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Final
 
 import can
@@ -26,20 +25,8 @@ _OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
 """Interfaces whose packages the base install leaves out."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Opened:
-    """An open bus.
-
-    Attributes:
-        interface: python-can's name of it, also where its own configuration chose.
-    """
-
-    bus: can.BusABC
-    interface: str
-
-
-def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> Opened:
-    """Connect as configured.
+def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> tuple[can.BusABC, str]:
+    """Connect as configured: an open bus, and python-can's name of its interface, also where that chose it.
 
     Args:
         config: the settings.
@@ -52,7 +39,7 @@ def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> Opened:
     # Vendors' drivers raise what they like, also where their library is missing.
     try:
         interface, options = _settings(config, settle_s)
-        return Opened(bus=_constructed(interface, options), interface=interface)
+        return _constructed(interface, options), interface
     except Exception as error:
         hint = ""
         missing = isinstance(error, ImportError | can.CanInterfaceNotImplementedError)

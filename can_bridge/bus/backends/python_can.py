@@ -85,12 +85,12 @@ class PythonCanBus(Connection):
         Raises:
             BusError: naming interface and channel, if that cannot be opened.
         """
-        opened = open_backend(config, settle_s=settle_s)
+        bus, interface = open_backend(config, settle_s=settle_s)
         return cls(
-            opened.bus,
+            bus,
             accept=accept,
             is_classic=config.frames == "classic",
-            linux_error_frames=opened.interface == "socketcan",
+            linux_error_frames=interface == "socketcan",
         )
 
     @property

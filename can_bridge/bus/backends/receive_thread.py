@@ -21,7 +21,7 @@ class ReceiveThread:
     """
 
     def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
-        """Args: deliver: called in the thread with each frame; must not wait (`Mailbox.put` does not)."""
+        """Args: deliver: called in the thread with each frame; must not wait."""
         self._bus = bus
         self._deliver = deliver
         self._stop = Event()

@@ -16,7 +16,7 @@ class ClockDrift(Fault, section="clock_drift"):
     """A clock that runs fast or slow, or is wrong by a constant; right again when the span ends, with a jump.
 
     As a fault of a bus it stamps what the node receives. A whole node whose clock drifts also reads its time through
-    `drifting`. With only one of the two, stamps and time disagree, as where an adapter stamps by a clock of its own.
+    `local_ns`. With only one of the two, stamps and time disagree, as where an adapter stamps by a clock of its own.
     `acted` counts the frames with another stamp.
     """
 
@@ -32,10 +32,6 @@ class ClockDrift(Fault, section="clock_drift"):
             return true_ns
         gained_ns = round(self.offset_s * NS + (true_ns - self.start_s * NS) * self.ppm / 1e6)
         return max(0, true_ns + gained_ns)
-
-    def drifting(self, clock: Clock) -> Clock:
-        """That clock, as it runs with this fault."""
-        return lambda: self.local_ns(clock())
 
     def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
         """See `Fault.around`; the frames' own stamps are taken for the true time."""

@@ -6,17 +6,14 @@ Specification 2.0, part B, chapter 8), which is free to read. Each function is o
     1  `receive_error`         REC + 1   a receiver detects an error
     2  `dominant_after_flag`   REC + 8   a receiver sees a dominant bit right after its own error flag
     3  `transmit_error`        TEC + 8   a transmitter sends an error flag, with two exceptions
-    4  `flag_overwritten`      TEC + 8   a transmitter's active flag is not seen on the bus (bit error)
-    5  `flag_overwritten`      REC + 8   the same for a receiver
-    6  `held_dominant`         + 8       the bus stays dominant behind a flag: every eight bits
+    4, 5, 6                              a flag that is not seen on the bus, or that dominant bits follow for long: does
+                                         not happen on the simulated bus
     7  `transmitted`           TEC - 1   a frame went out and was acknowledged
     8  `received`              REC - 1   a frame came in without error; from above 127 back to 127
     9  `state`                           error-passive from 128 on, whichever counter
     10 `state`                           bus-off from TEC = 256 on
     11 `state`                           error-active again when both are below 128
     12 `recovered`                       error-active with both at 0 after 128 x 11 recessive bits (`RECOVERY`)
-
-Rule 1's exception is rules 4 and 5: a bit error in an active flag counts eight, not one more.
 """
 
 from dataclasses import dataclass, replace
@@ -30,11 +27,6 @@ STEP: Final = 8
 RECOVERY: Final = 128
 """Sequences of `RECESSIVE_BITS` recessive bits that end bus-off."""
 RECESSIVE_BITS: Final = 11
-
-AFTER_ACTIVE_FLAG: Final = 14
-"""The dominant bit in a row, the active flag's own six included, that counts as an error; then every eighth."""
-AFTER_PASSIVE_FLAG: Final = 8
-"""The same, behind a passive flag."""
 
 _RECEIVE_LIMIT: Final = 255
 """A register of eight bits; the standard leaves open how far above 127 it counts."""
@@ -91,16 +83,6 @@ class FaultConfinement:
         if only_arbitration_stuff or (only_unacknowledged and self.state is BusState.ERROR_PASSIVE):
             return self
         return self._transmitted(STEP)
-
-    def flag_overwritten(self, *, transmitting: bool) -> "FaultConfinement":
-        """Rules 4 and 5: a bit error in an active error flag."""
-        return self._transmitted(STEP) if transmitting else self._received(STEP)
-
-    def held_dominant(self, bits: int, *, transmitting: bool, passive_flag: bool) -> "FaultConfinement":
-        """Rule 6: so many dominant bits in a row, from the active flag's first or behind the passive flag's last on."""
-        first = AFTER_PASSIVE_FLAG if passive_flag else AFTER_ACTIVE_FLAG
-        counted = STEP * (1 + (bits - first) // STEP) if bits >= first else 0
-        return self._transmitted(counted) if transmitting else self._received(counted)
 
     def transmitted(self) -> "FaultConfinement":
         """Rule 7."""

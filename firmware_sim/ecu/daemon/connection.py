@@ -5,6 +5,7 @@ report BUS_OFF, so that control returns by an enable edge only.
 """
 
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -15,7 +16,6 @@ from typing import Final, Self
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.receive_thread import ReceiveThread
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
-from can_bridge.bus.mailbox import Mailbox
 from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 from firmware_sim.ecu.real_time.privileges import step_back
@@ -64,7 +64,7 @@ class Connection:
     ) -> None:
         self._open, self._deliver, self._first_pause_s = open_bus, deliver, first_pause_s
         self._bus: _Read | None = None
-        self._opened = Mailbox[PythonCanBus]()
+        self._opened = deque[PythonCanBus]()  # by the opener, one at most
         self._opener: Thread | None = None
         self._closing = Event()
         self._sending = Lock()
@@ -85,8 +85,8 @@ class Connection:
         if self._opener is not None:
             self._opener.join()
         with ExitStack() as stack:
-            if (late := self._opened.take()) is not None:
-                stack.callback(late.close)
+            while self._opened:
+                stack.callback(self._opened.pop().close)
             if self._bus is not None:
                 stack.callback(self._bus.close)
         self._bus = None
@@ -99,10 +99,9 @@ class Connection:
     def look(self) -> Lost | Back | None:
         """What has changed; call it once a period. Never waits."""
         if self._bus is None:
-            bus = self._opened.take()
-            if bus is None:
+            if not self._opened:
                 return None
-            self._connect(bus)
+            self._connect(self._opened.pop())
             return Back(after_s=time.monotonic() - self._lost_at_s)
         fault = self._bus.receiver.fault
         return None if fault is None else self._lose(self._bus, str(fault))
@@ -153,7 +152,7 @@ class Connection:
         pause_s = self._first_pause_s
         while not self._closing.wait(pause_s):
             try:
-                self._opened.put(self._open())
+                self._opened.append(self._open())
             except BusError:
                 pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
             else:

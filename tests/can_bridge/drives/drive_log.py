@@ -23,9 +23,9 @@ PRESSURE: Final = 375.0
 FLOW: Final = 62.5
 """U_inf W in m2/s at 25 m/s and 2.5 m."""
 LATENCY: Final = 0.4
-"""Of a period, from pressure to command."""
+"""From pressure to command, as a share of a period."""
 STEP: Final = {"fd": 0.1, "classic": 1.0, "secured": 0.1}
-"""Of a pressure on the wire, Pa."""
+"""Steps of a pressure on the wire, Pa."""
 SUFFIX: Final = {"fd": "", "classic": "Classic", "secured": "Secured"}
 DATA_IDS: Final = {
     **{"Pressure": 0x5701, "JetCommand": 0x5702, "PressureClassic": 0x71, "JetCommandClassic": 0x72},
@@ -50,7 +50,7 @@ class Drive:
 
 
 def drive(kind: str, rows: int, seed: int) -> Drive:
-    """Smooth pressures and actions, rounded to what the wire can say; the jets begin shut."""
+    """Smooth pressures and actions, rounded to what the wire can carry; the jets begin shut."""
     generator = np.random.default_rng(seed)
     t = np.arange(rows)
     raw = np.round(-60.0 / STEP[kind] + 40.0 / STEP[kind] * np.sin(t[:, None] / 4.0 + generator.uniform(0, 6, 4)))
@@ -128,7 +128,7 @@ def framed(name: str, values: dict[str, Any], counter: int, kind: str, time_s: f
 
 
 def authentication_code(data_id: int, covered: bytes) -> bytes:
-    """Of a secured message up to it."""
+    """The code that ends a secured message."""
     code = CMAC(AES(KEY))
     code.update(data_id.to_bytes(2, "big") + covered)
     return code.finalize()[:8]

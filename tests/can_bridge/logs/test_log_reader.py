@@ -72,7 +72,7 @@ def write(path: Path, log: list[can.Message]) -> None:
 
 
 def expected(path: Path, log: list[can.Message]) -> list[can.Message]:
-    """What the format keeps, by what `loss_of` says of it."""
+    """What the format keeps, by what `loss_of` reports."""
     kept = []
     for message in log:
         loss = loss_of(path, message)

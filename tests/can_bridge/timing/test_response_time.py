@@ -25,11 +25,11 @@ def test_the_counterexample_to_the_first_analysis():
         for k, (n, period, deadline) in enumerate([("A", 2500, 2500), ("B", 3500, 3250), ("C", 3500, 3250)], start=1)
     ]
     assert [message.worst_ns(bus) for message in messages] == [1000 * US] * 3
-    found = message_response_times(messages, bus)
-    assert [one.response_ns for one in found] == [2000 * US, 3000 * US, 3500 * US]
-    assert [one.blocking_ns for one in found] == [1000 * US, 1000 * US, 0]
-    assert [one.instance for one in found] == [0, 0, 1]
-    assert [one.in_time for one in found] == [True, True, False]
+    bounds = message_response_times(messages, bus)
+    assert [one.response_ns for one in bounds] == [2000 * US, 3000 * US, 3500 * US]
+    assert [one.blocking_ns for one in bounds] == [1000 * US, 1000 * US, 0]
+    assert [one.instance for one in bounds] == [0, 0, 1]
+    assert [one.in_time for one in bounds] == [True, True, False]
     a, b, _ = messages
     for wrong in ([b, a], [a, a]):
         with pytest.raises(ValueError, match="must be in falling priority"):
@@ -48,8 +48,8 @@ PYCPA = (
 
 def test_another_tool_gives_the_same_response_times():
     for rows, published in PYCPA:
-        found = response_times(timings(*rows), bit_ns=1)
-        assert {level: found[level].response_ns for level in published} == published, (rows, published)
+        bounds = response_times(timings(*rows), bit_ns=1)
+        assert {level: bounds[level].response_ns for level in published} == published, (rows, published)
 
 
 def test_a_bus_that_cannot_keep_up_has_no_bound():
@@ -59,9 +59,9 @@ def test_a_bus_that_cannot_keep_up_has_no_bound():
         (((5, 10, 0), (5, 10, 1)), [True, False]),  # all of it, and jitter
         (((5, 10, 0), (5, 10, 0), (1, 100, 0)), [True, False, False]),  # the second can be blocked by the third
     ]:
-        found = response_times(timings(*rows), bit_ns=1)
-        assert [one.response_ns is not None for one in found] == bounded, (rows, bounded)
-        assert [one.in_time for one in found][-1] == bounded[-1], (rows, bounded)
+        bounds = response_times(timings(*rows), bit_ns=1)
+        assert [one.response_ns is not None for one in bounds] == bounded, (rows, bounded)
+        assert [one.in_time for one in bounds][-1] == bounded[-1], (rows, bounded)
 
 
 def test_a_load_of_nearly_all_comes_to_an_end():
@@ -84,7 +84,7 @@ def test_thousands_of_messages_with_one_rhythm_are_counted_not_listed():
     Two sums over all messages of higher priority for every message would take minutes.
     """
     count, frame = 3000, 100 * US
-    found = response_times(timings(*[(frame, 10_000 * count * US, 0)] * count), bit_ns=2 * US)
+    bounds = response_times(timings(*[(frame, 10_000 * count * US, 0)] * count), bit_ns=2 * US)
     below = [frame] * (count - 1) + [0]
-    assert [one.response_ns for one in found] == [below[k] + (k + 1) * frame for k in range(count)]
-    assert [one.blocking_ns for one in found] == below
+    assert [one.response_ns for one in bounds] == [below[k] + (k + 1) * frame for k in range(count)]
+    assert [one.blocking_ns for one in bounds] == below

@@ -1,4 +1,4 @@
-"""The schedule, in a time of its own: sleeping and sending take as long as the test says."""
+"""The schedule, in a time of its own: sleeping and sending take as long as the test has it."""
 
 from itertools import accumulate
 

@@ -188,7 +188,7 @@ def test_bus_off_that_a_driver_reports_is_counted_when_it_comes():
         seen.append((bus.health().state, bus.health().bus_off))
     off, active = BusState.BUS_OFF, BusState.ERROR_ACTIVE
     assert seen == [(off, 1), (off, 1), (active, 1), (off, 2)]
-    # Of python-can's drivers, pcan, ixxat and systec say PASSIVE of a node that may only listen.
+    # Of python-can's drivers, pcan, ixxat and systec report PASSIVE for a node that may only listen.
     scripted.driver_state = can.BusState.PASSIVE
     assert bus.health().state is active
 

@@ -6,7 +6,6 @@ import pytest
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.receive_thread import ReceiveThread
-from can_bridge.bus.mailbox import Mailbox
 from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
@@ -47,22 +46,12 @@ def test_what_ends_the_thread_is_kept_and_raised():
         assert not failing.polled_again, error
 
 
-def test_once_stopped_it_takes_no_more(pair):
-    one, other = pair
-    with ReceiveThread(other, lambda frame: None):
-        pass
-    one.send(Frame(frame_id=0x120, data=b""))
-    assert len(other.receive_all()) == 1
-
-
 def test_serial_line_with_garbage_and_then_pulled_out():
     """Nothing before the end is lost; the end is a fault; both show while the thread's frames are used."""
-    mailbox: Mailbox[Frame] = Mailbox()
     frames: list[Frame] = []
     enough = Event()
 
     def deliver(frame: Frame) -> None:
-        mailbox.put(frame)
         frames.append(frame)
         if len(frames) == 200:
             enough.set()
@@ -75,12 +64,17 @@ def test_serial_line_with_garbage_and_then_pulled_out():
             assert enough.wait(PATIENCE_S)
             thread.check()
             assert [frame.data[0] for frame in frames] == list(range(200))
-            latest = mailbox.take()
-            assert latest is not None
-            assert (latest.data[0], mailbox.overwritten) == (199, 199)
             counted = {reason: count for reason, count in bus.rejected.items() if count}
             assert counted == {Rejection.GARBAGE: 200, Rejection.REMOTE: 200}
             os.close(line.fd)
             thread._thread.join(PATIENCE_S)
             with pytest.raises(BusError, match=r"CAN reception ended: CAN bus failed: ."):
                 thread.check()
+
+
+def test_once_stopped_it_takes_no_more(pair):
+    one, other = pair
+    with ReceiveThread(other, lambda frame: None):
+        pass
+    one.send(Frame(frame_id=0x120, data=b""))
+    assert len(other.receive_all()) == 1

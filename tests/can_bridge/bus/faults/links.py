@@ -19,7 +19,7 @@ PERIOD_S = 0.02
 
 
 def numbered(number: int, *, frame_id: int = 0x120, now_ns: int = 0) -> Frame:
-    """A frame that can be told from all the others."""
+    """A frame that differs from all others."""
     return Frame(frame_id=frame_id, data=number.to_bytes(8, "little"), timestamp_ns=now_ns)
 
 

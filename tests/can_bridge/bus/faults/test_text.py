@@ -104,7 +104,7 @@ def test_what_is_no_fault_is_refused_with_the_remedy():
     ]:
         with refused(ConfigError, message):
             parse_fault(text)
-    # What a text cannot say.
+    # What no text can name.
     with refused(ConfigError, r"wire_errors\.bit_error_rate = 1\.1: must be in \[0, 1\]"):
         WireErrors(bit_error_rate=1.1)
     with refused(ConfigError, r"drop\.at = 'both': must be 'send' or 'receive'"):

@@ -36,7 +36,7 @@ NULL_FAULTS = (
     SlowConsumer(frames_per_call=100, queue=100),
     ClockDrift(),
 )
-"""Faults whose parameters say that nothing happens."""
+"""Faults whose parameters let nothing happen."""
 
 FAULTS = (
     Drop(probability=0.4),

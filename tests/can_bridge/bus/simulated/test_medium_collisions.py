@@ -90,7 +90,7 @@ def test_whatever_is_disturbed_every_frame_arrives_once_in_order_or_is_counted(s
         sent = [item.frame.data for item in seen if item.sender == port.name]
         assert len(sent) + port.discarded == len(handed_over[k])
         assert [data for data in handed_over[k] if data in sent] == sent
-        # Some receivers miss some: they were bus-off, or heard it wrong and were too passive to say so.
+        # Some receivers miss some: they were bus-off, or heard it wrong and were too passive to signal it.
         for other, frames in zip(ports, heard, strict=True):
             if other is not port:
                 got = [frame.data for frame in frames if frame.frame_id == 0x100 + k]
