@@ -7,12 +7,17 @@ Errors on the wire itself are `wire_errors.py`.
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from random import Random
+from typing import Final
 
 from can_bridge.bus.faults.fault import Probability
 from can_bridge.bus.faults.frame_by_frame import Change, SidedFault
-from can_bridge.bus.faults.protection import payload_bits, reprotected, spec_of
+from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import SPECS, MessageSpec
 from contract.config.rules import AtLeastOne
+from contract.errors import BusError
+
+_SPECS: Final = {spec.frame_id: spec for spec in SPECS}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,10 +40,10 @@ class FlipBits(SidedFault, section="flip_bits"):
     def _flipped(self, frame: Frame, random: Random) -> Frame:
         if not self.before_crc:
             return replace(frame, data=_with_flips(frame.data, self._drawn(range(8 * len(frame.data)), random)))
-        spec = spec_of(frame)
+        spec = _spec_of(frame)
         if spec is None:
             return frame
-        return reprotected(frame, _with_flips(frame.data, self._drawn(payload_bits(spec), random)), spec)
+        return _reprotected(frame, _with_flips(frame.data, self._drawn(payload_bits(spec), random)), spec)
 
     def _drawn(self, places: range, random: Random) -> list[int]:
         return random.sample(places, min(self.bits, len(places)))
@@ -61,8 +66,8 @@ class StuckAt(SidedFault, section="stuck_at"):
             data = first.setdefault((frame.is_extended, frame.frame_id), frame.data)
             if not self.counter_runs:
                 return [replace(frame, data=data)]
-            spec = spec_of(frame)
-            return [frame if spec is None else reprotected(frame, data, spec)]
+            spec = _spec_of(frame)
+            return [frame if spec is None else _reprotected(frame, data, spec)]
 
         return change
 
@@ -73,3 +78,29 @@ def _with_flips(data: bytes, places: Iterable[int]) -> bytes:
     for place in places:
         changed[place // 8] ^= 1 << place % 8
     return bytes(changed)
+
+
+def _spec_of(frame: Frame) -> MessageSpec | None:
+    """The message that a frame carries; None if it is none of ours.
+
+    Raises:
+        BusError: for an authenticated one, which only the holder of the key could make again.
+    """
+    spec = _SPECS.get(frame.frame_id)
+    if spec is None or not spec.names(frame) or len(frame.data) != spec.length:
+        return None
+    if spec.is_secured:
+        raise BusError(f"{spec.name} is authenticated: a fault ahead of its protection would need the key")
+    return spec
+
+
+def payload_bits(spec: MessageSpec) -> range:
+    """The bits that the header leaves to the message, the least significant bit of a byte first."""
+    return range(profile_of(spec).header_bits, 8 * spec.protected)
+
+
+def _reprotected(frame: Frame, data: bytes, spec: MessageSpec) -> Frame:
+    """The frame with other data and a CRC that fits; the counter stays."""
+    profile = profile_of(spec)
+    protected = profile.protect(data, data_id=spec.data_id, counter=profile.counter_of(frame.data))
+    return replace(frame, data=protected)

@@ -1,9 +1,8 @@
-"""Traffic out of a DBC, and out of the same network as cantools writes it in another format."""
+"""Traffic out of a DBC."""
 
 import os
 from pathlib import Path
 
-import cantools
 import pytest
 
 from can_bridge.timing.dbc_traffic import read_traffic
@@ -67,18 +66,6 @@ def test_every_message_with_a_cycle_time_is_sent(dbc):
     phases = [[m.offset_ns for m in read_traffic(path, BusConfig(), TAKEN, seed=seed).messages] for seed in (0, 0, 1)]
     assert phases[0] == phases[1] != phases[2]
     assert all(0 <= phase < 100_000_000 for phase in phases[0])
-
-
-def test_another_format_of_the_same_network_gives_the_same_messages(dbc, tmp_path):
-    path = dbc()
-    other = tmp_path / "vehicle.kcd"
-    # KCD knows no CAN FD.
-    database = cantools.database.load_file(path)
-    assert isinstance(database, cantools.database.can.Database)
-    classic = [m for m in database.messages if not m.is_fd]
-    other.write_text(cantools.database.can.Database(messages=classic).as_kcd_string(), encoding="utf-8")
-    expected = [one for one in facts(read_traffic(path, BusConfig(), TAKEN, seed=0)) if not one[3]]
-    assert facts(read_traffic(other, BusConfig(), TAKEN, seed=0)) == expected
 
 
 def test_lengths_are_padded_and_what_cannot_be_sent_is_left_out(dbc):

@@ -5,8 +5,7 @@ from typing import Literal
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.bus.faults.content import FlipBits, StuckAt
-from can_bridge.bus.faults.protection import payload_bits
+from can_bridge.bus.faults.content import FlipBits, StuckAt, payload_bits
 from can_bridge.bus.faults.wire_errors import WireErrors
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import Check, StreamState

@@ -78,19 +78,6 @@ def test_full_queues_refuse_and_count(bench):
     assert ids(two.receive_all()) == [0x10F]
 
 
-def test_the_load_is_the_time_that_frames_take(bench):
-    bus = bench.bus
-    one, _ = bus.port(), bus.port()
-    for frame_id in (0x100, 0x200):
-        one.send(frame(frame_id))
-    taken = bus.frame_ns(frame(0x100)) + bus.frame_ns(frame(0x200))
-    bus.advance_to(4 * taken)
-    activity = bus.activity()
-    assert (activity.frames, activity.error_frames, activity.busy_ns) == (2, 0, taken)
-    assert activity.load == 0.25
-    assert SimulatedBus(RATES).activity().load == 0.0
-
-
 def test_calls_come_in_their_order_and_before_arbitration(bench):
     bus = bench.bus
     one, two = bus.port(), bus.port()

@@ -45,6 +45,7 @@ def test_a_destroyed_frame_is_sent_again_after_the_error_frame():
     assert bits(received.timestamp_ns) == again + LENGTH - INTERMISSION
     assert bus.activity().error_frames == bus.activity().frames == 1
     assert bits(bus.activity().busy_ns) == again + LENGTH
+    assert bus.activity().load == (again + LENGTH) * BIT / 10**7
     # 8 for the error, 1 less for the success; 1, and 1 less.
     assert counts(sender, receiver) == [(7, 0), (0, 0)]
     # A higher priority comes before the repetition.
