@@ -28,9 +28,9 @@ def test_each_row_is_a_sound_frame_with_its_pressures(frames):
     config = Config(bus=BusConfig(frames=frames))
     messages = message_set(config.bus)
     receiver = E2eReceiver(messages.pressure.spec, config.bus.e2e)
-    found = frames_of(ROWS, config)
-    assert len(found) == MOST_PERIODS
-    for period, frame in enumerate(found):
+    played = frames_of(ROWS, config)
+    assert len(played) == MOST_PERIODS
+    for period, frame in enumerate(played):
         assert receiver.tick([frame]).checks == (Check.OK,)
         pressure = messages.pressure.parse(frame.data)
         assert pressure is not None
@@ -42,10 +42,8 @@ def test_each_row_is_a_sound_frame_with_its_pressures(frames):
 
 
 def test_what_the_wire_cannot_carry_is_limited_and_few_rows_are_few_frames():
-    config = Config()
-    messages = message_set(config.bus)
-    (frame,) = frames_of(np.array([[1e6, -1e6, 0.0, 0.0, 0.0]]), config)
-    pressure = messages.pressure.parse(frame.data)
+    messages = message_set(Config().bus)
+    (frame,) = frames_of(np.array([[1e6, -1e6, 0.0, 0.0, 0.0]]), Config())
+    pressure, limit = messages.pressure.parse(frame.data), messages.pressure_limit_pa
     assert pressure is not None
-    limit = messages.pressure_limit_pa
     np.testing.assert_allclose(pressure.pressure_pa, [limit, -limit, 0, 0])

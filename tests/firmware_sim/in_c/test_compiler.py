@@ -27,21 +27,15 @@ def compiler(monkeypatch) -> list[str]:
 
 
 @pytest.mark.usefixtures("nothing_installed")
-def test_without_a_compiler_the_error_names_the_remedy():
+def test_the_environment_comes_first_and_without_any_the_error_names_the_remedy(monkeypatch):
+    monkeypatch.setenv("CC", "ccache gcc-14")
+    assert host_compiler() == ["ccache", "gcc-14"]
+    monkeypatch.setenv("CC", "  ")
     with pytest.raises(LibraryError, match="no C compiler: install gcc or clang"):
         host_compiler()
 
 
-@pytest.mark.usefixtures("nothing_installed")
-def test_the_environment_comes_first(monkeypatch):
-    monkeypatch.setenv("CC", "ccache gcc-14")
-    assert host_compiler() == ["ccache", "gcc-14"]
-    monkeypatch.setenv("CC", "  ")
-    with pytest.raises(LibraryError, match="no C compiler"):
-        host_compiler()
-
-
-def test_a_program_is_compiled_and_runs(tmp_path, compiler):
+def test_a_program_is_compiled_and_runs_and_a_complaint_is_quoted(tmp_path, compiler):
     contents = {
         "main.c": b'#include "answer.h"\nint main(void) { return ANSWER; }\n',
         "answer.h": b"#define ANSWER 42\n",
@@ -49,13 +43,7 @@ def test_a_program_is_compiled_and_runs(tmp_path, compiler):
     compile_c(contents, tmp_path / "program", compiler=compiler, flags=("-O1",))
     assert subprocess.run([tmp_path / "program"], check=False).returncode == 42
     assert compiler_version(compiler)
-
-
-def test_a_compiler_that_complains_is_quoted(tmp_path, compiler):
     with pytest.raises(LibraryError, match="error"):
         compile_c({"a.c": b"int main(void) { return x; }"}, tmp_path / "a", compiler=compiler, flags=())
-
-
-def test_a_compiler_that_does_not_run_is_named(tmp_path):
     with pytest.raises(LibraryError, match="/nowhere/gcc: No such file"):
         compile_c({}, tmp_path / "a", compiler=["/nowhere/gcc"], flags=())
