@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import pytest
 
-import stillwake.__main__
 from contract.errors import LibraryError
 from firmware_sim.in_c.compiler import OPTIMISED, compiler_version, host_compiler
 from firmware_sim.in_c.library_controller import open_library
@@ -27,19 +26,21 @@ def release(tmp_path_factory) -> Exported:
 
 @pytest.mark.slow  # a whole run with its report
 @pytest.mark.usefixtures("no_pictures")
-def test_the_command_runs_it_and_says_so(release, monkeypatch, capsys, tmp_path):
-    arguments = ["run", tmp_path / "run", "--bundle", release.bundle_path, "--library", release.folder]
-    spans = ["--lead-in", "0.2", "--controlled", "0.2", "--no-averages"]
-    monkeypatch.setattr("sys.argv", ["stillwake", *map(str, arguments), *spans])
-    with pytest.raises(SystemExit) as stop:
-        stillwake.__main__.main()
-    # Too short for the window: never in control.
-    assert stop.value.code == 3
+def test_the_command_runs_it_and_reports_it(cli, release, tmp_path):
+    arguments = ["run", tmp_path / "run", "--bundle", release.bundle_path, "--library"]
+    (tmp_path / "empty").mkdir()
+    for library, words in (("nothing", "No such file"), ("empty", "sw_settings.h is missing")):
+        done = cli(*arguments, tmp_path / library)
+        assert (done.code, done.err.count("\n")) == (1, 1), done.err
+        assert done.err.startswith(f"error: library {tmp_path / library}: ") and words in done.err
+        assert not (tmp_path / "run").exists()
+    done = cli(*arguments, release.folder, "--lead-in", 0.2, "--controlled", 0.2, "--no-averages")
+    assert done.code == 3  # too short for the window: never in control
     version = compiler_version(host_compiler())
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["computed_by"] == f"C99 int8, {version}, {' '.join(OPTIMISED)}"
     assert summary["computed_by"] in html.unescape((tmp_path / "run" / "report.html").read_text())
-    assert version in capsys.readouterr().out
+    assert version in done.out
 
 
 @each(
@@ -67,18 +68,3 @@ def test_the_library_of_another_program_is_refused_in_a_line_that_names_both(rel
     manifest = replace(release.bundle.manifest, program_sha256=another)
     with pytest.raises(LibraryError, match=rf"(?s)^(?=.*{own[:12]})(?=.*{another[:12]})[^\n]*$"):
         open_library(release.folder, replace(release.bundle, manifest=manifest))
-
-
-@pytest.mark.parametrize(("library", "said"), [("nothing", "No such file"), ("empty", r"sw_settings.h is missing")])
-def test_the_command_refuses_a_folder_that_is_no_library(monkeypatch, capsys, tmp_path, release, library, said):
-    (tmp_path / "empty").mkdir()
-    arguments = ["run", tmp_path / "run", "--bundle", release.bundle_path, "--library", tmp_path / library]
-    monkeypatch.setattr("sys.argv", ["stillwake", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stop:
-        stillwake.__main__.main()
-    line = capsys.readouterr().err
-    assert stop.value.code == 1
-    assert line.startswith(f"error: library {tmp_path / library}: ")
-    assert said in line
-    assert line.count("\n") == 1
-    assert not (tmp_path / "run").exists()
