@@ -1,6 +1,6 @@
 """Whether a control step's work depends on its data: instructions over many windows, each on the emulated core."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,15 +28,12 @@ class InstructionSpread:
     unlike: int
 
 
-def instruction_spread(
-    sources: Mapping[str, bytes], windows: Iterable[Array], *, done: Callable[[int], None] = lambda count: None
-) -> InstructionSpread:
+def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -> InstructionSpread:
     """Run a control step on each window, from the plan that the one before left.
 
     Args:
         sources: a library's files by name.
         windows: (L, S+1) each.
-        done: called with the number of windows that have run.
 
     Raises:
         McuError: the library does not compile or run, or there is no window.
@@ -53,13 +50,12 @@ def instruction_spread(
         if machine.call("mcu_step") != 0:
             raise McuError(f"window {number}: a number is not finite")
         counts.append(counter.total()[0])
-        done(number)
     if not counts:
         raise McuError("no windows to run")
-    found, often = np.unique(counts, return_counts=True)
+    values, often = np.unique(counts, return_counts=True)
     return InstructionSpread(
         windows=len(counts),
-        fewest=int(found.min()),
-        most=int(found.max()),
+        fewest=int(values.min()),
+        most=int(values.max()),
         unlike=int(len(counts) - often.max()),
     )

@@ -45,11 +45,31 @@ def core(sources) -> McuEcu:
     reason="the control step in float agrees to the bit where the host fuses products as well",
 )
 def test_every_frame_and_state_is_the_hosts_to_the_bit(core, sources):
-    host = CEcu(sources, compiler=zig_compiler(), flags=(*COMMON, "-march=native"))
-    modes = set()
-    for now_ns, frames in Feed().periods(PERIODS, lost=(10, 11), damaged=(13,)):
-        assert core.step(now_ns, frames) == host.step(now_ns, frames)
-        assert differing(core.state, host.state) == []
+    """Through losses, in flight with other bounds, delay and weights, and from a saved state on."""
+    compiler = zig_compiler()
+    assert compiler is not None
+    host, other = CEcu(sources, compiler=compiler, flags=(*COMMON, "-march=native")), McuEcu(sources)
+    own = core.calibration
+    assert own == host.calibration
+    changes = {
+        PERIODS: replace(own, action_limit=0.03, command_step=0.01, delay_steps=2),
+        PERIODS + 2: replace(own, weights=replace(own.weights, lift=5.0), delay_steps=1),
+        PERIODS + 4: own,
+    }
+    modes, ecus = set(), [core, host]
+    for period, (now_ns, frames) in enumerate(Feed().periods(PERIODS + 8, lost=(10, 11), damaged=(13,))):
+        for one in (core, host) if period in changes else ():
+            one.calibrate(changes[period])
+            with pytest.raises(ConfigError, match="delay_steps"):
+                one.calibrate(replace(own, delay_steps=99))
+            assert one.calibration == changes[period]
+        if period == PERIODS + 5:
+            other.restore(core.state)
+            core.restore(core.saved())
+            ecus.append(other)
+        first, *others = [one.step(now_ns, frames) for one in ecus]
+        assert others == [first] * len(others), period
+        assert [differing(one.state, host.state) for one in ecus] == [[]] * len(ecus), period
         assert (core.trace.mode, core.trace.action) == (host.trace.mode, host.trace.action)
         modes.add(core.trace.mode)
     assert {Mode.CONTROL, Mode.HOLD, Mode.DECAY} <= modes
@@ -59,7 +79,7 @@ def test_every_frame_and_state_is_the_hosts_to_the_bit(core, sources):
 def test_cycles_are_those_of_each_step(core, sources):
     """A plan costs a thousand times what a period without one costs, and the clock divides."""
     slow, counts = McuEcu(sources, clock_mhz=240.0), []
-    for now_ns, frames in Feed().periods(PERIODS):
+    for now_ns, frames in Feed().periods(WINDOW + 6):
         core.step(now_ns, frames)
         slow.step(now_ns, frames)
         assert core.cycles == slow.cycles
@@ -86,47 +106,8 @@ def test_the_counter_agrees_with_the_one_in_python(sources):
     assert counter.total() == expected
 
 
-def test_it_goes_on_from_a_state(core, sources):
-    other, feed = McuEcu(sources), Feed()
-    for now_ns, frames in feed.periods(WINDOW + 4):
-        core.step(now_ns, frames)
-    other.restore(core.state)
-    for now_ns, frames in feed.periods(3):
-        assert core.step(now_ns, frames) == other.step(now_ns, frames)
-    core.restore(other.saved())
-    assert differing(core.state, other.state) == []
-
-
-def test_the_core_is_calibrated_as_the_host_is(sources):
-    """In flight, to the bit: the bounds, the delay and the weights, and what is refused."""
-    compiler = zig_compiler()
-    assert compiler is not None
-    core, host = McuEcu(sources), CEcu(sources, compiler=compiler, flags=(*COMMON, "-march=native"))
-    own = core.calibration
-    assert own == host.calibration
-    changes = {
-        WINDOW + 4: replace(own, action_limit=0.03, command_step=0.01, delay_steps=2),
-        WINDOW + 7: replace(own, weights=replace(own.weights, lift=5.0), delay_steps=1),
-        WINDOW + 10: own,
-    }
-    for period, (now_ns, frames) in enumerate(Feed().periods(WINDOW + 12)):
-        for one in (core, host) if period in changes else ():
-            one.calibrate(changes[period])
-            with pytest.raises(ConfigError, match="delay_steps"):
-                one.calibrate(replace(own, delay_steps=99))
-            assert one.calibration == changes[period]
-        assert core.step(now_ns, frames) == host.step(now_ns, frames), period
-        assert differing(core.state, host.state) == [], period
-
-
-def test_more_frames_than_its_can_controller_keeps_are_refused(core):
-    feed = Feed()
-    with pytest.raises(McuError, match="keeps 819"):
-        core.step(feed.now_ns, [feed.frame()] * 820)
-
-
 def test_a_core_that_stops_is_an_error_in_one_line(sources):
-    """A control step that reads where no memory is."""
+    """By a control step that reads where no memory is; and one that is given more frames than it keeps."""
     stops = b"""#include "stillwake.h"
 sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output)
 {
@@ -139,3 +120,6 @@ sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *
     with pytest.raises(McuError, match=r"mcu_ecu_step: the core stopped at 0x8[0-9a-f]+"):
         for now_ns, frames in Feed().periods(PERIODS):
             core.step(now_ns, frames)
+    feed = Feed()
+    with pytest.raises(McuError, match="keeps 819"):
+        core.step(feed.now_ns, [feed.frame()] * 820)
