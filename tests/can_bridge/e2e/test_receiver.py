@@ -73,9 +73,7 @@ def test_several_frames_in_a_period_are_all_checked_and_the_newest_good_one_coun
     reception = made.tick([good(10), good(11, time_ns=1), good(11, time_ns=2), corrupt(12)])
     assert reception.checks == (Check.OK, Check.OK, Check.REPEATED, Check.ERROR)
     assert reception.live == good(11, time_ns=1)
-
-
-def test_rejected_are_the_frames_that_came_and_were_not_good():
+    # Rejected are periods with frames of which none was good.
     made = valid_receiver(last=9)
     for frames in ([corrupt(10)], [good(10), good(10)], [], [good(12)], [good(50)]):
         made.tick(frames)

@@ -147,16 +147,6 @@ def test_a_period_is_one_check():
         assert sum(state.counts) == len(letters), case
 
 
-def test_frames_of_a_period_do_not_fill_the_window():
-    """A burst of good frames stands for one period: it neither makes a stream valid nor washes errors out."""
-    made = E2eReceiver(PRESSURE, CONFIG)
-    assert made.tick([frame(counter) for counter in range(10)]).stream is INIT
-    assert made.tick([frame(counter) for counter in range(10, 20)]).stream is VALID
-    for _ in range(3):
-        made.tick([frame(0, good=False)])
-    assert made.tick([frame(counter) for counter in range(20, 40)]).stream is INVALID
-
-
 def test_a_step_of_more_than_half_the_four_bit_counter_cannot_be_allowed():
     assert BusConfig(frames="classic", e2e=E2eConfig(max_delta=7)).e2e.max_delta == 7
     with pytest.raises(ConfigError, match=r"bus\.e2e\.max_delta.*1\.\.7"):

@@ -66,21 +66,13 @@ def test_another_power_cycle_of_the_sender_is_kept_at_once(tmp_path, key, genuin
 
 def test_a_damaged_file_is_refused_and_kept(tmp_path, key):
     """Counting from 1 again in silence would use values twice."""
-    for content in [
-        "",
-        "null",
-        "[]",
-        "{}",
-        '{"schema": "stillwake-freshness/2", "trip": 1, "heard": {}}',
-        '{"schema": "stillwake-freshness/1", "trip": -1, "heard": {}}',
-        '{"schema": "stillwake-freshness/1", "trip": true, "heard": {}}',
-        '{"schema": "stillwake-freshness/1", "trip": 1.5, "heard": {}}',
-        '{"schema": "stillwake-freshness/1", "trip": 1, "heard": []}',
-        '{"schema": "stillwake-freshness/1", "trip": 1, "heard": {"x": 1}}',
-        '{"schema": "stillwake-freshness/1", "trip": 1, "heard": {"290": 18446744073709551616}}',
-        "[" * 100_000,
-        "\udcff",
-    ]:
+    fields = [
+        *('"trip": -1, "heard": {}', '"trip": true, "heard": {}', '"trip": 1.5, "heard": {}', '"trip": 1, "heard": []'),
+        *('"trip": 1, "heard": {"x": 1}', '"trip": 1, "heard": {"290": 18446744073709551616}'),
+    ]
+    bodies = [f'{{"schema": "{freshness_store.SCHEMA}", {each}}}' for each in fields]
+    other = '{"schema": "stillwake-freshness/2", "trip": 1, "heard": {}}'
+    for content in ("", "null", "[]", "{}", other, *bodies, "[" * 100_000, "\udcff"):
         path = tmp_path / "node"
         path.write_text(content, errors="surrogateescape")
         with refused(BusError, "not a freshness file"):
@@ -88,16 +80,12 @@ def test_a_damaged_file_is_refused_and_kept(tmp_path, key):
         assert path.read_bytes() == content.encode(errors="surrogateescape"), content
 
 
-def test_power_cycles_end(tmp_path, key):
+def test_power_cycles_end_and_a_place_that_cannot_be_written_is_one_line(tmp_path, key):
     path = tmp_path / "node"
     path.write_text(json.dumps({"schema": freshness_store.SCHEMA, "trip": LARGEST_HALF, "heard": {}}))
     with pytest.raises(BusError, match="begin again with another key"):
         FreshnessStore(path).begin(key)
-
-
-def test_a_place_that_cannot_be_written_is_one_line(tmp_path, key):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(StillwakeError, match="file"):
-        FreshnessStore(tmp_path / "file" / "node").begin(key)
+    with pytest.raises(StillwakeError, match="node"):
+        FreshnessStore(path / "node").begin(key)
     with pytest.raises(ValueError, match="every 0"):
-        FreshnessStore(tmp_path / "node", every=0)
+        FreshnessStore(path, every=0)

@@ -24,22 +24,15 @@ def test_genuine_frames_pass_and_are_remembered(genuine, key):
 
 
 def test_only_a_greater_freshness_is_fresh(genuine, key):
-    for trip, count, passes in [
-        (2, 100, False),
-        (2, 99, False),
-        (2, 101, True),
-        (2, 5000, True),
-        (1, 101, False),
-        (3, 0, True),
-        (1 << 31, 0, True),
-    ]:
-        before = VerifierState(freshness=2 << 32 | 100)
+    before = VerifierState(freshness=2 << 32 | 100)
+    stale, fresh = [(2, 100), (2, 99), (1, 101)], [(2, 101), (2, 5000), (3, 0), (1 << 31, 0)]
+    for trip, count in stale + fresh:
+        passes = (trip, count) in fresh
         frame = genuine(SPEC, trip=trip, count=count)
-        found = verified(before, [frame], spec=SPEC, key=key)
-        assert list(found.frames) == ([frame] if passes else []), (trip, count, passes)
-        assert found.none_authentic is not passes, (trip, count, passes)
-        assert found.state.not_fresh == (not passes), (trip, count, passes)
-        assert found.state.not_authentic == 0, (trip, count, passes)
+        judged = verified(before, [frame], spec=SPEC, key=key)
+        assert list(judged.frames) == ([frame] if passes else []), (trip, count)
+        assert judged.none_authentic is not passes, (trip, count)
+        assert (judged.state.not_fresh, judged.state.not_authentic) == (not passes, 0), (trip, count)
 
 
 def test_forged_repeated_and_reflected_frames_are_dropped_and_counted_apart(genuine, key):
@@ -53,24 +46,13 @@ def test_forged_repeated_and_reflected_frames_are_dropped_and_counted_apart(genu
     assert not found.none_authentic
 
 
-def test_frames_of_other_messages_are_passed_on_unseen(genuine, key):
-    others = [
-        genuine(JET_COMMAND_SECURED),
-        Frame(frame_id=0x7FF, data=b""),
-        replace(genuine(SPEC), is_extended=True),
-    ]
-    found = verified(VerifierState(), others, spec=SPEC, key=key)
-    assert found == (VerifierState(), others, False)
-
-
-def test_silence_is_no_sign_of_another_key(key):
+def test_frames_of_other_messages_silence_and_no_key_change_nothing(genuine, key):
     before = VerifierState(freshness=9, not_authentic=4, not_fresh=5)
-    assert verified(before, [], spec=SPEC, key=key) == (before, [], False)
-
-
-def test_without_a_key_everything_passes():
-    frames = [Frame(frame_id=PRESSURE.frame_id, data=bytes(16))]
-    assert verified(VerifierState(), frames, spec=PRESSURE, key=None) == (VerifierState(), frames, False)
+    others = [genuine(JET_COMMAND_SECURED), Frame(frame_id=0x7FF, data=b""), replace(genuine(SPEC), is_extended=True)]
+    for frames in (others, []):
+        assert verified(before, frames, spec=SPEC, key=key) == (before, frames, False)
+    plain = [Frame(frame_id=PRESSURE.frame_id, data=bytes(16))]
+    assert verified(before, plain, spec=PRESSURE, key=None) == (before, plain, False)
 
 
 @given(order=st.lists(st.integers(0, 8), max_size=30))

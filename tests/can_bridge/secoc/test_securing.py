@@ -36,17 +36,12 @@ def test_layout_and_mac_are_openssls(genuine):
         assert frame.data == covered + mac[:8], spec
 
 
-def test_what_is_secured_verifies_with_its_freshness(genuine, key):
+def test_what_is_secured_verifies_with_its_freshness_and_without_a_flipped_bit(genuine, key):
     for spec in SECURED:
         frame = genuine(spec, trip=7, count=9)
         assert verify(frame.data, spec, key) == 7 << 32 | 9, spec
         assert (frame.frame_id, frame.is_fd, frame.timestamp_ns) == (spec.frame_id, True, 9), spec
-        assert len(frame.data) == spec.length, spec
-
-
-def test_every_flipped_bit_is_refused(genuine, key):
-    for spec in SECURED:
-        word = int.from_bytes(genuine(spec).data, "big")
+        word = int.from_bytes(frame.data, "big")
         for bit in range(8 * spec.length):
             assert verify((word ^ 1 << bit).to_bytes(spec.length, "big"), spec, key) is None, bit
 
@@ -75,19 +70,11 @@ def test_only_the_protected_part_of_a_secured_message_is_secured(key):
 
 def test_freshness_counts_up_over_frames_and_trips():
     last = Freshness(trip=1, count=LARGEST_HALF)
-    values = [
-        Freshness(),
-        Freshness().next(),
-        last,
-        Freshness(trip=2),
-        Freshness(trip=LARGEST_HALF, count=LARGEST_HALF),
-    ]
-    assert [item.value for item in values] == [1 << 32, (1 << 32) + 1, (2 << 32) - 1, 2 << 32, (1 << 64) - 1]
+    greatest = Freshness(trip=LARGEST_HALF, count=LARGEST_HALF)
+    assert [item.value - (1 << 32) for item in (Freshness(), Freshness().next())] == [0, 1]
+    assert [item.value for item in (last, Freshness(trip=2), greatest)] == [(2 << 32) - 1, 2 << 32, (1 << 64) - 1]
     # At its end it stays: a carry would use up values of the next power cycle.
     assert last.next() == last
-
-
-def test_a_half_that_does_not_fit_is_refused():
-    for halves in [{"trip": 0}, {"trip": 1 << 32}, {"count": -1}, {"count": 1 << 32}]:
+    for halves in ({"trip": 0}, {"trip": 1 << 32}, {"count": -1}, {"count": 1 << 32}):
         with refused(ValueError, "must be in"):
             Freshness(**halves)

@@ -7,7 +7,6 @@ import pytest
 from can_bridge.tester import calibration
 from can_bridge.tester.asking import Asking
 from can_bridge.uds.access_key import AccessKey
-from can_bridge.uds.services import Session
 from contract.errors import ConfigError, FlashError
 
 udsoncan = pytest.importorskip("udsoncan")
@@ -32,22 +31,6 @@ def asking_of(ecu: Ecu, key: AccessKey = KEY) -> Asking:
 @pytest.fixture
 def asking(ecu) -> Asking:
     return asking_of(ecu)
-
-
-def test_values_are_read_without_a_key_written_with_one_and_taken_at_once(ecu, asking):
-    read = calibration.read(asking)
-    assert ecu.server.session is Session.DEFAULT
-    assert read.in_force == read.release == OWN
-    assert (read.limits.greatest.delay_steps, read.limits.least.action_limit) == (3, 0.01)
-    assert not read.is_stored
-    wanted = calibration.changed(read, {"lift": 0.3, "command_step": 0.02, "delay_steps": 2.0})
-    calibration.unlock(asking)
-    calibration.write(asking, wanted)
-    taken = ecu.segment.take()
-    assert taken is not None
-    assert taken.weights.as_tuple() == pytest.approx((1.0, 0.1, 0.3, 0.0, 8.0, 0.0, 0.0))
-    assert (taken.command_step, taken.delay_steps) == (0.02, 2)
-    assert calibration.read(asking).in_force == wanted
 
 
 def test_a_value_is_refused_before_anything_is_sent(asking):

@@ -3,15 +3,11 @@
 import os
 import time
 from collections.abc import Iterator
-from threading import Event, Thread
 from typing import Any
 
 import can
 import pytest
 
-from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.isotp.endpoint import Endpoint
-from can_bridge.isotp.settings import IsoTpSettings
 from can_bridge.tester import asking
 from can_bridge.tester.messages import NoAnswerError
 from can_bridge.tester.sequence import End, flash
@@ -89,31 +85,12 @@ def test_equal_frames_in_a_row_all_arrive_by_multicast() -> None:
     """A run of zeros gives the same consecutive frame every 16, which could pass for copies of one datagram."""
     pytest.importorskip("msgpack")
     config = BusConfig(interface="udp_multicast", channel=f"239.77.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}")
-    endpoint = Endpoint(IsoTpSettings(receive_id=REQUEST_ID, send_id=RESPONSE_ID))
-    came, stop = list[bytes](), Event()
-
-    def hear(bus: PythonCanBus) -> None:
-        while not stop.is_set():
-            frame = bus.receive(0.01)
-            if frame is not None:
-                endpoint.receive(time.monotonic_ns(), frame)
-            for answer in endpoint.poll(time.monotonic_ns()):
-                bus.send(answer)
-            came.extend(endpoint.take())
-
-    with PythonCanBus.open(config, accept={REQUEST_ID}) as bus, open_client(config) as client:
-        thread = Thread(target=hear, args=(bus,))
-        thread.start()
-        try:
-            for _ in range(5):
-                client.conn.send(bytes(4000))
-            until = time.monotonic() + 5.0
-            while len(came) < 5 and time.monotonic() < until:
-                time.sleep(0.01)
-        finally:
-            stop.set()
-            thread.join()
-    assert came == 5 * [bytes(4000)]
+    ecu = EcuToFlash()
+    # The server answers requests of this length by their service.
+    with served(ecu, config), open_client(config) as client:
+        for _ in range(5):
+            client.conn.send(b"\x99" + bytes(3999))
+            assert client.conn.wait_frame(timeout=5.0) == b"\x7f\x99\x11"
 
 
 def test_silence_is_an_error_and_no_warning_of_a_library_reaches_the_terminal(

@@ -1,6 +1,6 @@
 """An ECU behind the server whose answers a test decides, and which notes what it is asked."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from can_bridge.flashing.access_level import Level
@@ -96,27 +96,13 @@ class Bench:
 
     def ask(self, *parts: int | bytes | Sequence[int]) -> bytes | None:
         """The one answer to a request, None if there was none."""
-        answers = self.server.request(self.now_ns, payload(*parts))
+        request = b"".join(bytes([part]) if isinstance(part, int) else bytes(part) for part in parts)
+        answers = self.server.request(self.now_ns, request)
         assert len(answers) <= 1
         return answers[0] if answers else None
 
     def talk(self, text: str) -> None:
-        """Lines of a request and its one answer, in hexadecimal, `00x7` for seven such bytes.
-
-        An answer may be a code's name, `ok` for any positive one, and `-` for none.
-        """
-        for line in text.strip().splitlines():
-            request, answer = (part.strip() for part in line.split(">"))
-            parts = (part.partition("x") for part in request.split())
-            asked = b"".join(bytes.fromhex(byte) * int(count or 1) for byte, _, count in parts)
-            answers = self.server.request(self.now_ns, asked)
-            if answer == "ok":
-                assert [each[0] for each in answers] == [asked[0] + 0x40], line
-            elif answer == "-":
-                assert answers == [], line
-            else:
-                named = answer in Nrc.__members__
-                assert answers == [refused(asked[0], Nrc[answer]) if named else bytes.fromhex(answer)], line
+        talk(lambda request: self.server.request(self.now_ns, request), text)
 
     def wait(self, nanoseconds: int) -> list[bytes]:
         """One tick after so long."""
@@ -136,9 +122,22 @@ class Bench:
         return self.seeds.pop(0) if self.seeds else self._drawn.to_bytes(count, "big")
 
 
-def payload(*parts: int | bytes | Sequence[int]) -> bytes:
-    """Bytes of single values, strings of bytes and sequences."""
-    return b"".join(bytes([part]) if isinstance(part, int) else bytes(part) for part in parts)
+def talk(ask: Callable[[bytes], list[bytes]], text: str) -> None:
+    """Lines of a request and its one answer, in hexadecimal, `00x7` for seven such bytes.
+
+    An answer may be a code's name, `ok` for any positive one, and `-` for none.
+    """
+    for line in text.strip().splitlines():
+        request, answer = (part.strip() for part in line.split(">"))
+        parts = (part.partition("x") for part in request.split())
+        asked = b"".join(bytes.fromhex(byte) * int(count or 1) for byte, _, count in parts)
+        answers = ask(asked)
+        if answer == "ok":
+            assert [each[0] for each in answers] == [asked[0] + 0x40], line
+        elif answer in Nrc.__members__:
+            assert answers == [refused(asked[0], Nrc[answer])], line
+        else:
+            assert answers == ([] if answer == "-" else [bytes.fromhex(answer)]), line
 
 
 def refused(service: int, code: Nrc) -> bytes:

@@ -1,67 +1,43 @@
-"""The sequence of programming, request by request, over a real store.
+"""How the store's answers come over the wire, request by request.
 
-What the store itself decides is tested in `tests/can_bridge/flashing`; here, how its answers come over the wire.
+What the store itself decides is tested in `tests/can_bridge/flashing`, the whole sequence in `tests/can_bridge/tester`,
+and hostile requests in `tests/proofs/flash`.
 """
-
-from itertools import islice
 
 import pytest
 
-from can_bridge.flashing import report
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Kind
 from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
-from tests.can_bridge.flashing.plain_backing import PlainBacking
-from tests.can_bridge.flashing.releases import RELEASE, SECOND, image, keys, phases, provisioned
+from can_bridge.uds.services import Nrc
+from tests.can_bridge.flashing.releases import RELEASE, SECOND, image, keys, name_of, phases, provisioned
 from tests.can_bridge.flashing.store_ecu import KEY, FlashingSteps, StoreEcu
-from tests.can_bridge.uds.scripted_ecu import MS, payload, refused
+from tests.can_bridge.uds.scripted_ecu import MS, refused, talk
 
 NEWER = image("newer", version=2)
-BLOCK = MAX_BLOCK - 2
-CAPACITY = 200_000
-KEY_LIST, STORE = Did.KEY_LIST.to_bytes(2, "big"), Did.STORE.to_bytes(2, "big")
+LENGTH = f"{len(NEWER):08x}"
 
 
 class Client(FlashingSteps):
     """Knows the key, and drives the ECU's clock."""
 
     def __init__(self) -> None:
-        self.memory: PlainBacking = provisioned()
+        self.memory = provisioned()
         self.ecu = StoreEcu(lambda: self.memory)
         self.now_ns = 0
 
-    def ask(self, *parts: int | bytes) -> bytes:
+    def ask(self, request: bytes) -> bytes:
         """The last answer."""
-        answers = self.ecu.server.request(self.now_ns, payload(*parts))
+        answers = self.ecu.server.request(self.now_ns, request)
         while self.ecu.server.is_busy and not self.ecu.is_reset:
             self.now_ns += MS
             answers += self.ecu.server.tick(self.now_ns)
         return answers[-1]
 
-    def routine(self, number: Routine, option: bytes = b"") -> bytes:
-        return self.ask(0x31, 1, number.to_bytes(2, "big"), option)
-
-    def download(self, offset: int, length: int) -> bytes:
-        return self.ask(0x34, 0x00, 0x44, offset.to_bytes(4, "big"), length.to_bytes(4, "big"))
-
-    def send(self, new: bytes, *, offset: int = 0, blocks: int | None = None) -> None:
-        """So many blocks; all of them, and the exit, if none is given."""
-        for _ in islice(self.blocks(new, offset, BLOCK), blocks):
-            pass
-
-    def reset(self) -> None:
-        """As the vehicle does it; afterwards locked, in the default session."""
-        assert self.ask(0x11, 1) == b"\x51\x01"
-        assert self.ecu.is_reset
-        self.ecu.power_on()
-
-    def running(self) -> str:
-        """By the STORE identifier."""
-        slot = report.decode(self.ask(0x22, STORE)[3:]).running_slot
-        return "" if slot is None else slot.name
+    def talk(self, text: str) -> None:
+        talk(lambda request: [self.ask(request)], text)
 
 
 @pytest.fixture
@@ -71,57 +47,69 @@ def client() -> Client:
 
 def test_a_release_is_flashed_and_confirmed(client):
     assert client.write(NEWER) == Verdict.GOOD
-    assert client.running() == "one"
-    # Confirmation is for what runs on trial.
-    for _ in range(2):
-        assert client.routine(Routine.CONFIRM) == refused(0x31, Nrc.SEQUENCE_ERROR)
-        # A tester that missed an answer is answered alike.
-        assert client.routine(Routine.ACTIVATE) == b"\x71\x01\x02\x05"
+    # Confirmation is for what runs on trial; a tester that missed an answer is answered alike.
+    client.talk(2 * "31 01 02 06 > SEQUENCE_ERROR\n31 01 02 05 > 71 01 02 05\n")
     assert phases(client.ecu.store) == [Phase.CONFIRMED, Phase.TRIAL]
-    client.reset()
-    assert client.running() == "newer"
+    client.talk("11 01 > 51 01")
+    assert client.ecu.is_reset
+    assert name_of(client.ecu.power_on()) == "newer"
     client.programming()
-    assert client.routine(Routine.SELF_TEST) == b"\x71\x01\x02\x04"
-    assert client.routine(Routine.CONFIRM) == client.routine(Routine.CONFIRM) == b"\x71\x01\x02\x06"
     # There is no way back to what is too old now.
-    assert client.routine(Routine.REVERT) == refused(0x31, Nrc.CONDITIONS_NOT_CORRECT)
+    client.talk(
+        "31 01 02 04 > 71 01 02 04\n" + 2 * "31 01 02 06 > 71 01 02 06\n" + "31 01 02 07 > CONDITIONS_NOT_CORRECT"
+    )
     client.ecu.power_on()
-    assert (client.running(), client.ecu.store.state.least_security_version) == ("newer", 2)
     # A tester whose release was given up must not take the one before for its own.
     client.programming()
-    assert client.routine(Routine.CONFIRM) == refused(0x31, Nrc.SEQUENCE_ERROR)
+    client.talk("31 01 02 06 > SEQUENCE_ERROR")
 
 
 def test_only_the_bytes_that_are_missing_are_taken(client):
     client.programming()
-    for length in (0, CAPACITY + 1, 2**32 - 1):
-        answer = client.routine(Routine.ERASE, length.to_bytes(4, "big") + bytes(32))
-        assert answer == refused(0x31, Nrc.OUT_OF_RANGE), length
-    assert client.download(0, 100) == refused(0x34, Nrc.SEQUENCE_ERROR)
-    assert client.routine(Routine.CHECK) == refused(0x31, Nrc.SEQUENCE_ERROR)
+    client.talk(
+        f"""
+        31 01 FF 00 00x4 00x32 > OUT_OF_RANGE
+        31 01 FF 00 {200_001:08x} 00x32 > OUT_OF_RANGE
+        31 01 FF 00 FFx4 00x32 > OUT_OF_RANGE
+        34 00 44 00x4 {LENGTH} > SEQUENCE_ERROR
+        31 01 FF 01 > SEQUENCE_ERROR
+        """
+    )
     client.announce(NEWER)
-    for offset, less in ((1, 1), (0, 1), (0, -1), (1, 0), (2**32 - 1, 0)):
-        if offset != 1 or less != 1:
-            assert client.download(offset, len(NEWER) - less) == refused(0x34, Nrc.OUT_OF_RANGE), (offset, less)
-    client.send(NEWER, blocks=3)
-    assert client.verdict() == Verdict.INCOMPLETE
-    assert client.routine(Routine.ACTIVATE) == refused(0x31, Nrc.SEQUENCE_ERROR)
+    client.talk(
+        f"""
+        34 00 44 00x4 {len(NEWER) - 1:08x} > OUT_OF_RANGE
+        34 00 44 00x4 {len(NEWER) + 1:08x} > OUT_OF_RANGE
+        34 00 44 {1:08x} {LENGTH} > OUT_OF_RANGE
+        34 00 44 FFx4 {LENGTH} > OUT_OF_RANGE
+        34 00 44 00x4 {LENGTH} > ok
+        36 01 {NEWER[:500].hex()} > ok
+        31 01 FF 01 > 71 01 FF 01 {Verdict.INCOMPLETE:02x}
+        31 01 02 05 > SEQUENCE_ERROR
+        """
+    )
     assert client.announce(image("another")) == 0
 
 
-def test_key_lists(client):
-    both = keys(2, RELEASE, SECOND)
+def test_identifiers_and_key_lists(client):
     client.programming()
-    for raw, answer in (
-        (both, b"\x6e\xfd\x02"),
-        (both, b"\x6e\xfd\x02"),  # the first answer may have been missed
-        *((raw, refused(0x2E, Nrc.OUT_OF_RANGE)) for raw in (keys(1), keys(9)[:-1], keys(9) + b"\n")),
-    ):
-        assert client.ask(0x2E, KEY_LIST, raw) == answer, raw
-    assert client.ask(0x22, KEY_LIST) == b"\x62\xfd\x02\0\0\0\x02"
+    both = keys(2, RELEASE, SECOND).hex()
+    client.talk(
+        f"""
+        22 FD 03 > 62 FD 03 {200_000:08x}
+        22 F1 91 > 62 F1 91 {b"bench".hex()}
+        22 FD 02 > 62 FD 02 {1:08x}
+        2E FD 02 {both} > 6E FD 02
+        2E FD 02 {both} > 6E FD 02
+        2E FD 02 {keys(1).hex()} > OUT_OF_RANGE
+        2E FD 02 {keys(9)[:-1].hex()} > OUT_OF_RANGE
+        2E FD 02 {keys(9).hex()} 0A > OUT_OF_RANGE
+        22 FD 02 > 62 FD 02 {2:08x}
+        """
+    )
     client.memory.memory.records.pop(Kind.KEYS)
     client.ecu.power_on()
-    assert client.ask(0x22, KEY_LIST) == b"\x62\xfd\x02" + bytes(4)
+    client.talk("22 FD 02 > 62 FD 02 00 00 00 00")
 
 
 def test_a_memory_that_fails_is_a_programming_failure(client, monkeypatch):
@@ -132,19 +120,15 @@ def test_a_memory_that_fails_is_a_programming_failure(client, monkeypatch):
     client.announce(NEWER)
     monkeypatch.setattr(client.memory, "keep", fail)
     monkeypatch.setattr(client.memory, "append", fail)
-    client.download(0, len(NEWER))
-    assert client.ask(0x36, 1, b"abc") == refused(0x36, Nrc.PROGRAMMING_FAILURE)
-    assert client.ask(0x36, 1, b"abc") == refused(0x36, Nrc.SEQUENCE_ERROR)
-    answer = client.routine(Routine.ERASE, bytes([0, 0, 1, 0]) + bytes(32))
-    assert answer == refused(0x31, Nrc.PROGRAMMING_FAILURE)
-    assert client.ask(0x2E, KEY_LIST, keys(2)) == refused(0x2E, Nrc.PROGRAMMING_FAILURE)
-    client.ask(0x10, Session.PROGRAMMING)
-    seed = client.ask(0x27, 1)[2:]
-    answer = client.ask(0x27, 2, KEY.answer(Level.PROGRAMMING, seed))
-    assert answer == refused(0x27, Nrc.PROGRAMMING_FAILURE)
-
-
-def test_identifiers(client):
-    assert client.ask(0x22, Did.CAPACITY.to_bytes(2, "big")) == b"\x62\xfd\x03" + CAPACITY.to_bytes(4, "big")
-    assert client.ask(0x22, KEY_LIST) == b"\x62\xfd\x02\0\0\0\x01"
-    assert client.ask(0x22, Did.HARDWARE.to_bytes(2, "big")) == b"\x62\xf1\x91bench"
+    client.talk(
+        f"""
+        34 00 44 00x4 {LENGTH} > ok
+        36 01 AA > PROGRAMMING_FAILURE
+        36 01 AA > SEQUENCE_ERROR
+        31 01 FF 00 00 00 01 00 00x32 > PROGRAMMING_FAILURE
+        2E FD 02 {keys(2).hex()} > PROGRAMMING_FAILURE
+        10 02 > ok
+        """
+    )
+    answer = KEY.answer(Level.PROGRAMMING, client.ask(b"\x27\x01")[2:])
+    assert client.ask(b"\x27\x02" + answer) == refused(0x27, Nrc.PROGRAMMING_FAILURE)
