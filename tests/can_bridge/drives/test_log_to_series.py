@@ -155,7 +155,9 @@ def test_frames_are_put_in_their_order_by_counter_and_echo() -> None:
     # An ECU that takes 1.4 periods: every command comes after the next pressure.
     one = drive("classic", 100, 3)
     messages = [pressure(one, k, k * PERIOD) for k in range(100)]
-    messages += [command(one, k, (k + 1.4) * PERIOD) for k in range(100)]
+    messages += [command(one, k, (k + 1.4) * PERIOD) for k in range(100) if k != 50]
+    # It repeats its command for 49 where that for 50 would come.
+    messages.append(command(one, 50, 51.4 * PERIOD, echo=49, mode="HOLD", action=one.action[50]))
     same(read(in_time(messages)), one)
 
 
@@ -165,9 +167,13 @@ def test_commands_that_do_not_answer_belong_to_the_period_they_came_in() -> None
     # The ECU missed pressure 40 and repeats its command for 39; at 60 the jets are not enabled, and so shut.
     messages[81] = command(one, 40, messages[81].timestamp, echo=39, mode="HOLD", action=one.action[39])
     messages[121] = command(one, 60, messages[121].timestamp, enable=False)
+    # The command for 80 is lost, and repeated in 81: it is no answer to 80.
+    messages[163] = command(one, 81, messages[163].timestamp, echo=80, mode="HOLD", action=one.action[80])
+    del messages[161]
     assert one.action[60] != 0.0
     action = one.action.copy()
-    action[40], action[60] = action[39], 0.0
+    action[40], action[60], action[81] = action[39], 0.0, action[80]
+    action[80] = (action[79] + action[81]) / 2
     same(read(messages), replace(one, action=action))
 
 
@@ -323,7 +329,7 @@ def test_what_makes_no_series_is_refused_in_one_line() -> None:
         assert "\n" not in str(error.value)
 
 
-@examples(20)
+@examples(40)
 @given(data=st.data(), kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
 def test_any_log_gives_whole_pieces_or_one_line(data: st.DataObject, kind: str, seed: int) -> None:
     """Cut, shuffled, restarted and damaged anywhere; what comes out holds rows of the drive, or is refused."""
