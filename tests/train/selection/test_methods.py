@@ -25,3 +25,5 @@ def test_every_method_chooses_as_many_as_asked_and_the_same_again(encoder, rows,
         for count in (0, 91):
             with pytest.raises(ConfigError, match=rf"train\.sensors = {count}: must be from 1 to 90"):
                 select(method, encoder, rows, count, settings=settings)
+    with pytest.raises(ConfigError, match=r"'entropy': use shap, qr, greedy, random, hand$"):
+        select("entropy", encoder, rows, 4, settings=small_config.train)  # type: ignore[arg-type]

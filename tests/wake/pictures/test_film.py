@@ -69,6 +69,10 @@ def test_the_number_is_the_mean_of_a_cycle_under_control_only(played):
         film.update()
         shown.append(film.figure.texts[0].get_text())
     assert set(shown[:30]) == {""}
+    table = Film.palette()
+    pixels = film.pixels().reshape(-1, 3)[::7] / 255.0
+    assert len(table) <= 256, "a GIF has no more"
+    assert np.abs(pixels[:, None] - table[None]).sum(axis=2).min(axis=1).mean() < 0.05
     # At 15 a cycle lies behind: -10 %. At 18 the last 5 t_c hold 4 of 0.9 and 6 of 0.7.
     assert shown[30] == "\N{MINUS SIGN}10 %"
     assert shown[36] == "\N{MINUS SIGN}22 %"

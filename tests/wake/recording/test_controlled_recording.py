@@ -173,22 +173,6 @@ class TestOnACheapPlant:
         assert equal(read(stopped), whole)
 
 
-@pytest.mark.processes
-def test_side_by_side_under_a_release_gives_the_same(tmp_path, short_release):
-    release = load(short_release)
-    # A step longer than the window, so that the controller has its say twice; and a seed whose leads are 1 and 0 steps.
-    wanted = a_round(steps=release.manifest.window + 1, exploration=0.1, seed=22)
-    one, two = (
-        recorded(tmp_path / f"{n}.h5", wanted, partial(BundlePolicy, release), workers=n, block_steps=3) for n in (1, 2)
-    )
-    assert equal(one, two)
-    for plan, episode in zip(wanted.plans(1), one.episodes, strict=True):
-        alone = plan.signal(Config())
-        silent = release.manifest.window - 1
-        assert np.array_equal(episode.series["action"][:silent], alone[:silent])
-        assert not np.isclose(episode.series["action"][silent:], alone[silent:]).any()
-
-
 def _kill_after_a_block(name: str, done: int, total: int) -> None:
     if done:
         raise Killed

@@ -5,30 +5,25 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import psutil
 import pytest
 
 from contract.config.tree import Config
 from contract.recording.dataset import Dataset, read
+from contract.release.bundle import load
+from firmware_sim.ecu.bundle_policy import BundlePolicy
 from tests.wake.recording.killing import equal
-from wake.recording.episode_plan import EpisodePlan
-from wake.recording.recorder import record
+from wake.recording.controlled_plan import ControlledRound
+from wake.recording.controlled_recording import record_round
 
 pytestmark = pytest.mark.processes
 
 ROOT = Path(__file__).resolve().parents[3]
-PLANS = (EpisodePlan(forcing="training", steps=9, seed=5, lead=1), EpisodePlan(forcing="none", steps=4, seed=0))
-BLOCK_STEPS = 2
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> Dataset:
-    """Recorded in this process, in one go."""
-    path = tmp_path_factory.mktemp("whole") / "whole.h5"
-    record(path, PLANS, Config(), block_steps=BLOCK_STEPS)
-    return read(path)
 
 
 def is_worker(process: psutil.Process) -> bool:
@@ -39,22 +34,6 @@ def is_worker(process: psutil.Process) -> bool:
         # Also one that has ended and was not waited for yet.
         return False
     return "spawn_main" in title or "dask worker" in title
-
-
-def test_side_by_side_with_a_worker_killed_gives_the_same(tmp_path, whole):
-    output = tmp_path / "a.h5"
-    notices: list[str] = []
-    victims: list[psutil.Process] = []
-
-    def kill_one(name: str, done: int, total: int) -> None:
-        if done and not victims:
-            victims.append(next(filter(is_worker, psutil.Process().children(recursive=True))))
-            victims[0].kill()
-
-    record(output, PLANS, Config(), block_steps=BLOCK_STEPS, workers=2, progress=kill_one, notice=notices.append)
-    assert equal(read(output), whole)
-    assert any("was lost" in line for line in notices)
-    assert not (tmp_path / "a.h5.parts").exists()
 
 
 def _command(*arguments: object, scratch: Path | None = None) -> subprocess.Popen[str]:
@@ -90,3 +69,32 @@ def test_a_workers_error_is_one_line(tmp_path):
     assert process.returncode == 1
     assert err.startswith("error: dt = 0.0667") and err.count("\n") == 1
     assert not (tmp_path / "a.h5").exists()
+
+
+def test_side_by_side_under_a_release_with_a_worker_killed_gives_the_same(tmp_path, short_release):
+    release = load(short_release)
+    # Longer than the window, so that the controller acts; and a seed whose leads are 1 and 0 steps.
+    names: dict[str, Any] = {"bundle": "none", "bundle_digest": "0" * 64}
+    planned = ControlledRound(episodes=2, steps=18, exploration=0.1, seed=22, **names)
+    notices: list[str] = []
+    victims: list[psutil.Process] = []
+
+    def kill_one(name: str, done: int, total: int) -> None:
+        if done and not victims:
+            victims.append(next(filter(is_worker, psutil.Process().children(recursive=True))))
+            victims[0].kill()
+
+    def recorded(name: str, **options: Any) -> Dataset:
+        policy = partial(BundlePolicy, release)
+        record_round(tmp_path / name, planned, Config(), policy, block_steps=1, notice=notices.append, **options)
+        return read(tmp_path / name)
+
+    one, two = recorded("one.h5"), recorded("two.h5", workers=2, progress=kill_one)
+    assert equal(one, two)
+    assert any("was lost" in line for line in notices)
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["one.h5", "two.h5"]
+    for plan, episode in zip(planned.plans(1), one.episodes, strict=True):
+        alone = plan.signal(Config())
+        silent = release.manifest.window - 1
+        assert np.array_equal(episode.series["action"][:silent], alone[:silent])
+        assert not np.isclose(episode.series["action"][silent:], alone[silent:]).any()
