@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from can_bridge.logs.frame_log import loss_of, recording_messages
 from can_bridge.logs.log_reader import read_messages
-from can_bridge.wire.frame import FD_LENGTHS
 from contract.errors import BusError
+from tests.can_bridge.can_messages import can_messages
 from tests.examples import examples
 from tests.refused import refused
 
@@ -23,31 +23,13 @@ RESOLUTION_S = 2e-6
 EPOCH_S = 1_700_000_000
 
 
-@st.composite
-def messages(draw: st.DrawFn) -> can.Message:
-    kind = draw(st.sampled_from(["classic", "fd", "remote", "error"]))
-    if kind == "error":
-        return can.Message(is_error_frame=True)
-    is_extended, is_fd = draw(st.booleans()), kind == "fd"
-    length = draw(st.sampled_from(FD_LENGTHS if is_fd else range(9)))
-    return can.Message(
-        arbitration_id=draw(st.integers(0, 0x1FFFFFFF if is_extended else 0x7FF)),
-        is_extended_id=is_extended,
-        is_remote_frame=kind == "remote",
-        dlc=length,
-        data=None if kind == "remote" else draw(st.binary(min_size=length, max_size=length)),
-        is_fd=is_fd,
-        is_rx=draw(st.booleans()),
-        bitrate_switch=is_fd and draw(st.booleans()),
-        error_state_indicator=is_fd and draw(st.booleans()),
-        channel=0,
-    )
+error_frames = st.builds(can.Message, is_error_frame=st.just(True))
 
 
 @st.composite
 def logs(draw: st.DrawFn) -> list[can.Message]:
     """In the order of time, with gaps of a microsecond to an hour."""
-    log = draw(st.lists(messages(), min_size=1, max_size=12))
+    log = draw(st.lists(can_messages() | error_frames, min_size=1, max_size=12))
     t = EPOCH_S + draw(st.integers(0, 10**6)) / 1e6
     for message in log:
         message.timestamp = t

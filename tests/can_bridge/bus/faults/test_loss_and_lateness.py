@@ -1,4 +1,4 @@
-"""Frames that are lost, late or reordered: how many, by how much, stamped how, and that the stream recovers."""
+"""Frames that are lost, late, copied or reordered: how many, by how much, stamped how, and that the stream recovers."""
 
 from collections import Counter
 from itertools import groupby
@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_bridge.bus.faults.copies import Duplicate
 from can_bridge.bus.faults.lateness import Delay, Reorder
 from can_bridge.bus.faults.loss import BurstLoss, Drop
 from can_bridge.e2e.receiver import Check, StreamState
@@ -120,6 +121,16 @@ def test_the_queue_empties_when_the_delay_ends(link):
     assert [reception.checks for reception in receptions] == [*[ok] * 6, *[nothing] * 2, *[ok] * 3, ok * 3, *[ok] * 8]
     assert all(reception.stream is StreamState.VALID for reception in receptions[2:])
     assert faulty.injectors[0].acted == 6
+
+
+def test_copies_follow_their_frame_and_change_nothing():
+    for copies in [1, 3]:
+        link = simulated_link()
+        fault = Duplicate(copies=copies, at="receive", start_s=9.5 * PERIOD_S, end_s=29.5 * PERIOD_S)
+        receptions = link.protected(link.one, link.wrapped(link.other, fault), 50)
+        expected = [(Check.OK,)] * 10 + [(Check.OK, *[Check.REPEATED] * copies)] * 20 + [(Check.OK,)] * 20
+        assert [reception.checks for reception in receptions] == expected, copies
+        assert all(reception.live is not None for reception in receptions[1:]), copies
 
 
 def test_windows_come_whole_and_in_all_orders_equally_often():

@@ -1,6 +1,6 @@
 """Faults from text and back, and what is refused with which words."""
 
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, fields
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,29 +9,15 @@ from can_bridge.bus.faults.babble import Babble
 from can_bridge.bus.faults.clocks import ClockDrift
 from can_bridge.bus.faults.connection import Disconnect
 from can_bridge.bus.faults.content import FlipBits
-from can_bridge.bus.faults.fault import Fault, FrameFault, Instant, Span
+from can_bridge.bus.faults.fault import Fault, FrameFault
 from can_bridge.bus.faults.frame_by_frame import SidedFault
 from can_bridge.bus.faults.lateness import Delay
 from can_bridge.bus.faults.loss import BurstLoss, Drop
-from can_bridge.bus.faults.text import KINDS, parse_described, parse_fault, text_of
+from can_bridge.bus.faults.text import KINDS, parse_fault, text_of
 from can_bridge.bus.faults.wire_errors import WireErrors
 from contract.errors import ConfigError
 from tests.examples import examples
 from tests.refused import refused
-
-
-@dataclass(frozen=True, kw_only=True)
-class Once(Instant, section="once"):
-    """Happens."""
-
-    names: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class Level(Span, section="level"):
-    """Called as its parameter is."""
-
-    level: float
 
 
 def test_a_text_is_its_fault_and_back():
@@ -59,14 +45,6 @@ def test_a_text_is_its_fault_and_back():
         assert parse_fault(text) == fault, text
         assert text_of(fault) == (shortest or text)
         assert parse_fault(text_of(fault)) == fault, text
-    here = {kind.section: kind for kind in (Once, Level)}
-    for text, described in [
-        ("once:names=a+b@5", Once(names=("a", "b"), start_s=5.0)),
-        ("once@0.25", Once(start_s=0.25)),
-        ("level=0.5@1..2", Level(level=0.5, start_s=1.0, end_s=2.0)),
-    ]:
-        assert parse_described(text, here, "thing") == described, text
-        assert text_of(described) == text
 
 
 def test_what_is_no_fault_is_refused_with_the_remedy():
