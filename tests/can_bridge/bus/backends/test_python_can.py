@@ -62,7 +62,7 @@ def test_peer_that_stops_reading_cannot_block_a_sender_for_ever(pair):
 class ScriptedBus(can.BusABC):
     """A backend whose receptions are given: a message, None, or an error to raise."""
 
-    def __init__(self, script: Iterable[can.Message | Exception | None]) -> None:
+    def __init__(self, script: Iterable[can.Message | BaseException | None]) -> None:
         self.script = list(script)
         self.channel_info = "scripted"
         self.driver_state = can.BusState.ACTIVE
@@ -71,7 +71,7 @@ class ScriptedBus(can.BusABC):
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         item = self.script.pop(0) if self.script else None
-        if isinstance(item, Exception):
+        if isinstance(item, BaseException):
             raise item
         return item, False
 

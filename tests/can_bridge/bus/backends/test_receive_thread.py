@@ -1,7 +1,6 @@
 import os
 from threading import Event
 
-import can
 import pytest
 
 from can_bridge.bus.backends.python_can import PythonCanBus
@@ -11,39 +10,19 @@ from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 from tests.can_bridge.bus.backends.ptys import PATIENCE_S, adapter
+from tests.can_bridge.bus.backends.test_python_can import SOUND, ScriptedBus
 from tests.refused import refused
-
-
-class Failing(can.BusABC):
-    """Raises an error once, then is idle."""
-
-    def __init__(self, error: BaseException) -> None:
-        self.channel_info = "failing"
-        self.error: BaseException | None = error
-        self.polled_again = False
-        super().__init__(channel="failing")
-        self.shutdown()  # nothing to close: python-can would remind us of it
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        if self.error is not None:
-            error, self.error = self.error, None
-            raise error
-        self.polled_again = True
-        return None, False
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        raise NotImplementedError
 
 
 def test_what_ends_the_thread_is_kept_and_raised():
     for error in [OSError(19, "No such device"), MemoryError("out of memory"), RuntimeError("bug")]:
-        failing = Failing(error)
-        with ReceiveThread(PythonCanBus(failing), lambda frame: None) as thread:
+        scripted = ScriptedBus([error, SOUND])
+        with ReceiveThread(PythonCanBus(scripted), lambda frame: None) as thread:
             thread._thread.join(PATIENCE_S)
             assert not thread._thread.is_alive(), error
             with refused(BusError, "CAN reception ended"):
                 thread.check()
-        assert not failing.polled_again, error
+        assert scripted.script == [SOUND], error
 
 
 def test_serial_line_with_garbage_and_then_pulled_out():
