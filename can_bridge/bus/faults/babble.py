@@ -44,18 +44,13 @@ class Babble(Fault, section="babble"):
 
 
 class Babbling(Injector):
-    """See `Babble`.
-
-    Attributes:
-        refused: calls at which the bus did not take all.
-    """
+    """See `Babble`."""
 
     def __init__(self, bus: Bus, fault: Babble, clock: Clock, random: Random) -> None:
         super().__init__(bus)
         self._fault, self._clock, self._random = fault, clock, random
         self._since_ns = round(fault.start_s * NS)
         self._due = 0.0
-        self.refused = 0
 
     def send(self, frame: Frame) -> None:
         """See `Bus.send`."""
@@ -79,7 +74,6 @@ class Babbling(Injector):
             try:
                 self._bus.send(frame)
             except BusError:
-                self.refused += 1
                 self._due = 0.0
                 return
             self._due -= 1.0

@@ -16,6 +16,7 @@ from can_bridge.tools.signals import decode
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE_SECURED, SPECS, MessageSpec
 from contract.config.vehicle import E2eConfig
+from tests.examples import examples
 
 E2E = E2eConfig()
 
@@ -57,8 +58,8 @@ def test_rate_follows_a_change_and_needs_two_times():
         assert (traffic.rate_hz(9), traffic.mean_rate_hz, traffic.age_ns(0)) == (0.0, 0.0, 0), times
 
 
-@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
-@given(data=st.data())
+@examples(200)
+@given(spec=st.sampled_from(SPECS), data=st.data())
 def test_losses_are_those_that_were_made(spec, data):
     """Fewer than a counter's period in a row: a counter cannot show more."""
     period = profile_of(spec).counter_period

@@ -60,28 +60,20 @@ def can_conf(tmp_path, monkeypatch):
     return path
 
 
-def test_section_of_can_conf_chooses_the_bus(can_conf):
-    can_conf.write_text("[default]\ninterface = udp_multicast\n[bench]\ninterface = virtual\nchannel = from-can-conf\n")
-    config = BusConfig(interface="python-can", channel="bench")
-    frame = Frame(frame_id=0x120, data=bytes(16))
-    with PythonCanBus.open(config) as one, can.Bus(interface="virtual", channel="from-can-conf") as other:
-        one.send(frame)
-        message = other.recv(10.0)
-        assert message is not None
-        assert (message.arbitration_id, bytes(message.data), message.is_fd) == (0x120, frame.data, True)
-
-
-def test_our_backends_are_taken_also_where_can_conf_names_them(can_conf):
+def test_section_of_can_conf_chooses_the_bus_and_our_backend(can_conf):
     pytest.importorskip("serial")
     from can_bridge.bus.backends.slcan import SlcanBus
 
     with adapter() as line:
         can_conf.write_text(
-            f"[default]\ninterface = slcan\nchannel = {line.port}\nsleep_after_open = 0\nbitrate = 250000\n"
+            "[default]\ninterface = udp_multicast\n"
+            f"[bench]\ninterface = slcan\nchannel = {line.port}\nsleep_after_open = 0\nbitrate = 250000\n"
         )
-        with PythonCanBus.open(BusConfig(interface="python-can")) as bus:
+        with PythonCanBus.open(BusConfig(interface="python-can", channel="bench")) as bus:
             assert isinstance(bus._bus, SlcanBus)
             assert b"S5\r" in line.read(b"O\r", 2)
+            bus.send(Frame(frame_id=0x120, data=b"12"))
+            assert line.read(b"\r") == b"b12023132\r"
 
 
 def test_configuration_without_a_bus_is_refused(can_conf):

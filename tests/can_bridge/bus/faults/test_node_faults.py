@@ -47,7 +47,7 @@ def test_a_bus_that_takes_no_more_ends_the_babble_and_not_the_node(link):
     faulty = link.wrapped(full, Babble())
     link.advance()
     assert faulty.receive_all() == []
-    assert (faulty.injectors[0].acted, full.taken, faulty.injectors[0].refused) == (16, 16, 1)
+    assert faulty.injectors[0].acted == full.taken == 16
     # What was not taken is not made up for once there is room again.
     full.room = 10**6
     faulty.receive_all()
