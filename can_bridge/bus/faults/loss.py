@@ -1,4 +1,4 @@
-"""Frames that do not arrive: one by one, or in bursts."""
+"""Frames that do not arrive, one by one or in bursts, and frames that arrive more than once."""
 
 from dataclasses import dataclass
 from random import Random
@@ -7,7 +7,7 @@ from typing import Annotated
 from can_bridge.bus.faults.fault import Probability
 from can_bridge.bus.faults.frame_by_frame import Change, SidedFault
 from can_bridge.wire.frame import Frame
-from contract.config.rules import Fraction, at_least, require
+from contract.config.rules import AtLeastOne, Fraction, at_least, require
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,3 +62,20 @@ class BurstLoss(SidedFault, section="burst_loss"):
             return [] if bad else [frame]
 
         return change
+
+
+@dataclass(frozen=True, kw_only=True)
+class Duplicate(SidedFault, section="duplicate"):
+    """Copies follow a frame directly, time stamp included. `acted` counts the frames that were copied.
+
+    On CAN itself: a sender that sees an error in the last bit of the end of frame repeats what the receivers, which
+    accepted it one bit earlier, have already (ISO 11898-1, message validation).
+    """
+
+    probability: Probability[float] = 1.0
+    copies: AtLeastOne[int] = 1
+    """Copies of each frame, without the frame itself."""
+
+    def change(self, random: Random) -> Change:
+        """See `SidedFault.change`."""
+        return lambda frame: [frame] * (1 + self.copies) if random.random() < self.probability else [frame]

@@ -18,10 +18,9 @@ from can_bridge.bus.faults.babble import Babble
 from can_bridge.bus.faults.clocks import ClockDrift
 from can_bridge.bus.faults.connection import Disconnect, SlowConsumer
 from can_bridge.bus.faults.content import FlipBits, StuckAt
-from can_bridge.bus.faults.copies import Duplicate
 from can_bridge.bus.faults.fault import Fault, Instant, Span
 from can_bridge.bus.faults.lateness import Delay, Reorder
-from can_bridge.bus.faults.loss import BurstLoss, Drop
+from can_bridge.bus.faults.loss import BurstLoss, Drop, Duplicate
 from contract.errors import ConfigError
 
 S = TypeVar("S", bound=Span)

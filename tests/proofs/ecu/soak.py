@@ -21,8 +21,7 @@ import typer
 from rich.table import Table
 
 from can_bridge.bus.faults.content import FlipBits
-from can_bridge.bus.faults.copies import Duplicate
-from can_bridge.bus.faults.loss import BurstLoss, Drop
+from can_bridge.bus.faults.loss import BurstLoss, Drop, Duplicate
 from can_bridge.bus.faults.wrapping import wrap
 from can_bridge.bus.interface import BusState
 from can_bridge.bus.simulated.background_node import BackgroundNode

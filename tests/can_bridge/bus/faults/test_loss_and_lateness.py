@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.bus.faults.copies import Duplicate
 from can_bridge.bus.faults.lateness import Delay, Reorder
-from can_bridge.bus.faults.loss import BurstLoss, Drop
+from can_bridge.bus.faults.loss import BurstLoss, Drop, Duplicate
 from can_bridge.e2e.receiver import Check, StreamState
 from can_bridge.wire.bit_timing import worst_case_ns
 from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, number_of, numbered, numbers, simulated_link

@@ -13,11 +13,10 @@ from can_bridge.bus.faults.babble import Babble
 from can_bridge.bus.faults.clocks import ClockDrift
 from can_bridge.bus.faults.connection import Disconnect, SlowConsumer
 from can_bridge.bus.faults.content import FlipBits, StuckAt
-from can_bridge.bus.faults.copies import Duplicate
 from can_bridge.bus.faults.fault import Fault
 from can_bridge.bus.faults.injector import Injector
 from can_bridge.bus.faults.lateness import Delay, Reorder
-from can_bridge.bus.faults.loss import BurstLoss, Drop
+from can_bridge.bus.faults.loss import BurstLoss, Drop, Duplicate
 from can_bridge.bus.faults.wire_errors import WireErrors
 from can_bridge.bus.faults.wrapping import wrap
 from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
