@@ -131,7 +131,7 @@ def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, A
         "frames_compared": lockstep.frames,
         "differing_frames": lockstep.differing_frames,
         "differing_states": lockstep.differing_states,
-        "differences": lockstep.told,
+        "differences": lockstep.differences,
     }
 
 

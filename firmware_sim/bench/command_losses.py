@@ -45,6 +45,6 @@ class CommandLosses:
         missed = (*self.missed, True)[-self.window :]
         return replace(self, missed=missed, is_latched=self.is_latched or sum(missed) >= self.limit)
 
-    def anew(self) -> "CommandLosses":
+    def cleared(self) -> "CommandLosses":
         """Once the vehicle itself does not want control."""
         return replace(self, missed=(), is_latched=False)

@@ -169,7 +169,7 @@ class Clock(Span, section="clock"):
 
 @dataclass(frozen=True, kw_only=True)
 class NoRequest(Span, section="no_request"):
-    """The vehicle takes back its request for control, and raises it anew afterwards: what ends a latched fault."""
+    """The vehicle takes back its request for control, and raises it again afterwards: what ends a latched fault."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -114,9 +114,9 @@ class Disturbing:
         return partial(self._first_wrong_bit, hooks) if hooks else None
 
     def _first_wrong_bit(self, hooks: list[tuple[int, Corrupts]], frame: Frame, node: str, begin_ns: int) -> int | None:
-        found = {place: bit for place, hook in hooks if (bit := hook(frame, node, begin_ns)) is not None}
-        self._acted.update(found.keys())
-        return min(found.values(), default=None)
+        wrong = {place: bit for place, hook in hooks if (bit := hook(frame, node, begin_ns)) is not None}
+        self._acted.update(wrong.keys())
+        return min(wrong.values(), default=None)
 
     # At the transducers.
 
@@ -213,14 +213,14 @@ class Disturbing:
             return
         if not isinstance(plant, Disturbable):
             raise ConfigError("the flow of this plant cannot be disturbed: reynolds and gust need the own solver")
-        t_c, found = self._config.operating_point.convective_time, []
+        t_c, gusts = self._config.operating_point.convective_time, []
         for _, one in self._each(kinds.Gust):
             cycles = kinds.whole_cycles(one, t_c)
             start = plant.t + one.start_s / t_c
-            found.append(Gust(amplitude=one.amplitude, period=one.period, start=start, cycles=cycles))
+            gusts.append(Gust(amplitude=one.amplitude, period=one.period, start=start, cycles=cycles))
         before, wind = plant.config.reynolds, plant.wind
         self._flow = plant, before
-        plant.wind = (lambda t: sum(one(t) for one in found)) if found else None
+        plant.wind = (lambda t: sum(one(t) for one in gusts)) if gusts else None
         try:
             yield
         finally:
@@ -231,12 +231,12 @@ class Disturbing:
     def injected(self) -> tuple[InjectedFault, ...]:
         """What each has done so far, in the order given."""
         in_ports = iter(() if self._ports is None else self._ports.injected())
-        found = []
+        faults = []
         for place, text in enumerate(self._texts):
             ported = self._in_port(place) is not None
             acted = next(in_ports).acted if ported else self._acted[place]
-            found.append(InjectedFault(text=text, acted=acted))
-        return tuple(found)
+            faults.append(InjectedFault(text=text, acted=acted))
+        return tuple(faults)
 
     def _each(self, kind: type[S]) -> Iterator[tuple[int, S]]:
         """The disturbances of a kind, each with its place."""

@@ -21,19 +21,19 @@ class Lockstep:
 
     Args:
         driver: whose frames go out.
-        beside: gets every call of the driver's.
+        other: gets every call of the driver's.
 
     Attributes:
         steps, frames: compared so far.
         differing_frames: that were not the same in every byte, their times included, or that one of them did not send.
         differing_states: after which a number of the state was not the same to the bit.
-        told: the first differences, a line each.
+        differences: the first ones, a line each.
     """
 
-    def __init__(self, driver: CalibratedEcu, beside: CalibratedEcu) -> None:
-        self._driver, self._beside = driver, beside
+    def __init__(self, driver: CalibratedEcu, other: CalibratedEcu) -> None:
+        self._driver, self._other = driver, other
         self.steps = self.frames = self.differing_frames = self.differing_states = 0
-        self.told: list[str] = []
+        self.differences: list[str] = []
 
     @property
     def state(self) -> EcuState:
@@ -62,12 +62,12 @@ class Lockstep:
     def calibrate(self, calibration: Calibration) -> None:
         """Both."""
         self._driver.calibrate(calibration)
-        self._beside.calibrate(calibration)
+        self._other.calibrate(calibration)
 
     def restore(self, state: EcuState) -> None:
         """Both."""
         self._driver.restore(state)
-        self._beside.restore(state)
+        self._other.restore(state)
 
     def step(
         self,
@@ -80,17 +80,17 @@ class Lockstep:
     ) -> list[Frame]:
         """One control period of both; the driver's frames."""
         sent, expected = (
-            ecu.step(now_ns, frames, health, fault=fault, updating=updating) for ecu in (self._driver, self._beside)
+            ecu.step(now_ns, frames, health, fault=fault, updating=updating) for ecu in (self._driver, self._other)
         )
         self.steps += 1
         self.frames += max(len(sent), len(expected))
         same = sum(one == other for one, other in zip(sent, expected, strict=False))
         differs = max(len(sent), len(expected)) - same
-        fields = differing(self._driver.state, self._beside.state)
+        fields = differing(self._driver.state, self._other.state)
         self.differing_frames += differs
         self.differing_states += bool(fields)
-        if (differs or fields) and len(self.told) < KEPT:
-            self.told.append(
+        if (differs or fields) and len(self.differences) < KEPT:
+            self.differences.append(
                 f"step {self.steps} at {now_ns} ns: {differs} frames, state: {', '.join(fields) or 'same'}"
             )
         return sent

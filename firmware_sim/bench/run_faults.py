@@ -70,7 +70,7 @@ def check_faults(faults: Sequence[NodeFault], config: BusConfig, *, duration_s: 
             isinstance(one.fault, StuckAt) and one.fault.counter_runs
         )
         if remakes and config.key:
-            raise ConfigError(f"fault {one.text!r}: makes frames anew, which nobody can with bus.key but the nodes")
+            raise ConfigError(f"fault {one.text!r}: makes frames of its own, which only the nodes can with bus.key")
 
 
 class NodeFaults:

@@ -107,7 +107,7 @@ class VehicleNode:
         that is no number is sent as 0. The request goes out as long as the vehicle has not given up control, which ends
         with a frame that does not want it.
         """
-        losses = self._losses if enable_request else self._losses.anew()
+        losses = self._losses if enable_request else self._losses.cleared()
         requested = enable_request and not losses.is_latched
         pressure_pa = self._read(cp[self._columns], now_ns) * self.operating_point.dynamic_pressure
         limit = self._messages.pressure_limit_pa

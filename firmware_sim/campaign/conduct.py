@@ -148,11 +148,11 @@ class _Stages:
         for name, task in tasks.items():
             if name in self._outcomes:
                 continue
-            found = self._folder.outcome(name, self._key(task))
-            if found is None:
+            outcome = self._folder.outcome(name, self._key(task))
+            if outcome is None:
                 missing.append(task)
             else:
-                self._outcomes[name] = found
+                self._outcomes[name] = outcome
                 self.kept += 1
         self._total = len(self._outcomes) + len(missing)
         self._progress(len(self._outcomes), self._total, "")

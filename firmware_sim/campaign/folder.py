@@ -56,12 +56,12 @@ class CampaignFolder:
         check_writable(self.path, folder=True)
         if not self.path.exists() or not any(self.path.iterdir()):
             return
-        found = self._label()
-        if found is None:
+        present = self._label()
+        if present is None:
             raise OutputError(f"{self.path}: there is something that is no campaign; name another folder")
-        if found != _plain(label) and not overwrite:
+        if present != _plain(label) and not overwrite:
             names = ", ".join(
-                sorted(name for name in found.keys() | label.keys() if found.get(name) != label.get(name))
+                sorted(name for name in present.keys() | label.keys() if present.get(name) != label.get(name))
             )
             raise OutputError(
                 f"{self.path}: holds a campaign with other {names}; give --overwrite to replace it, or another folder"
@@ -79,8 +79,8 @@ class CampaignFolder:
 
     def outcome(self, name: str, key: str) -> Outcome | None:
         """The finished run of that name, if it is of that key."""
-        found = load(self._run(name))
-        return found if found is not None and found.key == key else None
+        kept = load(self._run(name))
+        return kept if kept is not None and kept.key == key else None
 
     def keep(self, name: str, outcome: Outcome) -> None:
         """Write a run that finished; one that did not is made again by the next call."""
@@ -102,10 +102,10 @@ class CampaignFolder:
     def _label(self) -> dict[str, Any] | None:
         """Without one that can be read, None."""
         try:
-            found: Any = json.loads(self._label_file.read_text(encoding="utf-8"))
+            label: Any = json.loads(self._label_file.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError):
             return None
-        return found if isinstance(found, dict) and found.get("schema") == SCHEMA else None
+        return label if isinstance(label, dict) and label.get("schema") == SCHEMA else None
 
 
 def _plain(label: Mapping[str, Any]) -> Any:

@@ -127,13 +127,13 @@ class Row:
     @property
     def broken(self) -> list[str]:
         """Invariants that broke, and runs that did not finish, in words."""
-        found = []
+        texts = []
         for number, phase in enumerate(self.phases):
             if phase.under.service is None:
-                found.append(f"phase {number}: did not finish: {phase.under.failure}")
+                texts.append(f"phase {number}: did not finish: {phase.under.failure}")
             else:
-                found += [f"phase {number}: {text}" for text in phase.under.service.broken]
-        return found
+                texts += [f"phase {number}: {text}" for text in phase.under.service.broken]
+        return texts
 
     @property
     def reasons(self) -> dict[str, int]:

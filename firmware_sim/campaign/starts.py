@@ -24,9 +24,9 @@ def starting_states(folder: CampaignFolder, config: Config, phases: int) -> tupl
         PlantError: if there is no developed wake for the settings.
     """
     kept = [_kept(folder, number) for number in range(phases)]
-    found = [state for state in kept if state is not None]
-    if len(found) == phases:
-        return tuple(found)
+    whole = [state for state in kept if state is not None]
+    if len(whole) == phases:
+        return tuple(whole)
     return _advanced(config, phases_apart(phases, config.flow.control_period))
 
 

@@ -238,10 +238,10 @@ def _ecu_stalls(took: Times, *, first_row: int, end_ns: int) -> Array:
     """From the deadline of each period that the ECU left out to its next step, (m,)."""
     rows = took[max(first_row, 0) :]
     rows = rows[rows[:, EcuStage.SCHEDULED] <= end_ns]
-    found = []
+    stalls = []
     for before, after in pairwise(rows):
         left_out = int(after[EcuStage.PERIOD] - before[EcuStage.PERIOD]) - 1
         whole = int(after[EcuStage.SCHEDULED] - before[EcuStage.SCHEDULED]) / (left_out + 1)
         began = int(after[EcuStage.STEP_BEGAN] - after[EcuStage.SCHEDULED])
-        found += [began + whole * (left_out - i) for i in range(left_out)]
-    return np.array(found, dtype=float)
+        stalls += [began + whole * (left_out - i) for i in range(left_out)]
+    return np.array(stalls, dtype=float)

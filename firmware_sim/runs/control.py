@@ -83,11 +83,11 @@ def control(log: RunLog) -> Control:
 
 def trouble(log: RunLog) -> str | None:
     """What a reader must know before any figure of the run, as a sentence; None if control was held throughout."""
-    found = control(log)
-    if found.held:
+    held = control(log)
+    if held.held:
         return None
     refused = bool((log.series["reason"][log.enabled_at :] == Reason.NOT_AUTHENTIC).any())
-    return f"{_not_held(log, found)} {KEYS_DIFFER}" if refused else _not_held(log, found)
+    return f"{_not_held(log, held)} {KEYS_DIFFER}" if refused else _not_held(log, held)
 
 
 def _not_held(log: RunLog, found: Control) -> str:

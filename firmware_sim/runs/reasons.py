@@ -1,4 +1,4 @@
-"""Why the jets may not follow the controller, in words for somebody who has never seen an ECU."""
+"""Why the jets may not follow the controller, in words for someone who has never seen an ECU."""
 
 from collections.abc import Mapping
 from typing import Final

@@ -36,12 +36,12 @@ uses half of it."""
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:
     """(quantity, uncontrolled, controlled), formatted; one row with the reason where there are no averages."""
-    found = averages(log)
-    if isinstance(found, NoAverages):
-        return [(found.why, "", "")]
+    means = averages(log)
+    if isinstance(means, NoAverages):
+        return [(means.why, "", "")]
     probe = "({:g}, {:g})".format(*log.metadata.config.body.wake_probe)
     return [
-        (label.format(probe=probe), f"{getattr(found.before, name):{style}}", f"{getattr(found.under, name):{style}}")
+        (label.format(probe=probe), f"{getattr(means.before, name):{style}}", f"{getattr(means.under, name):{style}}")
         for label, name, style in _DRAG_ROWS
     ]
 
@@ -73,8 +73,8 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
 
 def headline(log: RunLog) -> str:
     """What came of the run: what went wrong comes first, and a reduction is claimed only where it counts."""
-    warning, found = trouble(log), averages(log)
-    text = found.why if isinstance(found, NoAverages) else _judged(log, found)
+    warning, means = trouble(log), averages(log)
+    text = means.why if isinstance(means, NoAverages) else _judged(log, means)
     parts = [part for part in (warning, injected(log), text) if part is not None]
     return " ".join(parts)
 

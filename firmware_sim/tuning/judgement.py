@@ -72,12 +72,12 @@ def judge(
     for phase, start in enumerate(starts):
         file = folder / f"{candidate.key}_{start}.json"
         kept = _kept(file)
-        found = kept
-        if found is None:
-            found = run(candidate.mpc, phase)
+        figures = kept
+        if figures is None:
+            figures = run(candidate.mpc, phase)
             with replacing(file) as temporary:
-                temporary.write_text(json.dumps(found.to_tree()), encoding="utf-8")
-        runs.append(found)
+                temporary.write_text(json.dumps(figures.to_tree()), encoding="utf-8")
+        runs.append(figures)
         done(kept is None)
     return Judged(candidate=candidate, runs=tuple(runs))
 

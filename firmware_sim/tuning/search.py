@@ -105,11 +105,11 @@ def open_study(folder: Path, label: Mapping[str, Any]) -> optuna.Study:
     except (KeyError, ValueError, AssertionError, TypeError) as error:
         raise OutputError(f"{folder / JOURNAL}: not a search, or damaged ({error!r})") from error
     plain = json.loads(json.dumps(label))
-    found = study.user_attrs.get(LABEL)
-    if found is None:
+    held = study.user_attrs.get(LABEL)
+    if held is None:
         study.set_user_attr(LABEL, plain)
-    elif found != plain:
-        names = ", ".join(sorted(name for name in found.keys() | plain.keys() if found.get(name) != plain.get(name)))
+    elif held != plain:
+        names = ", ".join(sorted(name for name in held.keys() | plain.keys() if held.get(name) != plain.get(name)))
         raise OutputError(
             f"{folder}: holds a search with other {names}; give --overwrite to replace it, or another folder"
         )
@@ -191,8 +191,8 @@ def score_of(trial: FrozenTrial) -> float:
 
 def settings_of(trial: FrozenTrial) -> Values:
     """What was varied, with the values of a trial."""
-    found: Values = trial.user_attrs[SETTINGS]
-    return found
+    values: Values = trial.user_attrs[SETTINGS]
+    return values
 
 
 def spent(study: optuna.Study) -> float:

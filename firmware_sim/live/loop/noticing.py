@@ -1,4 +1,4 @@
-"""What changed in ECU, vehicle and bus from one period to the next, in words for somebody who has never seen one."""
+"""What changed in ECU, vehicle and bus from one period to the next, in words for someone who has never seen one."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple

@@ -78,8 +78,8 @@ class ShownFlow:
 
     def recorded(self, first: int) -> WakeStills | None:
         """What was kept from period `first` on; None of fewer periods than two stills are apart."""
-        found = self._recorder.recorded(first)
-        return found if found.stills else None
+        stills = self._recorder.recorded(first)
+        return stills if stills.stills else None
 
 
 class NoFlow:

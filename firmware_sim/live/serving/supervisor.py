@@ -106,14 +106,14 @@ class Supervisor:
         self._waiting[number] = answer
         try:
             await self._events.run_in_executor(self._sender, process.ask, number, request)
-            found = await answer
+            result = await answer
         except StillwakeError as error:
             return Answer(error=str(error))
         finally:
             self._waiting.pop(number, None)
-        if "saved" in found:
-            self.saved.add(found["saved"])
-        return found
+        if "saved" in result:
+            self.saved.add(result["saved"])
+        return result
 
     @contextmanager
     def watched(self) -> Iterator[asyncio.Event]:

@@ -26,8 +26,8 @@ def bus_rows(folder: RunFolder, log: RunLog) -> Rows:
     if log.traffic.frames > MOST_FRAMES or not folder.frames.is_file():
         return []
     bus = log.metadata.config.bus
-    found = summarise(read_messages(folder.frames), decoder=decode, config=bus)
-    return [_row(one) for _, one in sorted(found.messages.items())]
+    traffic = summarise(read_messages(folder.frames), decoder=decode, config=bus)
+    return [_row(one) for _, one in sorted(traffic.messages.items())]
 
 
 def _row(one: Traffic) -> tuple[str, ...]:

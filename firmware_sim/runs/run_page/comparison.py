@@ -65,8 +65,8 @@ def names_of(folders: Sequence[Path]) -> list[str]:
 
 def figure_rows(logs: Sequence[RunLog]) -> list[tuple[str, list[Cell]]]:
     """(quantity, a cell for each run)."""
-    found = [summary(log) for log in logs]
-    return [(label, _cells([one[name] for one in found], style)) for label, name, style in _FIGURES]
+    summaries = [summary(log) for log in logs]
+    return [(label, _cells([one[name] for one in summaries], style)) for label, name, style in _FIGURES]
 
 
 def differing(logs: Sequence[RunLog]) -> list[tuple[str, list[str]]]:

@@ -24,8 +24,8 @@ class Disturbed(NamedTuple):
     @property
     def sensor(self) -> tuple[str, str] | None:
         """(name, kind) of the one sensor that it is of; None for every other disturbance."""
-        found = _SENSOR.match(self.what)
-        return None if found is None else (found[2], found[1])
+        match = _SENSOR.match(self.what)
+        return None if match is None else (match[2], match[1])
 
 
 def disturbed(log: RunLog) -> Iterator[Disturbed]:

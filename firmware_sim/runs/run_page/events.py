@@ -40,10 +40,11 @@ class Event(NamedTuple):
 
 def events(log: RunLog) -> list[Event]:
     """In order; the first `MOST`."""
-    found = sorted([*_set(log), *_states(log)], key=lambda event: event.period)
-    if len(found) <= MOST:
-        return found
-    return [*found[: MOST - 1], Event(found[MOST - 1].period, "state", f"and {len(found) - MOST + 1} events more")]
+    happened = sorted([*_set(log), *_states(log)], key=lambda event: event.period)
+    if len(happened) <= MOST:
+        return happened
+    rest = f"and {len(happened) - MOST + 1} events more"
+    return [*happened[: MOST - 1], Event(happened[MOST - 1].period, "state", rest)]
 
 
 def _set(log: RunLog) -> Iterator[Event]:

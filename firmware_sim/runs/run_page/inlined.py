@@ -62,8 +62,8 @@ def as_json(values: Any) -> Markup:
 def _text(package: str, folder: str, name: str) -> str:
     place: Traversable = files(package) / folder
     text = place.joinpath(*name.split("/")).read_text(encoding="utf-8")
-    if found := [mark for mark in _FORBIDDEN if mark in text.lower()]:
-        raise ValueError(f"{name}: {found[0]!r} would end the element that it is put into")
+    if marks := [mark for mark in _FORBIDDEN if mark in text.lower()]:
+        raise ValueError(f"{name}: {marks[0]!r} would end the element that it is put into")
     return text
 
 

@@ -69,8 +69,8 @@ def _stills(wake: WakeStills) -> dict[str, Any]:
 
 
 def _uncontrolled(log: RunLog) -> float | None:
-    found = averages(log)
-    return None if isinstance(found, NoAverages) else found.before.Cd
+    means = averages(log)
+    return None if isinstance(means, NoAverages) else means.before.Cd
 
 
 def _latency(log: RunLog) -> dict[str, Any]:

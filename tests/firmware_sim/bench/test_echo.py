@@ -1,4 +1,4 @@
-"""Echoes followed past the end of the counter, beside what was really sent."""
+"""Echoes followed past the end of the counter, next to what was really sent."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -24,7 +24,7 @@ def test_an_echo_of_a_frame_that_was_not_sent_is_none(period):
     tracker = tracker.received(2)
     ahead = tracker.received(3)
     assert (ahead.age, ahead.sampled_ns) == (None, None)
-    # From the next one on it is followed anew.
+    # From the next one on it is followed again.
     assert ahead.received(2).age == 0
 
 

@@ -81,7 +81,7 @@ def test_the_core_drives_the_loop_in_its_own_time_and_as_the_host_would(release,
     core = loop_ecu(CORTEX_M7, sources, clock_mhz=480.0)
     both = Lockstep(core.ecu, host(sources).ecu)
     log, frames = run(release, replace(core, ecu=both))
-    assert (both.differing_frames, both.differing_states, both.told) == (0, 0, [])
+    assert (both.differing_frames, both.differing_states, both.differences) == (0, 0, [])
     assert (both.steps, both.frames) == (25, 50)
     sent, sooner = ([one for one in seen if one.frame_id == JET_COMMAND.frame_id] for seen in (expected, frames))
     assert [frame.data for frame in sooner] == [frame.data for frame in sent]
@@ -94,7 +94,7 @@ def test_the_core_drives_the_loop_in_its_own_time_and_as_the_host_would(release,
     assert rows["ECU"] == "in C, on an emulated Cortex-M7 at 480 MHz"
     assert f"{ecu.modelled_ms:.2f} / {ecu.modelled_ms_max:.2f} ms" in rows["virtual compute time"]
     assert rows["virtual compute time"].endswith("fits")
-    # The setting says 8 ms; a step of this small program takes less, so its commands are on the bus sooner.
+    # The setting is 8 ms; a step of this small program takes less, so its commands are on the bus sooner.
     earlier = [late.timestamp_ns - soon.timestamp_ns for soon, late in zip(sooner, sent, strict=True)]
     charged = round((CONFIG.ecu.compute_time_ms - ecu.modelled_ms) * 1e6)
     assert max(earlier) > charged
@@ -140,4 +140,4 @@ def test_lockstep_finds_another_ecu(release, sources):
     run(release, LoopEcu(ecu=both, kind=C, computed_by="a test"))
     assert both.differing_states > 0
     assert both.differing_frames > 0
-    assert "memory.plan" in both.told[0]
+    assert "memory.plan" in both.differences[0]

@@ -34,7 +34,7 @@ DEFAULT = Config()
 
 
 def violations(*texts: str, config: Config = DEFAULT, seed: int = 0):
-    """Of a run of a stub controller on an oscillator; everything else is the real thing."""
+    """What breaks in a run of a stub controller on an oscillator, with everything else real; and the run."""
     disturbances = Disturbances.parse(texts)
     observer = Invariants.of(config, disturbances)
     log = simulate(

@@ -177,7 +177,7 @@ def test_what_end_to_end_protection_can_see_is_seen_and_the_rest_is_planned_on(c
     assert set(frozen.modes[30:]) == {Mode.CONTROL}
     planned = np.array([window[-1, :4] for window, _, _ in frozen.controller.calls])
     assert (~np.diff(planned, axis=0).any(axis=1)).sum() == 19
-    # A gateway's delay cannot be told from fresh frames, and the vehicle's own echo shows it; a queue's can.
+    # A gateway's delay looks like fresh frames, and the vehicle's own echo shows it; a queue's can.
     for restamp in ("true", "false"):
         run = Run(f"ecu:delay:delay_s=0.04,restamp={restamp}@0.595..")
         assert run.modes[30:32].tolist() == [Mode.HOLD, Mode.DECAY]  # nothing comes

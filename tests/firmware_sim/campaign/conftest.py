@@ -49,7 +49,7 @@ def phase_of(
 
 
 def rows_of(*others: tuple[Scenario, Sequence[Phase]], undisturbed: Sequence[Phase] | None = None) -> tuple[Row, ...]:
-    """The undisturbed scenario, 20 % less drag if nothing is said, and others."""
+    """The undisturbed scenario, 20 % less drag without other phases, and others."""
     first = (scenario_of(UNDISTURBED, "Undisturbed"), undisturbed or [phase_of(), phase_of()])
     everything = [first, *others]
     return judged([one for one, _ in everything], {one.name: phases for one, phases in everything})

@@ -39,5 +39,5 @@ class MakeShown:
 
     saves: Path
 
-    def __call__(self, tell: Callable[[str], None]) -> LiveSession:
+    def __call__(self, show: Callable[[str], None]) -> LiveSession:
         return Live(self.saves, wake=plant).session

@@ -291,5 +291,5 @@ def test_it_comes_back_when_the_server_does(live, server):
     wait_for(live, "#headline .pill >> text=ACTIVE")
     first_row = live.page.evaluate("stillwake.page.stream.periods.columns.k[0]")
     assert (live.page.evaluate("stillwake.page.stream.hello.run"), first_row) == (1, 0)
-    # A browser says by itself that it could not connect.
+    # A browser reports by itself that it could not connect.
     live.troubles[:] = [text for text in live.troubles if "WebSocket connection" not in text]

@@ -16,7 +16,7 @@ from firmware_sim.runs.run_log import COLUMNS, BusTotals, RunLog
 STEP, LEAD_IN, CONTROLLED = 0.2, 60, 100
 """t_c, and periods."""
 FREQUENCY = 0.2
-"""Of the lift without control, 1/t_c: a cycle is 25 periods."""
+"""Frequency of the lift without control, 1/t_c: a cycle is 25 periods."""
 
 
 TRAFFIC = BusTraffic(

@@ -1,4 +1,4 @@
-"""What of a run its film tells."""
+"""The part of a run that its film shows."""
 
 import pytest
 

@@ -22,7 +22,7 @@ def test_a_wake_that_does_not_keep_up_is_refused_with_the_remedy_and_one_that_on
         r"\. .*--set flow\.refinement=0\.75 --set flow\.substeps=15\), or --slow-down 4$",
     ):
         Speed.of([70.0, 72.0, 90.0]).check(20.0, refinement=1.0, substeps=30)
-    # The advice is no grid that is in use already; and what it says to take would do.
+    # The advice is no grid that is in use already; and what it names would do.
     with pytest.raises(PlantError, match=r"longer steps, or --slow-down 1\.7$") as caught:
         Speed.of([30.0]).check(20.0, **coarse)
     assert "refinement=" not in str(caught.value)

@@ -37,15 +37,15 @@ class MakeFake:
     error: str = ""
     saves: Path | None = None
 
-    def __call__(self, tell: Callable[[str], None]) -> Session:
+    def __call__(self, show: Callable[[str], None]) -> Session:
         if self.error:
             raise StillwakeError(self.error)
-        return FakeSession(tell, self.saves)
+        return FakeSession(show, self.saves)
 
 
 class FakeSession:
-    def __init__(self, tell: Callable[[str], None], saves: Path | None) -> None:
-        self.tell, self.saves = tell, saves
+    def __init__(self, show: Callable[[str], None], saves: Path | None) -> None:
+        self.show, self.saves = show, saves
         self.new: list[Message | bytes] = [hello()]
         self.k = 0
         self.paused = False
@@ -66,7 +66,7 @@ class FakeSession:
         if "order" in given:
             self.order = given["order"]
         if "wait" in given:
-            self.tell("something takes long")
+            self.show("something takes long")
             time.sleep(given["wait"])
         if "pause" in request:
             self.paused = request["pause"]
@@ -84,7 +84,7 @@ class FakeSession:
             return None
 
         def make() -> None:
-            self.tell("something is made")
+            self.show("something is made")
             time.sleep(seconds)
             if "fail" in request["set"]:
                 raise StillwakeError("it cannot\nbe made")

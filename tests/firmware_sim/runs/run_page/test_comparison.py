@@ -1,4 +1,4 @@
-"""Runs next to each other: names that tell them apart, differences, and settings that are not the same."""
+"""Runs next to each other: names that differ, differences, and settings that are not the same."""
 
 from dataclasses import replace
 from pathlib import Path

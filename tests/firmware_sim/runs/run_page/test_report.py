@@ -35,7 +35,7 @@ def written(log, path) -> RunFolder:
 
 @pytest.fixture
 def folder(shedding, tmp_path, monkeypatch) -> RunFolder:
-    """Of a run whose page has its figures without their drawing, which is most of its time."""
+    """A run whose page has its figures without their drawing, which is most of its time."""
     monkeypatch.setattr(pages, "png_of", lambda figure: ONE_PIXEL)
     return written(shedding(), tmp_path)
 
