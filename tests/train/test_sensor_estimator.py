@@ -39,15 +39,6 @@ def test_sensors_that_follow_one_motion_are_known_by_each_other():
     assert np.all(np.array(fitted.figures.slow) < np.array(fitted.figures.fast))
 
 
-@pytest.mark.slow  # two fits
-def test_the_same_recording_and_seed_give_the_same_network():
-    recording = Dataset(episodes=(episode("a", "train", 100),))
-    first, again = (fit_estimator(recording, CHOSEN, WINDOW, epochs=20) for _ in range(2))
-    assert first.judged_on == ("train",)
-    for mine, its in zip(first.network.layers, again.network.layers, strict=True):
-        np.testing.assert_array_equal(mine[0], its[0])
-
-
 def test_a_recording_that_does_not_do_is_refused():
     for recording, sensors, error, named in (
         (Dataset(episodes=(episode("a", "train", 60),)), ("upper_39", "nose"), ConfigError, "nose"),

@@ -76,12 +76,6 @@ def test_equal_bundles_are_equal_byte_for_byte_and_every_part_moves_the_digest(t
     assert len(digests) == len(variants)
 
 
-def test_whole_numbers_survive_where_floats_are_meant(tmp_path):
-    whole = manifest(operating_point=OperatingPoint(width=2, speed=30, density=1), budget_ms=20)
-    bundle.write(tmp_path / "b", whole, CONTENTS)
-    assert bundle.load(tmp_path / "b").manifest == whole
-
-
 def test_places_and_names_that_lead_elsewhere_are_refused(tmp_path):
     for name in ("../evil", "a/b", "", "..", MANIFEST, SIGNATURE, "a\\b"):
         with pytest.raises(BundleError, match="plain file name"):

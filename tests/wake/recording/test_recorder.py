@@ -14,7 +14,7 @@ from contract.errors import StillwakeError
 from contract.recording.dataset import Dataset, read
 from tests.wake.recording.killing import Killed, equal, kill_before_operation
 from wake.recording import recorder
-from wake.recording.episode_plan import EpisodePlan, paper_plans
+from wake.recording.episode_plan import EpisodePlan
 from wake.recording.recorder import record
 from wake.solver.grid import truck_grid
 
@@ -115,17 +115,6 @@ def test_a_second_call_takes_over_and_the_first_stops(tmp_path):
     with pytest.raises(StillwakeError, match="taken over"):
         recorded(output, progress=interrupt)
     assert equal(read(output), recorded(tmp_path / "whole.h5"))
-
-
-def test_the_papers_data_set():
-    plans = paper_plans()
-    steps = {role: sum(plan.steps for plan in plans if plan.role == role) for role in ("train", "test", "extended")}
-    assert steps == {"train": 52_500, "test": 10_000, "extended": 10_000}
-    assert [plan.name for plan in plans if plan.role == "test"] == ["chirp_0"]
-    training = [plan for plan in plans if plan.forcing == "training"]
-    assert len({plan.seed for plan in training}) == len({plan.lead for plan in training}) == len(training) == 10
-    # One shedding cycle of the uncontrolled wake takes 1 / 0.207 t_c.
-    assert max(plan.lead for plan in training) * 0.2 < 1 / 0.207
 
 
 def _kill(*_: object) -> None:

@@ -8,7 +8,6 @@ import pytest
 from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
-from contract.geometry import HALF_WIDTH, JET_WIDTH
 from wake.solver.flow import Flow
 from wake.truck import steady
 from wake.truck.body import signed_distance
@@ -112,18 +111,3 @@ def test_the_trucks_state_files_are_as_they_were(wake, tmp_path):
     origin = load_state(tmp_path / "truck.npz").origin
     assert origin is not None and origin.is_of(TRUCK_BODY)
     assert Origin(shape=(3, 2), reynolds=1.0).is_truck
-
-
-def test_the_slots_lie_at_the_edges_of_the_base(square):
-    grid = square.grid
-    upper = slice(grid.upper - grid.slot_cells, grid.upper)
-    square.flow.flat[:] = 0.0
-    # A control step with full jets moves the fluid right behind the slots.
-    square.solver.run(square.flow, dt=1e-4, steps=1, action_from=0.05, action_to=0.05)
-    on_base = square.flow.faces_u[grid.rear]
-    assert grid.xf[grid.rear] == SQUARE.length
-    assert (grid.yf[upper.start], grid.yf[upper.stop]) == pytest.approx((HALF_WIDTH - JET_WIDTH, HALF_WIDTH))
-    assert float(on_base[upper] @ grid.dy[upper]) == pytest.approx(0.05, rel=1e-12)
-    base = slice(grid.lower, grid.upper)
-    assert float(on_base[base] @ grid.dy[base]) == pytest.approx(0.0, abs=1e-15)
-    assert (on_base[grid.lower + grid.slot_cells : upper.start] == 0.0).all()
