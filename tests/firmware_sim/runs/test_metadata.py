@@ -9,13 +9,15 @@ import pytest
 from contract.config.loading import load_config
 from contract.release import bundle
 from firmware_sim.ecu.calibrating import release_calibration
-from firmware_sim.runs.metadata import RunEcu, RunMetadata, RunOrigin
+from firmware_sim.runs.metadata import InjectedFault, RunEcu, RunMetadata, RunOrigin
 
 CORE = RunEcu.of("cortex-m7", 480.0, [10_000_000, 12_000_000, 11_000_000])
 
 
 def test_metadata_survive_json_also_those_of_an_earlier_version(run_metadata):
-    for one in (run_metadata, replace(run_metadata, config=load_config(), signer="0123", ecu=CORE)):
+    fault = InjectedFault(text="noise:level=1", acted=3)
+    other = replace(run_metadata, config=load_config(), signer="0123", ecu=CORE, faults=(fault,), fault_seed=7)
+    for one in (run_metadata, other):
         tree = json.loads(json.dumps(one.to_tree()))
         assert RunMetadata.from_tree(tree) == one
         del tree["ecu"]

@@ -71,7 +71,9 @@ def test_it_is_the_solver_to_the_bit_whatever_stops_reach_its_group(wake: TruckW
     assert all(np.array_equal(one, other) for one, other in zip(found, expected, strict=True))
 
 
-def test_a_process_that_dies_is_an_error_and_no_wait(start: Path) -> None:
+def test_a_process_that_dies_or_fails_is_an_error_here(start: Path, tmp_path: Path) -> None:
+    with pytest.raises(PlantError, match="not a flow state"):
+        LiveWake(COARSE, tmp_path / "missing.npz")
     with LiveWake(COARSE, start) as live:
         live._process.kill()
         live._process.join()
@@ -79,11 +81,6 @@ def test_a_process_that_dies_is_an_error_and_no_wait(start: Path) -> None:
             for _ in range(2):
                 live.drive(0.0)
                 live.sampled()
-
-
-def test_an_error_of_the_process_is_raised_here(tmp_path: Path) -> None:
-    with pytest.raises(PlantError, match="not a flow state"):
-        LiveWake(COARSE, tmp_path / "missing.npz")
 
 
 def test_without_a_start_the_shipped_one_settles_and_a_stop_ends_that() -> None:
