@@ -7,6 +7,7 @@ import pytest
 
 from contract.errors import StillwakeError
 from firmware_sim.ecu.real_time.stage_times import EcuStage
+from firmware_sim.latency import idle_loop
 from firmware_sim.latency.budget import Budget, verdicts
 from firmware_sim.latency.cyclictest import Cyclictest
 from firmware_sim.latency.idle_loop import IdleStage, lateness
@@ -64,6 +65,13 @@ def test_the_baseline_is_of_the_same_time_and_of_every_period():
     late = lateness(np.delete(Tables(50).idle, [20, 21], axis=0), PERIOD)
     assert late[19:23].tolist() == [80_000, 80_000 + 2 * PERIOD, 80_000 + PERIOD, 80_000]
     assert len(late) == 50
+    # Its own deadlines are whole periods apart, and it never wakes early.
+    rows = idle_loop.run(2 * MS, lambda: False, longest=20).rows()
+    steps = np.diff(rows[:, IdleStage.SCHEDULED])
+    np.testing.assert_array_equal(steps, 2 * MS * np.diff(rows[:, IdleStage.PERIOD]))
+    assert (rows[:, IdleStage.WOKE] >= rows[:, IdleStage.SCHEDULED]).all()
+    asked = iter([False, False, True])
+    assert len(idle_loop.run(MS, lambda: next(asked), longest=10).rows()) == 2
 
 
 def test_figures_are_strict_json_with_every_stage():

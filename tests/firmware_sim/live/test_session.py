@@ -132,9 +132,12 @@ def test_what_cannot_be_had_is_one_line_and_changes_nothing(tmp_path):
         ({"noise": 0.5, "loss": 2}, "must be in 0..1"),
         ({"dead": "upper_0"}, "must be one of none, upper_39"),
         ({"plant": "recording", "babble": True}, "no recording"),
+        ({"weights": 3}, "must be numbers by the names"),
     ):
         answer = live.ask(set=values, id=7)
         assert (answer["id"], message in answer["error"], "\n" in answer["error"]) == (7, True, False), values
+    for name, value in {"set": 3, "query": 5, "pause": 1, "save": False}.items():
+        assert f"request: {name} must be" in live.ask(**{name: value})["error"], name
     live.run(5)
     assert live.heard["settings"] == before
     assert (len(live.rows["k"]), live.heard["now"]["run"]) == (17, 1)
