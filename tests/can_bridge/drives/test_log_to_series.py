@@ -289,12 +289,14 @@ def test_a_sender_that_begins_again_cuts_the_drive() -> None:
             messages = []
             for k in range(200):
                 counter = k if k < 100 else k + ahead
-                messages.append(pressure(one, k, k * PERIOD, counter=counter))
+                # The first frame of the second power cycle comes twice.
+                messages += [pressure(one, k, k * PERIOD, counter=counter)] * (2 if k == 100 else 1)
                 messages.append(command(one, k, (k + LATENCY) * PERIOD, echo=counter))
             with refused(DatasetError, "the sender began again"):
                 read(messages)
             series = read(messages, split=True)
             assert [len(piece) for piece in series.pieces] == [100, 100], (kind, ahead)
+            assert series.report.duplicates == 1, (kind, ahead)
             np.testing.assert_allclose(series.pieces[1].Cp, one.Cp[100:], atol=EXACT)
             assert series.pieces[1].initial_action == pytest.approx(one.action[99], abs=EXACT), (kind, ahead)
 
