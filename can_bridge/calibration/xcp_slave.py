@@ -47,10 +47,6 @@ class XcpSlave:
         self._wants_store = False
 
     @property
-    def is_connected(self) -> bool:
-        return self._is_connected
-
-    @property
     def wants_store(self) -> bool:
         """The tool asked to have the calibration in force stored; `stored` or `not_stored` ends that."""
         return self._wants_store

@@ -95,4 +95,4 @@ def test_a_master_connects_reads_writes_and_stores(master, slave, segment):
     assert master.getStatus().sessionStatus.storeCalRequest
     slave.stored()
     master.disconnect()
-    assert not slave.is_connected
+    assert slave.command(0, b"\xfd") == []

@@ -168,7 +168,8 @@ def test_a_connection_that_is_left_alone_ends(unlocked, segment):
     for now_ns in (2 * IDLE_NS, IDLE_NS):
         assert ask(unlocked, "FD", now_ns=now_ns) == "FF 00 00 00 00 00"
     assert ask(unlocked, ONE, now_ns=2 * IDLE_NS + 1) == ""
-    assert not unlocked.is_connected and not segment.is_pending
+    assert ask(unlocked, "FD", now_ns=2 * IDLE_NS + 1) == ""
+    assert not segment.is_pending
 
 
 def test_what_is_written(unlocked, segment):
