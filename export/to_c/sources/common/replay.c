@@ -8,7 +8,7 @@
  * on, each row has an answer of four numbers: the planned action, the predicted mean Cd and Cl, and the cost.
  *
  * With one file, each answer is printed, and its plan goes into the next step, as on a vehicle. With a second file,
- * each answer starts from a plan of zeros and is compared with a line of that file. The last line says how many agree;
+ * each answer starts from a plan of zeros and is compared with a line of that file. The last line gives how many agree;
  * the status is 1 if one of them is further off than compilers differ.
  */
 #include <stdio.h>

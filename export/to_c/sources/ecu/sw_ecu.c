@@ -61,7 +61,7 @@ static uint8_t check_sensors(sw_ecu *ecu, const double *cp)
     return fault;
 }
 
-/* BUS_OFF while the CAN controller is, and in the first step after it was: nobody heard what the ECU sent. */
+/* BUS_OFF while the CAN controller is, and in the first step after it was: no node heard what the ECU sent. */
 static uint8_t bus_fault(const sw_bus_health *before, const sw_bus_health *now)
 {
     const int off = now->is_bus_off || now->bus_off > before->bus_off;
@@ -93,7 +93,7 @@ static int are_finite(const float *values, int count)
     return finite;
 }
 
-/* A plan on the window, into the memory. Whatever the control step says of itself, no number that is none goes on. */
+/* A plan on the window, into the memory. Whatever the control step reports, no number that is none goes on. */
 static decision planned(sw_ecu *ecu)
 {
     decision due = {0.0, SW_REASON_INTERNAL};
@@ -185,7 +185,7 @@ static void write_status(sw_frame *frame, const sw_ecu_state *state, int64_t now
     sw_e2e_protect(frame->data, SW_STATUS_BYTES, SW_STATUS_DATA_ID, state->status_counter);
 }
 
-/* The period's pressures into state and memory, and what the fail-safe is told of it. */
+/* The period's pressures into state and memory, and what the fail-safe learns of it. */
 static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frames, int count, int64_t now_ns)
 {
     sw_ecu_state *state = &ecu->state;
@@ -215,7 +215,7 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
     inputs->updating = ecu->surroundings.updating;
 }
 
-/* What the gate lets pass of this period's action, the fail-safe told. */
+/* What the gate lets pass of this period's action; the fail-safe learns it. */
 static sw_gated act(sw_ecu *ecu, const sw_timing *before, int64_t now_ns)
 {
     sw_ecu_state *state = &ecu->state;

@@ -57,7 +57,7 @@ typedef enum {
     SW_ACTIVE,  /* the jets follow the controller */
     SW_HOLD,    /* pressures are missing: the last command stays */
     SW_DECAY,   /* for longer: it is halved each period */
-    SW_FAULT,   /* the jets are shut until good frames have come and the request rises anew */
+    SW_FAULT,   /* the jets are shut until good frames have come and the request rises again */
     SW_UPDATE   /* a new release is being written; a reset alone leads out */
 } sw_operating_mode;
 
@@ -92,7 +92,7 @@ typedef struct {
     uint32_t rx_errors;
 } sw_bus_health;
 
-/* What the surroundings tell the ECU; the caller writes it before a step, never while one runs, and it stays. */
+/* What the surroundings report to the ECU; the caller writes it before a step, never while one runs, and it stays. */
 typedef struct {
     sw_bus_health health;
     uint8_t fault;    /* SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE */

@@ -11,7 +11,7 @@
 #pragma STDC FP_CONTRACT OFF
 #endif
 
-/* The gate tells what is no number, and a compiler that may assume there is none leaves the question out. */
+/* The gate finds what is no number, and a compiler that may assume there is none leaves the question out. */
 #if defined(__FAST_MATH__)
 #error "the ECU's checks need IEEE arithmetic: compile without -ffast-math"
 #endif
@@ -21,8 +21,8 @@
 #endif
 #endif
 
-/* Each operation must round to the type it is of, which 0 says, and 16 where there are types of 16 bits. GCC and Clang
- * say so before any header is read.
+/* Each operation must round to the type it is of, as 0 states, and 16 where there are types of 16 bits. GCC and Clang
+ * state it before any header is read.
  */
 #if defined(__FLT_EVAL_METHOD__)
 #if __FLT_EVAL_METHOD__ != 0 && __FLT_EVAL_METHOD__ != 16
@@ -130,7 +130,7 @@ void sw_memory_input(const sw_memory *memory, const float weights[SW_TERMS], sw_
 
 #if SW_SENSOR_CHECK
 /* The newest pressures, in Cp, by every hypothesis, into work->estimates: entry [h][i] is what the view of hypothesis h
- * says of sensor i. Row j < SW_SENSORS leaves sensor j out beside i; row SW_SENSORS + p exchanges the p-th pair and
+ * gives for sensor i. Row j < SW_SENSORS leaves sensor j out with i; row SW_SENSORS + p exchanges the p-th pair and
  * leaves i out. Rows of the window have come from `first` on. Estimates are always finite.
  */
 void sw_estimate(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first);
@@ -185,7 +185,7 @@ typedef struct {
     uint8_t interventions;
 } sw_gated;
 
-/* has_previous and has_pressures say whether the times beside them are any. */
+/* has_previous and has_pressures state whether the times next to them are any. */
 sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int has_previous, int64_t previous_ns,
                  int has_pressures, int64_t pressure_ns, int64_t now_ns, const sw_gate_limits *limits);
 

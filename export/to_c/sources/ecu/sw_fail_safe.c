@@ -1,4 +1,4 @@
-/* What the ECU does in each control period: one table of states and transitions, and nothing beside it.
+/* What the ECU does in each control period: one table of states and transitions, and nothing else.
  *
  * The rows are read from the first on; the first one that starts at the present mode and whose condition holds is taken,
  * in the step that sees the condition. The twin of firmware_sim/ecu/state_machine.py: the same rows in the same order,
@@ -100,7 +100,7 @@ static uint8_t missing(const period *now)
     return now->inputs->usable ? (uint8_t)SW_REASON_NONE : now->inputs->unusable_because;
 }
 
-/* A vehicle none of whose frames is authentic cannot make its request heard: the reason alone says why. */
+/* A vehicle none of whose frames is authentic cannot make its request heard: the reason alone shows why. */
 static uint8_t unless_refused(const period *now, uint8_t reason)
 {
     return missing(now) == SW_REASON_NOT_AUTHENTIC ? (uint8_t)SW_REASON_NOT_AUTHENTIC : reason;

@@ -1,5 +1,5 @@
-/* Whether the pressures are to be believed: the twin of firmware_sim/ecu/sensor_check.py, which says what is judged and
- * why. Sums are from left to right, as NumPy's of so few numbers.
+/* Whether the pressures are to be believed: the twin of firmware_sim/ecu/sensor_check.py, which gives what is judged
+ * and why. Sums are from left to right, as NumPy's of so few numbers.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
@@ -133,7 +133,7 @@ static double alone_in(const double values[SW_SENSORS], int own)
     return values[own] / (1.0 + others_mean(values, own));
 }
 
-/* What the running means say. */
+/* The levels of the running means. */
 static levels levels_of(const sw_sensors *sensors)
 {
     levels found = {{0.0}, {0.0}, 0.0, 0.0};

@@ -1,7 +1,7 @@
 /* Whether the ECU's steps come on time: whole periods left out, steps too early, a clock that stands or goes back.
  *
  * Lateness is added up; when half a period has come together, a period was left out. An eighth of what is left is
- * forgotten with every step. The twin of firmware_sim/ecu/timing.py, which says why.
+ * forgotten with every step. The twin of firmware_sim/ecu/timing.py, which gives the reasons.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"

@@ -104,7 +104,7 @@ static int64_t arrival_ns(struct msghdr *message)
     return now_ns;
 }
 
-/* What an error frame says of the CAN controller. */
+/* The CAN controller's health from an error frame. */
 static void note_error(sw_bus_health *health, const struct canfd_frame *frame)
 {
     if ((frame->can_id & CAN_ERR_BUSOFF) != 0) {
@@ -231,13 +231,13 @@ static int shut(int bus, int64_t due_ns)
     return 0;
 }
 
-static void tell(void)
+static void report(void)
 {
-    static int told_mode = -1, told_reason = -1;
+    static int shown_mode = -1, shown_reason = -1;
     const int mode = ecu.state.fail_safe.mode, reason = ecu.state.fail_safe.reason;
-    if (mode != told_mode || reason != told_reason) fprintf(stderr, "mode %d, reason %d\n", mode, reason);
-    told_mode = mode;
-    told_reason = reason;
+    if (mode != shown_mode || reason != shown_reason) fprintf(stderr, "mode %d, reason %d\n", mode, reason);
+    shown_mode = mode;
+    shown_reason = reason;
 }
 
 int main(int argc, char **argv)
@@ -260,7 +260,7 @@ int main(int argc, char **argv)
         sleep_until(due_ns);
         if (is_stopped) break;
         failed = period(bus, &due_ns) != 0;
-        tell();
+        report();
     }
     if (!failed) failed = shut(bus, due_ns) != 0;
     if (failed) fprintf(stderr, "the CAN interface fails: %s\n", strerror(errno));

@@ -11,7 +11,7 @@ extern "C" {
 /* A vector's length rounded up to whole vector registers; what is added is zero throughout. */
 #define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
 
-/* Tables start at a cache line where the compiler can be told so; only speed depends on it. */
+/* Tables start at a cache line where the compiler can align them; only speed depends on it. */
 #if defined(__GNUC__)
 #define SW_ALIGNED __attribute__((aligned(64)))
 #else

@@ -15,7 +15,7 @@
 
 #include "sw_integer.h"
 
-/* Most columns of a matrix; a file with longer ones than the control step's says so before it includes this one. */
+/* Most columns of a matrix; a file with longer ones than the control step's states it before it includes this one. */
 #ifndef SW_DOTS_COLUMNS
 #define SW_DOTS_COLUMNS SW_LONGEST
 #endif

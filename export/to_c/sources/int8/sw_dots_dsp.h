@@ -58,7 +58,7 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
 
 /* clang-format off */
 
-/* Two rows of a tile by both vectors, x the first one and z the second: eight multiplications with all else beside
+/* Two rows of a tile by both vectors, x the first one and z the second: eight multiplications, with all else between
  * them.
  */
 #define SW_TWO_ROWS                                                                                          \

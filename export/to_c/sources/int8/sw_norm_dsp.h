@@ -15,7 +15,7 @@
 /* Lines of instructions belong together by what they do. */
 /* clang-format off */
 
-/* u = sum scale + bias of the outputs at `at`, and the sums of u and u^2, beside the loads for those at `next`. */
+/* u = sum scale + bias of the outputs at `at`, and the sums of u and u^2, with the loads for those at `next`. */
 #define SW_TWO_SUMS(at, second, next)                                                                       \
     "smmlar %[r], %[a], %[m], %[x]\n"                                                                       \
     "smmlar %[q], %[b], %[n], %[y]\n"     next                                                              \

@@ -8,7 +8,7 @@
 extern "C" {
 #endif
 
-/* Tables start at a cache line where the compiler can be told so; only speed depends on it. */
+/* Tables start at a cache line where the compiler can align them; only speed depends on it. */
 #if defined(__GNUC__)
 #define SW_ALIGNED __attribute__((aligned(64)))
 #else
