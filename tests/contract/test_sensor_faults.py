@@ -38,7 +38,7 @@ def test_frame_by_frame_is_as_at_once_and_the_argument_stays():
             np.testing.assert_array_equal(readings, before)
 
 
-def test_noise_has_its_level_and_its_seed():
+def test_noise_drift_and_quantisation_have_their_sizes():
     change = Noise(0.5, UNIT, seed=2)(READINGS) - READINGS
     # 4,000 draws: the deviation of a standard deviation is 1.1 %
     assert change.std(axis=0) == pytest.approx([1.0, 1.5], rel=0.05)
@@ -48,16 +48,12 @@ def test_noise_has_its_level_and_its_seed():
     assert not np.array_equal(fault(READINGS), fault(READINGS))
     with pytest.raises(ConfigError, match=r"noise level -0\.1"):
         Noise(-0.1, UNIT, seed=0)
-
-
-def test_drift_grows_evenly_over_its_steps_and_stays():
+    # Drift grows evenly over its steps and stays.
     change = Drift(0.5, UNIT, 0, steps=101)(np.zeros((200, 2)))
     np.testing.assert_allclose(change[:101, 0], np.arange(101) / 100.0, atol=1e-12)
     assert np.all(change[101:, 0] == 1.0)
     assert np.all(change[:, 1] == 0.0)
-
-
-def test_a_quantised_reading_is_the_nearest_whole_step():
+    # A quantised reading is the nearest whole step.
     found = Quantised(0.25)(READINGS)
     np.testing.assert_array_equal(found * 4, np.rint(found * 4))
     assert np.abs(found - READINGS).max() <= 0.125

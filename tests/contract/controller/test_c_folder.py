@@ -37,6 +37,14 @@ def test_settings_are_read_as_they_were_written():
     assert settings.text("SW_ACTION_LIMIT") == "7.5e-02f"
     with pytest.raises(LibraryError, match=r"sw_settings\.h: SW_HORIZON is missing"):
         settings.number("SW_HORIZON")
+    # A size that is none is named.
+    for value in ("-1", "1.5", "x", "0x10", "9" * 10, "9" * 5000, '"3"x', "\x1b[2J"):
+        settings = Settings(f"#define SW_WINDOW {value}\n".encode())
+        with pytest.raises(LibraryError, match=r"SW_WINDOW is .*: must be a whole number") as refused:
+            settings.number("SW_WINDOW")
+        assert str(refused.value).isprintable()
+    # The licence in the folder is the projects.
+    assert (ROOT / "export" / "to_c" / "folder" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
 
 
 @given(finite)
@@ -90,14 +98,6 @@ def test_any_name_is_read_as_it_was_written(text):
     assert Settings(header).text("SW_SENSOR_NAMES") == text
 
 
-def test_a_size_that_is_none_is_named():
-    for value in ("-1", "1.5", "x", "0x10", "9" * 10, "9" * 5000, '"3"x', "\x1b[2J"):
-        settings = Settings(f"#define SW_WINDOW {value}\n".encode())
-        with pytest.raises(LibraryError, match=r"SW_WINDOW is .*: must be a whole number") as refused:
-            settings.number("SW_WINDOW")
-        assert str(refused.value).isprintable()
-
-
 def test_files_that_are_none_or_have_no_end_are_refused(tmp_path):
     for name in ("a.c", RECORDED):
         with (tmp_path / name).open("wb") as file:
@@ -110,7 +110,3 @@ def test_files_that_are_none_or_have_no_end_are_refused(tmp_path):
     os.mkfifo(tmp_path / "a.c")
     with pytest.raises(LibraryError, match=r"'a\.c' is not a plain file"):
         read_sources(tmp_path)
-
-
-def test_the_licence_in_the_folder_is_the_projects():
-    assert (ROOT / "export" / "to_c" / "folder" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()

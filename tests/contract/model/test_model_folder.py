@@ -52,7 +52,7 @@ def folder(tmp_path):
     return tmp_path / "model"
 
 
-def test_what_is_written_is_read_back(folder):
+def test_what_is_written_is_read_back(folder, tmp_path):
     read = model_folder.read(folder)
     found, expected = vars(read.description), vars(description())
     assert found.pop("layout").difference(expected.pop("layout")) is None
@@ -80,9 +80,7 @@ def test_what_is_written_is_read_back(folder):
     del body["layout"]
     (folder / DESCRIPTION).write_text(json.dumps({**body, "schema": "stillwake-model/1"}))
     assert model_folder.read(folder).description.layout is sensors.TRUCK
-
-
-def test_another_body_s_sensors_are_kept_with_their_places(tmp_path):
+    # Another body s sensors are kept with their places.
     layout = SensorLayout.of(("lid", "tail", "tail'"), np.array([[0.0, 0.4], [1.0, 0.2], [1.0, -0.2]]), base=(1, 2))
     scaling = replace(SCALING, pressure_mean=(0.1, 0.2, 0.3), pressure_std=(1.0, 1.0, 1.0))
     model_folder.write(tmp_path / "model", description(layout=layout, scaling=scaling, sensors=("tail",)), TENSORS)

@@ -49,13 +49,10 @@ def test_round_trip_keeps_order_and_all_but_half_a_quantum(tmp_path, written):
 
 
 def test_a_value_beyond_16_bits_is_refused_and_nothing_written(tmp_path):
-    for field in UNITS.keys() - {"t", "action"}:
-        series = dict(episode().series)
-        series[field] = series[field].copy()
-        series[field].flat[5] = -129.0
-        with pytest.raises(DatasetError, match=f"episode first: field '{field}' holds 129, more than 127.996"):
-            dataset.write(tmp_path / "data.h5", Dataset(episodes=(episode(series=series),)))
-        assert list(tmp_path.iterdir()) == []
+    series = {**episode().series, "Cl": np.full(12, -129.0)}
+    with pytest.raises(DatasetError, match=r"episode first: field 'Cl' holds 129, more than 127\.996"):
+        dataset.write(tmp_path / "data.h5", Dataset(episodes=(episode(series=series),)))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_first_schema_is_still_read(tmp_path, written):

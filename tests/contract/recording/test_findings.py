@@ -117,16 +117,10 @@ def test_times_and_actions_are_checked(sound):
 
 
 def test_a_constant_signal_is_named(sound):
-    pressures = [item.series["Cp"].copy() for item in sound.episodes]
-    for values in pressures:
-        values[:, 3] = 0.25
-    stuck = replace(
-        sound,
-        episodes=tuple(
-            replace(item, series={**item.series, "Cp": values})
-            for item, values in zip(sound.episodes, pressures, strict=True)
-        ),
-    )
+    def with_stuck(item: Episode) -> Episode:
+        return replace(item, series={**item.series, "Cp": np.where(np.arange(7) == 3, 0.25, item.series["Cp"])})
+
+    stuck = replace(sound, episodes=tuple(map(with_stuck, sound.episodes)))
     assert texts(stuck) == [
         "sensor lid-left is constant at 0.25 in all training episodes: nothing to learn from; leave it out"
     ]

@@ -68,12 +68,21 @@ def many_entries(path: Path, count: int, zip64: bool) -> Path:
     return path
 
 
-def test_a_comment_of_the_greatest_length_is_no_directory(tmp_path):
+def test_zips_may_have_comments_and_no_passwords(tmp_path):
     path = tmp_path / "b.zip"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("a", b"content")
         archive.comment = b"c" * 65_535
     assert read_files(path) == {"a": b"content"}
+    # An encrypted zip is refused.
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        archive.writestr("a", b"content")
+    raw = bytearray(content.getvalue())
+    for signature, flags in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        raw[raw.index(signature) + flags] |= 1
+    (tmp_path / "b.zip").write_bytes(raw)
+    assert "encrypted" in refused(tmp_path / "b.zip")
 
 
 def test_a_folder_of_many_files_is_not_listed_to_its_end(tmp_path, monkeypatch):
@@ -98,17 +107,6 @@ def test_a_file_that_becomes_a_pipe_or_a_link_is_not_waited_for(tmp_path):
     for name, named in (("pipe", "not a plain file"), ("link", "is a symbolic link")):
         with pytest.raises(BundleContainerError, match=named):
             container._open_plain(tmp_path, name)
-
-
-def test_an_encrypted_zip_is_refused(tmp_path):
-    content = io.BytesIO()
-    with zipfile.ZipFile(content, "w") as archive:
-        archive.writestr("a", b"content")
-    raw = bytearray(content.getvalue())
-    for signature, flags in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
-        raw[raw.index(signature) + flags] |= 1
-    (tmp_path / "b.zip").write_bytes(raw)
-    assert "encrypted" in refused(tmp_path / "b.zip")
 
 
 def test_a_directory_of_many_entries_is_refused_before_it_is_parsed(tmp_path):

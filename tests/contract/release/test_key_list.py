@@ -51,9 +51,7 @@ def test_a_list_is_json_with_the_root_keys_signature():
     message = refusal(key_list.encode(LISTED, STRANGER))
     assert signing.public_key(STRANGER).fingerprint in message
     assert f"must be by the root key {TRUSTED.fingerprint}" in message
-
-
-def test_no_change_of_a_list_goes_unseen():
+    # No change of a list goes unseen.
     for bit in range(8 * len(RAW)):
         damaged = bytearray(RAW)
         damaged[bit // 8] ^= 1 << bit % 8

@@ -9,7 +9,6 @@ import pytest
 from contract.controller.c_folder import COMPILE_FLAGS
 from contract.errors import LibraryError
 from firmware_sim.in_c.compiler import host_compiler
-from tests.each import each
 
 SOURCES = Path(str(files("export.to_c").joinpath("sources")))
 SAMPLES = "../../../../build/c"
@@ -32,13 +31,10 @@ def flags_of(folder: Path) -> list[str]:
     return (folder / COMPILE_FLAGS).read_text().split()
 
 
-@each("kind", ["float32", "int8", "linear"])
-def test_a_sample_is_parsed_by_its_flags(samples, kind):
-    parse(samples / kind, flags_of(samples / kind))
-
-
-@each("folder", ["common", "networks", "float32", "int8", "linear"])
-def test_the_sources_are_parsed_in_place(samples, folder):
-    flags = flags_of(SOURCES / folder)
-    assert any(SAMPLES in flag for flag in flags)
-    parse(SOURCES / folder, [flag.replace(SAMPLES, str(samples)) for flag in flags])
+def test_samples_and_sources_in_place_are_parsed_by_their_flags(samples):
+    for kind in ("float32", "int8", "linear"):
+        parse(samples / kind, flags_of(samples / kind))
+    for folder in ("common", "networks", "float32", "int8", "linear"):
+        flags = flags_of(SOURCES / folder)
+        assert any(SAMPLES in flag for flag in flags)
+        parse(SOURCES / folder, [flag.replace(SAMPLES, str(samples)) for flag in flags])

@@ -52,9 +52,7 @@ def test_roll_outs_are_judged_on_recorded_actions():
     still = Series(rows=one.rows * [1.0, 1.0, 0.0], responses=one.responses)
     with pytest.raises(IdentificationError, match="the action is zero throughout"):
         fit([still], 2, 1e-3)
-
-
-def test_growing_modes_are_those_that_were_planted():
+    # Growing modes are those that were planted.
     for radius, angle in ((1.02, 0.25), (1.2, 2.8)):
         (mode,) = growing_modes(Arx(coefficients=growing(radius, angle), differences=1), PERIOD)
         assert mode.growth == pytest.approx(np.log(radius) / PERIOD)

@@ -30,9 +30,7 @@ def test_the_choice_is_symmetric_and_grows_from_the_rear_corners():
             taken, left = distance[wall][inside[wall]], distance[wall][~inside[wall]]
             # The paper prints one base position a hundred-thousandth off its mirror image.
             assert not len(taken) or not len(left) or taken.max() < left.min() + 1e-4
-
-
-def test_any_symmetric_body_has_a_choice_outward_from_its_rear_corners():
+    # Any symmetric body has a choice outward from its rear corners.
     names = ("nose", "roof", "floor", "top", "centre", "bottom")
     places = np.array([[0.0, 0.0], [0.8, 0.3], [0.8, -0.3], [1.0, 0.2], [1.0, 0.0], [1.0, -0.2]])
     layout = SensorLayout.of(names, places, base=(3, 4, 5))

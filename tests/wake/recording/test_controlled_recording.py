@@ -75,9 +75,6 @@ def test_exploration_has_the_variance_and_the_memory_it_should():
             )
         # Gaussian: 4.55 % beyond two standard deviations.
         assert np.mean(np.abs(x) > 2 * rms) == pytest.approx(0.0455, abs=4 * np.sqrt(0.0455 / few))
-
-
-def test_exploration_is_stationary_from_the_first_step_on_and_repeats_with_its_seed():
     runs = np.array([exploration(4, ForcingConfig(), FLOW, np.random.default_rng(i), rms=0.5) for i in range(3000)])
     # Four standard errors of a standard deviation from 3000 values.
     assert runs.std(axis=0) / LIMIT == pytest.approx(np.full(4, 0.5), rel=4 / np.sqrt(6000))

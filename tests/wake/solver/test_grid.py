@@ -23,6 +23,11 @@ def test_grid_is_symmetric_and_smooth_and_the_one_all_shipped_data_was_recorded_
     faces = hashlib.sha256(grid.xf.tobytes() + grid.yf.tobytes()).hexdigest()
     assert grid.shape == (443, 164)
     assert faces.startswith("613a94ecb14d5ad5")
+    # Bilinear reproduces a bilinear field.
+    x, y = np.array([0.0, 0.3, 1.0]), np.array([-1.0, 0.5, 0.7])
+    field = 2.0 + 3.0 * x[:, None] - y[None, :] + 0.5 * x[:, None] * y[None, :]
+    value = sum(w * field[node] for node, w in bilinear(x, y, 0.8, 0.1))
+    assert value == pytest.approx(2.0 + 2.4 - 0.1 + 0.04, abs=1e-13)
 
 
 @given(length=st.floats(0.5, 15.0), refinement=st.sampled_from([0.7, 1.0, 1.4]))
@@ -41,10 +46,3 @@ def test_every_box_has_faces_on_its_walls_and_is_resolved_as_the_truck(length, r
     ratio = grid.dx[1:] / grid.dx[:-1]
     # A coarser grid has fewer cells for the same change; the truck's own bound at refinement 1 is 1.15.
     assert max(ratio.max(), 1 / ratio.min()) < 1.0 + 0.15 / min(1.0, refinement) * rounding
-
-
-def test_bilinear_reproduces_a_bilinear_field():
-    x, y = np.array([0.0, 0.3, 1.0]), np.array([-1.0, 0.5, 0.7])
-    field = 2.0 + 3.0 * x[:, None] - y[None, :] + 0.5 * x[:, None] * y[None, :]
-    value = sum(w * field[node] for node, w in bilinear(x, y, 0.8, 0.1))
-    assert value == pytest.approx(2.0 + 2.4 - 0.1 + 0.04, abs=1e-13)

@@ -188,22 +188,7 @@ def test_what_is_not_used_is_told_and_a_renamed_column_must_be_there(tmp_path, l
         imported(path, layout, renamed={"t": "zeit"})
 
 
-def test_sensors_that_do_not_fit_are_refused(tmp_path):
-    for text, message in (
-        ("a,1,1\nb,1,-1\n", "'1' is there twice; the first line must have the names"),
-        ("name,x\na,1\n", "no column 'y'"),
-        ("name,x,y\na,1,0\na,2,0\n", "sensor 'a': named twice"),
-        ("name,x,y\na,1,left\n", "line 2, column 'y': 'left' is not a number"),
-        ("name,x,y,base\na,1,0,maybe\n", "line 2, column 'base': 'maybe' must be 0 or 1"),
-        ("name,x,y\na,1,0\nCd,1,0\n", "line 3: a sensor cannot be called 'Cd'"),
-    ):
-        (tmp_path / "s.csv").write_text(text)
-        with pytest.raises(DatasetError, match=message) as caught:
-            read_sensors(tmp_path / "s.csv", symmetric=True)
-        assert "s.csv" in str(caught.value)
-
-
-def test_wrong_arguments_are_refused(tmp_path, layout):
+def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):
     one = Source(path=foreign_plant.write_npz(tmp_path / "a.npz", foreign_plant.series(20, 3)), role="train")
     two = Source(path=tmp_path / "a.csv", role="test")
     for sources, more, message in (
@@ -219,3 +204,16 @@ def test_wrong_arguments_are_refused(tmp_path, layout):
     path = foreign_plant.write_npz(tmp_path / "a.npz", foreign_plant.series(20, 3))
     with pytest.raises(DatasetError, match=r"a\.npz: given twice; an episode has one role"):
         assemble([Source(path=path, role="train"), Source(path=path, role="test")], layout, FACTS)
+    # Sensors that do not fit are refused.
+    for text, message in (
+        ("a,1,1\nb,1,-1\n", "'1' is there twice; the first line must have the names"),
+        ("name,x\na,1\n", "no column 'y'"),
+        ("name,x,y\na,1,0\na,2,0\n", "sensor 'a': named twice"),
+        ("name,x,y\na,1,left\n", "line 2, column 'y': 'left' is not a number"),
+        ("name,x,y,base\na,1,0,maybe\n", "line 2, column 'base': 'maybe' must be 0 or 1"),
+        ("name,x,y\na,1,0\nCd,1,0\n", "line 3: a sensor cannot be called 'Cd'"),
+    ):
+        (tmp_path / "s.csv").write_text(text)
+        with pytest.raises(DatasetError, match=message) as caught:
+            read_sensors(tmp_path / "s.csv", symmetric=True)
+        assert "s.csv" in str(caught.value)
