@@ -1,4 +1,4 @@
-"""The tester's thread beside the control's: whatever the one waits for, the other goes on."""
+"""The tester's thread next to the control's: whatever the one waits for, the other goes on."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -74,13 +74,7 @@ def served(tmp_path: Path, backing_of=FolderBacking) -> Iterator[tuple[Flashable
     tester = AtTheOtherEnd(ecu)
     with tester.thread:
         yield ecu, tester
-    assert tester.failures == []
-
-
-def test_a_tester_is_answered(tmp_path: Path) -> None:
-    with served(tmp_path) as (_, tester):
-        assert tester.ask(b"\x22\xf1\x8c") == b"\x62\xf1\x8c42"
-        assert b"CONFIRMED" in tester.ask(b"\x22\xfd\x01")
+    assert tester.failures == [], tester.failures
 
 
 def test_a_disk_that_hangs_does_not_come_into_a_control_period(tmp_path: Path) -> None:
@@ -111,6 +105,8 @@ def test_the_control_goes_on_while_a_reset_boots_and_then_with_what_was_booted(t
         for _ in range(3):
             ecu.control(now_ns := now_ns + CONFIG.period_ns, [])
         assert ecu.state.commands.counter == before + 3
+        assert tester.ask(b"\x22\xf1\x8c") == b"\x62\xf1\x8c42"
+        assert b"CONFIRMED" in tester.ask(b"\x22\xfd\x01")
         tester.ask(b"\x10\x02")
         assert tester.ask(b"\x11\x01") == b"\x51\x01"
         wait_for(lambda: ecu.resets == 1)
@@ -121,12 +117,8 @@ def test_the_control_goes_on_while_a_reset_boots_and_then_with_what_was_booted(t
         assert tester.ask(b"\x22\xf1\x86") == b"\x62\xf1\x86\x01"
 
 
-def test_what_ends_the_thread_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    provision(tmp_path / "ecu", None)
-    rig = Rig(tmp_path / "ecu", CONFIG)
-    failures: list[BaseException] = []
-    monkeypatch.setattr(rig.ecu, "service", lambda now_ns, frames: 1 // 0)
-    with DiagnosisThread(rig.ecu, lambda frames: None, now_ns=clock.now_ns, failed=failures.append) as thread:
-        thread.put(Frame(frame_id=REQUEST_ID, data=bytes(8)))
-        wait_for(lambda: failures)
-    assert isinstance(failures[0], ZeroDivisionError)
+def test_what_ends_the_thread_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FlashableEcu, "service", lambda ecu, now_ns, frames: 1 // 0)
+    with pytest.raises(AssertionError, match="ZeroDivisionError"), served(tmp_path) as (_, tester):
+        tester.send(b"\x22\xf1\x8c")
+        wait_for(lambda: tester.failures)

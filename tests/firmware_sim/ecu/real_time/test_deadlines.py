@@ -14,23 +14,6 @@ PERIOD = 20_000_000
 durations = st.integers(0, 5 * PERIOD)
 
 
-@each(
-    "took, grace, left_out",
-    [
-        (PERIOD, 0, 0),
-        (PERIOD + 1, 0, 1),
-        (2 * PERIOD, 0, 1),
-        (2 * PERIOD + 1, 0, 2),
-        (PERIOD + 5, 5, 0),
-        (PERIOD + 6, 5, 1),
-        (10 * PERIOD + 5, 5, 9),
-    ],
-)
-def test_a_deadline_that_has_passed_is_left_out(took, grace, left_out):
-    after = Deadlines(period_ns=PERIOD, due_ns=0, grace_ns=grace).after(took)
-    assert (after.left_out, after.number, after.due_ns) == (left_out, 1 + left_out, (1 + left_out) * PERIOD)
-
-
 @given(st.lists(durations, min_size=1, max_size=50), st.integers(0, PERIOD - 1))
 @examples(100)
 def test_however_long_work_takes_every_period_is_begun_once_or_counted(works, grace):
@@ -42,13 +25,15 @@ def test_however_long_work_takes_every_period_is_begun_once_or_counted(works, gr
         assert now - deadlines.due_ns <= grace
         assert deadlines.due_ns == deadlines.number * PERIOD
         now += work
-        deadlines = deadlines.after(now)
+        before, deadlines = deadlines, deadlines.after(now)
+        # No more are left out than are too late.
+        assert deadlines.number == before.number + 1 or now - (deadlines.due_ns - PERIOD) > grace
     assert begun == sorted(set(begun))
     assert deadlines.number == len(begun) + deadlines.left_out
 
 
 @given(st.integers(0, 10 * PERIOD), st.integers(-(10**15), 10**15))
-@examples(200)
+@examples(100)
 def test_a_slew_is_small_and_goes_the_shorter_way(due, target):
     before = Deadlines(period_ns=PERIOD, due_ns=due)
     after = before.slewed(target)
@@ -64,7 +49,7 @@ def test_a_slew_is_small_and_goes_the_shorter_way(due, target):
     ppm=st.integers(-200, 200),
     seed=st.integers(0, 2**32),
 )
-@examples(60)
+@examples(30)
 def test_steps_come_to_lie_the_offset_behind_the_arrivals(phase, jitter, offset, ppm, seed):
     """Of a vehicle whose clock runs at another speed and whose frames are late by up to `jitter`."""
     rng = Random(seed)
@@ -83,20 +68,13 @@ def test_steps_come_to_lie_the_offset_behind_the_arrivals(phase, jitter, offset,
         deadlines = deadlines.after(deadlines.due_ns)
 
 
-def test_a_few_late_frames_do_not_move_the_expected_arrival():
-    arrivals = Arrivals(period_ns=PERIOD)
-    for number in range(REMEMBERED):
-        arrivals = arrivals.seen(number * PERIOD + (9_000_000 if number % 3 == 0 else 0))
-    assert arrivals.expected_ns is not None
-    assert arrivals.expected_ns % PERIOD == 0
-
-
-def test_nothing_is_expected_before_enough_has_been_seen_nor_after_forgetting():
+def test_an_arrival_is_expected_after_enough_have_been_seen_and_a_few_late_frames_do_not_move_it():
     arrivals = Arrivals(period_ns=PERIOD)
     for number in range(REMEMBERED):
         assert arrivals.expected_ns is None
-        arrivals = arrivals.seen(number * PERIOD)
+        arrivals = arrivals.seen(number * PERIOD + (9_000_000 if number % 3 == 0 else 0))
     assert arrivals.expected_ns is not None
+    assert arrivals.expected_ns % PERIOD == 0
     assert arrivals.forgotten().expected_ns is None
 
 

@@ -14,9 +14,9 @@ from tests.each import each
 
 
 def locked_kib() -> int:
-    found = re.search(r"VmLck:\s+(\d+) kB", Path("/proc/self/status").read_text())
-    assert found is not None
-    return int(found[1])
+    line = re.search(r"VmLck:\s+(\d+) kB", Path("/proc/self/status").read_text())
+    assert line is not None
+    return int(line[1])
 
 
 def state():
@@ -24,10 +24,10 @@ def state():
     return os.sched_getscheduler(0), os.sched_getaffinity(0), gc.isenabled(), gc.get_freeze_count() > 0, slack
 
 
-def test_what_is_said_to_be_granted_is_and_all_is_given_back():
+def test_what_is_reported_as_granted_is_and_all_is_given_back():
     before, processor = state(), max(os.sched_getaffinity(0))
-    with taken(Wanted(priority=10, processor=processor)) as found:
-        granted = {item.what: item.granted for item in found}
+    with taken(Wanted(priority=10, processor=processor)) as held:
+        granted = {item.what: item.granted for item in held}
         assert set(granted) == {
             "timer slack 1 ns",
             "no garbage collection",
@@ -62,18 +62,18 @@ def test_a_thread_that_steps_back_is_below_the_one_that_started_it(priority):
     assert found == [(os.SCHED_FIFO, 1) if has_priority else (os.SCHED_OTHER, 0)]
 
 
-def test_a_refusal_says_why(monkeypatch):
+def test_a_refusal_names_its_cause(monkeypatch):
     def refuse(*arguments):
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     wanted = Wanted(priority=99, processor=10**6, lock_memory=False, without_collector=False)
-    with taken(wanted) as found:
-        by_name = {item.what: item for item in found}
+    with taken(wanted) as held:
+        by_name = {item.what: item for item in held}
     assert by_name["SCHED_FIFO 99"] == Privilege("SCHED_FIFO 99", granted=False, why="operation not permitted")
     assert not by_name["processor 1000000"].granted
-    assert "not granted: " in in_words(found)
-    assert "SCHED_FIFO 99 (operation not permitted)" in in_words(found)
+    assert "not granted: " in in_words(held)
+    assert "SCHED_FIFO 99 (operation not permitted)" in in_words(held)
 
 
 def test_under_a_limit_what_comes_later_is_not_locked(monkeypatch):
