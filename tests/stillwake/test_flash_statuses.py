@@ -20,8 +20,8 @@ from contract.errors import BusError
 from contract.release import bundle
 from contract.shipped import BUNDLE
 from stillwake.console.progress import ProgressLines
-from tests.can_bridge.flashing.releases import RELEASE, keys
-from tests.can_bridge.flashing.store_ecu import SECRET, VALUES
+from tests.can_bridge.flashing.releases import RELEASE, SECOND, keys, provisioned
+from tests.can_bridge.flashing.store_ecu import SECRET, VALUES, StoreEcu
 from tests.can_bridge.tester.ecu_to_flash import SHIPPED, SHIPPED_BY, EcuToFlash
 from tests.can_bridge.tester.served import served
 
@@ -110,13 +110,9 @@ def test_silence(call: Flash, flash: Flash, ecu: EcuToFlash, monkeypatch: pytest
     assert ecu.memory.written - written == len(SHIPPED) - 40_640
 
 
-def test_wrong_keys(flash: Flash, tmp_path: Path) -> None:
-    write_key(tmp_path / "wrong.key", bytes([7] * 16))
-    for words in ("it is not its own", "it is not its own", "takes none for 10 s"):
-        ends(flash("--access", tmp_path / "wrong.key"), 4, words)
-
-
-def test_what_the_ecu_objects_to(flash: Flash, ecu: EcuToFlash, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_ecu_objects_to(
+    flash: Flash, ecu: EcuToFlash, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     for did, value, words in (
         (Did.DBC_SHA256, bytes(32), "is for the stillwake.dbc"),
         (Did.PERIOD_NS, (10_000_000).to_bytes(8, "big"), "has a control period of 20 ms, the ECU one of 10 ms"),
@@ -142,6 +138,9 @@ def test_what_the_ecu_objects_to(flash: Flash, ecu: EcuToFlash, monkeypatch: pyt
     ecu.spoils = False
     ecu.store.take_keys(keys(2, RELEASE, revoked=(SHIPPED_BY,)))
     ends(flash(), 6, "the bundle is signed by a key that was revoked; it keeps the one it has")
+    write_key(tmp_path / "wrong.key", bytes([7] * 16))
+    for words in ("it is not its own", "it is not its own", "takes none for 10 s"):
+        ends(flash("--access", tmp_path / "wrong.key"), 4, words)
     assert ecu.runs == "old"
 
 
@@ -163,46 +162,55 @@ def test_ctrl_c_leaves_what_was_sent(flash: Flash, ecu: EcuToFlash, monkeypatch:
     assert ecu.memory.written == len(SHIPPED)
 
 
-def test_a_lost_bus(flash: Flash, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_begin(
+    call: Flash, flash: Flash, all_refused: Callable[..., None], bus: BusConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    must_be = "must be INTERFACE:CHANNEL"
+    words = ("flash", BUNDLE, "--bus", f"virtual:{bus.channel}")
+    all_refused(
+        (*words, "--access", "access.key"),
+        {
+            "--bus can0": f"--bus can0: {must_be}",
+            "--bus :can0": must_be,
+            "--bus virtual:": must_be,
+            "--bus virtual:x --set bus.channel=y": "names bus.channel already; leave out --set bus.channel",
+            "--bus simulated:x": "bus.interface = simulated: it is in virtual time",
+            "--bus can4711:x": "python-can does not know it",
+            "--set ecu.hold_periods=2": "`flash` does not use it",
+            "--access missing.key": "missing.key",
+            "--trust missing.pub": "missing.pub",
+        },
+    )
+    all_refused(words, {"": "--access: must name the ECU's key file"})
+
     def fails(*_arguments: object, **_named: object) -> None:
         raise BusError("the adapter was unplugged")
 
-    monkeypatch.setattr("can_bridge.tester.transport.BusConnection.specific_send", fails)
-    ends(flash(), 1, "the adapter was unplugged")
-
-
-def test_what_cannot_begin(
-    call: Flash,
-    cli: Callable[..., Any],
-    bus: BusConfig,
-    ecu: EcuToFlash,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    for options, words in (
-        (("--bus", "can0"), "--bus can0: must be INTERFACE:CHANNEL"),
-        (("--bus", ":can0"), "must be INTERFACE:CHANNEL"),
-        (("--bus", "virtual:"), "must be INTERFACE:CHANNEL"),
-        (("--bus", "virtual:x", "--set", "bus.channel=y"), "names bus.channel already; leave out --set bus.channel"),
-        (("--bus", "simulated:x"), "bus.interface = simulated: it is in virtual time"),
-        (("--bus", "can4711:x"), "python-can does not know it"),
-        (("--set", "ecu.hold_periods=2"), "`flash` does not use it"),
-        (("--access", "missing.key"), "missing.key"),
-        (("--trust", "missing.pub"), "missing.pub"),
-    ):
-        ends(call(*options), 1, words)
-    damaged = tmp_path / "damaged"
-    damaged.mkdir()
-    for path in BUNDLE.iterdir():
-        raw = path.read_bytes()
-        (damaged / path.name).write_bytes(raw[:-1] if path.name == "controller.onnx" else raw)
-    ends(call(release=damaged), 1, "bundle ")
-    # Without a key there is only a dry run.
-    command = ("flash", BUNDLE, "--bus", f"virtual:{bus.channel}")
-    ends(cli(*command), 1, "--access: must name the ECU's key file")
-    with served(ecu, bus):
-        assert cli(*command, "--dry-run").code == 0
+    with monkeypatch.context() as patch:
+        patch.setattr("can_bridge.tester.transport.BusConnection.specific_send", fails)
+        ends(flash(), 1, "the adapter was unplugged")
     for name in [name for name in sys.modules if name.partition(".")[0] == "udsoncan"]:
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.delitem(sys.modules, "can_bridge.tester.transport", raising=False)
     ends(call(), 1, "pip install 'stillwake[flash]'")
+
+
+def test_a_newer_key_list_is_taken_and_nothing_else(
+    cli: Callable[..., Any], refused: Callable[..., str], bus: BusConfig, tmp_path: Path
+) -> None:
+    write_key(tmp_path / "access.key", SECRET)
+    memory, path = provisioned(), tmp_path / "keys.list"
+    ecu = StoreEcu(lambda: memory)
+    more = ("--bus", f"virtual:{bus.channel}", "--access", tmp_path / "access.key")
+    with served(ecu, bus):
+        path.write_bytes(keys(3, RELEASE, SECOND))
+        assert cli("flash-keys", path, *more).out == "the ECU has key list 3, and had 1\n"
+        # An older one, one without the key of the confirmed release, one of another root key.
+        for raw in (keys(2, RELEASE), keys(4, SECOND), keys(5)[:-1]):
+            path.write_bytes(raw)
+            assert "a version above 3" in refused("flash-keys", path, *more, status=6)
+    assert ecu.store.keys is not None and ecu.store.keys.version == 3
+    for raw in (b"", bytes(4093)):
+        path.write_bytes(raw)
+        assert "1 to 4092 bytes" in refused("flash-keys", path, *more)
+    assert "No such file" in refused("flash-keys", tmp_path / "none", *more)
