@@ -2,8 +2,6 @@
 
 import pytest
 
-from contract.config.loading import load_config
-from contract.config.tree import Config
 from contract.errors import ConfigError
 from stillwake.console.settings import settings
 
@@ -14,14 +12,12 @@ def test_a_setting_that_would_have_no_effect_is_refused():
     assert str(refused.value) == "--set mpc.horizon: `steady` does not use it; it uses bus, flow"
 
 
-@pytest.mark.parametrize("used", [["mpc"], ["mpc.weights"], ["mpc.weights.lift"]])
-def test_a_setting_of_a_used_section_is_taken(used):
-    loaded = settings("export", None, ["mpc.weights.lift=0.5"], uses=used)
-    assert loaded.config.mpc.weights.lift == 0.5
-    assert loaded.given == {"mpc.weights.lift"}
-
-
-def test_a_section_whose_name_only_begins_alike_is_another():
+def test_a_setting_of_a_used_section_is_taken():
+    for used in ("mpc", "mpc.weights", "mpc.weights.lift"):
+        loaded = settings("export", None, ["mpc.weights.lift=0.5"], uses=[used])
+        assert loaded.config.mpc.weights.lift == 0.5
+        assert loaded.given == {"mpc.weights.lift"}
+    # A section whose name only begins alike is another.
     with pytest.raises(ConfigError, match=r"--set model\.window"):
         settings("x", None, ["model.window=3"], uses=["mod", "model.win"])
 
@@ -32,8 +28,3 @@ def test_a_file_may_serve_several_commands(tmp_path, capsys):
     loaded = settings("steady", path, [], uses=["flow"])
     assert loaded.config.flow.substeps == 40
     assert capsys.readouterr().out == f"{path}: `steady` does not use mpc.horizon\n"
-
-
-def test_it_begins_with_the_releases_settings_or_with_others():
-    assert settings("x", None, [], uses=[]).config == load_config()
-    assert settings("x", None, [], uses=[], base=Config()).config == Config()

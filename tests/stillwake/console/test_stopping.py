@@ -2,7 +2,6 @@
 
 import signal
 import sys
-import threading
 import weakref
 from collections.abc import Iterator
 from contextlib import suppress
@@ -28,54 +27,38 @@ def signals() -> Iterator[None]:
         signal.signal(number, handler)
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_stopped_command_clears_away_and_says_how_to_go_on(capsys, number, status):
-    cleared = []
+def test_a_stopped_command_clears_away_and_prints_how_to_go_on(capsys):
+    for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
+        cleared = []
 
-    def wait() -> None:
-        with stopping.go_on_with("the same command goes on"):
-            try:
-                signal.raise_signal(number)
-            finally:
-                cleared.append(True)
+        def wait(number: int = number, cleared: list[bool] = cleared) -> None:
+            with stopping.go_on_with("the same command goes on"):
+                try:
+                    signal.raise_signal(number)
+                finally:
+                    cleared.append(True)
 
-    assert status_of(wait) == status
-    assert cleared
-    assert capsys.readouterr().err == "stopped; the same command goes on\n"
-    # The advice is given once, and a second SIGTERM would kill.
-    assert stopping.outcome() == (130, "stopped")
-    if number is signal.SIGTERM:
-        assert signal.getsignal(number) is signal.SIG_DFL
-
-
-def test_another_thread_leaves_the_signals_alone():
-    before, failed = signal.getsignal(signal.SIGTERM), []
-
-    def run() -> None:
-        try:
-            stopping.ends_like_ctrl_c()
-        except ValueError as error:
-            failed.append(error)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    thread.join(10.0)
-    assert not failed
-    assert signal.getsignal(signal.SIGTERM) is before
+        assert status_of(wait) == status
+        assert cleared
+        assert capsys.readouterr().err == "stopped; the same command goes on\n"
+        # The advice is given once, and a second SIGTERM would kill.
+        assert stopping.outcome() == (130, "stopped")
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_work_that_a_stop_ends_well_is_asked_once_and_stopped_by_the_second(number: signal.Signals) -> None:
+def test_work_that_a_stop_ends_well_is_asked_once_and_stopped_by_the_second() -> None:
     theirs = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
-    with stopping.until_stopped() as is_stopped:
-        assert not is_stopped()
-        signal.raise_signal(number)
-        assert is_stopped()
-        with pytest.raises(KeyboardInterrupt):
+    for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
+        stopping.ends_like_ctrl_c()
+        with stopping.until_stopped() as is_stopped:
+            assert not is_stopped()
             signal.raise_signal(number)
-    assert {one: signal.getsignal(one) for one in theirs} == theirs
-    # What its command raises when the work was not done has the status of the signal.
-    assert stopping.outcome()[0] == (143 if number is signal.SIGTERM else 130)
+            assert is_stopped()
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(number)
+        assert signal.getsignal(signal.SIGINT) is theirs[signal.SIGINT]
+        # What its command raises when the work was not done has the status of the signal.
+        assert stopping.outcome()[0] == status
 
 
 @pytest.mark.parametrize("where", ["compiled code", "a callback", "before work that a stop ends well"])

@@ -76,7 +76,7 @@ def test_nothing_is_shown_before_the_first_update():
         assert text(console) == ""
 
 
-def test_a_log_has_a_line_at_the_start_every_half_minute_and_at_the_end():
+def test_a_log_has_a_line_at_the_start_every_half_minute_at_the_end_and_at_a_stop():
     console, clock = log(), Clock()
     with progress_bar("periods", console=console, clock=clock) as bar:
         task = bar.add_task("closed loop", total=1000, note="")
@@ -92,21 +92,23 @@ def test_a_log_has_a_line_at_the_start_every_half_minute_and_at_the_end():
         "closed loop: 961/1000 periods (96 %)",
     ]
     assert middle[0].partition(", ")[2] == "8 periods/s, 1 min 35 s left, 30 s so far; Cd 1.03 [base]"
+    # A stop shows how far it was; times are written for people.
+    with pytest.raises(KeyboardInterrupt), progress_bar("steps", console=console, clock=clock) as bar:
+        task = bar.add_task("running", total=50, note="")
+        for done in (1, 2, 3):
+            clock.now += 5.0
+            bar.update(task, completed=done)
+        raise KeyboardInterrupt
+    assert text(console).splitlines()[-1].startswith("running: 3/50 steps (6 %), 0.2 steps/s")
+    for seconds, words in ((0.4, "0 s"), (59.6, "1 min 0 s"), (7500, "2 h 5 min"), (1e6, "11.6 days")):
+        assert span(seconds) == words
     assert last == "closed loop: 1000/1000 periods (100 %), done in 2 min 5 s; Cd 1.03 [base]"
-
-
-def test_tasks_that_do_not_change_have_no_line():
-    console, clock = log(), Clock()
-    with progress_bar("steps", console=console, clock=clock) as bar:
-        bar.add_task("recorded before", total=5, completed=5, note="")
-        running = bar.add_task("running", total=5, note="")
-        bar.update(running, completed=2)
-    assert text(console).splitlines() == ["running: 2/5 steps (40 %), 0 s so far"]
 
 
 def test_of_many_tasks_those_that_move_have_lines():
     console, clock = log(), Clock()
     with progress_bar("steps", console=console, clock=clock) as bar:
+        bar.add_task("recorded before", total=5, completed=5, note="")
         tasks = [bar.add_task(f"episode {number}", total=2_000_000, note="") for number in range(4)]
         for clock.now, moving in ((0.0, 0), (40.0, 1), (80.0, 1)):
             for number, task in enumerate(tasks):
@@ -118,30 +120,19 @@ def test_of_many_tasks_those_that_move_have_lines():
     ]
 
 
-def test_a_stop_says_how_far_it_was():
-    console, clock = log(), Clock()
-    with pytest.raises(KeyboardInterrupt), progress_bar("steps", console=console, clock=clock) as bar:
-        task = bar.add_task("running", total=50, note="")
-        for done in (1, 2, 3):
-            clock.now += 5.0
-            bar.update(task, completed=done)
-        raise KeyboardInterrupt
-    assert text(console).splitlines()[-1].startswith("running: 3/50 steps (6 %), 0.2 steps/s")
-
-
-@pytest.mark.parametrize("is_begun", [True, False])
-def test_one_long_step_is_no_silence(is_begun):
-    console = log()
-    with ProgressLines("steps", console=console, estimate_over=30.0, clock=time.monotonic, interval=0.2) as bar:
-        task = bar.add_task("compiling", total=3, note="")
-        if is_begun:
-            bar.update(task, completed=0)
-        deadline = time.monotonic() + 20.0
-        while text(console).count("\n") < 1 + is_begun and time.monotonic() < deadline:
-            time.sleep(0.05)
-    lines = text(console).splitlines()
-    assert lines[0].startswith("compiling: 0/3 steps (0 %), ")
-    assert len(lines) >= 1 + is_begun
+def test_one_long_step_is_no_silence():
+    for is_begun in (True, False):
+        console = log()
+        with ProgressLines("steps", console=console, estimate_over=30.0, clock=time.monotonic, interval=0.1) as bar:
+            task = bar.add_task("compiling", total=3, note="")
+            if is_begun:
+                bar.update(task, completed=0)
+            deadline = time.monotonic() + 20.0
+            while text(console).count("\n") < 1 + is_begun and time.monotonic() < deadline:
+                time.sleep(0.02)
+        lines = text(console).splitlines()
+        assert lines[0].startswith("compiling: 0/3 steps (0 %), ")
+        assert len(lines) >= 1 + is_begun
 
 
 def test_what_is_drawn_now_and_then_is_drawn_at_most_so_often():
@@ -153,19 +144,9 @@ def test_what_is_drawn_now_and_then_is_drawn_at_most_so_often():
     assert shown == [1.0, 2.5, 3.5]
 
 
-def test_times_are_written_for_people():
-    for seconds, words in (
-        (0.4, "0 s"),
-        (59.6, "1 min 0 s"),
-        (200, "3 min 20 s"),
-        (7500, "2 h 5 min"),
-        (1e6, "11.6 days"),
-    ):
-        assert span(seconds) == words
-
-
 def test_text_is_printed_as_it_is():
     console = PlainConsole(file=io.StringIO(), markup=False, emoji=False, width=200)
+    assert visible("a\n\tb") == "a\n\tb"
     for odd in ("[/x]", "[red]a[/red]", ":smile:", "a\x1b[2Jb", "\udcff", "Zürich"):
         console.print(f"wrote {odd}")
     assert text(console).splitlines() == [
@@ -176,10 +157,6 @@ def test_text_is_printed_as_it_is():
         "wrote \\udcff",
         "wrote Zürich",
     ]
-
-
-def test_line_ends_and_tabs_are_no_control_characters():
-    assert visible("a\n\tb") == "a\n\tb"
 
 
 PRINTS = """
