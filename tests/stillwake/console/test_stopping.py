@@ -29,7 +29,7 @@ def signals() -> Iterator[None]:
 
 def test_a_stopped_command_clears_away_and_prints_how_to_go_on(capsys):
     for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
-        cleared = []
+        cleared: list[bool] = []
 
         def wait(number: int = number, cleared: list[bool] = cleared) -> None:
             with stopping.go_on_with("the same command goes on"):
