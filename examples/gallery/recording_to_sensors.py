@@ -76,7 +76,7 @@ print(f"in the held-out episode: R2 of drag {accuracy.drag.r2:.3f}, of lift {acc
 
 from train.selection.shap_ranking import ShapRanker, rank
 
-ranker = ShapRanker(background=50, explained=50, samples=4)
+ranker = ShapRanker(background=50, explained=25, samples=4)
 ranking = rank(ranker, trained.teacher.encoder, rows, repeats=3, seed=0)
 by_shap = ranking.top(4)
 print(f"best four by SHAP: {', '.join(by_shap)}")
