@@ -1,18 +1,20 @@
-"""What the commands of the proofs share: where figures go, how far they are, and work in several processes.
+"""What the commands of the proofs share: parts of the work in several processes, progress, and where figures go.
 
 `python -m tests.proofs.ecu`, for example, lists the proofs of its folder; pytest runs short ones of each. Work is
 shared among fresh processes, and an error or a stop ends them.
 """
 
 import multiprocessing
+import resource
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar
 
 import typer
+from rich.table import Table
 
-from contract.results import write_result
+from contract.results import versions, write_result
 from stillwake.console.endings import status_of
 from stillwake.console.stopping import ends_like_ctrl_c
 from stillwake.console.terminal import make_console, progress_bar
@@ -23,14 +25,18 @@ T = TypeVar("T")
 console: Final = make_console()
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures and their settings here, too.")]
 Processes = Annotated[int, typer.Option("--processes", min=1, help="At the same time.")]
+Seed = Annotated[int, typer.Option("--seed", help="Of all that happens.", min=0)]
 
 
-def main(proofs: Mapping[str, Callable[..., None]]) -> None:
-    """Run the proof that the command line names, with its options; ends as `stillwake` does."""
-    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, no_args_is_help=True)
-    app.callback()(lambda: None)
-    for name, proof in proofs.items():
-        app.command(name)(proof)
+def main(proofs: Callable[..., None] | Mapping[str, Callable[..., None]]) -> None:
+    """Run a proof, or the one that the command line names, with its options; ends as `stillwake` does."""
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, no_args_is_help=not callable(proofs))
+    if callable(proofs):
+        app.command()(proofs)
+    else:
+        app.callback()(lambda: None)
+        for name, proof in proofs.items():
+            app.command(name)(proof)
     ends_like_ctrl_c()
     raise SystemExit(status_of(app))
 
@@ -54,7 +60,43 @@ def spread(work: Callable[[S], T], items: Iterable[S], processes: int) -> Iterat
         yield from pool.imap(work, items)
 
 
-def save(json_file: Path | None, *, figures: Any, facts: Mapping[str, Any]) -> None:
-    """Write what was measured today, if a file was asked for."""
+def in_parts(work: Callable[[range], T], total: int, part: int, processes: int, label: str) -> Iterator[T]:
+    """The results of the work on all numbers below `total`, so many at a time, in order and with progress."""
+    parts = [range(start, min(start + part, total)) for start in range(0, total, part)]
+    yield from track(spread(work, parts, processes), label, f"parts of {part}", len(parts))
+
+
+def max_rss_kib() -> int:
+    """The largest memory of this process so far."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def report(
+    json_file: Path | None,
+    title: str,
+    figures: Mapping[str, Any],
+    *,
+    packages: Iterable[str],
+    shown: Iterable[str] = (),
+    **facts: Any,
+) -> None:
+    """Print the figures, or those of them that are `shown`, and write all with their facts if a file was asked for."""
+    table = Table(title, "")
+    for row in _rows("", {name: figures[name] for name in shown or figures}):
+        table.add_row(*row)
+    console.print(table)
     if json_file is not None:
+        facts["versions"] = versions(*packages)
         write_result(json_file, figures=figures, facts=facts, on=date.today())
+
+
+def _rows(name: str, value: Any) -> Iterator[tuple[str, str]]:
+    """A row for each number or text in a tree of figures."""
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from _rows(f"{name} {key}".strip().replace("_", " "), inner)
+    elif isinstance(value, list) and value:
+        for inner in value:
+            yield from _rows(name, inner)
+    else:
+        yield name, f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -5,12 +5,11 @@ it.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
 from math import comb
 from os import sched_getaffinity
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from can_bridge.secoc.securing import verify
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS, MessageSpec
 from contract.config.vehicle import E2eConfig
-from tests.proofs.command_line import spread
+from tests.proofs.command_line import spread, track
 
 CHUNK: Final = 10_000
 """Frames drawn at a time."""
@@ -34,11 +33,8 @@ PROFILE_5_BITS: Final = 16
 EVERY: Final = 5
 """In a genuine stream, one frame of so many is replaced by random bytes: the default window bears that."""
 
-Progress = Callable[[int, int], None]
 
-
-@dataclass(frozen=True, kw_only=True)
-class Plan:
+class Plan(NamedTuple):
     """How many frames of each message.
 
     Attributes:
@@ -51,47 +47,30 @@ class Plan:
     random: int = 1_000_000
     among_genuine: int = 100_000
 
-    def three_bit_of(self, spec: MessageSpec) -> int:
-        """Errors of three bits of one message."""
-        return min(self.three_bit, comb(8 * spec.length, 3))
 
-
-def measure(
-    plan: Plan | None = None,
-    *,
-    seed: int = 0,
-    processes: int | None = None,
-    progress: Progress = lambda done, total: None,
-) -> dict[str, Any]:
-    """Damage every message of the three sets.
+def measure(plan: Plan | None = None, *, seed: int = 0, processes: int | None = None) -> dict[str, Any]:
+    """Damage every message of the three sets, each by a sequence of its own from the seed.
 
     Args:
-        seed: of the damage. Every message draws from a sequence of its own.
         processes: as many as there are processors without it; the figures do not depend on it.
-        progress: called with messages done and in all.
 
     Returns:
         `flips_accepted`, of all messages and all flips; `random_accepted_per_million` by profile 5, whose length alone
         gives 15.3; and in `flips`, by message, the counts behind them and the rate that the length of its code gives.
     """
-    plan = Plan() if plan is None else plan
     # The slow ones first, so that no process is left with one of them.
     order = sorted(SPECS, key=lambda spec: not spec.is_secured)
-    workers = len(sched_getaffinity(0)) if processes is None else processes
-    measured: dict[str, dict[str, Any]] = {}
-    for spec, counts in zip(order, spread(partial(_measure, plan=plan, seed=seed), order, workers), strict=True):
-        measured[spec.name] = counts
-        progress(len(measured), len(order))
-    messages = {spec.name: measured[spec.name] for spec in SPECS}
-    by_profile_5 = [messages[spec.name]["random"] for spec in SPECS if _code_bits(spec) == PROFILE_5_BITS]
+    work = partial(_measure, plan=plan or Plan(), seed=seed)
+    counts = track(spread(work, order, processes or len(sched_getaffinity(0))), "flips", "messages", len(order))
+    measured = {spec.name: row for spec, row in zip(order, list(counts), strict=True)}
+    by_profile_5 = [measured[spec.name]["random"] for spec in SPECS if _code_bits(spec) == PROFILE_5_BITS]
+    accepted, tried = (sum(row[key] for row in by_profile_5) for key in ("accepted", "tried"))
     return {
         "flips_accepted": sum(
-            found[f"{count}_bit"]["accepted"] for found in messages.values() for count in ("one", "two", "three")
+            row[f"{count}_bit"]["accepted"] for row in measured.values() for count in ("one", "two", "three")
         ),
-        "random_accepted_per_million": _per_million(
-            sum(found["accepted"] for found in by_profile_5), sum(found["tried"] for found in by_profile_5)
-        ),
-        "flips": messages,
+        "random_accepted_per_million": _per_million(accepted, tried),
+        "flips": {spec.name: measured[spec.name] for spec in SPECS},
     }
 
 
@@ -104,21 +83,22 @@ def _measure(spec: MessageSpec, plan: Plan, seed: int) -> dict[str, Any]:
     if not passes(sound):
         raise ValueError(f"{spec.name}: the frame to be damaged is not sound")
 
-    def accepted(payloads: Iterable[bytes]) -> int:
-        return sum(map(passes, payloads))
+    def accepted(choices: Iterable[tuple[int, ...]]) -> int:
+        return sum(map(passes, _flipped(sound, choices)))
 
-    bits, three = 8 * spec.length, plan.three_bit_of(spec)
-    every = comb(bits, 3) == three
-    choices: Iterable[tuple[int, ...]] = combinations(range(bits), 3) if every else _triples(rng, bits, three)
+    bits = range(8 * spec.length)
+    every = comb(len(bits), 3) <= plan.three_bit
+    three = comb(len(bits), 3) if every else plan.three_bit
+    triples = combinations(bits, 3) if every else _triples(rng, len(bits), three)
     live = sum(map(_live_alone(spec, key), _random(rng, spec, plan.random)))
-    taken = accepted(_random(rng, spec, plan.random))
+    taken = sum(map(passes, _random(rng, spec, plan.random)))
     return {
         "bytes": spec.length,
-        "one_bit": {"tried": bits, "accepted": accepted(_flipped(sound, combinations(range(bits), 1)))},
-        "two_bit": {"tried": comb(bits, 2), "accepted": accepted(_flipped(sound, combinations(range(bits), 2)))},
-        "three_bit": {"tried": three, "exhaustive": every, "accepted": accepted(_flipped(sound, choices))},
+        "one_bit": {"tried": len(bits), "accepted": accepted(combinations(bits, 1))},
+        "two_bit": {"tried": comb(len(bits), 2), "accepted": accepted(combinations(bits, 2))},
+        "three_bit": {"tried": three, "exhaustive": every, "accepted": accepted(triples)},
         "random": {"tried": plan.random, "accepted": taken, "live": live},
-        "random_among_genuine": _among_genuine(spec, key, plan, rng),
+        "random_among_genuine": _among_genuine(spec, key, plan.among_genuine, rng),
         "random_per_million": _per_million(taken, plan.random),
         "expected_random_per_million": 1e6 * 2.0 ** -_code_bits(spec),
     }
@@ -136,8 +116,7 @@ def _check_of(spec: MessageSpec, key: Key | None) -> Callable[[bytes], bool]:
     """Whether one frame's data passes, by itself."""
     if key is not None:
         return lambda data: verify(data, spec, key) is not None
-    check = profile_of(spec).check
-    return lambda data: check(data, data_id=spec.data_id)
+    return partial(profile_of(spec).check, data_id=spec.data_id)
 
 
 def _genuine(spec: MessageSpec, key: Key | None, number: int, content: bytes) -> Frame:
@@ -158,11 +137,9 @@ def _flipped(sound: bytes, choices: Iterable[tuple[int, ...]]) -> Iterator[bytes
 def _triples(rng: np.random.Generator, bits: int, count: int) -> Iterator[tuple[int, ...]]:
     """Three different bits each, uniformly."""
     while count > 0:
-        drawn = rng.integers(bits, size=(min(count, CHUNK), 3))
-        a, b, c = drawn.T
-        different = drawn[(a != b) & (b != c) & (a != c)].tolist()
-        count -= len(different)
-        yield from map(tuple, different)
+        drawn = [triple for triple in rng.integers(bits, size=(min(count, CHUNK), 3)).tolist() if len(set(triple)) == 3]
+        count -= len(drawn)
+        yield from map(tuple, drawn)
 
 
 def _random(rng: np.random.Generator, spec: MessageSpec, count: int) -> Iterator[bytes]:
@@ -185,16 +162,13 @@ def _live_alone(spec: MessageSpec, key: Key | None) -> Callable[[bytes], bool]:
     return is_live
 
 
-def _among_genuine(spec: MessageSpec, key: Key | None, plan: Plan, rng: np.random.Generator) -> dict[str, int]:
+def _among_genuine(spec: MessageSpec, key: Key | None, tried: int, rng: np.random.Generator) -> dict[str, int]:
     """A genuine stream with random payloads in place of every fifth frame: how many of either are taken as live."""
     is_live, content = _live_alone(spec, key), bytes(spec.protected)
-    live = {"random": 0, "genuine": 0}
-    payloads = _random(rng, spec, plan.among_genuine)
-
-    def stream() -> Iterator[bytes]:
-        for number in range(EVERY * plan.among_genuine):
-            yield next(payloads) if number % EVERY == EVERY - 1 else _genuine(spec, key, number, content).data
-
-    for number, data in enumerate(stream()):
-        live["random" if number % EVERY == EVERY - 1 else "genuine"] += is_live(data)
-    return {"tried": plan.among_genuine, "live": live["random"], "genuine_live": live["genuine"]}
+    genuine, live, number = 0, 0, 0
+    for payload in _random(rng, spec, tried):
+        for _ in range(EVERY - 1):
+            genuine += is_live(_genuine(spec, key, number, content).data)
+            number += 1
+        live, number = live + is_live(payload), number + 1
+    return {"tried": tried, "live": live, "genuine_live": genuine}

@@ -1,11 +1,12 @@
 """Damaged and made-up receptions through the whole receive path, with genuine frames between them."""
 
-import resource
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Iterator
 from itertools import count
 from random import Random
 from typing import Any, Final
 
+import can
 from can.interfaces.udp_multicast.utils import pack_message
 
 from can_bridge.bus.conversion import to_message
@@ -15,6 +16,7 @@ from can_bridge.secoc.node import secured
 from can_bridge.wire.frame import Frame
 from tests.proofs.bus.garbage import any_datagram, any_line, any_message
 from tests.proofs.bus.receive_path import KEY, MESSAGES, ReceivePath
+from tests.proofs.command_line import max_rss_kib, track
 
 BATCH: Final = 50
 """Receptions between two collections, a tenth of them genuine."""
@@ -23,15 +25,12 @@ WARM_UP: Final = 0.1
 """Share of the frames before memory is looked at for the first time: until then it fills what it keeps."""
 
 
-def measure(
-    *, frames: int = 300_000, seed: int = 0, progress: Callable[[int, int], None] = lambda done, total: None
-) -> dict[str, Any]:
+def measure(*, frames: int = 300_000, seed: int = 0) -> dict[str, Any]:
     """Feed datagrams, serial lines and drivers' messages in turn.
 
     Args:
         frames: receptions of the three kinds together, a tenth of them genuine and the others made up.
         seed: of all of them.
-        progress: called with receptions done and in all.
 
     Returns:
         `fuzz_frames`, receptions as the buses counted them (noise on a serial line may hold several); `accepted` frames
@@ -39,47 +38,43 @@ def measure(
         also in `failures` with its kind; `authentic` secured frames, among which `authentic_made_up` were sent by
         no one; `max_rss_growth_kib` after the first tenth.
     """
-    rng = Random(seed)
-    path = ReceivePath()
-    genuine = _genuine_frames()
-    sent = lost = done = authentic = made_up = 0
+    rng, path, genuine, batches = Random(seed), ReceivePath(), _genuine_frames(), -(-frames // BATCH)
+    lost = authentic = made_up = 0
     failures: list[str] = []
-    rss_before: int | None = None
-    for batch in range(-(-frames // BATCH)):
+    rss_before = 0
+    for batch in track(range(batches), "fuzz", f"batches of {BATCH}"):
         sound = [next(genuine) for _ in range(GENUINE)]
         try:
             got = (_datagrams, _lines, _messages)[batch % 3](rng, path, sound)
         except Exception as error:  # noqa: BLE001 - what this looks for
             failures.append(f"batch {batch} of seed {seed}: {error!r}")
             got = []
-        arrived = [(frame.frame_id, frame.data, frame.is_fd) for frame in got]
-        for frame in sound:
-            sent += 1
-            try:
-                arrived.remove((frame.frame_id, frame.data, frame.is_fd))
-            except ValueError:
-                lost += 1
+        # As often as it was sent: a copy of a genuine frame is a frame of its own.
+        arrived = Counter(map(_content, got))
+        lost += (Counter(map(_content, sound)) - arrived).total()
         authentic += len(path.authentic)
         # What is made up is made from this batch's frames: no other authentic content can be in it.
         made_up += len({frame.data for frame in path.authentic} - {frame.data for frame in sound})
         path.authentic.clear()
-        done = min(frames, done + BATCH)
-        progress(done, frames)
-        if rss_before is None and done >= WARM_UP * frames:
-            rss_before = _max_rss_kib()
+        if batch == int(WARM_UP * batches):
+            rss_before = max_rss_kib()
     accepted, rejected = path.totals()
     return {
         "fuzz_frames": sum(bus.received for bus in path.buses),
         "accepted": accepted,
         "rejected": {reason.value: count for reason, count in rejected.items() if count},
-        "genuine": sent,
+        "genuine": batches * GENUINE,
         "genuine_lost": lost,
         "authentic": authentic,
         "authentic_made_up": made_up,
         "exceptions": len(failures),
         "failures": failures[:10],
-        "max_rss_growth_kib": _max_rss_kib() - (rss_before or 0),
+        "max_rss_growth_kib": max_rss_kib() - rss_before,
     }
+
+
+def _content(frame: Frame) -> tuple[int, bytes, bool]:
+    return frame.frame_id, frame.data, frame.is_fd
 
 
 def _genuine_frames() -> Iterator[Frame]:
@@ -111,15 +106,11 @@ def _messages(rng: Random, path: ReceivePath, sound: list[Frame]) -> list[Frame]
 
 def _mixed(rng: Random, genuine: list[Any], made_up: list[Any]) -> list[Any]:
     """Both, the genuine ones in their order."""
-    places = set(rng.sample(range(len(genuine) + len(made_up)), len(genuine)))
-    first, second = iter(genuine), iter(made_up)
-    return [next(first) if place in places else next(second) for place in range(len(genuine) + len(made_up))]
+    rest, total = iter(made_up), len(genuine) + len(made_up)
+    at = dict(zip(sorted(rng.sample(range(total), len(genuine))), genuine, strict=True))
+    return [at[place] if place in at else next(rest) for place in range(total)]
 
 
 def _line(frame: Frame) -> bytes:
-    code = f"{(*range(9), 12, 16, 20, 24, 32, 48, 64).index(len(frame.data)):X}"
-    return f"{'b' if frame.is_fd else 't'}{frame.frame_id:03X}{code}{frame.data.hex().upper()}\r".encode()
-
-
-def _max_rss_kib() -> int:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    code = can.util.len2dlc(len(frame.data))
+    return f"{'b' if frame.is_fd else 't'}{frame.frame_id:03X}{code:X}{frame.data.hex().upper()}\r".encode()

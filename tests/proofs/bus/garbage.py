@@ -18,20 +18,16 @@ _FIELDS: Final = (
 
 def odd_value(rng: Random) -> Any:
     """A value of any type that a datagram can hold."""
-    return rng.choice(
-        (
-            None,
-            rng.random() < 0.5,
-            rng.randrange(0x800),
-            rng.randrange(-(2**63), 2**64),
-            rng.uniform(-1e9, 1e9),
-            float("nan"),
-            "x" * rng.randrange(5),
-            rng.randbytes(rng.randrange(70)),
-            [1, 2],
-            {},
-        )
+    numbers = (rng.randrange(0x800), rng.randrange(-(2**63), 2**64), rng.uniform(-1e9, 1e9), float("nan"))
+    others: tuple[Any, ...] = (
+        None,
+        rng.random() < 0.5,
+        "x" * rng.randrange(5),
+        rng.randbytes(rng.randrange(70)),
+        [1, 2],
+        {},
     )
+    return rng.choice((*numbers, *others))
 
 
 def any_datagram(rng: Random, sound: bytes) -> bytes:
@@ -82,17 +78,12 @@ def any_message(rng: Random) -> can.Message:
 
 
 def damaged(rng: Random, content: bytes) -> bytes:
-    """With some bytes changed, left out, doubled or put in."""
+    """The content with some bytes changed, left out, doubled or put in."""
     changed = bytearray(content)
     for _ in range(rng.randrange(1, 4)):
-        place = rng.randrange(len(changed) + 1)
-        match rng.randrange(4):
-            case 0:
-                changed[place : place + 1] = rng.randbytes(1)
-            case 1:
-                del changed[place : place + rng.randrange(1, 5)]
-            case 2:
-                changed[place:place] = changed[place : place + rng.randrange(1, 5)]
-            case _:
-                changed[place:place] = rng.randbytes(rng.randrange(1, 5))
+        place, length = rng.randrange(len(changed) + 1), rng.randrange(1, 5)
+        cut, new = rng.choice(
+            ((1, rng.randbytes(1)), (length, b""), (0, changed[place:][:length]), (0, rng.randbytes(length)))
+        )
+        changed[place : place + cut] = new
     return bytes(changed)

@@ -37,11 +37,9 @@ class ReceivePath:
     """
 
     def __init__(self) -> None:
-        self._datagrams = _FedDatagrams()
-        self._port = _FedPort()
-        self._messages = _FedMessages()
-        self.udp = PythonCanBus(_FedUdpBus(self._datagrams))
-        self.slcan = PythonCanBus(_FedSlcanBus(self._port))
+        self._datagrams, self._port, self._messages = _FedDatagrams(), _FedPort(), _FedMessages()
+        self._lines = _FedSlcanBus(self._port)
+        self.udp, self.slcan = PythonCanBus(_FedUdpBus(self._datagrams)), PythonCanBus(self._lines)
         self.driver = PythonCanBus(self._messages, linux_error_frames=True)
         self._messages_in = [(E2eReceiver(message.spec, _E2E), message.parse) for message in MESSAGES]
         self._verifiers = {message.spec: VerifierState() for message in MESSAGES if message.spec.is_secured}
@@ -58,7 +56,7 @@ class ReceivePath:
         """Datagrams a second apart, so that none passes for another's copy."""
         for content in contents:
             self._time += 1.0
-            self._datagrams.waiting.append((content, self._time))
+            self._datagrams.waiting.append((content, _SENDER, self._time))
             self.fed += 1
         return self._followed(self.udp)
 
@@ -66,15 +64,15 @@ class ReceivePath:
         """Bytes of a serial line, whole lines or not."""
         self._port.waiting += content
         frames = self._followed(self.slcan)
-        if self._port.waiting or len(self._port.bus._buffer) > LINE_LIMIT:
+        if self._lines.is_left_over:
             raise AssertionError("serial bytes were left over")
         return frames
 
     def messages(self, contents: Iterable[can.Message]) -> list[Frame]:
         """Messages as any driver of python-can's may give them."""
-        for content in contents:
-            self._messages.waiting.append(content)
-            self.fed += 1
+        before = len(self._messages.waiting)
+        self._messages.waiting.extend(contents)
+        self.fed += len(self._messages.waiting) - before
         return self._followed(self.driver)
 
     def totals(self) -> tuple[int, dict[Rejection, int]]:
@@ -84,25 +82,23 @@ class ReceivePath:
 
     def _followed(self, bus: PythonCanBus) -> list[Frame]:
         """All frames that came, after end-to-end check and parser; AssertionError where the books do not balance."""
-        before = bus.accepted
+        before, received = bus.accepted, -1
         frames: list[Frame] = []
-        while True:
+        while bus.received != received:
             received = bus.received
             frames += bus.receive_all()
-            if bus.received == received:
-                break
         if len(frames) != bus.accepted - before or bus.received != bus.accepted + sum(bus.rejected.values()):
             raise AssertionError(f"{bus.received} received: {bus.accepted} accepted, {bus.rejected} refused")
         for receiver, parse in self._messages_in:
-            found = receiver.tick(self._authenticated(frames, receiver.spec))
-            if found.accepted is not None:
-                parse(found.accepted.data[: receiver.spec.protected])
-        for frame in frames:
-            # Damaged content must not harm a parser either, were it to pass the check.
-            for receiver, parse in self._messages_in:
-                if frame.frame_id == receiver.spec.frame_id:
+            spec = receiver.spec
+            accepted = receiver.tick(self._authenticated(frames, spec)).accepted
+            if accepted is not None:
+                parse(accepted.data[: spec.protected])
+            for frame in frames:
+                # Damaged content must not harm a parser either, were it to pass the check.
+                if frame.frame_id == spec.frame_id:
                     parse(frame.data)
-                    parse(frame.data[: receiver.spec.protected])
+                    parse(frame.data[: spec.protected])
         return frames
 
     def _authenticated(self, frames: list[Frame], spec: MessageSpec) -> Sequence[Frame]:
@@ -118,13 +114,10 @@ class _FedDatagrams:
     """In place of python-can's socket."""
 
     def __init__(self) -> None:
-        self.waiting: deque[tuple[bytes, float]] = deque()
+        self.waiting: deque[tuple[bytes, tuple[str, int], float]] = deque()
 
     def recv(self, timeout: float | None) -> tuple[bytes, tuple[str, int], float] | None:
-        if not self.waiting:
-            return None
-        content, time = self.waiting.popleft()
-        return content, _SENDER, time
+        return self.waiting.popleft() if self.waiting else None
 
     def fileno(self) -> int:
         return -1
@@ -149,7 +142,6 @@ class _FedPort:
 
     def __init__(self) -> None:
         self.waiting = bytearray()
-        self.bus: SlcanBus
 
     @property
     def in_waiting(self) -> int:
@@ -166,8 +158,12 @@ class _FedSlcanBus(SlcanBus):
         can.BusABC.__init__(self, "fed")
         self.serialPortOrig = port
         self._buffer = bytearray()
-        port.bus = self
         can.BusABC.shutdown(self)
+
+    @property
+    def is_left_over(self) -> bool:
+        """Whether more bytes wait than a line may have."""
+        return bool(self.serialPortOrig.waiting) or len(self._buffer) > LINE_LIMIT
 
 
 class _FedMessages(can.BusABC):

@@ -7,8 +7,8 @@ And at random: phases, delays and contents.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from random import Random
@@ -22,6 +22,7 @@ from can_bridge.timing.response_time import Response, nominal_bit_ns, response_t
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_EXTENDED_ID, MAX_FRAME_ID, Frame
 from can_bridge.wire.priority import Priority
 from contract.config.vehicle import BusConfig
+from tests.proofs.command_line import track
 
 SETS: Final = 1000
 MESSAGES: Final = (2, 12)
@@ -45,22 +46,14 @@ class Sent(NamedTuple):
     frame: Frame
 
 
-@dataclass(frozen=True, kw_only=True)
-class Played:
-    """What came of one play.
-
-    Attributes:
-        longest_ns: of every message, from release to the end of the intermission; 0 where it sent nothing.
-        frames: on the bus.
-    """
+class Played(NamedTuple):
+    """The longest time of every message from release to the end of the intermission, 0 without a frame; all frames."""
 
     longest_ns: list[int]
     frames: int
 
 
-def measure(
-    *, sets: int = SETS, seed: int = 0, progress: Callable[[int, int], None] = lambda done, total: None
-) -> dict[str, Any]:
+def measure(*, sets: int = SETS, seed: int = 0) -> dict[str, Any]:
     """Play random sets of messages.
 
     Returns:
@@ -73,13 +66,14 @@ def measure(
     """
     tight, loose = [], []
     violations = frames = messages = 0
-    for number in range(sets):
+    for number in track(range(sets), "response time", "sets of messages"):
         random = Random(f"{seed} {number}")
-        bus = _bus(random)
+        nominal, data = random.choice(BIT_RATES)
+        bus = BusConfig(frames=random.choice(("fd", "classic")), nominal_bitrate=nominal, data_bitrate=data)
         drawn = random_set(bus, random)
-        messages += len(drawn)
+        messages, last = messages + len(drawn), len(drawn) - 1
         contents = [longest_frame(message, bus) for message in drawn]
-        for level in _levels(len(drawn), random):
+        for level in (*random.sample(range(last), min(LEVELS - 1, last)), last):
             bound, played = at_critical_instant(drawn, contents, level, bus)
             frames += played.frames
             if bound.response_ns is not None:
@@ -91,7 +85,6 @@ def measure(
             if bound.response_ns is not None:
                 violations += longest > bound.response_ns
                 loose.append(longest / bound.response_ns)
-        progress(number + 1, sets)
     return {
         "response_time_violations": violations,
         "message_sets": sets,
@@ -108,26 +101,17 @@ def measure(
 def at_critical_instant(
     messages: Sequence[PeriodicMessage], contents: Sequence[Frame], level: int, bus: BusConfig
 ) -> tuple[Response, Played]:
-    """The bound of one message and what it met, all frames having constant contents.
-
-    Args:
-        messages: the highest priority first.
-        contents: a frame of each.
-        level: which message.
-        bus: the bit rates.
-    """
+    """The bound of the message of this level, the highest priority first, and what it met with constant contents."""
     wire = SimulatedBus(bus)
     lengths = [wire.frame_ns(frame) for frame in contents]
     exact = [replace(timing(message, bus), frame_ns=length) for message, length in zip(messages, lengths, strict=True)]
     bound = response_times(exact, bit_ns=nominal_bit_ns(bus))[level]
     # Twice as long as the analysis looks, in case that it looks too short.
     until_ns = 2 * (bound.instance * messages[level].period_ns + (bound.response_ns or messages[level].period_ns))
-    plans: list[list[Sent]] = [[] for _ in messages]
-    for higher in range(level + 1):
-        plans[higher] = list(_after_one_delay(messages[higher], contents[higher], 1, until_ns))
-    if level + 1 < len(messages):
-        blocker = max(range(level + 1, len(messages)), key=lambda one: lengths[one])
-        plans[blocker] = [Sent(0, 0, contents[blocker])]
+    pairs = zip(messages[: level + 1], contents, strict=False)
+    plans = [list(_after_one_delay(message, frame, 1, until_ns)) for message, frame in pairs]
+    if lower := range(level + 1, len(messages)):
+        plans.append([Sent(0, 0, contents[max(lower, key=lambda one: lengths[one])])])
     return bound, play(plans, bus)
 
 
@@ -140,18 +124,16 @@ def at_random(messages: Sequence[PeriodicMessage], bus: BusConfig, random: Rando
 
 def play(plans: Sequence[Sequence[Sent]], bus: BusConfig) -> Played:
     """Send everything over a simulated bus, a node each message, until the last frame has arrived."""
-    total = sum(map(len, plans))
-    longest, done = [0] * len(plans), [0]
+    total, done, longest = sum(map(len, plans)), 0, [0] * len(plans)
     levels = {(plan[0].frame.frame_id, plan[0].frame.is_extended): level for level, plan in enumerate(plans) if plan}
     releases = [deque(sent.release_ns for sent in plan) for plan in plans]
     intermission_ns = INTERMISSION * nominal_bit_ns(bus)
 
     def observe(transmission: Transmission) -> None:
-        frame = transmission.frame
-        level = levels[frame.frame_id, frame.is_extended]
-        response_ns = transmission.end_ns + intermission_ns - releases[level].popleft()
-        longest[level] = max(longest[level], response_ns)
-        done[0] += 1
+        nonlocal done
+        level = levels[transmission.frame.frame_id, transmission.frame.is_extended]
+        longest[level] = max(longest[level], transmission.end_ns + intermission_ns - releases[level].popleft())
+        done += 1
 
     wire = SimulatedBus(bus, observe=observe)
     # Who listens acknowledges; a node alone would never be done.
@@ -161,9 +143,9 @@ def play(plans: Sequence[Sequence[Sent]], bus: BusConfig) -> Played:
             port = wire.port(f"node {level}", transmit_capacity=len(plan))
             for sent in plan:
                 wire.call_at(sent.queued_ns, partial(port.send, sent.frame))
-    while done[0] < total:
-        wire.advance_until(wire.now_ns + 10**9, lambda: done[0] == total)
-    return Played(longest_ns=longest, frames=total)
+    while done < total:
+        wire.advance_until(wire.now_ns + 10**9, lambda: done == total)
+    return Played(longest, total)
 
 
 def random_set(bus: BusConfig, random: Random) -> list[PeriodicMessage]:
@@ -197,15 +179,6 @@ def _stretched(message: PeriodicMessage, factor: float, random: Random) -> Perio
     period_ns = round(message.period_ns * factor)
     jitter_ns = random.choice((0, 0, round(random.random() * period_ns), round(random.random() * 2 * period_ns)))
     return replace(message, period_ns=period_ns, jitter_ns=jitter_ns)
-
-
-def _bus(random: Random) -> BusConfig:
-    nominal, data = random.choice(BIT_RATES)
-    return BusConfig(frames=random.choice(("fd", "classic")), nominal_bitrate=nominal, data_bitrate=data)
-
-
-def _levels(count: int, random: Random) -> list[int]:
-    return [*random.sample(range(count - 1), min(LEVELS - 1, count - 1)), count - 1]
 
 
 def _after_one_delay(message: PeriodicMessage, frame: Frame, begin_ns: int, until_ns: int) -> Iterator[Sent]:

@@ -6,14 +6,11 @@ run. Copies of the packages and of the one test file lie in a folder of their ow
 suite reaches them.
 """
 
-import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
@@ -36,23 +33,16 @@ pytest_add_cli_args=
     no:cacheprovider
 pytest_add_cli_args_test_selection=tests
 """
-_COUNT: Final = re.compile(r"(\d+)/(\d+)")
 _RESULT: Final = re.compile(r"^\s*(\S+): (.+)$", re.MULTILINE)
 KILLED: Final = ("killed", "caught by type check")
 
 
-def measure(
-    *,
-    gate: Path = ROOT / GATE,
-    tests: Path = ROOT / TESTS,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> dict[str, Any]:
+def measure(*, gate: Path = ROOT / GATE, tests: Path = ROOT / TESTS) -> dict[str, Any]:
     """Make every mutant and run the tests on it; a minute.
 
     Args:
         gate: file to mutate, in place of the command gate.
         tests: file of the tests that judge it.
-        progress: called with (mutants tested, mutants in all).
 
     Returns:
         `gate_mutants`, `gate_mutants_survived`, and `gate_survivors`: name, status and lines changed of each.
@@ -72,7 +62,7 @@ def measure(
         (folder / "tests").mkdir()
         shutil.copyfile(tests, folder / "tests" / tests.name)
         (folder / "setup.cfg").write_text(_SETTINGS, encoding="utf-8")
-        _run(folder, progress)
+        _mutmut(folder, "run", "--max-children", "2")
         results = dict(_RESULT.findall(_mutmut(folder, "results", "--all", "true")))
         survivors = [
             {"mutant": mutant, "status": status, "change": _change(_mutmut(folder, "show", mutant))}
@@ -89,31 +79,13 @@ def measure(
     }
 
 
-def _run(folder: Path, progress: Callable[[int, int], None]) -> None:
-    """Test all mutants; mutmut writes its counts over each other on one line."""
-    command = [sys.executable, "-m", "mutmut", "run", "--max-children", "2"]
-    said = ""
-    # A group of its own, so that a stop ends its children, too.
-    with subprocess.Popen(
-        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
-    ) as process:
-        assert process.stdout is not None
-        try:
-            while piece := process.stdout.read(200):
-                said = said[-4000:] + piece
-                if counts := _COUNT.findall(said):
-                    done, total = map(int, counts[-1])
-                    progress(min(done, total), total)
-        except BaseException:
-            os.killpg(process.pid, signal.SIGKILL)
-            raise
-    if process.returncode != 0:
-        raise StillwakeError(f"mutmut ended with status {process.returncode}: {' '.join(said.split())[-300:]}")
-
-
 def _mutmut(folder: Path, *arguments: str) -> str:
     command = [sys.executable, "-m", "mutmut", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        output = " ".join((done.stdout + done.stderr).split())[-300:]
+        raise StillwakeError(f"mutmut {arguments[0]} ended with status {done.returncode}: {output}")
+    return done.stdout
 
 
 def _change(diff: str) -> list[str]:

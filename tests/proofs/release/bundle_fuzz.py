@@ -10,7 +10,6 @@ the run with the case's number.
 """
 
 import hashlib
-import resource
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
@@ -22,7 +21,6 @@ from time import perf_counter
 from typing import Annotated, Any, Final
 
 import typer
-from rich.table import Table
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
@@ -31,13 +29,12 @@ from contract.errors import StillwakeError
 from contract.release import bundle
 from contract.release.bundle import CONTROLLER, Bundle
 from contract.release.manifest import MANIFEST, Manifest
-from contract.results import versions
 from contract.runtime.onnx_session import OnnxController
 from contract.shipped import BUNDLE
 from export.program.random_program import random_program
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
-from tests.proofs.command_line import JsonFile, Processes, console, save, spread, track
+from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, max_rss_kib, report
 from tests.proofs.release import damage
 
 KINDS: Final = {"zip": 30, "folder": 15, "manifest's bytes": 10, "manifest's values": 20, "graph": 20, "C header": 5}
@@ -90,10 +87,9 @@ class Tally:
 
     def add(self, other: "Tally") -> None:
         """Count another one's cases, too."""
-        for kind, errors in other.refused.items():
-            self.refused[kind] += errors
         self.accepted += other.accepted
         for kind, seconds in other.slowest.items():
+            self.refused[kind] += other.refused[kind]
             self.slowest[kind] = max(self.slowest.get(kind, 0.0), seconds)
         self.max_rss_mb = max(self.max_rss_mb, other.max_rss_mb)
         self.max_rss_before_mb = max(self.max_rss_before_mb, other.max_rss_before_mb)
@@ -122,24 +118,14 @@ class Tally:
 def main(
     json_file: JsonFile = None,
     cases: Annotated[int, typer.Option(help="Damaged inputs, of all kinds together.", min=1)] = 100_000,
-    seed: Annotated[int, typer.Option(help="Of all of them.")] = 0,
+    seed: Seed = 0,
     processes: Processes = 1,
 ) -> None:
     """Make them, have them read, and print what became of them."""
     tally = Tally()
-    pieces = [range(start, min(start + PIECE, cases)) for start in range(0, cases, PIECE)]
-    parts = spread(partial(run_cases, seed), pieces, processes)
-    for part in track(parts, "cases", "parts", total=len(pieces)):
+    for part in in_parts(partial(run_cases, seed), cases, PIECE, processes, "cases"):
         tally.add(part)
-    figures = tally.figures()
-    table = Table("damaged", "cases", "accepted", "refused", "slowest, ms")
-    for kind, row in figures["kinds"].items():
-        refused = sum(row["refused"].values())
-        table.add_row(kind, str(row["cases"]), str(row["accepted"]), str(refused), f"{1e3 * row['slowest_s']:.0f}")
-    console.print(table)
-    before = figures["max_rss_before_mb"]
-    console.print(f"largest memory {figures['max_rss_mb']:.0f} MB, {before:.0f} MB of it before the first case")
-    save(json_file, figures=figures, facts={"seed": seed, "versions": versions("stillwake", "numpy", "onnxruntime")})
+    report(json_file, "damaged", tally.figures(), packages=("stillwake", "numpy", "onnxruntime"), seed=seed)
 
 
 @cache
@@ -147,11 +133,7 @@ def _sound() -> tuple[Sound, float]:
     """Of this process, and its memory before the first case in MB."""
     with tempfile.TemporaryDirectory() as folder:
         sound = Sound.make(Path(folder))
-    return sound, _memory_mb()
-
-
-def _memory_mb() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return sound, max_rss_kib() / 1024
 
 
 def run_cases(seed: int, numbers: range) -> Tally:
@@ -161,7 +143,7 @@ def run_cases(seed: int, numbers: range) -> Tally:
     with tempfile.TemporaryDirectory() as folder:
         for number in numbers:
             run_case(Path(folder), sound, seed, number, tally)
-    tally.max_rss_mb = _memory_mb()
+    tally.max_rss_mb = max_rss_kib() / 1024
     return tally
 
 
@@ -174,62 +156,41 @@ def run_case(folder: Path, sound: Sound, seed: int, number: int, tally: Tally) -
     # Not `hash`, which differs between processes.
     rng = Random(int.from_bytes(hashlib.sha256(f"{seed} {number}".encode()).digest()[:8], "big"))
     kind = rng.choices(list(KINDS), weights=list(KINDS.values()))[0]
-    read = _READERS[kind](folder, sound, rng)
+    read = _reader(kind, folder, sound, rng)
     began = perf_counter()
     try:
         read()
-    except StillwakeError as error:
-        if isinstance(error, FuzzError) or not str(error).isprintable():
+        tally.accepted[kind] += 1
+    except Exception as error:
+        if isinstance(error, FuzzError) or not isinstance(error, StillwakeError) or not str(error).isprintable():
             raise FuzzError(f"case {number} of seed {seed}, {kind}: {error!r}") from error
         tally.refused[kind][type(error).__name__] += 1
-    except Exception as error:
-        raise FuzzError(f"case {number} of seed {seed}, {kind}: {error!r}") from error
-    else:
-        tally.accepted[kind] += 1
     tally.slowest[kind] = max(tally.slowest.get(kind, 0.0), perf_counter() - began)
 
 
-_Reader = Callable[[], object]
-
-
-def _zip(folder: Path, sound: Sound, rng: Random) -> _Reader:
-    path = folder / "damaged.zip"
-    path.write_bytes(damage.zip_of(rng, sound.files))
-    return lambda: _identical(bundle.load(path), sound)
-
-
-def _folder(folder: Path, sound: Sound, rng: Random) -> _Reader:
-    files = dict(sound.files)
-    name = rng.choice(sorted(files))
-    files[name] = damage.bytes_of(rng, files[name])
-    path = _written(folder, files)
-    return lambda: _identical(bundle.load(path), sound)
-
-
-def _manifest_bytes(folder: Path, sound: Sound, rng: Random) -> _Reader:
-    path = _written(folder, {**sound.files, MANIFEST: damage.bytes_of(rng, sound.files[MANIFEST])})
-    return lambda: _identical(bundle.load(path), sound)
-
-
-def _manifest_values(folder: Path, sound: Sound, rng: Random) -> _Reader:
-    path = _written(folder, {**sound.files, MANIFEST: damage.manifest_of(rng, sound.files[MANIFEST])})
-    return lambda: bundle.load(path)
-
-
-def _graph(folder: Path, sound: Sound, rng: Random) -> _Reader:
-    content = damage.bytes_of(rng, sound.files[CONTROLLER])
-    path = _written(folder, damage.with_controller(sound.files, CONTROLLER, content))
-    return lambda: OnnxController.of(bundle.load(path))
-
-
-def _header(folder: Path, sound: Sound, rng: Random) -> _Reader:
-    content = damage.bytes_of(rng, sound.header)
-    return lambda: _read_header(content)
-
-
-_READERS: Final[Mapping[str, Callable[[Path, Sound, Random], _Reader]]] = dict(
-    zip(KINDS, (_zip, _folder, _manifest_bytes, _manifest_values, _graph, _header), strict=True)
-)
+def _reader(kind: str, folder: Path, sound: Sound, rng: Random) -> Callable[[], object]:
+    """Damage one of the sound files, put it into a folder, and have it read."""
+    path, files = folder / "damaged", dict(sound.files)
+    if kind == "C header":
+        content = damage.bytes_of(rng, sound.header)
+        return lambda: _read_header(content)
+    if kind == "zip":
+        path = path.with_suffix(".zip")
+        path.write_bytes(damage.zip_of(rng, files))
+        return lambda: _identical(bundle.load(path), sound)
+    if kind == "graph":
+        files |= damage.with_controller(files, CONTROLLER, damage.bytes_of(rng, files[CONTROLLER]))
+    elif kind == "manifest's values":
+        files[MANIFEST] = damage.manifest_of(rng, files[MANIFEST])
+    else:
+        name = rng.choice(sorted(files)) if kind == "folder" else MANIFEST
+        files[name] = damage.bytes_of(rng, files[name])
+    path.mkdir(exist_ok=True)
+    for name, content in files.items():
+        (path / name).write_bytes(content)
+    if kind == "graph":
+        return lambda: OnnxController.of(bundle.load(path))
+    return lambda: bundle.load(path) if kind == "manifest's values" else _identical(bundle.load(path), sound)
 
 
 def _read_header(content: bytes) -> None:
@@ -239,15 +200,7 @@ def _read_header(content: bytes) -> None:
         settings.text(name)
 
 
-def _written(folder: Path, files: Mapping[str, bytes]) -> Path:
-    path = folder / "damaged"
-    path.mkdir(exist_ok=True)
-    for name, content in files.items():
-        (path / name).write_bytes(content)
-    return path
-
-
-def _identical(found: Bundle, sound: Sound) -> None:
+def _identical(loaded: Bundle, sound: Sound) -> None:
     contents = {name: content for name, content in sound.files.items() if name != MANIFEST}
-    if (found.manifest, dict(found.files)) != (sound.manifest, contents):
+    if (loaded.manifest, dict(loaded.files)) != (sound.manifest, contents):
         raise FuzzError("accepted, though its content is another one")

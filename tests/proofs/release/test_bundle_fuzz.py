@@ -29,24 +29,16 @@ def test_every_damaged_input_is_refused_by_name_or_harmless(sound, tmp_path, cas
     assert all(sum(row["refused"].values()) > 0.2 * row["cases"] for row in figures["kinds"].values())
 
 
-def planted_hash(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("contract.release.bundle._verify_file", lambda *arguments: "")
-
-
-def planted_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("contract.release.manifest.strict_json.decode", lambda raw: 1 / 0)
-
-
-def planted_raw_name(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reader_with_a_fault_is_noticed(sound, tmp_path, monkeypatch):
     def refuse(path: Path) -> dict[str, bytes]:
         raise BundleError("\x1b[2J")
 
-    monkeypatch.setattr("contract.release.bundle.read_files", refuse)
-
-
-@pytest.mark.parametrize("plant", [planted_hash, planted_traceback, planted_raw_name])
-def test_a_reader_with_a_fault_is_noticed(sound, tmp_path, monkeypatch, plant):
-    plant(monkeypatch)
-    with pytest.raises(FuzzError, match=r"case \d+ of seed 3"):
-        for number in range(500):
-            run_case(tmp_path, sound, 3, number, Tally())
+    for name, fault in (
+        ("contract.release.bundle._verify_file", lambda *arguments: ""),
+        ("contract.release.manifest.strict_json.decode", lambda raw: 1 / 0),
+        ("contract.release.bundle.read_files", refuse),
+    ):
+        with monkeypatch.context() as patch, pytest.raises(FuzzError, match=r"case \d+ of seed 3"):
+            patch.setattr(name, fault)
+            for number in range(500):
+                run_case(tmp_path, sound, 3, number, Tally())
