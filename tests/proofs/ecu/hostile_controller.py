@@ -30,30 +30,20 @@ class HostileController:
 
     def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> ControlStep:
         """See `Controller`; it also spoils what it was given to read and write, and what it gave back before."""
-        self.called = True
+        self.called, deed = True, self._deed
         for array in self._kept:
             array[...] = np.nan
-        values = np.full(len(plan), (0.2 if self._deed == "small" else 1.0) * self._value)
-        forces = np.zeros((len(plan), FORCES))
-        answer: Any = ControlStep(plan=values, forces=forces, terms=np.zeros(7), cost=0.0)
+        if deed in ("raise", "memory"):
+            raise ControllerError("no answer") if deed == "raise" else MemoryError
+        huge = 1e300 if self._value > 0 else -1e300
+        level = {"small": 0.2 * self._value, "huge": huge, "nan": np.nan, "inf": np.inf, "overflow": 1.7e308}
+        values, forces = np.full(len(plan), level.get(deed, self._value)), np.zeros((len(plan), FORCES))
+        wrong = {"short": values[:-1], "flat": np.zeros((len(plan), 2)), "object": values.astype(object)}
+        answer: Any = ControlStep(plan=wrong.get(deed, values), forces=forces, terms=np.zeros(7), cost=0.0)
         plan[:] = 7.0
-        deed = self._deed
-        if deed == "huge":
-            values[:] = 1e300 if self._value > 0 else -1e300
-        elif deed in ("nan", "inf"):
-            values[:] = np.nan if deed == "nan" else np.inf
-        elif deed == "overflow":
-            values[:] = 1.7e308
-        elif deed == "forces":
+        if deed == "forces":
             forces[-1, -1] = np.nan
-        elif deed in ("raise", "memory"):
-            raise (ControllerError("no answer") if deed == "raise" else MemoryError())
-        elif deed == "none":
-            return None  # type: ignore[return-value]
-        elif deed in ("short", "flat", "object"):
-            wrong = {"short": values[:-1], "flat": np.zeros((len(plan), 2)), "object": values.astype(object)}[deed]
-            answer = ControlStep(plan=wrong, forces=forces, terms=np.zeros(7), cost=0.0)
-        elif deed == "write":
+        if deed == "write":
             window.fill(0.0)  # read-only
         self._kept = [values, forces]
-        return answer
+        return answer if deed != "none" else None  # type: ignore[return-value]

@@ -1,9 +1,9 @@
 """One ECU and one vehicle, and all that can go wrong between them in a control period.
 
-`Events` hold what happens, drawn by `random_events` from a seed or by a test; what it led to is a `Seen`. The
-bus has no authentication here, so no one forges: a frame of another node is a copy with another counter, and copies
-of old frames are up to a hundred periods old, and of the same power cycle of their sender: a counter of 8 bits cannot
-tell those of 256 periods ago, nor those of before a reset.
+`Events` hold what happens, drawn by `RandomEvents` from a seed or by a test; what it led to is a `Seen`. The bus has no
+authentication here, so no one forges: a frame of another node is a copy with another counter, and copies of old frames
+are up to a hundred periods old, of the same power cycle of their sender: a counter of 8 bits is the same after 256
+periods and after a reset.
 """
 
 from collections import deque
@@ -80,8 +80,8 @@ class Path:
     def carried(self, item: Delivered | None, fate: str, period: int, rng: Random) -> list[Delivered]:
         """What arrives in this period; `item` is what was sent in it."""
         if item is not None:
-            late = int(fate[-1]) if fate.startswith("late") else 0
             if fate != "lost":
+                late = int(fate[-1]) if fate.startswith("late") else 0
                 self._under_way.append((period + late, _damaged(item, fate, rng)))
             if fate == "twice":
                 self._under_way.append((period + rng.randrange(3), item))
@@ -130,11 +130,8 @@ class World:
     """
 
     def __init__(self, config: Config, judged_by: Config | None = None) -> None:
-        self.config = config
-        self.now_ns = START_NS
-        self.seen = Seen(period=-1, request=False)
-        self._bundle = small_bundle(config)
-        self._controller = HostileController()
+        self.config, self._bundle, self._controller = config, small_bundle(config), HostileController()
+        self.now_ns, self.seen = START_NS, Seen(period=-1, request=False)
         self._judges = EcuJudge(judged_by or config), VehicleJudge(judged_by or config)
         self._pressures, self._commands = Path(), Path()
         self._inbox: list[Delivered] = []
@@ -144,16 +141,11 @@ class World:
 
     def period(self, events: Events) -> list[str]:
         """Run one control period; names of the promises that it broke."""
-        seen = Seen(
-            period=self.seen.period + 1,
-            request=events.request,
-            reset_ecu=events.reset_ecu,
-            reset_vehicle=events.reset_vehicle,
-        )
+        seen = Seen(self.seen.period + 1, events.request, events.reset_vehicle)
         try:
             self.seen, broken = self._lived_through(seen, events)
         except Exception as error:  # noqa: BLE001 - what this looks for
-            self.seen = replace(seen, error=error)
+            self.seen = seen._replace(error=error)
             return ["exceptions"]
         return [*broken, *self._judges[1].judge(self.seen)]
 
@@ -169,9 +161,8 @@ class World:
             self.node = VehicleNode(NAMES, self.config)
             self._pressures.forget()
         cp = np.full(sensors.COUNT, rng.uniform(-1.0, 1.0) if events.valid else rng.choice((np.nan, np.inf, 1e300)))
-        frame = self.node.sample(
-            cp, enable_request=events.request, now_ns=START_NS + seen.period * self.config.period_ns
-        )
+        sampled_ns = START_NS + seen.period * self.config.period_ns
+        frame = self.node.sample(cp, enable_request=events.request, now_ns=sampled_ns)
         for item in self._pressures.carried(Delivered(frame, seen.period), events.pressure, seen.period, rng):
             stamped = replace(item.frame, timestamp_ns=max(0, now_ns - events.queued_ns))
             self._inbox.append(Delivered(stamped, item.sampled))
@@ -183,36 +174,30 @@ class World:
             if seen.answers:
                 sent = Delivered(seen.answers[0], None if used is None else used.sampled)
         commands = self._commands.carried(sent, events.command, seen.period, rng)
-        actuation = self.node.apply_commands([item.frame for item in commands])
-        return replace(seen, commands=tuple(commands), action=actuation.action), broken
+        action = self.node.apply_commands([item.frame for item in commands]).action
+        return seen._replace(commands=commands, action=action), broken
 
     def _stepped(self, seen: Seen, events: Events, now_ns: int) -> Seen:
         """With what the ECU received and answered."""
         self.now_ns = now_ns
-        pressures, self._inbox = tuple(self._inbox), []
+        pressures, self._inbox = self._inbox, []
         before, count = self._health, self._health.bus_off + events.bus_off
         state = BusState.BUS_OFF if events.bus_off and not events.unseen else BusState.ERROR_ACTIVE
         self._health = BusHealth(state=state, bus_off=count)
         self._controller.prepare(events.deed, events.value)
         answers = self.ecu.step(now_ns, [item.frame for item in pressures], self._health)
-        return replace(
-            seen,
-            now_ns=now_ns,
-            pressures=pressures,
-            answers=tuple(answers),
-            bus_off=state is BusState.BUS_OFF or count > before.bus_off,
-            bad_answer=self._controller.called and events.deed in BAD,
+        bus_off = state is BusState.BUS_OFF or count > before.bus_off
+        bad_answer = self._controller.called and events.deed in BAD
+        return seen._replace(
+            now_ns=now_ns, pressures=pressures, answers=answers, bus_off=bus_off, bad_answer=bad_answer
         )
 
 
 def small_bundle(config: Config) -> Bundle:
     """A release for these settings, of so short a window and horizon that control is often reached, without a model."""
-    flow = config.flow
+    flow, point = config.flow, config.operating_point
     return make_bundle(
-        name="hostile",
-        control_period=flow.control_period,
-        action_limit=flow.action_limit,
-        operating_point=config.operating_point,
+        name="hostile", control_period=flow.control_period, action_limit=flow.action_limit, operating_point=point
     )
 
 
@@ -228,28 +213,23 @@ class RandomEvents:
     Args:
         seed: of all that happens.
         hostility: from 0 to 1, kept throughout; without, it changes.
+
+    Attributes:
+        hostility: at present.
     """
 
     def __init__(self, seed: int | str, hostility: float | None = None) -> None:
-        self._rng = Random(seed)
-        self._request = False
-        self._fixed = hostility
-        self._odd = hostility or 0.0
+        self._rng, self._request, self._fixed, self.hostility = Random(seed), False, hostility, hostility or 0.0
         self._burst: list[str] = []
-
-    @property
-    def hostility(self) -> float:
-        """The present stretch's hostility."""
-        return self._odd
 
     def next(self, now_ns: int) -> Events:
         """The next period's; `now_ns` of the ECU's clock."""
         rng = self._rng
         if self._fixed is None and rng.random() < 1 / 300:
-            self._odd = rng.choice((0.0, 0.003, 0.01, 0.03, 0.1, 0.4))
+            self.hostility = rng.choice((0.0, 0.003, 0.01, 0.03, 0.1, 0.4))
         if rng.random() < (0.01 if self._request else 0.15):
             self._request = not self._request
-        odd = self._odd
+        odd = self.hostility
         return Events(
             request=self._request,
             pressure=self._fate(),
@@ -271,16 +251,16 @@ class RandomEvents:
         rng = self._rng
         if self._burst:
             return self._burst.pop()
-        if rng.random() < self._odd / 10:
+        if rng.random() < self.hostility / 10:
             self._burst = [rng.choice(FATES[1:])] * rng.randrange(1, 7)
-        return rng.choice(FATES) if rng.random() < self._odd else "pass"
+        return rng.choice(FATES) if rng.random() < self.hostility else "pass"
 
     def _elapsed_ns(self, now_ns: int) -> int:
         rng = self._rng
         if now_ns < 0 and rng.random() < 0.1:
             return 10**13
-        if rng.random() < self._odd / 30:
+        if rng.random() < self.hostility / 30:
             return rng.choice(JUMPS_NS)
-        if rng.random() < self._odd / 10:
+        if rng.random() < self.hostility / 10:
             return rng.choice(UNEVEN_NS)
         return PERIOD_NS + round(rng.gauss(0.0, 0.02) * PERIOD_NS)

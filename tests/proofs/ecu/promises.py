@@ -1,14 +1,13 @@
 """What must hold in every control period, whatever the bus, the clock and the controller do.
 
 Judged from what went over the wire, when, and what the vehicle's jets did; range, rate and jets by the judge of every
-bench (`firmware_sim.bench.invariants`). `PROMISES` names them; each is stated for
-an ECU that plans ahead, whose commands the vehicle follows in the period after (`ecu.plan_ahead`), and for one that
-does not. Frames are read by cantools and autosar-e2e; limits are worked out here from the settings.
+bench (`firmware_sim.bench.invariants`). Each holds for an ECU that plans ahead, whose commands the vehicle follows in
+the period after (`ecu.plan_ahead`), and for one that does not. Frames are read by cantools and autosar-e2e; limits are
+worked out here from the settings.
 """
 
 from collections import deque
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
 from can_bridge.wire.frame import Frame
@@ -59,14 +58,12 @@ class Delivered(NamedTuple):
     sampled: int | None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Seen:
+class Seen(NamedTuple):
     """One control period, as somebody sees it who watches the wires.
 
     Attributes:
-        period: number.
         request: of the vehicle.
-        reset_ecu, reset_vehicle: powered on again before it.
+        reset_vehicle: powered on again before it.
         now_ns: of the ECU's step; None if it did not step.
         pressures: what the ECU received since its step before.
         answers: what it sent.
@@ -79,14 +76,13 @@ class Seen:
 
     period: int
     request: bool
-    reset_ecu: bool = False
     reset_vehicle: bool = False
     now_ns: int | None = None
-    pressures: tuple[Delivered, ...] = ()
-    answers: tuple[Frame, ...] = ()
+    pressures: Sequence[Delivered] = ()
+    answers: Sequence[Frame] = ()
     bus_off: bool = False
     bad_answer: bool = False
-    commands: tuple[Delivered, ...] = ()
+    commands: Sequence[Delivered] = ()
     action: float = 0.0
     error: BaseException | None = None
 
@@ -114,7 +110,6 @@ class EcuJudge:
         self._fresh_ns = min(round(ecu.pressure_age * config.period_ns), self._held_ns)
         self._most_in_a_row = ecu.hold_periods + ecu.decay_periods
         self._loss_limit, self._rearm = ecu.loss_limit, ecu.rearm_frames
-        self._loss_window = ecu.loss_window
         self.reset()
 
     def reset(self) -> None:
@@ -124,7 +119,7 @@ class EcuJudge:
         self._step_ns: int | None = None
         self._counter = 0
         self._counts: dict[str, int] = dict.fromkeys(_COUNTS, 0)
-        self._lost: deque[bool] = deque(maxlen=self._loss_window)
+        self._lost: deque[bool] = deque(maxlen=self._config.ecu.loss_window)
         self._in_a_row = self._good = 0
         self._low_since_fault = self._low_since_power_on = self._raised = False
 
@@ -179,7 +174,7 @@ class EcuJudge:
         self._low_since_fault = mode == wire.FAULT and ((self._low_since_fault and self._mode == wire.FAULT) or low)
         self._mode, self._step_ns = mode, now_ns
 
-    def _messages(self, answers: tuple[Frame, ...]) -> tuple[dict[str, Any], dict[str, Any]] | None:
+    def _messages(self, answers: Sequence[Frame]) -> tuple[dict[str, Any], dict[str, Any]] | None:
         if len(answers) != 2:
             return None
         command, status = wire.read(answers[0], wire.COMMAND), wire.read(answers[1], wire.STATUS)
@@ -189,7 +184,7 @@ class EcuJudge:
         numbered = command["E2E_Counter"] == status["E2E_Counter"] == counter
         return (command, status) if numbered and status["State"] == command["Mode"] else None
 
-    def _received(self, pressures: tuple[Delivered, ...], now_ns: int) -> tuple[list[dict[str, Any]], list[Used]]:
+    def _received(self, pressures: Sequence[Delivered], now_ns: int) -> tuple[list[dict[str, Any]], list[Used]]:
         """The signals of sound frames, and which of them a command may rest on."""
         sound, candidates = [], []
         for item in pressures:

@@ -10,15 +10,16 @@ gone that no fault took, or virtual time drifts.
 """
 
 import time
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from math import isnan
 from pathlib import Path
 from random import Random
-from typing import Annotated, Any, Final
+from resource import getpagesize
+from typing import Annotated, Any, Final, NamedTuple
 
 import typer
-from rich.table import Table
 
 from can_bridge.bus.faults.content import FlipBits
 from can_bridge.bus.faults.loss import BurstLoss, Drop, Duplicate
@@ -37,14 +38,13 @@ from contract.controller.interface import Controller
 from contract.errors import ConfigError
 from contract.recording.dataset import read
 from contract.release.bundle import Bundle
-from contract.results import versions
 from contract.runtime.onnx_session import OnnxController
 from contract.shipped import recording
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
 from firmware_sim.ecu.ecu import Ecu
 from stillwake.parts.releases import open_release
-from tests.proofs.command_line import JsonFile, console, save, track
+from tests.proofs.command_line import JsonFile, console, report, track
 from tests.proofs.ecu.replay import ReplayedPlant
 from tests.proofs.ecu.witness import COUNTERS, Passed, Witness
 
@@ -68,14 +68,8 @@ _BROKEN_BIT: Final = 60
 """Behind arbitration, so that it is the sender's error, and before the end of any frame here."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Soaked:
-    """What was measured.
-
-    Attributes:
-        figures: as they are written.
-        failures: checks that did not hold, a line each.
-    """
+class Soaked(NamedTuple):
+    """The figures as they are written, and the checks that did not hold, a line each."""
 
     figures: Mapping[str, Any]
     failures: tuple[str, ...]
@@ -93,25 +87,21 @@ def main(
     release = open_release(None, None)
     config = settings_of(release)
     duration_s = 60.0 * minutes if minutes is not None else 3600.0 * (1.0 if hours is None else hours)
-    periods = round(duration_s * 1e9 / config.period_ns)
     controller = OnnxController.of(release)
     controller.warm_up(1)
-    soaked = soak(
-        release, controller, config, periods=periods, seed=seed, shown=lambda turns: track(turns, "soak", "periods")
+    periods = round(duration_s * 1e9 / config.period_ns)
+    soaked = soak(release, controller, config, periods=periods, seed=seed)
+    report(
+        json_file,
+        "soak",
+        soaked.figures,
+        packages=("stillwake", "numpy", "onnxruntime", "cantools", "autosar-e2e"),
+        seed=seed,
+        controller=controller.description,
+        digest=release.digest,
+        plant=f"{EPISODE} of the shipped recording, replayed",
+        settings=list(_SETTINGS),
     )
-    table = Table("soak", "", title="; ".join(soaked.failures) or None, title_style="bold red")
-    for name, value in soaked.figures.items():
-        table.add_row(name, f"{value:g}" if isinstance(value, float) else str(value))
-    console.print(table)
-    facts = {
-        "seed": seed,
-        "controller": controller.description,
-        "digest": release.digest,
-        "plant": f"{EPISODE} of the shipped recording, replayed",
-        "settings": list(_SETTINGS),
-        "versions": versions("stillwake", "numpy", "onnxruntime", "cantools", "autosar-e2e"),
-    }
-    save(json_file, figures=soaked.figures, facts=facts)
     for failure in soaked.failures:
         console.print(f"FAILED: {failure}", style="bold red", soft_wrap=True)
     raise typer.Exit(int(bool(soaked.failures)))
@@ -130,44 +120,33 @@ def soak(
     *,
     periods: int,
     seed: int,
-    shown: Callable[[range], Iterable[int]] = iter,
     most_growth_mb: float = MOST_GROWTH_MB,
 ) -> Soaked:
-    """Run so many control periods.
-
-    Args:
-        release, controller, config: of the ECU.
-        seed: of the faults.
-        shown: goes through the periods, and shows how far it is.
-        most_growth_mb: of resident memory that passes.
-    """
+    """Run so many control periods of an ECU, with the faults of a seed; resident memory may grow by so many MB."""
     loop = _Loop(release, controller, config, seed)
     rss_mb: list[float] = []
     began = time.monotonic()
-    for k in shown(range(periods)):
+    for k in track(range(periods), "soak", "periods"):
         if k == periods // 10:
             rss_mb.append(resident_mb())
         loop.period(k)
     rss_mb.append(resident_mb())
-    took_s = time.monotonic() - began
     figures = {
         "periods": periods,
         "virtual_hours": periods * config.period_ns / 3.6e12,
-        "took_minutes": took_s / 60.0,
+        "took_minutes": (time.monotonic() - began) / 60.0,
         **loop.figures(periods),
         "rss_mb_at_a_tenth": rss_mb[0],
         "rss_mb_at_the_end": rss_mb[1],
         "rss_growth_mb": rss_mb[1] - rss_mb[0],
     }
-    return Soaked(figures=figures, failures=tuple(_failures(figures, loop.witness, most_growth_mb)))
+    return Soaked(figures, tuple(_failures(figures, loop.witness, most_growth_mb)))
 
 
 def resident_mb() -> float:
     """Resident memory of this process, from /proc."""
-    for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
-        if line.startswith("VmRSS:"):
-            return int(line.split()[1]) / 1024.0
-    raise ConfigError("/proc/self/status names no VmRSS: the soak needs Linux")
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * getpagesize() / 2**20
 
 
 class _Loop:
@@ -176,10 +155,10 @@ class _Loop:
     def __init__(self, release: Bundle, controller: Controller, config: Config, seed: int) -> None:
         dataset = read(recording())
         (episode,) = (item for item in dataset.episodes if item.name == EPISODE)
-        self._config = config
-        self._wire_errors = _WireErrors(seed)
-        self._seen: dict[int, int] = {}
-        self._unheard = 0
+        self._config, self._wire_errors = config, _WireErrors(seed)
+        self._on_wire: Counter[int] = Counter()
+        self._unheard = self._in_control = self._faults = 0
+        self._low_until, self._mode = 1, Mode.OFF
         self._bus = bus = SimulatedBus(config.bus, self._on_the_wire, corrupts=self._wire_errors)
         self._ports = {name: bus.port(name) for name in ("vehicle", "ECU", "background")}
         ours = [spec.frame_id for spec in message_set(config.bus).specs]
@@ -201,15 +180,11 @@ class _Loop:
         self._for_vehicle = Passed(self._at_vehicle)
         self.witness = Witness(self._at_ecu, lambda: bus.now_ns, max_delta=config.bus.e2e.max_delta)
         self._for_ecu = Passed(self.witness)
-        self._node = VehicleNode(release.manifest.sensors, config, dataset.layout)
-        self._plant = ReplayedPlant(episode, config.flow.control_period)
+        node = VehicleNode(release.manifest.sensors, config, dataset.layout)
+        self._plant = ReplayedPlant(episode.series, config.flow.control_period)
         connected = BusPorts(vehicle=self._for_vehicle, ecu=self._for_ecu, ecu_health=self._ports["ECU"].health)
         ecu = Ecu(release, controller, config)
-        self._loop = VirtualLoop(self._plant, self._node, ecu, bus, connected, config)
-        self._low_until = 1
-        self._in_control = 0
-        self._faults = 0
-        self._mode = Mode.OFF
+        self._loop = VirtualLoop(self._plant, node, ecu, bus, connected, config)
 
     def period(self, k: int) -> None:
         """The k-th one; control is requested but for a pause a minute and after a latched fault."""
@@ -219,7 +194,7 @@ class _Loop:
         self._in_control += row.mode == Mode.CONTROL
         if row.mode == Mode.FAULT and k >= self._low_until + _LOW:
             self._low_until = k + _LOW
-        self._faults += row.mode == Mode.FAULT and self._mode != Mode.FAULT
+        self._faults += row.mode == Mode.FAULT != self._mode
         self._mode = Mode(row.mode)
 
     def figures(self, periods: int) -> dict[str, Any]:
@@ -228,38 +203,33 @@ class _Loop:
         vehicle, ecu = self._passed["vehicle"], self._passed["ECU"]
         drops, bursts, copies, flips = (one.acted for one in self._at_ecu.injectors)
         (lost_commands,) = (one.acted for one in self._at_vehicle.injectors)
-        on_wire = {frame_id: self._seen.get(frame_id, 0) for frame_id in (pressure, command, status)}
-        under_way = {frame_id: self._bus.under_way(frame_id) for frame_id in on_wire}
+        ours, on_wire = (pressure, command, status), self._on_wire
         sent = vehicle.sent[pressure] + ecu.sent[command] + ecu.sent[status]
         discarded = sum(self._ports[name].discarded for name in ("vehicle", "ECU"))
-        # Each stage hands on what the one before gave it, but for what is known to be taken or added there.
-        stages = {
-            "onto the bus": sent - sum(on_wire.values()) - sum(under_way.values()) - discarded,
-            "to the ECU": on_wire[pressure] - self._unheard - ecu.received[pressure],
-            "to the vehicle": on_wire[command] - vehicle.received[command],
-            "through the ECU's faults": ecu.received[pressure]
-            - (drops + bursts)
-            + copies
-            - self._for_ecu.received[pressure],
-            "through the vehicle's faults": vehicle.received[command]
-            - lost_commands
-            - self._for_vehicle.received[command],
-        }
-        latest = self.witness.latest
+        # Each stage hands on what the one before gave it, but for what is known to be taken or added there: onto the
+        # bus, to the ECU, to the vehicle, through the faults of either.
+        stages = (
+            sent - sum(on_wire[frame_id] + self._bus.under_way(frame_id) for frame_id in ours) - discarded,
+            on_wire[pressure] - self._unheard - ecu.received[pressure],
+            on_wire[command] - vehicle.received[command],
+            ecu.received[pressure] - drops - bursts + copies - self._for_ecu.received[pressure],
+            vehicle.received[command] - lost_commands - self._for_vehicle.received[command],
+        )
+        latest, activity = self.witness.latest, self._bus.activity()
         return {
-            "frames_on_bus": self._bus.activity().frames,
-            "bus_load": self._bus.activity().load,
-            "error_frames": self._bus.activity().error_frames,
+            "frames_on_bus": activity.frames,
+            "bus_load": activity.load,
+            "error_frames": activity.error_frames,
             "frames_sent": sent,
             "frames_lost_to_faults": drops + bursts + lost_commands,
             "frames_lost_to_bus_off": discarded + self._unheard,
             "frames_doubled": copies,
             "frames_damaged": flips,
-            "frames_unaccounted": sum(map(abs, stages.values())),
+            "frames_unaccounted": sum(map(abs, stages)),
             "statuses_compared": self.witness.statuses,
             "counter_mismatches": self.witness.mismatches,
-            **{f"counted_{_snake(name)}": self.witness.counted[name] for name in COUNTERS},
-            **{f"said_{_snake(name)}": int(latest[name]) for name in COUNTERS},
+            **{f"counted_{key}": self.witness.counted[name] for key, name in COUNTERS.items()},
+            **{f"said_{key}": int(latest[name]) for key, name in COUNTERS.items()},
             "said_bus_off": int(latest["BusOff"]),
             "counted_bus_off": self._wire_errors.bus_off,
             "periods_in_control": self._in_control,
@@ -271,14 +241,10 @@ class _Loop:
     def _on_the_wire(self, frame: Frame) -> None:
         if frame.is_extended:
             return
-        self._seen[frame.frame_id] = self._seen.get(frame.frame_id, 0) + 1
+        self._on_wire[frame.frame_id] += 1
         self._wire_errors.went_out(frame)
         if frame.frame_id == PRESSURE.frame_id and self._ports["ECU"].health().state is BusState.BUS_OFF:
             self._unheard += 1
-
-
-def _snake(name: str) -> str:
-    return "".join(f"_{c.lower()}" if c.isupper() else c for c in name).removeprefix("_")
 
 
 class _WireErrors:
@@ -293,8 +259,7 @@ class _WireErrors:
 
     def __init__(self, seed: int) -> None:
         self._random = Random(f"{seed} wire")
-        self._errors = 0
-        self.bus_off = 0
+        self._errors = self.bus_off = 0
 
     def __call__(self, frame: Frame, sender: str, begin_ns: int) -> int | None:
         in_span = begin_ns % _BUS_OFF_EVERY_NS < _BUS_OFF_NS and begin_ns > _BUS_OFF_EVERY_NS // 2
@@ -307,7 +272,7 @@ class _WireErrors:
         return _BROKEN_BIT
 
     def went_out(self, frame: Frame) -> None:
-        """A frame of anybody's."""
+        """A frame of any node."""
         if frame.frame_id in (JET_COMMAND.frame_id, ECU_STATUS.frame_id):
             self._errors = max(0, self._errors - 1)
 
@@ -319,7 +284,7 @@ def _failures(figures: Mapping[str, Any], witness: Witness, most_growth_mb: floa
         yield f"{figures['frames_unaccounted']} frames are gone or too many that no fault took or made"
     if figures["said_bus_off"] != min(figures["counted_bus_off"], 255):
         yield f"EcuStatus has {figures['said_bus_off']} times bus-off, must be {figures['counted_bus_off']}"
-    for name in (*(f"counted_{_snake(name)}" for name in COUNTERS), "counted_bus_off", "periods_in_control"):
+    for name in (*(f"counted_{key}" for key in COUNTERS), "counted_bus_off", "periods_in_control"):
         if not figures[name]:
             yield f"{name} is 0: the faults did not move it, so nothing is shown"
     if figures["drift_ns"]:

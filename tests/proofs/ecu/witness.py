@@ -17,7 +17,8 @@ from can_bridge.bus.interface import Bus
 from can_bridge.wire.frame import Frame
 from tests.proofs.ecu import wire_witness as wire
 
-COUNTERS: Final = ("CrcErrors", "Refused", "Missed", "Overruns")
+COUNTERS: Final = {"crc_errors": "CrcErrors", "refused": "Refused", "missed": "Missed", "overruns": "Overruns"}
+"""Signals of the counters, by the name of their figure."""
 
 
 class Passed(Injector):
@@ -64,9 +65,8 @@ class Witness(Injector):
     def __init__(self, bus: Bus, now_ns: Any, *, max_delta: int) -> None:
         super().__init__(bus)
         self._pressure, self._command, self._status = map(wire.message, (wire.PRESSURE, wire.COMMAND, wire.STATUS))
-        self._limits = {name: int(self._status.get_signal_by_name(name).maximum or 0) for name in COUNTERS}
-        self._now_ns = now_ns
-        self._max_delta = max_delta
+        self._limits = {name: int(self._status.get_signal_by_name(name).maximum or 0) for name in COUNTERS.values()}
+        self._now_ns, self._max_delta = now_ns, max_delta
         self._waiting: list[tuple[int, Frame]] = []
         self._last: int | None = None
         self._echo: tuple[Any, Any] = (0, None)
@@ -117,11 +117,7 @@ class Witness(Injector):
         if not wire.is_sound(frame.data, wire.PRESSURE):
             self.counted["CrcErrors"] += 1
             return
-        counter = frame.data[_COUNTER_BYTE]
+        counter = frame.data[2]  # behind the two bytes of CRC
         delta = 1 if self._last is None else (counter - self._last) % 256
         self.counted["Refused"] += not 1 <= delta <= self._max_delta
         self._last = counter
-
-
-_COUNTER_BYTE: Final = 2
-"""Of an E2E profile 5 header: the CRC has two bytes."""

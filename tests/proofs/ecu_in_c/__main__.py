@@ -9,21 +9,17 @@ of C that were taken; mutants of its gate, protection, reception, timing and fai
 import hashlib
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import ExitStack
 from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
-from rich.table import Table
 
-from contract.results import versions
 from firmware_sim.in_c.compiler import compiler_version, host_compiler
-from tests.proofs.command_line import JsonFile, Processes, console, main, save, spread, track
+from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, main, report, track
 from tests.proofs.ecu_in_c import branch_coverage, campaign, misra, mutants
 from tests.proofs.ecu_in_c.library import Library, sources
-from tests.proofs.ecu_in_c.planted import PLANTED
+from tests.proofs.ecu_in_c.planted import PLANTED, Planted
 from tests.proofs.ecu_in_c.variants import VARIANTS
 
 STRETCH: Final = 2_500
@@ -36,27 +32,30 @@ SEEDS: Final = ("1", "3", "0")
 
 def ecu_in_c(
     steps: Annotated[int, typer.Option("--steps", min=1, help="Control periods in all.")] = 1_000_000,
-    seed: Annotated[int, typer.Option("--seed", help="Of the first stretch.")] = 0,
+    seed: Seed = 0,
     processes: Processes = 2,
     json_file: JsonFile = None,
 ) -> None:
     """Live through random control periods with both ECUs, and measure how sharp the comparison is."""
-    figures = _summed(list(_stretches(steps, seed, processes)))
-    console.print(_modes(figures))
-    for line in figures["first_mismatches"]:
-        console.print(line)
-    figures |= sharpness()
-    console.print(_table(figures))
-    save(
+    stretches = list(in_parts(partial(_lived_through, seed=seed), steps, STRETCH, processes, "ecu-c"))
+    mismatches = [str(one.mismatch) for one in stretches if one.mismatch is not None]
+    figures: dict[str, Any] = {
+        "steps": sum(one.steps for one in stretches),
+        "mismatches": len(mismatches),
+        "first_mismatches": mismatches[:10],
+        "modes": dict(sum((one.modes for one in stretches), Counter[str]())),
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        figures |= sharpness(Path(folder))
+    report(
         json_file,
-        figures=figures,
-        facts={
-            "seed": seed,
-            "variants": list(VARIANTS),
-            "sources_sha256": sources_hash(),
-            "compiler": compiler_version(host_compiler()),
-            "versions": versions("numpy", "cffi", "pycparser", "gcovr", "cppcheck"),
-        },
+        "ecu-c",
+        figures,
+        packages=("numpy", "cffi", "pycparser", "gcovr", "cppcheck"),
+        seed=seed,
+        variants=list(VARIANTS),
+        sources_sha256=sources_hash(),
+        compiler=compiler_version(host_compiler()),
     )
     if figures["mismatches"] or figures["planted_found"] < figures["planted"]:
         raise typer.Exit(1)
@@ -72,17 +71,10 @@ def sources_hash() -> str:
     return everything.hexdigest()[:16]
 
 
-def _stretches(steps: int, seed: int, processes: int) -> Iterator[campaign.Stretch]:
-    lengths = [min(STRETCH, steps - start) for start in range(0, steps, STRETCH)]
-    work = partial(_lived_through, seed=seed)
-    unit = f"stretches of {STRETCH} periods"
-    yield from track(spread(work, enumerate(lengths), processes), "ecu-c", unit, total=len(lengths))
-
-
-def _lived_through(item: tuple[int, int], *, seed: int) -> campaign.Stretch:
-    number, length = item
+def _lived_through(part: range, *, seed: int) -> campaign.Stretch:
+    number = part.start // STRETCH
     name = list(VARIANTS)[number % len(VARIANTS)]
-    return campaign.stretch(_library(name), name, str(seed + number // len(VARIANTS)), length)
+    return campaign.stretch(_library(name), name, str(seed + number // len(VARIANTS)), len(part))
 
 
 @cache
@@ -93,81 +85,40 @@ def _library(name: str) -> Library:
         return campaign.build(name, Path(folder))
 
 
-def _summed(stretches: list[campaign.Stretch]) -> dict[str, Any]:
-    mismatches = [str(one.mismatch) for one in stretches if one.mismatch is not None]
-    return {
-        "steps": sum(one.steps for one in stretches),
-        "mismatches": len(mismatches),
-        "first_mismatches": mismatches[:10],
-        "modes": dict(sum((one.modes for one in stretches), Counter[str]())),
-    }
-
-
-def sharpness() -> dict[str, Any]:
+def sharpness(scratch: Path) -> dict[str, Any]:
     """Planted faults, branches, mutants and deviations from MISRA C."""
-    with ExitStack() as stack:
-        scratch = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        recordings = {name: list(_recordings(name)) for name in track(VARIANTS, "recordings", "variants")}
-        planted = [item.what for item in track(PLANTED, "planted faults", "faults") if not _is_found(item, scratch)]
-        found: dict[str, Any] = {
-            "planted": len(PLANTED),
-            "planted_found": len(PLANTED) - len(planted),
-            "planted_missed": planted,
+    recordings = {
+        name: [campaign.recording(name, seed, TRIED, _library(name).layout) for seed in SEEDS]
+        for name in track(VARIANTS, "recordings", "variants")
+    }
+    missed = [item.what for item in track(PLANTED, "planted faults", "faults") if not _is_found(item, scratch)]
+    figures = {"planted": len(PLANTED), "planted_found": len(PLANTED) - len(missed), "planted_missed": missed}
+    if branch_coverage.is_possible():
+        coverage = branch_coverage.measured(recordings, scratch)
+        figures |= {
+            "branches": coverage.branches,
+            "branch_coverage_percent": round(coverage.percent, 2),
+            "branches_missed": coverage.missed,
         }
-        if branch_coverage.is_possible():
-            coverage = branch_coverage.measured(recordings, scratch)
-            found |= {
-                "branches": coverage.branches,
-                "branch_coverage_percent": round(coverage.percent, 2),
-                "branches_missed": coverage.missed,
-            }
-        tried = mutants.tried(recordings, scratch)
-        found |= {
-            "mutants": tried.mutants,
-            "survivors": len(tried.survivors),
-            "survivors_unexplained": tried.unexplained,
+    tried = mutants.tried(recordings, scratch)
+    figures |= {
+        "mutants": tried.mutants,
+        "survivors": len(tried.survivors),
+        "survivors_unexplained": tried.unexplained,
+    }
+    if misra.cppcheck() is not None:
+        deviations = misra.deviations()
+        figures |= {
+            "misra_deviations": sum(deviations.values()),
+            "misra_rules": len({rule for _, rule in deviations}),
+            "misra_unlisted": misra.unlisted(deviations),
         }
-        if misra.is_possible():
-            deviations = misra.found()
-            found |= {
-                "misra_deviations": sum(deviations.values()),
-                "misra_rules": len({rule for _, rule in deviations}),
-                "misra_unlisted": misra.unlisted(deviations),
-            }
-    return found
+    return figures
 
 
-def _recordings(name: str) -> Iterator[bytes]:
-    library = _library(name)
-    for seed in SEEDS:
-        yield campaign.recording(name, seed, TRIED, library.layout)
-
-
-def _is_found(item: Any, scratch: Path) -> bool:
-    contents = item.into(sources(VARIANTS[item.variant]))
-    library = Library(contents, scratch / f"planted_{PLANTED.index(item)}.so")
+def _is_found(item: Planted, scratch: Path) -> bool:
+    library = Library(item.into(sources(VARIANTS[item.variant])), scratch / f"planted_{PLANTED.index(item)}.so")
     return any(campaign.stretch(library, item.variant, seed, TRIED).mismatch is not None for seed in SEEDS)
-
-
-def _modes(figures: dict[str, Any]) -> Table:
-    table = Table("mode", "periods", box=None, pad_edge=False)
-    for name, count in figures["modes"].items():
-        table.add_row(name, str(count))
-    table.caption = (
-        f"{figures['steps']} periods in {len(VARIANTS)} kinds of vehicles, {figures['mismatches']} mismatches"
-    )
-    return table
-
-
-def _table(figures: dict[str, Any]) -> Table:
-    table = Table("how sharp", "", box=None, pad_edge=False)
-    table.add_row("planted faults found", f"{figures['planted_found']} of {figures['planted']}")
-    if "branches" in figures:
-        table.add_row("branches taken", f"{figures['branch_coverage_percent']} % of {figures['branches']}")
-    table.add_row("mutants that survive", f"{figures['survivors']} of {figures['mutants']}")
-    if "misra_deviations" in figures:
-        table.add_row("deviations from MISRA C", f"{figures['misra_deviations']} of {figures['misra_rules']} rules")
-    return table
 
 
 if __name__ == "__main__":

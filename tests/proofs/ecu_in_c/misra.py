@@ -10,7 +10,7 @@ import sys
 import tempfile
 import tomllib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Final
@@ -18,8 +18,8 @@ from typing import Final
 from tests.proofs.ecu_in_c.library import ecu_files, sources
 from tests.proofs.ecu_in_c.variants import VARIANTS
 
-CHECKED: Final = {"quick to doubt": ("",), "classic": ("sw_codec_classic.c", "sw_e2e.c", "sw_receiver.c")}
-"""Variants that have all code between them, and which files are checked: all, or those that differ."""
+CHECKED: Final = {"quick to doubt": (".c",), "classic": ("sw_codec_classic.c", "sw_e2e.c", "sw_receiver.c")}
+"""Variants that have all code between them, and the ends of the files that are checked: all, or those that differ."""
 _LINE: Final = re.compile(r"^(?P<file>[\w.]+):\d+:\d+: misra-c2012-(?P<rule>[\d.]+)$", re.MULTILINE)
 
 Deviations = Counter[tuple[str, str]]
@@ -32,23 +32,15 @@ def cppcheck() -> Path | None:
     return program if program.is_file() else None
 
 
-def is_possible() -> bool:
-    """Whether cppcheck is here."""
-    return cppcheck() is not None
-
-
-def found() -> Deviations:
+def deviations(variants: Iterable[str] = tuple(CHECKED)) -> Deviations:
     """Deviations of the ECU's sources, in all their variants."""
-    deviations = Deviations()
-    for name, wanted in CHECKED.items():
-        contents = sources(VARIANTS[name])
-        chosen = sorted(file for file in ecu_files() if file.endswith(".c") and (wanted == ("",) or file in wanted))
-        for key, count in of(contents, chosen).items():
-            deviations[key] = max(deviations[key], count)
-    return deviations
+    highest = Deviations()
+    for name in variants:
+        highest |= deviations_of(sources(VARIANTS[name]), sorted(f for f in ecu_files() if f.endswith(CHECKED[name])))
+    return highest
 
 
-def of(contents: Mapping[str, bytes], chosen: list[str]) -> Deviations:
+def deviations_of(contents: Mapping[str, bytes], chosen: list[str]) -> Deviations:
     """Deviations of the chosen sources and of the ECU's headers that they include.
 
     Raises:
@@ -63,25 +55,22 @@ def of(contents: Mapping[str, bytes], chosen: list[str]) -> Deviations:
             Path(folder, name).write_bytes(content)
         options = ("--addon=misra", "--std=c99", "--enable=style", "--template={file}:{line}:{column}: {id}")
         done = subprocess.run([program, *options, *chosen], cwd=folder, capture_output=True, text=True, check=False)
-    checked = done.stdout.count("Checking ")
-    if checked < len(chosen) or "internalError" in done.stderr or "Bailing out" in done.stderr:
-        raise RuntimeError(f"cppcheck checked {checked} of {len(chosen)} files: {done.stderr.strip()[:200]}")
+    ended = done.stdout.count("Checking ")
+    if ended < len(chosen) or "internalError" in done.stderr or "Bailing out" in done.stderr:
+        raise RuntimeError(f"cppcheck checked {ended} of {len(chosen)} files: {done.stderr.strip()[:200]}")
     ours = ecu_files().keys() | set(chosen)
     lines = (match for match in _LINE.finditer(done.stderr) if match["file"] in ours)
     return Deviations((match["file"], match["rule"]) for match in lines)
 
 
-def listed() -> dict[tuple[str, str], str]:
-    """The deviations that stay, each with its reason."""
+def listed() -> set[tuple[str, str]]:
+    """The deviations that stay."""
     text = files("export.to_c").joinpath("sources", "ecu", "misra.toml").read_text(encoding="utf-8")
-    return {(file, item["rule"]): item["reason"] for item in tomllib.loads(text)["deviation"] for file in item["files"]}
+    return {(file, item["rule"]) for item in tomllib.loads(text)["deviation"] for file in item["files"]}
 
 
-def unlisted(deviations: Deviations) -> list[str]:
-    """What is found and not listed, or listed and no longer found."""
-    known = listed()
-    new = [f"{file}: rule {rule} is not listed" for file, rule in deviations if (file, rule) not in known]
-    gone = [
-        f"{file}: rule {rule} is listed and does not occur" for file, rule in known if (file, rule) not in deviations
-    ]
+def unlisted(occurring: Deviations) -> list[str]:
+    """What occurs and is not listed, or is listed and does not occur."""
+    new = [f"{file}: rule {rule} is not listed" for file, rule in occurring.keys() - listed()]
+    gone = [f"{file}: rule {rule} is listed and does not occur" for file, rule in listed() - occurring.keys()]
     return sorted(new + gone)

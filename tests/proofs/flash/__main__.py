@@ -12,36 +12,44 @@ then the same release is flashed again.
 """
 
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import product
 from random import Random
 from time import perf_counter
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, NamedTuple
 
 import typer
-from rich.table import Table
 
+from can_bridge.bus.faults.loss import Drop
+from can_bridge.flashing.flash_memory.flash_backing import FlashBacking
+from can_bridge.flashing.flash_memory.simulated_flash import SimulatedFlash
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig
 from contract.errors import StillwakeError
-from contract.results import versions
-from stillwake.console.endings import status_of
-from stillwake.console.stopping import ends_like_ctrl_c
-from tests.proofs.command_line import JsonFile, console, save, spread, track
-from tests.proofs.flash.cuts import KINDS, PLACES, Case, Tally, both_bad, walk
-from tests.proofs.flash.flash_times import BUSES, LOSSES, measured
+from contract.release.signing import public_key
+from firmware_sim.ecu.flashable.equipment import Equipment
+from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
+from tests.can_bridge.flashing.releases import HARDWARE, ROOT, provision
+from tests.can_bridge.flashing.store_ecu import KEY, Counted
+from tests.proofs import command_line
+from tests.proofs.command_line import JsonFile, console, in_parts, report, spread, track
+from tests.proofs.flash.cuts import KINDS, NEW, OLD, PLACES, Case, Tally, both_bad, shipped, walk
+from tests.proofs.flash.flash_bench import FlashBench, flash_on
 from tests.proofs.flash.fuzz import FuzzFigures, fuzz
 
 PIECE: Final = 100
 """Cuts that a process makes in one go; it repeats the sequence for them."""
 FUZZ_PIECE: Final = 25_000
+LOSSES: Final = (0.0, 0.01)
+"""Shares of the tester's frames that are lost each way."""
+BOOT_NS: Final = 300_000_000
+"""Time that the ECU takes to boot after a reset."""
 
 
 class ProofError(StillwakeError):
     """A case in which something was lost; the message has the first one's name."""
 
 
-@dataclass(frozen=True)
-class Piece:
+class Piece(NamedTuple):
     """Some of the cases of one walk: every `of`th operation from `number` on, and a share of the second cuts."""
 
     kind: str
@@ -78,24 +86,21 @@ def main(
     tallies = {kind: both_bad(kind, 0) for kind in PLACES}
     for piece, tally in zip(pieces, track(spread(run_piece, pieces, workers), "cuts", "parts", len(pieces))):  # noqa: B905
         tallies[piece.kind].add(tally)
-    starts = [(min(FUZZ_PIECE, fuzz_requests - start), start) for start in range(0, fuzz_requests, FUZZ_PIECE)]
-    fuzzed = list(track(spread(run_fuzz, starts, workers), "requests", "parts", len(starts)))
-    times = list(spread(run_time, product(BUSES, LOSSES), workers))
+    fuzzed = list(in_parts(run_fuzz, fuzz_requests, FUZZ_PIECE, workers, "requests"))
+    times = list(spread(run_time, product(("fd", "classic"), LOSSES), workers))
     figures = figures_of(tallies, fuzzed, times) | {"seconds_proof": perf_counter() - began}
-    table = Table("", "figure")
-    for name, value in figures.items():
-        if name != "flash_times":
-            table.add_row(name.replace("_", " "), f"{value:.3g}" if isinstance(value, float) else str(value))
-    console.print(table)
-    facts = {
-        "every": every,
-        "seeds": seeds,
-        "folder_seeds": folder_seeds,
-        "second_cuts": second_cuts,
-        "workers": workers,
-        "versions": versions("stillwake", "onnxruntime", "cryptography", "udsoncan"),
-    }
-    save(json_file, figures=figures, facts=facts)
+    report(
+        json_file,
+        "flash",
+        figures,
+        packages=("stillwake", "onnxruntime", "cryptography", "udsoncan"),
+        shown=[name for name in figures if name != "flash_times"],
+        every=every,
+        seeds=seeds,
+        folder_seeds=folder_seeds,
+        second_cuts=second_cuts,
+        workers=workers,
+    )
     findings = [finding for tally in tallies.values() for finding in tally.findings]
     if findings:
         first = findings[0]
@@ -103,29 +108,48 @@ def main(
 
 
 def run_piece(piece: Piece) -> Tally:
-    """Its cases."""
-    return walk(piece.kind, piece.seed, lambda number: number % piece.of == piece.number, second_of(piece))
+    """Its cases; of the second cuts a share, chosen by their numbers and the seed alone."""
+
+    def second(first: int, number: int) -> bool:
+        return Random(f"{piece.seed} {first} {number}").random() < piece.share
+
+    return walk(piece.kind, piece.seed, lambda number: number % piece.of == piece.number, second)
 
 
-def run_fuzz(requests_and_seed: tuple[int, int]) -> FuzzFigures:
+def run_fuzz(requests: range) -> FuzzFigures:
     """So many requests."""
-    return fuzz(*requests_and_seed)
+    return fuzz(len(requests), requests.start)
 
 
 def run_time(frames_and_lost: tuple[str, float]) -> dict[str, Any]:
-    """One flash over the bus."""
-    return measured(*frames_and_lost)
-
-
-def second_of(piece: Piece) -> Callable[[int, int], bool]:
-    """A share of the second cuts, chosen by their numbers and the seed alone."""
-    return lambda first, second: Random(f"{piece.seed} {first} {second}").random() < piece.share
+    """How long the shipped release takes over a bus, next to the vehicle's control traffic, in virtual time."""
+    frames, lost = frames_and_lost
+    config = Config(bus=BusConfig(frames=frames))  # type: ignore[arg-type]
+    equipment = Equipment(root=public_key(ROOT), access=KEY, random_bytes=Counted(), hardware=HARDWARE)
+    memory = provision(FlashBacking(SimulatedFlash()), shipped(OLD))
+    ecu = FlashableEcu(memory, config, equipment, boot_ns=BOOT_NS)
+    faults = [Drop(probability=lost, at=end) for end in ("send", "receive")] if lost else []
+    bench = FlashBench(ecu, config, losses=faults, seed=1)
+    flashed = flash_on(bench, shipped(NEW), key=KEY.answer)
+    return {
+        "frames": frames,
+        "lost": lost,
+        "end": flashed.end.name,
+        "bytes": len(shipped(NEW)),
+        "seconds": flashed.seconds,
+        "diagnostic_frames": bench.diagnostic_frames,
+        "load": bench.bus.activity().load,
+        "unanswered": flashed.unanswered,
+        "attempts": 0 if flashed.transferred is None else flashed.transferred.attempts,
+    }
 
 
 def figures_of(tallies: dict[str, Tally], fuzzed: list[FuzzFigures], times: list[dict[str, Any]]) -> dict[str, Any]:
     """What was counted."""
     flash, folder = tallies["flash"], tallies["folder"]
-    lost = Counter(finding.kind for tally in tallies.values() for finding in tally.findings)
+    findings = flash.findings + folder.findings
+    lost = Counter(finding.kind for finding in findings)
+    wrong = ("exceptions", "unlocked_without_key", "activated_unsigned")
     return {
         "operations": flash.operations,
         "calls_folder": folder.operations,
@@ -136,13 +160,11 @@ def figures_of(tallies: dict[str, Tally], fuzzed: list[FuzzFigures], times: list
         "both_slots_spoilt": flash.spoilt + folder.spoilt,
         "boots": flash.boots + folder.boots,
         **{kind: lost[kind] for kind in KINDS},
-        "cases_lost": [str(finding.case) for tally in tallies.values() for finding in tally.findings][:20],
+        "cases_lost": [str(finding.case) for finding in findings][:20],
         "fuzz_requests": sum(piece.requests for piece in fuzzed),
-        "fuzz_exceptions": sum(piece.exceptions for piece in fuzzed),
-        "unlocked_without_key": sum(piece.unlocked_without_key for piece in fuzzed),
-        "activated_unsigned": sum(piece.activated_unsigned for piece in fuzzed),
+        **{name.replace("exc", "fuzz_exc"): sum(piece.violations[name] for piece in fuzzed) for name in wrong},
         "seconds_flash": next(row["seconds"] for row in times if (row["frames"], row["lost"]) == ("fd", 0.0)),
-        "flash_times": sorted(times, key=lambda row: (row["frames"] != "fd", row["lost"])),
+        "flash_times": times,
     }
 
 
@@ -161,7 +183,4 @@ def _replay(case: Case) -> None:
 
 
 if __name__ == "__main__":
-    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    app.command()(main)
-    ends_like_ctrl_c()
-    raise SystemExit(status_of(app))
+    command_line.main(main)

@@ -6,9 +6,13 @@ call 12 to a folder's files; `.3` behind the kind is the seed, where it is not 0
 """
 
 import re
+import tempfile
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Final
+from functools import cache
+from pathlib import Path
+from typing import Final, NamedTuple
 
 from can_bridge.flashing.backing import Kind, Slot
 from can_bridge.flashing.boot import BootReason
@@ -16,12 +20,17 @@ from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.state import TRIAL_BOOTS, Phase
 from can_bridge.tester.sequence import End, Flashed, Step
 from contract.errors import StillwakeError
-from tests.can_bridge.flashing.releases import provision
+from contract.release import bundle
+from contract.release.container import read_files
+from contract.release.image import image_of
+from contract.shipped import BUNDLE
+from tests.can_bridge.flashing.releases import RELEASE, provision
 from tests.can_bridge.flashing.store_ecu import StoreEcu
 from tests.can_bridge.tester.line import Line, flash_over
 from tests.proofs.flash.places import FlashPlace, FolderPlace, Place
-from tests.proofs.flash.releases import NEW, OLD, shipped
 
+OLD, NEW = 1, 2
+"""Security versions of the two releases."""
 PLACES: Final[dict[str, Callable[[int], Place]]] = {"flash": FlashPlace, "folder": FolderPlace}
 KINDS: Final = ("bricked", "wrong_release", "confirmed_lost", "counter_moved", "checkpoint_lost", "reflash_failed")
 """What can go wrong in a case."""
@@ -30,8 +39,7 @@ _LOG_WORDS: Final = 330
 _NAME: Final = re.compile(rf"({'|'.join(PLACES)})(?:\.(\d+))?-(?:(\d+)(?:\+(\d+))?|both-bad)")
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(NamedTuple):
     """One case.
 
     Attributes:
@@ -83,8 +91,7 @@ class Asked:
         self.received = received
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(NamedTuple):
     """What went wrong in a case; `kind` is one of `KINDS`."""
 
     case: Case
@@ -103,20 +110,35 @@ class Tally:
         report: called with what happens in each case.
     """
 
-    cases: dict[int, int] = field(default_factory=lambda: {1: 0, 2: 0})
+    cases: Counter[int] = field(default_factory=Counter)
     findings: list[Finding] = field(default_factory=list)
     operations: int = 0
     boots: int = 0
     spoilt: int = 0
-    report: Callable[[str], None] | None = None
+    report: Callable[[str], None] = lambda text: None
 
     def add(self, other: "Tally") -> None:
-        for depth, count in other.cases.items():
-            self.cases[depth] += count
+        self.cases += other.cases
         self.findings += other.findings
         self.boots += other.boots
         self.spoilt += other.spoilt
         self.operations = max(self.operations, other.operations)
+
+    def boot(self, case: Case, place: Place, before: str) -> StoreEcu:
+        """Power on."""
+        ecu = StoreEcu(place.backing)
+        self.boots += 1
+        self.report(f"{case}: {before}; booted: {_in_words(ecu)}")
+        return ecu
+
+
+@cache
+def shipped(security_version: int) -> bytes:
+    """The image of the shipped release, renewed under the key of the tests with this security version."""
+    with tempfile.TemporaryDirectory() as folder:
+        target, name = Path(folder) / "bundle", f"bench-{security_version}"
+        bundle.renew(BUNDLE, target, name=name, created="2026-01-01", key=RELEASE, security_version=security_version)
+        return image_of(read_files(target))
 
 
 def provisioned(kind: str, seed: int) -> Place:
@@ -162,24 +184,17 @@ def recover(
     case: Case, place: Place, before: Asked, tally: Tally, then: Callable[[int], bool] = lambda number: False
 ) -> None:
     """Power on after a cut, judge, flash again, judge; with a further case for each operation that `then` picks."""
-    begin = place.operations
-    asked = replace(before)
+    begin, asked = place.operations, replace(before)
 
     def on_cut(number: int, torn: Place) -> None:
         tally.cases[2] += 1
-        recover(replace(case, second=number - begin), torn, asked, tally)
+        recover(case._replace(second=number - begin), torn, asked, tally)
 
     def wrong(kind: str, text: str) -> None:
         tally.findings.append(Finding(case, kind, text))
 
-    def report(text: str) -> None:
-        if tally.report is not None:
-            tally.report(f"{case}: {text}")
-
     place.branch(lambda number: then(number - begin), on_cut)
-    ecu = StoreEcu(place.backing)
-    tally.boots += 1
-    report(f"the tester had {before.received} bytes acknowledged; booted: {_in_words(ecu)}")
+    ecu = tally.boot(case, place, f"the tester had {before.received} bytes acknowledged")
     _judge(ecu, place.twin(), asked, wrong)
     had = asked.received if not asked.activated else 0
     try:
@@ -189,11 +204,8 @@ def recover(
         return
     if flashed.transferred is not None and flashed.transferred.resumed_from < had:
         wrong("checkpoint_lost", f"{had} bytes were acknowledged, the transfer began again at {flashed.transferred}")
-    report(f"flashed again: {flashed.end.name}, {flashed.transferred}")
     place.branch(lambda number: False, None)
-    after = StoreEcu(place.backing)
-    tally.boots += 1
-    report(f"booted: {_in_words(after)}")
+    after = tally.boot(case, place, f"flashed again: {flashed.end.name}, {flashed.transferred}")
     if flashed.end not in (End.CONFIRMED, End.ALREADY) or after.boot.reason is not BootReason.CONFIRMED:
         wrong("reflash_failed", f"it ended {flashed.end.name}, then booted {after.boot.reason.in_words}")
     _judge(after, place.twin(), Asked(0, activated=True, confirmed=True), wrong)
@@ -203,7 +215,7 @@ def recover(
 
 def both_bad(kind: str, seed: int) -> Tally:
     """No slot has an image in order any more: the ECU reports it, and can be flashed."""
-    place, tally = provisioned(kind, seed), Tally(spoilt=1)
+    place, tally, case = provisioned(kind, seed), Tally(spoilt=1), Case(kind, seed, None)
     for slot in Slot:
         # The record of the slot as it is, and other bytes in its place.
         backing = place.backing()
@@ -211,16 +223,14 @@ def both_bad(kind: str, seed: int) -> Tally:
             pass
         backing.append(slot, bytes(len(shipped(OLD))))
         backing.keep(Kind.STATE, backing.records()[Kind.STATE])
-    ecu = StoreEcu(place.backing)
-    tally.boots += 2
-    case = Case(kind, seed, None)
+    ecu = tally.boot(case, place, "both slots spoilt")
     if ecu.boot.bundle is not None or ecu.boot.reason is not BootReason.NO_RELEASE:
         tally.findings.append(Finding(case, "wrong_release", f"spoilt images boot: {_in_words(ecu)}"))
     try:
         _flash(ecu, Asked())
     except StillwakeError as error:
         tally.findings.append(Finding(case, "reflash_failed", str(error)))
-    if _running(StoreEcu(place.backing), place) != NEW:
+    if _running(tally.boot(case, place, "flashed"), place) != NEW:
         tally.findings.append(Finding(case, "bricked", "no release runs after it was flashed"))
     return tally
 

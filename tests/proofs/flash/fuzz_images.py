@@ -1,8 +1,8 @@
 """Images and key lists for hostile requests: sound ones, and every kind that must be refused."""
 
 import hashlib
-from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 from contract.release import key_list, signing
 from contract.release.bundle import CONTROLLER, SIGNATURE
@@ -12,16 +12,14 @@ from contract.release.signing import PublicKey
 from tests.can_bridge.flashing.releases import RELEASE, SECOND, STRANGER, files, image, keys
 
 
-@dataclass(frozen=True, kw_only=True)
-class Origin:
+class Origin(NamedTuple):
     """Who signed an image that may run, and how old it is."""
 
     signer: PublicKey
     security_version: int
 
 
-@dataclass(frozen=True, kw_only=True)
-class Pool:
+class Pool(NamedTuple):
     """What testers send.
 
     Attributes:

@@ -25,8 +25,13 @@ _LONGEST_NOISE: Final = 64
 
 
 def routine(number: Routine, option: bytes = b"") -> bytes:
-    """Start it."""
+    """The request that starts it."""
     return bytes([Service.ROUTINE, 1]) + number.to_bytes(2, "big") + option
+
+
+def write(did: Did, content: bytes) -> bytes:
+    """The request that writes it."""
+    return bytes([Service.WRITE]) + did.to_bytes(2, "big") + content
 
 
 def any_plan(rng: Random) -> Plan:
@@ -70,14 +75,14 @@ def keys(rng: Random) -> Plan:
     """Another key list."""
     yield from _unlocking(Level.PROGRAMMING)
     lists = pool().foreign_lists if rng.random() < 0.5 else pool().key_lists
-    yield bytes([Service.WRITE]) + Did.KEY_LIST.to_bytes(2, "big") + rng.choice(lists)
+    yield write(Did.KEY_LIST, rng.choice(lists))
 
 
 def calibrating(rng: Random) -> Plan:
     """Values, sound or not."""
     yield from _unlocking(Level.CALIBRATION)
-    yield bytes([Service.WRITE]) + Did.CALIBRATION.to_bytes(2, "big") + rng.randbytes(PACKED_BYTES)
-    yield bytes([Service.WRITE]) + Did.CALIBRATION_STORED.to_bytes(2, "big") + bytes([rng.randrange(3)])
+    yield write(Did.CALIBRATION, rng.randbytes(PACKED_BYTES))
+    yield write(Did.CALIBRATION_STORED, bytes([rng.randrange(3)]))
 
 
 def reading(rng: Random) -> Plan:
@@ -95,7 +100,7 @@ def guessing(rng: Random) -> Plan:
         for _ in range(rng.choice((2, 3, 4))):
             answer = yield bytes([Service.SECURITY, level])
             seed = answer[2:] if answer is not None and len(answer) == _SEED else None
-            yield _wrong_key(rng, (), seed)
+            yield _wrong_key(rng, seed)
         yield _PROGRAMMING
         yield _RESET
 
@@ -107,9 +112,18 @@ def any_noise(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
         sent: before; not empty.
         seed: that the ECU gave last, None if it gave none.
     """
-    return rng.choice((_random, _of_a_service, _damaged, _damaged, _again, _again, _wrong_key, _any_routine))(
-        rng, sent, seed
-    )
+    kind = rng.choice(("random", "service", "damaged", "damaged", "again", "again", "wrong key", "routine"))
+    if kind == "random":
+        return rng.randbytes(rng.randrange(_LONGEST_NOISE))
+    if kind == "again":
+        return sent[-1] if rng.random() < 0.5 else rng.choice(sent)
+    if kind == "routine":
+        return routine(rng.choice(list(Routine)), rng.choice((b"", b"", rng.randbytes(36))))
+    if kind == "service":
+        second = rng.choice((0, 1, 2, 3, 4, 0x81, 0x82, 0x83, rng.randrange(256)))
+        length = rng.choice((0, 0, 1, 2, 9, 16, 36, rng.randrange(_LONGEST_NOISE)))
+        return bytes([rng.choice(list(Service)), second]) + rng.randbytes(length)
+    return _wrong_key(rng, seed) if kind == "wrong key" else _damaged(rng, sent)
 
 
 def _unlocking(level: Level) -> Plan:
@@ -119,23 +133,14 @@ def _unlocking(level: Level) -> Plan:
         yield bytes([Service.SECURITY, level + 1]) + KEY.answer(level, answer[2:])
 
 
-def _random(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
-    return rng.randbytes(rng.randrange(_LONGEST_NOISE))
-
-
-def _of_a_service(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
-    head = bytes([rng.choice(list(Service)), rng.choice((0, 1, 2, 3, 4, 0x81, 0x82, 0x83, rng.randrange(256)))])
-    return head + rng.randbytes(rng.choice((0, 0, 1, 2, 9, 16, 36, rng.randrange(_LONGEST_NOISE))))
-
-
-def _damaged(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
+def _damaged(rng: Random, sent: Sequence[bytes]) -> bytes:
     raw = bytearray(rng.choice(sent))
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
         kind = rng.randrange(5)
         if kind == 0 and raw:
             raw[rng.randrange(len(raw))] ^= 1 << rng.randrange(8)
         elif kind == 1 and raw:
-            # The first bytes say what a request is.
+            # The first bytes are what makes a request one.
             raw[rng.randrange(min(4, len(raw)))] = rng.randrange(256)
         elif kind == 2:
             del raw[rng.randrange(len(raw) + 1) :]
@@ -147,11 +152,7 @@ def _damaged(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
     return bytes(raw)
 
 
-def _again(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
-    return sent[-1] if rng.random() < 0.5 else rng.choice(sent)
-
-
-def _wrong_key(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
+def _wrong_key(rng: Random, seed: bytes | None) -> bytes:
     """Zeros, the seed, the other level's, one bit wrong, or an old one."""
     level = rng.choice(list(Level))
     seed = bytes(16) if seed is None else seed
@@ -160,7 +161,3 @@ def _wrong_key(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
     flipped = bytes([right[0] ^ 1 << rng.randrange(8)]) + right[1:]
     guess = rng.choice((bytes(16), b"\xff" * 16, seed, other, flipped, rng.randbytes(16), KEY.answer(level, bytes(16))))
     return bytes([Service.SECURITY, level + 1]) + guess
-
-
-def _any_routine(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
-    return routine(rng.choice(list(Routine)), rng.choice((b"", b"", rng.randbytes(36))))

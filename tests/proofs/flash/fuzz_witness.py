@@ -19,7 +19,7 @@ from contract.release import key_list, signing
 from tests.can_bridge.flashing.plain_backing import PlainBacking
 from tests.can_bridge.flashing.releases import ROOT
 from tests.can_bridge.flashing.store_ecu import KEY, StoreEcu
-from tests.proofs.flash.fuzz_images import Origin, pool
+from tests.proofs.flash.fuzz_images import pool
 
 DELAY_NS: Final = 10_000_000_000
 MAX_WRONG: Final = 3
@@ -37,13 +37,13 @@ _BEFORE: Final = {
 class Witness:
     """Watches one ECU, and the memory that it has.
 
-    Attributes:
-        found: violations, by kind.
-        steps: what was reached: phases, confirmations, boots.
+    Args:
+        found: counts violations, by kind.
+        steps: counts what is reached: phases, confirmations, boots.
     """
 
-    def __init__(self, ecu: StoreEcu, backing: PlainBacking) -> None:
-        self._ecu, self._backing = ecu, backing
+    def __init__(self, ecu: StoreEcu, backing: PlainBacking, found: Counter[str], steps: Counter[str]) -> None:
+        self._ecu, self._backing, self.found, self.steps = ecu, backing, found, steps
         self._seeds: dict[Level, bytes] = {}
         self._offered: Level | None = None
         self._allowed: Level | None = None
@@ -52,13 +52,11 @@ class Witness:
         self._record = backing.memory.records[Kind.STATE]
         self._state = state.decode(self._record)
         self._keys = backing.memory.records[Kind.KEYS]
-        self.found: Counter[str] = Counter()
-        self.steps: Counter[str] = Counter()
 
     def before(self, request: bytes) -> None:
         """The tester is about to send it."""
         level = _level_of_answer(request)
-        if level is not None and request[2:] == _answer(level, self._seeds.get(level)):
+        if level in self._seeds and request[2:] == KEY.answer(level, self._seeds[level]):
             self._offered = level
 
     def after(self, now_ns: int, request: bytes, answers: list[bytes]) -> None:
@@ -154,9 +152,9 @@ class Witness:
             self.found["releases_lost"] += 1
 
     def _may_run(self, of: StoreState, slot: Slot, least: int = 0) -> bool:
-        """Whether the bytes in a slot are an image that somebody who may sign has signed, and not too old."""
+        """Whether the bytes in a slot are an image signed by a key that may sign, and not too old."""
         content = self._backing.content(slot)[: of.slots[slot].length]
-        origin: Origin | None = pool().origins.get(hashlib.sha256(content).digest())
+        origin = pool().origins.get(hashlib.sha256(content).digest())
         if origin is None or origin.security_version < least:
             return False
         # One that was confirmed before its key was revoked stays until the boot that refuses it.
@@ -171,7 +169,3 @@ def _level_of_answer(request: bytes) -> Level | None:
         return None
     number = (request[1] & 0x7F) - 1
     return Level(number) if number in frozenset(Level) else None
-
-
-def _answer(level: Level, seed: bytes | None) -> bytes:
-    return b"" if seed is None else KEY.answer(level, seed)

@@ -30,10 +30,17 @@ def test_nothing_is_lost(operations):
     for kind in cuts.PLACES:
         step = operations[kind] // 12
         picked = range(7, operations[kind], step)
-        tally = walk(kind, 3, picked.__contains__, lambda first, second: first % 5 == second - 30 == 0)
+        lines: list[str] = []
+        tally = Tally(report=lines.append)
+        walk(kind, 3, picked.__contains__, lambda first, second: first % 5 == second - 30 == 0, tally)
         assert tally.cases[1] >= 12 and tally.cases[2] >= 1, kind
-        assert tally.findings == []
-        assert both_bad(kind, 0).findings == []
+        assert tally.findings == both_bad(kind, 0).findings == []
+        # A second cut in the same place is the same case.
+        name = next(line.partition(":")[0] for line in lines if "+" in line.partition(":")[0])
+        again: list[str] = []
+        case, same = Case.parse(name), Tally(report=again.append)
+        walk(kind, 3, {case.first}.__contains__, lambda first, second: second == 30, same)
+        assert again and set(again) <= set(lines), kind
 
 
 def kinds_found(picked: range) -> set[str]:
@@ -84,14 +91,6 @@ def test_a_case_has_one_name():
     for name in ("", "flash", "flash-", "flash-1+", "disk-0001", "flash-0001+0002+0003", "flash-both-bad+0001"):
         with pytest.raises(StillwakeError, match="must be such as flash-0123"):
             Case.parse(name)
-
-
-def test_a_second_cut_in_the_same_place_is_the_same_case():
-    reports: list[list[str]] = [[], []]
-    for lines in reports:
-        walk("flash", 1, lambda n: n == 2000, lambda first, second: second == 25, Tally(report=lines.append))
-    assert reports[0] == reports[1]
-    assert any(line.startswith("flash.1-2000+0025: ") for line in reports[0])
 
 
 def figures_of(file, **arguments):

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 MANIFEST: Final = "manifest.json"
 _NUMBERS: Final = (0, 1, 2, 45, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFE, 0xFFFFFFFF)
+_NESTED: Final = tuple("[" * depth + "0" + "]" * depth for depth in (10, 31, 33, 200))
 _TEXTS: Final = ("", "x", "\x1b[2J", "\ud800", "[/x]", "a\nb", "../x", "\u202e", "1e999", "2026-W01-1", "y" * 5000)
 
 
@@ -106,7 +107,7 @@ def _value(rng: Random, depth: int) -> Any:
         lambda: rng.choice(_TEXTS),
         lambda: [_value(rng, depth + 1) for _ in range(rng.randrange(4))] if depth < 4 else [],
         lambda: {rng.choice(_TEXTS): _value(rng, depth + 1) for _ in range(rng.randrange(3))} if depth < 4 else {},
-        lambda: (lambda depth: json.loads("[" * depth + "0" + "]" * depth))(rng.choice((10, 31, 33, 200))),
+        lambda: json.loads(rng.choice(_NESTED)),
     ]
     return rng.choice(makes)()
 
