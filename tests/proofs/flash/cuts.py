@@ -115,7 +115,7 @@ class Tally:
     operations: int = 0
     boots: int = 0
     spoilt: int = 0
-    report: Callable[[str], None] = lambda text: None
+    report: Callable[[str], None] | None = None
 
     def add(self, other: "Tally") -> None:
         self.cases += other.cases
@@ -128,7 +128,8 @@ class Tally:
         """Power on."""
         ecu = StoreEcu(place.backing)
         self.boots += 1
-        self.report(f"{case}: {before}; booted: {_in_words(ecu)}")
+        if self.report is not None:
+            self.report(f"{case}: {before}; booted: {_in_words(ecu)}")
         return ecu
 
 

@@ -11,8 +11,7 @@ from can_bridge.flashing.remembered import Remembered
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.store import Store
 from contract.errors import StillwakeError
-from tests.proofs.flash import __main__ as proof
-from tests.proofs.flash import cuts
+from tests.proofs.flash import cuts, proof
 from tests.proofs.flash.cuts import Case, Tally, both_bad, walk
 
 ROOT = Path(__file__).parents[3]

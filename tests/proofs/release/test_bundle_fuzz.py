@@ -34,7 +34,7 @@ def test_a_reader_with_a_fault_is_noticed(sound, tmp_path, monkeypatch):
         raise BundleError("\x1b[2J")
 
     for name, fault in (
-        ("contract.release.bundle._verify_file", lambda *arguments: ""),
+        ("contract.release.checks._verify_file", lambda *arguments: ""),
         ("contract.release.manifest.strict_json.decode", lambda raw: 1 / 0),
         ("contract.release.bundle.read_files", refuse),
     ):

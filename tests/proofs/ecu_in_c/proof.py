@@ -1,0 +1,121 @@
+"""The ECU in C held against the Python ECU, and how sharp that comparison is.
+
+    python -m tests.proofs.ecu_in_c ecu-c --steps 1000000 --json results/ecu_c.json
+
+A million random control periods through both, in vehicles with six kinds of settings; faults planted in C; branches
+of C that were taken; mutants of its gate, protection, reception, timing and fail-safe; deviations from MISRA C.
+"""
+
+import hashlib
+import tempfile
+from collections import Counter
+from functools import cache, partial
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+
+from firmware_sim.in_c.compiler import compiler_version, host_compiler
+from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report, track
+from tests.proofs.ecu_in_c import branch_coverage, campaign, misra, mutants
+from tests.proofs.ecu_in_c.library import Library, sources
+from tests.proofs.ecu_in_c.planted import PLANTED, Planted
+from tests.proofs.ecu_in_c.variants import VARIANTS
+
+STRETCH: Final = 2_500
+"""Periods of one seed."""
+TRIED: Final = 3_000
+"""Periods of a recording that planted faults, mutants and branches are tried with."""
+SEEDS: Final = ("1", "3", "0")
+"""Seeds of the recordings; odd ones start from states near an edge now and then."""
+
+
+def ecu_in_c(
+    steps: Annotated[int, typer.Option("--steps", min=1, help="Control periods in all.")] = 1_000_000,
+    seed: Seed = 0,
+    processes: Processes = 2,
+    json_file: JsonFile = None,
+) -> None:
+    """Live through random control periods with both ECUs, and measure how sharp the comparison is."""
+    stretches = list(in_parts(partial(_lived_through, seed=seed), steps, STRETCH, processes, "ecu-c"))
+    mismatches = [str(one.mismatch) for one in stretches if one.mismatch is not None]
+    figures: dict[str, Any] = {
+        "steps": sum(one.steps for one in stretches),
+        "mismatches": len(mismatches),
+        "first_mismatches": mismatches[:10],
+        "modes": dict(sum((one.modes for one in stretches), Counter[str]())),
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        figures |= sharpness(Path(folder))
+    report(
+        json_file,
+        "ecu-c",
+        figures,
+        packages=("numpy", "cffi", "pycparser", "gcovr", "cppcheck"),
+        seed=seed,
+        variants=list(VARIANTS),
+        sources_sha256=sources_hash(),
+        compiler=compiler_version(host_compiler()),
+    )
+    if figures["mismatches"] or figures["planted_found"] < figures["planted"]:
+        raise typer.Exit(1)
+
+
+def sources_hash() -> str:
+    """Hash of all that is compared, in C."""
+    everything = hashlib.sha256()
+    for config in VARIANTS.values():
+        for name, content in sorted(sources(config).items()):
+            if not name.startswith("twin"):
+                everything.update(name.encode() + content)
+    return everything.hexdigest()[:16]
+
+
+def _lived_through(part: range, *, seed: int) -> campaign.Stretch:
+    number = part.start // STRETCH
+    name = list(VARIANTS)[number % len(VARIANTS)]
+    return campaign.stretch(_library(name), name, str(seed + number // len(VARIANTS)), len(part))
+
+
+@cache
+def _library(name: str) -> Library:
+    """One for each process."""
+    with tempfile.TemporaryDirectory() as folder:
+        # Once it is loaded, the file is not needed any more.
+        return campaign.build(name, Path(folder))
+
+
+def sharpness(scratch: Path) -> dict[str, Any]:
+    """Planted faults, branches, mutants and deviations from MISRA C."""
+    recordings = {
+        name: [campaign.recording(name, seed, TRIED, _library(name).layout) for seed in SEEDS]
+        for name in track(VARIANTS, "recordings", "variants")
+    }
+    missed = [item.what for item in track(PLANTED, "planted faults", "faults") if not _is_found(item, scratch)]
+    figures = {"planted": len(PLANTED), "planted_found": len(PLANTED) - len(missed), "planted_missed": missed}
+    if branch_coverage.is_possible():
+        coverage = branch_coverage.measured(recordings, scratch)
+        figures |= {
+            "branches": coverage.branches,
+            "branch_coverage_percent": round(coverage.percent, 2),
+            "branches_missed": coverage.missed,
+        }
+    tried = mutants.tried(recordings, scratch)
+    figures |= {
+        "mutants": tried.mutants,
+        "survivors": len(tried.survivors),
+        "survivors_unexplained": tried.unexplained,
+    }
+    if misra.cppcheck() is not None:
+        deviations = misra.deviations()
+        figures |= {
+            "misra_deviations": sum(deviations.values()),
+            "misra_rules": len({rule for _, rule in deviations}),
+            "misra_unlisted": misra.unlisted(deviations),
+        }
+    return figures
+
+
+def _is_found(item: Planted, scratch: Path) -> bool:
+    library = Library(item.into(sources(VARIANTS[item.variant])), scratch / f"planted_{PLANTED.index(item)}.so")
+    return any(campaign.stretch(library, item.variant, seed, TRIED).mismatch is not None for seed in SEEDS)

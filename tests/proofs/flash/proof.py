@@ -1,0 +1,181 @@
+"""The supply cut at every write of flashing a release: whether the ECU ever stands without a controller it can trust.
+
+    python -m tests.proofs.flash --json results/flash.json
+    python -m tests.proofs.flash --replay flash-0123+0045
+
+With it: hostile requests to the UDS server, and the time that the shipped release takes over a simulated bus.
+
+The tester's own steps drive the UDS server, the store and a simulated memory, with the shipped release. Each operation
+of the memory is torn in its middle once; in the recovery from each, some are torn again. After every power-on the image
+that runs is checked as the ECU checks it, by its signature and every hash, and compared with the releases byte by byte;
+then the same release is flashed again.
+"""
+
+from collections import Counter
+from itertools import product
+from random import Random
+from time import perf_counter
+from typing import Annotated, Any, Final, NamedTuple
+
+import typer
+
+from can_bridge.bus.faults.loss import Drop
+from can_bridge.flashing.flash_memory.flash_backing import FlashBacking
+from can_bridge.flashing.flash_memory.simulated_flash import SimulatedFlash
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig
+from contract.errors import StillwakeError
+from contract.release.signing import public_key
+from firmware_sim.ecu.flashable.equipment import Equipment
+from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
+from tests.can_bridge.flashing.releases import HARDWARE, ROOT, provision
+from tests.can_bridge.flashing.store_ecu import KEY, Counted
+from tests.proofs.command_line import JsonFile, console, in_parts, report, spread, track
+from tests.proofs.flash.cuts import KINDS, NEW, OLD, PLACES, Case, Tally, both_bad, shipped, walk
+from tests.proofs.flash.flash_bench import FlashBench, flash_on
+from tests.proofs.flash.fuzz import FuzzFigures, fuzz
+
+PIECE: Final = 100
+"""Cuts that a process makes in one go; it repeats the sequence for them."""
+FUZZ_PIECE: Final = 25_000
+LOSSES: Final = (0.0, 0.01)
+"""Shares of the tester's frames that are lost each way."""
+BOOT_NS: Final = 300_000_000
+"""Time that the ECU takes to boot after a reset."""
+
+
+class ProofError(StillwakeError):
+    """A case in which something was lost; the message has the first one's name."""
+
+
+class Piece(NamedTuple):
+    """Some of the cases of one walk: every `of`th operation from `number` on, and a share of the second cuts."""
+
+    kind: str
+    seed: int
+    number: int
+    of: int
+    share: float
+
+
+def main(
+    json_file: JsonFile = None,
+    replay: Annotated[str, typer.Option(help="Play one case again, such as flash-0123+0045.")] = "",
+    every: Annotated[int, typer.Option(help="Cut in every so manieth operation; 1: in each.", min=1)] = 1,
+    seeds: Annotated[int, typer.Option(help="Ways in which each operation of the flash memory is torn.", min=1)] = 1,
+    folder_seeds: Annotated[int, typer.Option(help="Ways in which each call to the folder is torn.", min=1)] = 4,
+    second_cuts: Annotated[
+        float, typer.Option(help="Second cuts, were a recovery as long as the sequence.", min=0.0)
+    ] = 1.0,
+    fuzz_requests: Annotated[int, typer.Option(help="Hostile requests to the UDS server.", min=0)] = 1_000_000,
+    workers: Annotated[int, typer.Option(help="Processes; the cases are the same for any number.", min=1)] = 2,
+) -> None:
+    """Cut, power on, judge, flash again, judge; then print what was lost, which must be nothing."""
+    if replay:
+        _replay(Case.parse(replay))
+        return
+    began = perf_counter()
+    operations = {kind: walk(kind, 0, lambda number: False).operations for kind in PLACES}
+    pieces = [
+        Piece(kind, seed, number, of * every, second_cuts / operations[kind])
+        for kind, seed in [*product(["flash"], range(seeds)), *product(["folder"], range(folder_seeds))]
+        for of in [-(-operations[kind] // (PIECE * every))]
+        for number in range(0, of * every, every)
+    ]
+    tallies = {kind: both_bad(kind, 0) for kind in PLACES}
+    for piece, tally in zip(pieces, track(spread(run_piece, pieces, workers), "cuts", "parts", len(pieces))):  # noqa: B905
+        tallies[piece.kind].add(tally)
+    fuzzed = list(in_parts(run_fuzz, fuzz_requests, FUZZ_PIECE, workers, "requests"))
+    times = list(spread(run_time, product(("fd", "classic"), LOSSES), workers))
+    figures = figures_of(tallies, fuzzed, times) | {"seconds_proof": perf_counter() - began}
+    report(
+        json_file,
+        "flash",
+        figures,
+        packages=("stillwake", "onnxruntime", "cryptography", "udsoncan"),
+        shown=[name for name in figures if name != "flash_times"],
+        every=every,
+        seeds=seeds,
+        folder_seeds=folder_seeds,
+        second_cuts=second_cuts,
+        workers=workers,
+    )
+    findings = [finding for tally in tallies.values() for finding in tally.findings]
+    if findings:
+        first = findings[0]
+        raise ProofError(f"{len(findings)} findings, the first: {first.case}, {first.kind}: {first.text}")
+
+
+def run_piece(piece: Piece) -> Tally:
+    """Its cases; of the second cuts a share, chosen by their numbers and the seed alone."""
+
+    def second(first: int, number: int) -> bool:
+        return Random(f"{piece.seed} {first} {number}").random() < piece.share
+
+    return walk(piece.kind, piece.seed, lambda number: number % piece.of == piece.number, second)
+
+
+def run_fuzz(requests: range) -> FuzzFigures:
+    """So many requests."""
+    return fuzz(len(requests), requests.start)
+
+
+def run_time(frames_and_lost: tuple[str, float]) -> dict[str, Any]:
+    """How long the shipped release takes over a bus, next to the vehicle's control traffic, in virtual time."""
+    frames, lost = frames_and_lost
+    config = Config(bus=BusConfig(frames=frames))  # type: ignore[arg-type]
+    equipment = Equipment(root=public_key(ROOT), access=KEY, random_bytes=Counted(), hardware=HARDWARE)
+    memory = provision(FlashBacking(SimulatedFlash()), shipped(OLD))
+    ecu = FlashableEcu(memory, config, equipment, boot_ns=BOOT_NS)
+    faults = [Drop(probability=lost, at=end) for end in ("send", "receive")] if lost else []
+    bench = FlashBench(ecu, config, losses=faults, seed=1)
+    flashed = flash_on(bench, shipped(NEW), key=KEY.answer)
+    return {
+        "frames": frames,
+        "lost": lost,
+        "end": flashed.end.name,
+        "bytes": len(shipped(NEW)),
+        "seconds": flashed.seconds,
+        "diagnostic_frames": bench.diagnostic_frames,
+        "load": bench.bus.activity().load,
+        "unanswered": flashed.unanswered,
+        "attempts": 0 if flashed.transferred is None else flashed.transferred.attempts,
+    }
+
+
+def figures_of(tallies: dict[str, Tally], fuzzed: list[FuzzFigures], times: list[dict[str, Any]]) -> dict[str, Any]:
+    """What was counted."""
+    flash, folder = tallies["flash"], tallies["folder"]
+    findings = flash.findings + folder.findings
+    lost = Counter(finding.kind for finding in findings)
+    wrong = ("exceptions", "unlocked_without_key", "activated_unsigned")
+    return {
+        "operations": flash.operations,
+        "calls_folder": folder.operations,
+        "cuts_depth_1": flash.cases[1],
+        "cuts_depth_2": flash.cases[2],
+        "cuts_folder": folder.cases[1],
+        "cuts_folder_depth_2": folder.cases[2],
+        "both_slots_spoilt": flash.spoilt + folder.spoilt,
+        "boots": flash.boots + folder.boots,
+        **{kind: lost[kind] for kind in KINDS},
+        "cases_lost": [str(finding.case) for finding in findings][:20],
+        "fuzz_requests": sum(piece.requests for piece in fuzzed),
+        **{name.replace("exc", "fuzz_exc"): sum(piece.violations[name] for piece in fuzzed) for name in wrong},
+        "seconds_flash": next(row["seconds"] for row in times if (row["frames"], row["lost"]) == ("fd", 0.0)),
+        "flash_times": times,
+    }
+
+
+def _replay(case: Case) -> None:
+    tally = Tally(report=console.print)
+    if case.first is None:
+        tally = both_bad(case.kind, case.seed)
+    else:
+        walk(case.kind, case.seed, lambda n: n == case.first, lambda first, second: second == case.second, tally)
+    for finding in tally.findings:
+        console.print(f"{finding.case}: {finding.kind}: {finding.text}")
+    if not any(tally.cases.values()) and not tally.spoilt:
+        raise StillwakeError(f"case {case}: the sequence has {tally.operations} operations; name one of them")
+    if not tally.findings:
+        console.print(f"{case}: nothing was lost")
