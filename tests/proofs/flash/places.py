@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, Final, Protocol, Self
 
 from can_bridge.flashing.backing import Backing
-from can_bridge.flashing.flash_memory.flash_backing import FlashBacking
-from can_bridge.flashing.flash_memory.simulated_flash import SimulatedFlash
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.medium import PowerCut
 from tests.can_bridge.flashing.lossy_files import LossyFiles
+from tests.proofs.flash.flash_memory.flash_backing import FlashBacking
+from tests.proofs.flash.flash_memory.simulated_flash import SimulatedFlash
 
 SECTORS: Final = 32
 SECTOR_SIZE: Final = 16 * 1024

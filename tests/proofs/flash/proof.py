@@ -20,8 +20,6 @@ from typing import Annotated, Any, Final, NamedTuple
 import typer
 
 from can_bridge.bus.faults.loss import Drop
-from can_bridge.flashing.flash_memory.flash_backing import FlashBacking
-from can_bridge.flashing.flash_memory.simulated_flash import SimulatedFlash
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.errors import StillwakeError
@@ -33,6 +31,8 @@ from tests.can_bridge.flashing.store_ecu import KEY, Counted
 from tests.proofs.command_line import JsonFile, console, in_parts, report, spread, track
 from tests.proofs.flash.cuts import KINDS, NEW, OLD, PLACES, Case, Tally, both_bad, shipped, walk
 from tests.proofs.flash.flash_bench import FlashBench, flash_on
+from tests.proofs.flash.flash_memory.flash_backing import FlashBacking
+from tests.proofs.flash.flash_memory.simulated_flash import SimulatedFlash
 from tests.proofs.flash.fuzz import FuzzFigures, fuzz
 
 PIECE: Final = 100

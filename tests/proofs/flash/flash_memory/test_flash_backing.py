@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.flashing.backing import Kind, Slot
-from can_bridge.flashing.flash_memory import flash_log
-from can_bridge.flashing.flash_memory.flash_backing import FlashBacking
-from can_bridge.flashing.flash_memory.flash_layout import MAX_EXTENTS
-from can_bridge.flashing.flash_memory.simulated_flash import SimulatedFlash
 from can_bridge.flashing.medium import MediumError
 from tests.can_bridge.flashing.sessions import Witness, run
 from tests.examples import examples
+from tests.proofs.flash.flash_memory import flash_log
+from tests.proofs.flash.flash_memory.flash_backing import FlashBacking
+from tests.proofs.flash.flash_memory.flash_layout import MAX_EXTENTS
+from tests.proofs.flash.flash_memory.simulated_flash import SimulatedFlash
 
 SECTOR = 1024
 PLAN = [(Slot.A, 1), (Slot.B, 2), (Slot.A, 3)]

@@ -5,8 +5,8 @@ from itertools import product
 
 import pytest
 
-from can_bridge.flashing.flash_memory.simulated_flash import SimulatedFlash
 from can_bridge.flashing.medium import ERASED, WORD, MediumError, PowerCut, UnreadableError, WornOutError
+from tests.proofs.flash.flash_memory.simulated_flash import SimulatedFlash
 
 WORDS = 8
 SECTOR = WORDS * WORD

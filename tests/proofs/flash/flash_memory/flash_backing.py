@@ -14,9 +14,9 @@ from dataclasses import replace
 from typing import Final
 
 from can_bridge.flashing.backing import MAX_RECORD, Kind, Slot, Work
-from can_bridge.flashing.flash_memory.flash_layout import MAX_EXTENTS, Extent, Layout, Lies
-from can_bridge.flashing.flash_memory.flash_log import FlashLog
 from can_bridge.flashing.medium import ERASED, WORD, Medium, MediumError, WornOutError
+from tests.proofs.flash.flash_memory.flash_layout import MAX_EXTENTS, Extent, Layout, Lies
+from tests.proofs.flash.flash_memory.flash_log import FlashLog
 
 LOG_SECTORS: Final = 2
 SPARE_SECTORS: Final = 2
