@@ -18,7 +18,7 @@ SANITISERS = (
     "-g1",
 )
 PERIODS = 1_200
-NAMES = ("quick to doubt", "late actuator, long windows", "classic, impatient")
+LONG_WINDOWS = "late actuator, long windows"
 
 
 @pytest.fixture(scope="module")
@@ -30,49 +30,39 @@ def recordings():
     }
 
 
-def replayed(program, compared, content, tmp_path):
-    periods = tmp_path / "periods"
-    periods.write_bytes(content)
+def sanitised(name, recordings, folder, contents=None):
+    """The end of a replay under sanitisers."""
+    folder.mkdir()
+    program, compared = branch_coverage.replay_program(name, folder, SANITISERS, contents)
+    periods = folder / "periods"
+    periods.write_bytes(recordings[name][0])
     return subprocess.run([program, compared, periods], capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_sanitisers_find_nothing_in_hostile_periods(recordings, name, tmp_path):
-    program, compared = branch_coverage.replay_program(name, tmp_path, SANITISERS)
-    done = replayed(program, compared, recordings[name][0], tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == f"{PERIODS} periods\n"
-
-
-@pytest.mark.parametrize(
-    ("file", "old", "new", "complaint"),
-    [
+def test_sanitisers_find_what_is_planted_and_nothing_else(recordings, tmp_path):
+    for name in ("quick to doubt", LONG_WINDOWS, "classic, impatient"):
+        done = sanitised(name, recordings, tmp_path / name)
+        assert (done.returncode, done.stderr, done.stdout) == (0, "", f"{PERIODS} periods\n"), name
+    for file, old, new, complaint in (
         ("sw_memory.c", "k + 1 < SW_WINDOW; k++", "k < SW_WINDOW; k++", "out of bounds"),
         ("sw_fail_safe.c", "UINT64_MAX >> (64 - SW_LOSS_WINDOW)", "(1ull << SW_LOSS_WINDOW) - 1u", "shift exponent 64"),
-    ],
-)
-def test_a_fault_that_is_planted_is_found_by_them(recordings, file, old, new, complaint, tmp_path):
-    name = "late actuator, long windows"
-    contents = sources(VARIANTS[name])
-    assert contents[file].count(old.encode()) == 1
-    contents[file] = contents[file].replace(old.encode(), new.encode())
-    program, compared = branch_coverage.replay_program(name, tmp_path, SANITISERS, contents)
-    done = replayed(program, compared, recordings[name][0], tmp_path)
-    assert done.returncode != 0
-    assert complaint in done.stderr
+    ):
+        contents = sources(VARIANTS[LONG_WINDOWS])
+        assert contents[file].count(old.encode()) == 1
+        contents[file] = contents[file].replace(old.encode(), new.encode())
+        done = sanitised(LONG_WINDOWS, recordings, tmp_path / file, contents)
+        assert done.returncode != 0 and complaint in done.stderr, file
 
 
 @pytest.mark.slow  # six libraries without optimisation, and gcovr
-def test_every_branch_is_taken(recordings, tmp_path):
-    found = branch_coverage.measured(recordings, tmp_path)
-    assert found.missed == []
-    assert found.branches > 300
-    assert found.excluded == len(branch_coverage.EXCLUDED)
-
-
-def test_a_branch_that_is_not_taken_is_seen(recordings, tmp_path):
-    """With one variant alone, planning is never late, and no one doubts a sensor."""
+def test_every_branch_is_taken_and_one_that_is_not_is_seen(recordings, tmp_path):
+    every, few = tmp_path / "every", tmp_path / "few"
+    every.mkdir()
+    few.mkdir()
+    coverage = branch_coverage.measured(recordings, every)
+    assert coverage.missed == [] and coverage.branches > 300
+    assert coverage.excluded == len(branch_coverage.EXCLUDED)
+    # With one variant alone, planning is never late, and no one doubts a sensor.
     name = "classic, impatient"
-    found = branch_coverage.measured({name: recordings[name]}, tmp_path)
-    assert found.percent < 100.0
-    assert found.missed
+    coverage = branch_coverage.measured({name: recordings[name]}, few)
+    assert coverage.percent < 100.0 and coverage.missed
