@@ -20,7 +20,7 @@ check fast test everything: export OMP_NUM_THREADS := 1
 
 # The loop of the day: what is fast of `test`.
 check: $(VENV)/dev.stamp
-	$(BIN)/python tests/measured.py --wall-s 150 $(MAKE) --no-print-directory fast
+	$(BIN)/python tests/measured.py --wall-s 110 $(MAKE) --no-print-directory fast
 
 fast: lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile --budget --hypothesis-profile=fast \
@@ -28,7 +28,7 @@ fast: lint
 
 # Side by side, since coverage and the site are one process each, and the linters wait for each other.
 test: $(VENV)/dev.stamp
-	$(BIN)/python tests/measured.py --cpu-minutes 21 $(MAKE) --no-print-directory everything
+	$(BIN)/python tests/measured.py --cpu-minutes 19 $(MAKE) --no-print-directory everything
 
 everything:
 	$(MAKE) --no-print-directory --jobs 2 --output-sync lint coverage docs
