@@ -123,7 +123,7 @@ class EagerController:
         return module
 
     def _norm(self, norm: Norm) -> nn.LayerNorm:
-        module = nn.LayerNorm(norm.weight.shape, dtype=self._dtype)
+        module = nn.LayerNorm(list(norm.weight.shape), dtype=self._dtype)
         module.load_state_dict({"weight": self._tensor(norm.weight), "bias": self._tensor(norm.bias)})
         return module
 
