@@ -26,7 +26,7 @@ from benchmarks.common.parts import part
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.errors import McuError, StillwakeError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.results import versions
 from firmware_sim.bench.ecus import CORTEX_M7, C, loop_ecu
 from firmware_sim.bench.lockstep import Lockstep

@@ -31,7 +31,7 @@ from contract.config.tree import Config
 from contract.controller.estimator import ESTIMATOR, REACH, EstimatorNetwork, pairs, views
 from contract.errors import StillwakeError
 from contract.recording import dataset
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.results import versions
 from contract.sensor_faults import Bias, Dead, Drift, Noise, SensorFault, Stuck, Swapped
 from contract.shipped import RECORDING

@@ -30,7 +30,7 @@ from benchmarks.roads.release import recorded_periods
 from benchmarks.roads.row import Outcome, Row
 from contract.config.tree import Config
 from contract.release import bundle as bundles
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from contract.shipped import BUNDLE
 from firmware_sim.bench.spans import Spans

@@ -22,7 +22,7 @@ from contract.controller.interface import ControlStep
 from contract.model import model_folder
 from contract.recording.dataset import Episode, read
 from contract.release import bundle as bundles
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.shipped import BUNDLE, RECORDING
 from export.program.controller_program import ControllerProgram
 from export.program.from_training import program_of

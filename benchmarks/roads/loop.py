@@ -14,7 +14,7 @@ from benchmarks.roads.row import Outcome, outcome_of_log, outcome_of_samples
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller.interface import FORCES, TERMS, Controller, ControlStep, RunnableController
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.release.manifest import Manifest
 from firmware_sim.bench.simulation import simulate
 from firmware_sim.bench.spans import Spans

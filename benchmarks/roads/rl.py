@@ -23,7 +23,7 @@ from benchmarks.roads.row import Outcome, Row
 from contract.arrays import Array
 from contract.errors import StillwakeError
 from contract.release import bundle as bundles
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.shipped import BUNDLE
 from stillwake.console.terminal import progress_bar
 from wake.env import TruckWakeEnv

@@ -9,7 +9,7 @@ from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.remembered import Remembered
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 
 
 class BootReason(Enum):

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import BundleDbcError, BundleError, BundleSignatureError, BundleSignerError
 from contract.release import signing
-from contract.release.bundle import SIGNATURE, Bundle, verified
+from contract.release.bundle import verified
+from contract.release.checks import SIGNATURE, Bundle
 from contract.release.image import files_of
 from contract.release.key_list import KeyList
 from contract.release.manifest import MANIFEST

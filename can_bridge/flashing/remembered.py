@@ -14,7 +14,7 @@ from can_bridge.flashing.state import MOST_ATTEMPTS, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError
 from contract.release import key_list
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.release.key_list import KeyList
 from contract.release.signing import PublicKey
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from can_bridge.tester.facts import EcuFacts
 from can_bridge.tester.messages import WrongReleaseError
-from contract.release.bundle import Bundle, dbc_sha256
+from contract.release.checks import Bundle, dbc_sha256
 
 
 def check_fits(release: Bundle, length: int, facts: EcuFacts) -> None:

@@ -22,15 +22,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import BundleError, BundleFileError
 from contract.release import signing
-from contract.release.checks import CONTROLLER as CONTROLLER
-from contract.release.checks import SIGNATURE as SIGNATURE
-from contract.release.checks import UNSIGNED as UNSIGNED
-from contract.release.checks import Bundle as Bundle
-from contract.release.checks import Check as Check
-from contract.release.checks import Made, read_checked
-from contract.release.checks import dbc_bytes as dbc_bytes
-from contract.release.checks import dbc_sha256 as dbc_sha256
-from contract.release.checks import sha256 as sha256
+from contract.release.checks import SIGNATURE, Bundle, Check, Made, dbc_sha256, read_checked, sha256
 from contract.release.container import is_plain_name, read_files, write_files
 from contract.release.manifest import MANIFEST, Manifest, SensorEstimator, encode
 from contract.release.signing import PublicKey

@@ -6,6 +6,7 @@ from typing import Any, Final, NamedTuple
 
 from contract.printable import shown
 from contract.release import bundle as bundles
+from contract.release.checks import sha256
 from contract.release.container import read_files
 from contract.release.manifest import MANIFEST, open_manifest
 from contract.release.signing import PublicKey
@@ -48,7 +49,7 @@ def _facts(path: Path, trusted: PublicKey | None) -> dict[str, Any]:
         "signer": "unsigned" if bundle.signer is None else bundle.signer.fingerprint,
         "dbc_sha256": opened.dbc,
         **{name: body[name] for name in sorted(body) if name != "provenance"},
-        **{f"file {name}": f"{len(data)} bytes, {bundles.sha256(data)}" for name, data in sorted(bundle.files.items())},
+        **{f"file {name}": f"{len(data)} bytes, {sha256(data)}" for name, data in sorted(bundle.files.items())},
         "provenance": body["provenance"],
     }
 

@@ -16,7 +16,7 @@ from typing import Final
 
 from contract.errors import BundleContainerError
 from contract.printable import quoted
-from contract.release.bundle import SIGNATURE
+from contract.release.checks import SIGNATURE
 from contract.release.container import MAX_BYTES, MAX_FILES, is_plain_name
 from contract.release.manifest import MANIFEST
 

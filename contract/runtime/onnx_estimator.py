@@ -8,7 +8,7 @@ from contract.arrays import Array
 from contract.controller.estimator import ESTIMATOR, ESTIMATOR_INPUT, ESTIMATOR_OUTPUT, estimator_shapes
 from contract.controller.interface import ControllerError, Sizes
 from contract.printable import shown
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.runtime.bounded_session import BoundedGraph
 from contract.runtime.onnx_session import WARM_UP_LIMIT_S
 

@@ -8,7 +8,7 @@ import onnxruntime
 from contract.arrays import Array
 from contract.controller.interface import OUTPUTS, ControllerError, ControlStep, Sizes
 from contract.printable import shown
-from contract.release.bundle import CONTROLLER, Bundle
+from contract.release.checks import CONTROLLER, Bundle
 from contract.runtime.bounded_session import BoundedGraph
 
 WARM_UP_LIMIT_S: Final = 10.0

@@ -27,6 +27,7 @@ from tuf.ngclient.updater import Updater
 
 from contract.errors import StillwakeError
 from contract.release import bundle as bundles
+from contract.release.checks import Bundle
 
 BINS: Final = 100
 _CHUNK: Final = 2**16
@@ -50,7 +51,7 @@ def bin_of(vehicle: str) -> int:
     return int.from_bytes(hashlib.sha256(vehicle.encode()).digest()[:8], "big") * BINS >> 64
 
 
-def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: str, to: Path) -> bundles.Bundle | None:
+def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: str, to: Path) -> Bundle | None:
     """The release that a vehicle is to run, as a bundle's zip.
 
     Args:

@@ -12,6 +12,7 @@ from contract.config.tree import Config
 from contract.model.model_folder import Provenance
 from contract.release import bundle
 from contract.release.bundle import MadeEstimator, with_estimator
+from contract.release.checks import CONTROLLER
 from contract.release.manifest import FIRST_SECURITY_VERSION, Manifest
 from export.release.gated import Gated
 
@@ -90,7 +91,7 @@ def write_release(
         provenance={**provenance.training(), "export": asdict(gated.graph)},
         security_version=FIRST_SECURITY_VERSION,
     )
-    contents = {bundle.CONTROLLER: lowered.graph}
+    contents = {CONTROLLER: lowered.graph}
     if estimator is not None:
         manifest = with_estimator(manifest, contents, estimator(manifest))
     bundle.write(path, manifest, contents, key)

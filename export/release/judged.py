@@ -8,7 +8,7 @@ import onnx
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import BundleControllerError
 from contract.printable import shown
-from contract.release.bundle import CONTROLLER, Bundle
+from contract.release.checks import CONTROLLER, Bundle
 from contract.runtime.onnx_estimator import OnnxEstimator
 from contract.runtime.onnx_session import OnnxController
 

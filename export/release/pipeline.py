@@ -28,7 +28,8 @@ from contract.recording.needs import CALIBRATION_WINDOWS as CALIBRATION_WINDOWS
 from contract.recording.needs import GATE_WINDOWS as GATE_WINDOWS
 from contract.recording.needs import LEAST_CALIBRATION, windows_in
 from contract.release import bundle
-from contract.release.bundle import Bundle, MadeEstimator
+from contract.release.bundle import MadeEstimator
+from contract.release.checks import Bundle
 from contract.release.manifest import PRECISIONS, Manifest
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK

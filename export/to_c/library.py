@@ -11,7 +11,7 @@ import numpy as np
 
 from contract.controller.c_folder import SETTINGS, WEIGHTS, float_literal, settings_header
 from contract.controller.interface import TERMS
-from contract.release.bundle import dbc_sha256
+from contract.release.checks import dbc_sha256
 from contract.release.manifest import Precision
 from export.int8.activation_ranges import ActivationRanges
 from export.int8.rounded_program import Program, RoundedProgram, effective, precision_of

@@ -9,7 +9,7 @@ from contract.atomic import replacing
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
 from contract.controller.interface import RunnableController
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from firmware_sim.bench.disturbances import Disturbance, Disturbances
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans

@@ -16,7 +16,7 @@ from contract.config.vehicle import SIMULATED
 from contract.controller.calibration import Calibration
 from contract.controller.interface import RunnableController
 from contract.errors import BusError, StillwakeError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.disturbing import Disturbing

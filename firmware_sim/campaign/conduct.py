@@ -8,7 +8,7 @@ from typing import Any
 from contract.config import loading
 from contract.config.tree import Config
 from contract.errors import StillwakeError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.campaign.execution import execute
 from firmware_sim.campaign.folder import SCHEMA, CampaignFolder

@@ -7,7 +7,7 @@ from typing import Final
 from distributed import Client, Future, KilledWorker
 
 from contract.errors import StillwakeError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from firmware_sim.campaign.outcome import Outcome
 from firmware_sim.campaign.running import run_task
 from firmware_sim.campaign.task import Task

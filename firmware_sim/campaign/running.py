@@ -9,7 +9,7 @@ from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.controller.interface import RunnableController
 from contract.errors import ConfigError, StillwakeError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from firmware_sim.bench.disturbances import Disturbances, Gust, Reynolds
 from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.bench.invariants import Invariants

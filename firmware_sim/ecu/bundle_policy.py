@@ -4,7 +4,7 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.controller.interface import Controller
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK

@@ -12,7 +12,7 @@ import numpy as np
 from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.controller.calibration import LARGEST_WEIGHT, WEIGHTS, Calibration, CalibrationLimits, as_float32
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 
 LEAST_SHARE: Final = 0.05
 """Share of the vehicle's `flow.action_limit` and `ecu.command_step` that must be left: less is not a goal but a way to

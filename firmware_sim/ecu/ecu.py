@@ -25,7 +25,7 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
 from contract.controller.interface import Controller, ControllerError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.runtime.onnx_estimator import OnnxEstimator
 from firmware_sim.ecu.calibrating import limits_of, release_calibration, with_calibration
 from firmware_sim.ecu.controller_memory import ControllerMemory

@@ -10,7 +10,7 @@ from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import BundleError, ConfigError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.sensor_layout import SAME_PLACE, SensorLayout
 from contract.sensors import TRUCK
 

@@ -25,7 +25,7 @@ from contract.config.tree import Config
 from contract.controller.c_folder import ECU_SETTINGS
 from contract.controller.calibration import Calibration
 from contract.errors import ConfigError, LibraryError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS
 from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.fit import check_vehicle

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from contract.controller.c_folder import SETTINGS, Settings, read_sources
 from contract.errors import LibraryError
-from contract.release.bundle import Bundle, dbc_sha256
+from contract.release.checks import Bundle, dbc_sha256
 from firmware_sim.in_c.compiler import OPTIMISED
 from firmware_sim.in_c.host_library import CController
 

@@ -12,7 +12,7 @@ from can_bridge.wire.messages import Reason
 from contract.arrays import Array, Index
 from contract.config.tree import Config
 from contract.geometry import HALF_WIDTH, JET_WIDTH
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from firmware_sim.ecu.state_machine import OperatingMode
 from firmware_sim.live.loop.kept import KeptPeriod
 from firmware_sim.live.loop.live_run import LiveRun

@@ -13,7 +13,7 @@ from typing import Final
 from can_bridge.wire.message_sets import message_set
 from contract.atomic import replacing
 from contract.config.tree import Config
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from firmware_sim.bench.spans import CYCLES, SHEDDING_TIME
 from firmware_sim.live.loop.kept import Counted, KeptPeriod, unpacked
 from firmware_sim.live.loop.live_run import LiveRun

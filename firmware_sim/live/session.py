@@ -15,7 +15,7 @@ from typing import Any, Final
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
 from contract.errors import ConfigError, StillwakeError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from firmware_sim.bench.virtual_loop import check_bit_rates
 from firmware_sim.ecu.calibrating import release_calibration
 from firmware_sim.ecu.fit import check_sensors

@@ -13,7 +13,7 @@ from contract.config import loading
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from firmware_sim.ecu.calibrating import with_calibration
 
 _PACKAGES: Final = ("stillwake", "onnxruntime", "numpy", "numba", "python-can")

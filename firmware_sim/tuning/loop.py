@@ -8,7 +8,7 @@ from contract.config.controller import MpcConfig
 from contract.config.tree import Config
 from contract.controller.interface import RunnableController
 from contract.errors import PlantError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from firmware_sim.bench.simulation import simulate
 from firmware_sim.bench.spans import Spans
 from firmware_sim.runs.run_log import Row

@@ -15,7 +15,7 @@ from contract.config.loading import Loaded
 from contract.errors import BundleError, KeyFileError, StillwakeError
 from contract.release import bundle as bundles
 from contract.release import key_list, signing
-from contract.release.bundle import Bundle, Check
+from contract.release.checks import Bundle, Check, dbc_sha256, sha256
 from contract.release.difference import differences
 from contract.release.key_list import KeyList
 from contract.release.manifest import Manifest
@@ -292,6 +292,6 @@ def rows(release: Bundle) -> list[tuple[str, str]]:
         ("data set SHA-256", manifest.dataset_sha256),
         ("weights SHA-256", manifest.weights_sha256),
         ("program SHA-256", manifest.program_sha256),
-        ("DBC SHA-256", bundles.dbc_sha256()),
-        *((f"file {name}", f"{len(data)} bytes, {bundles.sha256(data)}") for name, data in release.files.items()),
+        ("DBC SHA-256", dbc_sha256()),
+        *((f"file {name}", f"{len(data)} bytes, {sha256(data)}") for name, data in release.files.items()),
     ]  # fmt: skip

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from contract.config.tree import Config
 from contract.errors import StillwakeError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.results import versions, write_result
 from stillwake.console.outputs import check_json
 from stillwake.console.settings import settings

@@ -15,7 +15,7 @@ from contract.atomic import check_writable
 from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.errors import StillwakeError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from stillwake.console.outputs import Overwrite, check_dataset_name, check_output
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with

@@ -18,7 +18,7 @@ from contract.config.loading import Loaded
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
 from contract.errors import ConfigError, LibraryError, StillwakeError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.results import write_result
 from stillwake.console.outputs import check_json
 from stillwake.console.settings import WEIGHTS, settings

@@ -14,7 +14,7 @@ from contract.atomic import check_writable
 from contract.config.controller import MpcConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.results import versions, write_result
 from contract.shipped import BUNDLE, recording
 from contract.shipped import model as shipped_model

@@ -14,7 +14,7 @@ from contract.atomic import check_writable
 from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.results import versions, write_result
 from stillwake.console.outputs import check_json
 from stillwake.console.settings import REAL_BUS, settings

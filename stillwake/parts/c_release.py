@@ -14,7 +14,8 @@ from contract.config.tree import Config
 from contract.controller.c_folder import ECU_SETTINGS
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import StillwakeError
-from contract.release.bundle import Bundle, load
+from contract.release.bundle import load
+from contract.release.checks import Bundle
 from contract.shipped import BUNDLE, model, recording
 from stillwake.parts.releases import open_release
 

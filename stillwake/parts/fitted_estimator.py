@@ -4,7 +4,8 @@ from pathlib import Path
 
 from rich.progress import Progress
 
-from contract.release.bundle import MadeEstimator, sha256
+from contract.release.bundle import MadeEstimator
+from contract.release.checks import sha256
 from contract.release.manifest import Manifest
 from stillwake.console.terminal import console
 

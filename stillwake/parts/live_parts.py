@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from stillwake.console.endings import missing
 from stillwake.parts.c_release import library_folder

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from contract.release import bundle as bundles
 from contract.release import signing
-from contract.release.bundle import Bundle
+from contract.release.checks import UNSIGNED, Bundle
 from contract.release.signing import PublicKey
 from contract.shipped import BUNDLE
 
@@ -48,7 +48,7 @@ def describe(release: Bundle) -> list[Text]:
 def signature(release: Bundle) -> str:
     """Who signed it, in words."""
     if release.signer is None:
-        return bundles.UNSIGNED
+        return UNSIGNED
     if release.signer == signing.project_key():
         return f"signed by the project's key {release.signer.fingerprint}"
     if release.is_trusted:

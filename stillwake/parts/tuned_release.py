@@ -14,7 +14,8 @@ from contract.controller.interface import RunnableController
 from contract.errors import BundleError, DatasetError
 from contract.model.model_folder import ModelFolder
 from contract.release import bundle as bundles
-from contract.release.bundle import Bundle, MadeEstimator
+from contract.release.bundle import MadeEstimator
+from contract.release.checks import Bundle
 from contract.release.manifest import Manifest
 from contract.runtime.onnx_session import OnnxController
 

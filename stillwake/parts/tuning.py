@@ -14,7 +14,7 @@ from contract.config.controller import MpcConfig
 from contract.config.loading import to_tree
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from stillwake.console.terminal import progress_bar
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from contract.config.controller import MpcConfig
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.controller.interface import ControlStep
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.release.manifest import Manifest, Scaling
 from firmware_sim.ecu.ecu import Ecu
 

@@ -17,7 +17,7 @@ from contract.config.vehicle import EcuConfig, SensorCheckConfig
 from contract.controller.c_folder import ECU_SETTINGS
 from contract.model.model_folder import Provenance
 from contract.release import bundle as bundles
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
 from export.program.random_program import random_program, random_window

@@ -7,7 +7,7 @@ from can_bridge.bus.backends.python_can import PythonCanBus
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
 from contract.controller.interface import RunnableController
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from firmware_sim.ecu.daemon.counters import Counters
 from firmware_sim.ecu.daemon.options import Options, authentication_of, freshness_file
 from firmware_sim.ecu.daemon.process import Served, check, run

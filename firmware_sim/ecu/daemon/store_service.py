@@ -16,7 +16,7 @@ from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.services import REQUEST_ID
 from contract.config.tree import Config
 from contract.controller.interface import Controller
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.daemon.connection import Connection
 from firmware_sim.ecu.daemon.counters import Counters

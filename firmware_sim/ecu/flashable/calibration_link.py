@@ -11,7 +11,7 @@ from can_bridge.uds.refused import Refused
 from can_bridge.uds.services import Nrc
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from firmware_sim.ecu.calibrating import limits_of
 from firmware_sim.ecu.flashable.equipment import Equipment
 from firmware_sim.ecu.stepped import CalibratedEcu

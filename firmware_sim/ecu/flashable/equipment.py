@@ -7,7 +7,7 @@ from can_bridge.secoc.node import Authentication
 from can_bridge.uds.access_key import AccessKey
 from contract.config.tree import Config
 from contract.controller.interface import Controller
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.release.signing import PublicKey
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.ecu import Ecu

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from can_bridge.uds.services import Did
 from contract.config.tree import Config
-from contract.release.bundle import dbc_sha256
+from contract.release.checks import dbc_sha256
 from firmware_sim.ecu.flashable.equipment import Equipment
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from can_bridge.uds.diagnostics import Long
 from contract.arrays import Array
 from contract.controller.interface import Controller, ControllerError, Sizes
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.runtime.onnx_estimator import OnnxEstimator
 
 AMPLITUDE_CP: Final = 0.3

@@ -6,7 +6,7 @@ from can_bridge.flashing.verdicts import Verdict
 from contract.config.tree import Config
 from contract.controller.interface import Controller
 from contract.errors import BundleControllerError, BundleError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from firmware_sim.ecu.fit import check_vehicle
 
 

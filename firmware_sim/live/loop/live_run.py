@@ -10,7 +10,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from firmware_sim.bench.wiring import wire
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.stepped import LoopEcu

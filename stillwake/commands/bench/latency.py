@@ -17,7 +17,7 @@ from contract.atomic import replacing
 from contract.config.listing import as_toml, sections
 from contract.config.loading import Loaded
 from contract.errors import ConfigError, LibraryError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.results import versions, write_result
 from stillwake.console.outputs import Overwrite, check_json, check_output
 from stillwake.console.settings import REAL_BUS, settings

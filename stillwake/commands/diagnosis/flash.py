@@ -9,7 +9,7 @@ from rich.progress import Progress, TaskID
 from rich.table import Table
 
 from contract.errors import ConfigError
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.progress import span
 from stillwake.console.settings import settings
@@ -147,7 +147,7 @@ def _effort(flashed: "Flashed", length: int) -> str:
 def _comparison(release: Bundle, length: int, facts: "EcuFacts") -> Table:
     """What would be flashed, next to what the ECU reports."""
     from can_bridge.flashing.backing import Slot
-    from contract.release.bundle import dbc_sha256
+    from contract.release.checks import dbc_sha256
 
     manifest = release.manifest
     period_ms = manifest.operating_point.period_ns(manifest.control_period) / 1e6

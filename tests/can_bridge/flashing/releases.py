@@ -15,7 +15,8 @@ from can_bridge.flashing.verdicts import Verdict
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.release import bundle, key_list
-from contract.release.bundle import CONTROLLER, Bundle, pack
+from contract.release.bundle import pack
+from contract.release.checks import CONTROLLER, Bundle
 from contract.release.image import image_of
 from contract.release.key_list import KeyList
 from contract.release.manifest import Manifest

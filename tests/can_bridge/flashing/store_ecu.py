@@ -16,7 +16,7 @@ from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Did, Nrc, Routine
 from contract.controller.calibration import Calibration
 from contract.errors import ConfigError
-from contract.release.bundle import dbc_sha256
+from contract.release.checks import dbc_sha256
 from tests.can_bridge.flashing.releases import HARDWARE, booted
 
 SECRET = bytes(range(1, 17))

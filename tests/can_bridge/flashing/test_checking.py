@@ -10,7 +10,7 @@ from can_bridge.flashing.checking import Rules, check
 from can_bridge.flashing.verdicts import Verdict
 from contract.config.operating_point import OperatingPoint
 from contract.release import key_list, signing, strict_json
-from contract.release.bundle import CONTROLLER, SIGNATURE
+from contract.release.checks import CONTROLLER, SIGNATURE
 from contract.release.image import files_of, image_of
 from contract.release.key_list import KeyList
 from contract.release.manifest import MANIFEST

@@ -7,7 +7,7 @@ from pathlib import Path
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.release import signing
-from contract.release.bundle import SIGNATURE
+from contract.release.checks import SIGNATURE
 from contract.release.manifest import MANIFEST
 
 

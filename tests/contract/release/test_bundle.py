@@ -8,7 +8,7 @@ from contract.config.controller import CostWeights, MpcConfig
 from contract.config.operating_point import OperatingPoint
 from contract.errors import BundleError
 from contract.release import bundle
-from contract.release.bundle import CONTROLLER, SIGNATURE
+from contract.release.checks import CONTROLLER, SIGNATURE
 from contract.release.manifest import MANIFEST, Manifest, Scaling
 from contract.shipped import BUNDLE
 

@@ -9,7 +9,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import BundleError, BundleFileError
 from contract.release import bundle, signing
-from contract.release.bundle import CONTROLLER, Bundle, MadeEstimator
+from contract.release.bundle import MadeEstimator
+from contract.release.checks import CONTROLLER, Bundle
 from contract.release.manifest import SensorEstimator
 from contract.shipped import BUNDLE
 

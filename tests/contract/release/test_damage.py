@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from contract import errors
 from contract.release import bundle, checks, signing
-from contract.release.bundle import CONTROLLER, SIGNATURE
+from contract.release.checks import CONTROLLER, SIGNATURE
 from contract.release.manifest import MANIFEST
 from contract.shipped import BUNDLE
 from tests.contract.release.resealing import resealed

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from contract.errors import BundleManifestError
-from contract.release.bundle import CONTROLLER
+from contract.release.checks import CONTROLLER
 from contract.release.manifest import MANIFEST, Manifest, encode, open_manifest, parse
 from contract.sensors import TRUCK
 from contract.shipped import BUNDLE

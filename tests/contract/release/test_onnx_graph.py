@@ -5,7 +5,7 @@ import onnx
 import pytest
 from onnx import helper
 
-from contract.release.bundle import CONTROLLER
+from contract.release.checks import CONTROLLER
 from contract.release.onnx_graph import MAX_BYTES, check_graph
 from contract.shipped import BUNDLE
 from tests.contract.controller.graphs import constant, graph_of, outside

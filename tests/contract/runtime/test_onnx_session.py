@@ -13,13 +13,14 @@ from contract.config.controller import MpcConfig
 from contract.controller.interface import ControllerError
 from contract.errors import BundleControllerError, BundleError
 from contract.release import bundle
+from contract.release.checks import Bundle
 from contract.runtime import onnx_session
 from contract.runtime.onnx_session import OnnxController
 from tests.contract.controller import graphs
 
 
 @pytest.fixture(scope="module")
-def release(random_release) -> bundle.Bundle:
+def release(random_release) -> Bundle:
     return bundle.load(random_release)
 
 
@@ -40,7 +41,7 @@ def test_the_controller_is_the_bundles(release):
 
 
 def test_a_model_that_contradicts_its_manifest_is_refused(release):
-    def altered(**changes: Any) -> bundle.Bundle:
+    def altered(**changes: Any) -> Bundle:
         """The release with other facts about it."""
         return replace(release, manifest=replace(release.manifest, **changes))
 
@@ -79,7 +80,7 @@ def test_a_graph_without_end_is_stopped(monkeypatch, release):
         OnnxController.of(unchecked(release, graphs.endless()))
 
 
-def unchecked(release: bundle.Bundle, model: bytes) -> bundle.Bundle:
+def unchecked(release: Bundle, model: bytes) -> Bundle:
     """The release around another graph, which nobody judged."""
     sizes = graphs.SIZES
     mpc = replace(release.manifest.mpc, horizon=sizes.horizon)

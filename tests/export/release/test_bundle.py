@@ -13,6 +13,7 @@ from contract.controller.estimator import ESTIMATOR
 from contract.model.model_folder import Provenance
 from contract.release import bundle, signing
 from contract.release.bundle import MadeEstimator
+from contract.release.checks import CONTROLLER
 from contract.release.manifest import Manifest, SensorEstimator
 from contract.runtime.onnx_session import OnnxController
 from export.gates.quantisation import QuantisationLimits
@@ -94,7 +95,7 @@ def test_a_written_release_loads_and_controls(tmp_path, program, precision):
     assert exported["parity"]["action"] == report.parity.action
     assert (report.quantisation is None) == (precision == "float32")
 
-    model = loaded.files[bundle.CONTROLLER]
+    model = loaded.files[CONTROLLER]
     assert len(model) == report.controller_bytes
     window = random_window(program, np.random.default_rng(3)).astype(np.float32).astype(float)
     effective = lowerings.lowered.effective

@@ -12,7 +12,7 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import BundleControllerError
 from contract.release import bundle
-from contract.release.bundle import CONTROLLER
+from contract.release.checks import CONTROLLER
 from contract.shipped import BUNDLE
 from export.int8.rounded_program import rounded_to_nearest
 from export.program.random_program import random_program

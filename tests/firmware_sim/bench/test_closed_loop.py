@@ -16,6 +16,7 @@ from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
 from contract.config.vehicle import BackgroundConfig, BusConfig, VehicleConfig
 from contract.release import bundle
+from contract.release.checks import Bundle
 from export.program.random_program import random_program
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs import wake_stills
@@ -35,7 +36,7 @@ FIGURES = (
 
 
 @pytest.fixture(scope="module")
-def release(random_release) -> bundle.Bundle:
+def release(random_release) -> Bundle:
     return bundle.load(random_release)
 
 

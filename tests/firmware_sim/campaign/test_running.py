@@ -8,6 +8,7 @@ import pytest
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.release import bundle
+from contract.release.checks import Bundle
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.campaign import running
 from firmware_sim.campaign.outcome import Course, Outcome, Service
@@ -27,7 +28,7 @@ LEAD_IN, PERIODS = 6, 14
 
 
 @pytest.fixture(scope="module")
-def release(short_release) -> bundle.Bundle:
+def release(short_release) -> Bundle:
     return bundle.load(short_release)
 
 

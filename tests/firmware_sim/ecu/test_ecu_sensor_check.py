@@ -10,7 +10,7 @@ from can_bridge.wire.messages import Mode, Reason
 from contract import sensors
 from contract.recording import dataset
 from contract.release import bundle
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.shipped import BUNDLE, recording
 from tests.each import each
 from tests.firmware_sim.conftest import RecordingController, make_bench

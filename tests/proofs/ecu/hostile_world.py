@@ -18,7 +18,7 @@ from can_bridge.e2e import profile5
 from can_bridge.wire.message_specs import PRESSURE
 from contract import sensors
 from contract.config.tree import Config
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.ecu.ecu import Ecu
 from tests.firmware_sim.conftest import make_bundle

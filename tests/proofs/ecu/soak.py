@@ -37,7 +37,7 @@ from contract.config.tree import Config
 from contract.controller.interface import Controller
 from contract.errors import ConfigError
 from contract.recording.dataset import read
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from contract.shipped import recording
 from firmware_sim.bench.vehicle_node import VehicleNode

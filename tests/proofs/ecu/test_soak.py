@@ -13,7 +13,7 @@ from can_bridge.wire.message_specs import PRESSURE
 from contract.arrays import Array
 from contract.controller.interface import ControlStep
 from contract.release import bundle
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.ecu_state import EcuState
 from tests.proofs.ecu import soak

@@ -7,7 +7,7 @@ from cantools.database import Database
 from e2e.p05 import e2e_p05_check
 
 from can_bridge.wire.frame import Frame
-from contract.release.bundle import dbc_bytes
+from contract.release.checks import dbc_bytes
 
 PRESSURE, COMMAND, STATUS = "Pressure", "JetCommand", "EcuStatus"
 

@@ -5,7 +5,7 @@ from typing import Final
 
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, E2eConfig, EcuConfig, SensorCheckConfig
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.release.manifest import SensorEstimator
 from tests.proofs.ecu.hostile_world import small_bundle
 

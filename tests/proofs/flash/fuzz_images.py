@@ -5,7 +5,7 @@ from functools import cache
 from typing import NamedTuple
 
 from contract.release import key_list, signing
-from contract.release.bundle import CONTROLLER, SIGNATURE
+from contract.release.checks import CONTROLLER, SIGNATURE
 from contract.release.image import image_of
 from contract.release.key_list import KeyList
 from contract.release.signing import PublicKey

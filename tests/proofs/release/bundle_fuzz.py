@@ -27,7 +27,7 @@ from contract.config.learning import ModelConfig
 from contract.controller.c_folder import SETTINGS, Settings
 from contract.errors import StillwakeError
 from contract.release import bundle
-from contract.release.bundle import CONTROLLER, Bundle
+from contract.release.checks import CONTROLLER, Bundle
 from contract.release.manifest import MANIFEST, Manifest
 from contract.runtime.onnx_session import OnnxController
 from contract.shipped import BUNDLE

@@ -11,7 +11,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 
 from contract.release import key_list, signing
-from contract.release.bundle import CONTROLLER, SIGNATURE
+from contract.release.checks import CONTROLLER, SIGNATURE
 from contract.release.manifest import MANIFEST
 from stillwake.console.terminal import console
 from tests.contract.release.resealing import resealed

@@ -8,7 +8,7 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.release import bundle, signing
-from contract.release.bundle import CONTROLLER
+from contract.release.checks import CONTROLLER
 from contract.release.difference import differences
 from contract.release.manifest import MANIFEST
 from contract.shipped import BUNDLE

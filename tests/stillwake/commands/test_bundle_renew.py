@@ -15,7 +15,7 @@ from contract.errors import BundleError
 from contract.recording import dataset
 from contract.recording.dataset import Dataset
 from contract.release import bundle, signing
-from contract.release.bundle import CONTROLLER
+from contract.release.checks import CONTROLLER
 from contract.release.manifest import MANIFEST
 from contract.shipped import BUNDLE
 from firmware_sim.ecu.fit import check_vehicle

@@ -13,6 +13,7 @@ from contract.config.controller import CostWeights
 from contract.config.loading import load
 from contract.errors import ConfigError
 from contract.release import bundle, signing
+from contract.release.checks import Bundle
 from firmware_sim.runs import run_log
 from firmware_sim.runs.run_folder import RunFolder
 from stillwake.commands.run import cost_weights, run
@@ -74,7 +75,7 @@ def signed_short(short_release, tmp_path) -> Path:
 
 
 @pytest.fixture
-def release(random_release) -> bundle.Bundle:
+def release(random_release) -> Bundle:
     return bundle.load(random_release)
 
 

@@ -10,6 +10,7 @@ from contract.config.controller import CostWeights
 from contract.errors import BundleError, DatasetError
 from contract.model import model_folder
 from contract.release import bundle as bundles
+from contract.release.checks import Bundle
 from contract.shipped import BUNDLE, MODEL, RECORDING
 from export.program.from_training import program_of
 from export.reference.mpc import control_step
@@ -17,7 +18,7 @@ from stillwake.parts.tuned_release import ModelOf, controller_of, release_of
 
 
 @pytest.fixture(scope="module")
-def release() -> bundles.Bundle:
+def release() -> Bundle:
     return bundles.load(BUNDLE)
 
 

@@ -20,7 +20,7 @@ from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig
 from contract.errors import BundleError, BusError, ConfigError
 from contract.release import bundle as bundles
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.daemon.counters import Counters
 from firmware_sim.ecu.daemon.events import as_json

@@ -18,7 +18,7 @@ from contract.config.tree import Config
 from contract.controller.calibration import NAMES
 from contract.controller.interface import Controller
 from contract.release import bundle as bundles
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.release.image import image_of
 from firmware_sim.ecu.calibrating import release_calibration
 from firmware_sim.in_c.c_ecu import CEcu, ecu_sources

@@ -8,7 +8,7 @@ import pytest
 from can_bridge.flashing.verdicts import Verdict
 from contract.config.tree import Config
 from contract.controller.interface import Controller, ControllerError, ControlStep
-from contract.release.bundle import Bundle
+from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.flashable.self_test import self_test
 from firmware_sim.ecu.flashable.vehicle_fit import VehicleFit

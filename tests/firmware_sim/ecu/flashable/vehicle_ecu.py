@@ -23,6 +23,7 @@ from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig, SensorCheckConfig
 from contract.release import bundle as bundles
 from contract.release import signing
+from contract.release.checks import Bundle
 from contract.release.image import image_of
 from contract.shipped import BUNDLE
 from firmware_sim.ecu.flashable.equipment import Equipment
@@ -39,7 +40,7 @@ SELF_TEST, ACTIVATE, CONFIRM_ROUTINE, REVERT = (b"\x31\x01\x02" + bytes([low]) f
 
 
 @cache
-def shipped() -> bundles.Bundle:
+def shipped() -> Bundle:
     return bundles.load(BUNDLE)
 
 
