@@ -107,7 +107,8 @@ class Guarded(RequestHandler):
 
     def log_exception(self, typ: Any, value: Any, tb: Any) -> None:
         # tornado's own would log the address, which has the token.
-        if not isinstance(value, HTTPError):
+        # At the server's end, answers that no one takes are cancelled.
+        if not isinstance(value, HTTPError | asyncio.CancelledError):
             _log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))
 
 
@@ -141,6 +142,29 @@ class Socket(Guarded, WebSocketHandler):
     def check_origin(self, origin: str) -> bool:
         return self.served.access.refusal(host=self.request.host, origin=origin, token=self.shown_token()) is None
 
+    def open(self, *_arguments: str) -> None:
+        self.set_nodelay(True)
+        self._connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+
+    @property
+    def _connection(self) -> Any:
+        return getattr(self.ws_connection, "stream", None)
+
+    async def send(self, message: str | bytes) -> None:
+        """Send it, and wait until the machine has taken it.
+
+        Raises:
+            WebSocketClosedError: the viewer is gone, or is closed because it took nothing for too long.
+        """
+        # Not `asyncio.timeout`: it would cancel what the connection writes.
+        sent = asyncio.ensure_future(self.write_message(message, binary=isinstance(message, bytes)))
+        sent.add_done_callback(lambda done: done.cancelled() or done.exception())
+        await asyncio.wait([sent], timeout=self.served.stalled_s)
+        if not sent.done() and self._connection is not None:
+            # Without a farewell, which would wait behind the message that is not taken.
+            self._connection.close()
+        await sent
+
 
 class Stream(Socket):
     """From the loop to one viewer: one message under way, and whatever is newest when it has been taken."""
@@ -151,10 +175,8 @@ class Stream(Socket):
         if len(self.served.viewers) >= MOST_VIEWERS:
             self.close(TRY_AGAIN_LATER, f"{MOST_VIEWERS} others are looking already")
             return
+        super().open()
         self.served.viewers.add(self)
-        self.set_nodelay(True)
-        if self._connection is not None:
-            self._connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         self._sending = asyncio.create_task(self._send())
 
     def on_message(self, message: str | bytes) -> None:
@@ -165,68 +187,52 @@ class Stream(Socket):
         if self._sending is not None:
             self._sending.cancel()
 
-    @property
-    def _connection(self) -> Any:
-        return getattr(self.ws_connection, "stream", None)
-
     async def _send(self) -> None:
         supervisor = self.served.supervisor
         viewer = Viewer(supervisor.hub)
-        try:
-            with supervisor.watched() as changed:
-                while True:
-                    changed.clear()
-                    if not await self._send_news(viewer):
-                        await changed.wait()
-                    await asyncio.sleep(1.0 / BATCHES_A_SECOND)
-        except WebSocketClosedError:
-            return
-        except TimeoutError:
-            # Without a farewell, which would wait behind the message that is not taken.
-            if self._connection is not None:
-                self._connection.close()
+        with suppress(WebSocketClosedError), supervisor.watched() as changed:
+            while True:
+                changed.clear()
+                if not await self._send_news(viewer):
+                    await changed.wait()
+                await asyncio.sleep(1.0 / BATCHES_A_SECOND)
 
     async def _send_news(self, viewer: Viewer) -> bool:
         is_any = False
         for stream in STREAMS:
             message = viewer.take(stream)
-            if message is None:
-                continue
-            is_any = True
-            is_bytes = isinstance(message, bytes)
-            sent = self.write_message(message if isinstance(message, bytes) else as_json(message), binary=is_bytes)
-            async with asyncio.timeout(self.served.stalled_s):
-                await sent
+            if message is not None:
+                is_any = True
+                await self.send(message if isinstance(message, bytes) else as_json(message))
         return is_any
 
 
 class Control(Socket):
-    """Requests of one viewer, and an answer to each, in their order."""
+    """Requests of one viewer, and an answer to each. One that does not read its answers is read no further."""
 
     def open(self, *_arguments: str) -> None:
-        self.set_nodelay(True)
+        super().open()
         self._unanswered = set[asyncio.Task[None]]()
 
-    def on_message(self, message: str | bytes) -> None:
-        if (wrong := check(message)) is not None:
-            self._say(wrong)
+    async def on_message(self, message: str | bytes) -> None:
+        refusal = check(message)
+        number = json.loads(message).get("id") if refusal is None else None
+        if refusal is None and len(self._unanswered) >= MOST_UNANSWERED:
+            refusal = Answer(error=f"{MOST_UNANSWERED} requests wait for the loop already")
+        if refusal is not None:
+            await self._answer(refusal, number)
             return
-        text = str(message)
-        number = json.loads(text).get("id")
-        if len(self._unanswered) >= MOST_UNANSWERED:
-            self._say(_numbered(Answer(error=f"{MOST_UNANSWERED} requests wait for the loop already"), number))
-            return
-        # Not awaited here: what the connection itself sends would wait as well.
-        task = asyncio.create_task(self._ask(text, number))
+        # Not awaited here: what the connection itself sends would wait for the loop as well.
+        task = asyncio.create_task(self._ask(str(message), number))
         self._unanswered.add(task)
         task.add_done_callback(self._unanswered.discard)
 
     async def _ask(self, text: str, number: int | None) -> None:
-        self._say(_numbered(await self.served.supervisor.ask(text), number))
+        await self._answer(await self.served.supervisor.ask(text), number)
 
-    def _say(self, answer: Answer) -> None:
+    async def _answer(self, answer: Answer, number: int | None) -> None:
         with suppress(WebSocketClosedError):
-            self.write_message(as_json(answer))
+            await self.send(as_json(answer if number is None else {**answer, "id": number}))
 
 
 class SavedRun(Guarded):
@@ -244,10 +250,6 @@ class SavedRun(Guarded):
             while piece := file.read(_PIECE):
                 self.write(piece)
                 await self.flush()
-
-
-def _numbered(answer: Answer, number: int | None) -> Answer:
-    return answer if number is None else {**answer, "id": number}
 
 
 def _write_zip(folder: Path, file: IO[bytes]) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from tornado.httpserver import HTTPServer
+from tornado.iostream import IOStream
 from tornado.netutil import bind_sockets
 from tornado.web import Application
 
@@ -26,6 +27,10 @@ LOOK_S: Final = 0.1
 """Between two looks at whether to stop."""
 PING_S: Final = 20.0
 """Between two questions to a viewer whether it is still there."""
+IDLE_S: Final = 10.0
+"""A connection that sends no whole request for so long is closed."""
+MOST_CONNECTIONS: Final = 128
+"""Two of each viewer, and as many that load files; half of the file descriptors that any system gives a process."""
 
 
 def application(
@@ -45,7 +50,7 @@ def application(
     return Application(
         [
             (r"/()", Files, {**own, "path": str(page), "default_filename": "index.html"}),
-            (r"/static/(.+)", Files, {**own, "path": str(page)}),
+            (r"/static/([A-Za-z0-9._/-]+)", Files, {**own, "path": str(page)}),
             (r"/stream", Stream, own),
             (r"/control", Control, own),
             (r"/saved/([A-Za-z0-9][A-Za-z0-9._-]*)\.zip", SavedRun, own),
@@ -57,6 +62,34 @@ def application(
         websocket_max_message_size=LONGEST_REQUEST,
         websocket_ping_interval=PING_S,
     )
+
+
+class BoundedServer(HTTPServer):
+    """Bounds what those can take who have shown no token: connections, their time, and bytes.
+
+    Args:
+        application: that answers.
+        idle_s: see `IDLE_S`.
+    """
+
+    def initialize(self, application: Application, *, idle_s: float = IDLE_S) -> None:  # type: ignore[override]
+        super().initialize(
+            application,
+            idle_connection_timeout=idle_s,
+            body_timeout=idle_s,
+            max_header_size=LONGEST_REQUEST,
+            max_body_size=LONGEST_REQUEST,
+        )
+        self._open: list[IOStream] = []
+
+    def handle_stream(self, stream: IOStream, address: tuple[Any, ...]) -> None:
+        """Answer one more connection, or close it where there are too many."""
+        self._open = [one for one in self._open if not one.closed()]
+        if len(self._open) >= MOST_CONNECTIONS:
+            stream.close()
+            return
+        self._open.append(stream)
+        super().handle_stream(stream, address)
 
 
 class NotFound(Guarded):
@@ -97,7 +130,7 @@ async def serve(
     sockets = _bound(address, port)
     access = Access.to(address)
     supervisor = Supervisor(make, fast=fast, report=report)
-    server = HTTPServer(application(supervisor, access, saves), max_body_size=LONGEST_REQUEST)
+    server = BoundedServer(application(supervisor, access, saves))
     server.add_sockets(sockets)
     ready(page_url(address, sockets[0].getsockname()[1], access))
     loop = asyncio.create_task(supervisor.run())

@@ -1,9 +1,11 @@
 """The server with a loop that counts: who is refused, what viewers get, and how it all ends."""
 
 import asyncio
+import gc
 import io
 import json
 import socket
+import struct
 import time
 import zipfile
 from collections.abc import AsyncIterator, Callable
@@ -14,16 +16,16 @@ from typing import Any
 
 import pytest
 from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest, HTTPResponse
-from tornado.httpserver import HTTPServer
 from tornado.testing import bind_unused_port
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from contract.errors import StillwakeError
-from firmware_sim.live.serving import handlers
+from firmware_sim.live.loop.messages import Answer
+from firmware_sim.live.serving import control, handlers, server
 from firmware_sim.live.serving.access import Access
 from firmware_sim.live.serving.control import LONGEST_REQUEST
 from firmware_sim.live.serving.handlers import SEND_BUFFER, TRY_AGAIN_LATER
-from firmware_sim.live.serving.server import PAGE, application, serve
+from firmware_sim.live.serving.server import PAGE, BoundedServer, application, serve
 from firmware_sim.live.serving.supervisor import Supervisor
 from tests.firmware_sim.live.serving.fake_session import PICTURE_BYTES, MakeFake
 
@@ -54,17 +56,19 @@ async def placed(
     page: Path | None = None,
     stalled_s: float = 30.0,
     short_life_s: float = 30.0,
+    idle_s: float = 30.0,
 ) -> AsyncIterator[Place]:
     """A server, with a loop if there is what makes one."""
     supervisor = Supervisor(make or MakeFake(), short_life_s=short_life_s)
     listening, port = bind_unused_port()
-    server = HTTPServer(application(supervisor, access, saves, page=page or PAGE, stalled_s=stalled_s))
-    server.add_socket(listening)
+    own = application(supervisor, access, saves, page=page or PAGE, stalled_s=stalled_s)
+    serving = BoundedServer(own, idle_s=idle_s)
+    serving.add_socket(listening)
     loop = None if make is None else asyncio.create_task(supervisor.run())
     try:
         yield Place(port, supervisor)
     finally:
-        server.stop()
+        serving.stop()
         if loop is not None:
             loop.cancel()
             await asyncio.wait([loop])
@@ -116,7 +120,7 @@ def test_the_page_has_its_files_and_no_other_can_be_had(page, tmp_path):
             for path in (
                 *("/static/../secret.txt", "/static/%2e%2e/secret.txt", "/static/vendor/../../secret.txt"),
                 *("/static/..%2fpage-secret.txt", "/static/%2e%2e%2fpage-secret.txt", "/static//etc/hostname"),
-                *("/static/vendor", "/static/none.js", "/saved/secret.zip", "/saved/..zip", "/none"),
+                *("/static/vendor", "/static/none.js", "/static/x%00", "/saved/secret.zip", "/saved/..zip", "/none"),
             ):
                 response = await place.get(path)
                 assert response.code in (403, 404), path
@@ -226,21 +230,21 @@ def test_viewers_see_and_ask(tmp_path):
     asyncio.run(look())
 
 
-def silent(port: int) -> socket.socket:
-    """A viewer that opens the stream and never reads."""
+def silent(port: int, path: str = "/stream") -> socket.socket:
+    """A viewer that opens a channel and never reads."""
     viewer = socket.socket()
     viewer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     viewer.connect(("127.0.0.1", port))
-    head = ("GET /stream HTTP/1.1", f"Host: 127.0.0.1:{port}", "Upgrade: websocket", "Connection: Upgrade")
+    head = (f"GET {path} HTTP/1.1", f"Host: 127.0.0.1:{port}", "Upgrade: websocket", "Connection: Upgrade")
     key = ("Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Version: 13", "", "")
     viewer.sendall("\r\n".join((*head, *key)).encode())
     return viewer
 
 
 @pytest.mark.processes
-def test_who_does_not_read_holds_up_no_one_and_is_closed(tmp_path):
+def test_who_does_not_read_holds_up_no_one_and_is_closed(tmp_path, caplog):
     async def look() -> None:
-        async with placed(tmp_path, MakeFake(), stalled_s=1.0) as place:
+        async with placed(tmp_path, MakeFake(), stalled_s=0.5) as place:
             reading = await place.connect("/stream")
             await heard(reading, lambda m: m["type"] == "picture")
             with silent(place.port) as stalled:
@@ -258,6 +262,8 @@ def test_who_does_not_read_holds_up_no_one_and_is_closed(tmp_path):
             assert taken < 2 * SEND_BUFFER + 3 * PICTURE_BYTES
 
     asyncio.run(look())
+    gc.collect()
+    assert caplog.records == []
 
 
 def _until_closed(stalled: socket.socket) -> int:
@@ -267,6 +273,56 @@ def _until_closed(stalled: socket.socket) -> int:
         while piece := stalled.recv(65536):
             taken += len(piece)
     return taken
+
+
+def test_who_asks_and_never_reads_is_read_no_further_and_leaves_no_traceback(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(handlers, "SEND_BUFFER", 4096)
+    taken = list[str | bytes]()
+
+    def counted(text: str | bytes) -> Answer | None:
+        taken.append(text)
+        return control.check(text)
+
+    monkeypatch.setattr(handlers, "check", counted)
+
+    async def look(request: bytes, *, goes: bool) -> None:
+        async with placed(tmp_path) as place:
+            with silent(place.port, "/control") as viewer:
+                # Masked messages of two bytes.
+                viewer.sendall(5000 * (b"\x81\x82\0\0\0\0" + request))
+                await asyncio.sleep(0.5)
+                assert 10 < len(taken) < 1000, request
+                if goes:
+                    viewer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                    viewer.close()
+                    await asyncio.sleep(0.1)
+            taken.clear()
+
+    # What is a request and what is none; a viewer who goes without having read, and one whom the server's end meets.
+    for request, goes in ((b"{}", True), (b"xx", True), (b"xx", False)):
+        asyncio.run(look(request, goes=goes))
+    gc.collect()
+    assert caplog.records == []
+
+
+def test_idle_connections_are_closed_and_more_than_a_bound_refused(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(server, "MOST_CONNECTIONS", 3)
+
+    async def look() -> None:
+        async with placed(tmp_path, idle_s=1.0) as place:
+            begun = (b"", b"GET / HT", b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n", b"")
+            idle = [await asyncio.open_connection("127.0.0.1", place.port) for _ in begun]
+            for (_, writer), text in zip(idle, begun, strict=True):
+                writer.write(text)
+            async with asyncio.timeout(0.5):
+                assert await idle[3][0].read() == b""
+            async with asyncio.timeout(PATIENCE_S):
+                for reader, _ in idle[:3]:
+                    await reader.read()
+            assert (await place.get("/")).code == 200
+
+    asyncio.run(look())
+    assert caplog.records == []
 
 
 @pytest.mark.processes
