@@ -28,7 +28,7 @@ STATES: Final = {
     "STANDBY": (60, 195),
     "ARMED": (60, 330),
     "WARMUP": (365, 95),
-    "ACTIVE": (750, 95),
+    "CONTROL": (750, 95),
     "HOLD": (750, 222),
     "DECAY": (750, 340),
     "FAULT": (440, 510),
@@ -41,7 +41,7 @@ GROUPS: Final = (
     ("jets may run", (700, 70, 225, 325), "#fdf2df"),
 )
 """Rectangles (x, y, width, height) behind the states; a line from an edge leads from all states inside."""
-UNWANTED, WANTED = "INIT STANDBY ARMED", "WARMUP ACTIVE HOLD DECAY"
+UNWANTED, WANTED = "INIT STANDBY ARMED", "WARMUP CONTROL HOLD DECAY"
 CHOICE: Final = (560, 245)
 """Middle of the diamond, which is no state: where ARMED and what stands under a request are led on."""
 
@@ -60,10 +60,10 @@ LINES: Final = (
     Line("INIT", "ARMED", ((60, 98), (44, 98), (44, 353), (60, 353)), (44, 270)),
     Line("STANDBY", "ARMED", ((122, 241), (122, 330)), (122, 280)),
     Line("INIT", "WARMUP", ((184, 105), (365, 105)), (270, 105)),
-    Line("ARMED ACTIVE HOLD DECAY", "WARMUP", ((560, 211), (560, 130), (489, 130)), (560, 170)),
-    Line("ARMED WARMUP HOLD DECAY", "ACTIVE", ((577, 228), (640, 228), (640, 118), (750, 118)), (640, 165)),
-    Line("ARMED WARMUP ACTIVE", "HOLD", ((594, 245), (750, 245)), (670, 245)),
-    Line("ARMED WARMUP ACTIVE HOLD", "DECAY", ((577, 262), (640, 262), (640, 363), (750, 363)), (640, 325)),
+    Line("ARMED CONTROL HOLD DECAY", "WARMUP", ((560, 211), (560, 130), (489, 130)), (560, 170)),
+    Line("ARMED WARMUP HOLD DECAY", "CONTROL", ((577, 228), (640, 228), (640, 118), (750, 118)), (640, 165)),
+    Line("ARMED WARMUP CONTROL", "HOLD", ((594, 245), (750, 245)), (670, 245)),
+    Line("ARMED WARMUP CONTROL HOLD", "DECAY", ((577, 262), (640, 262), (640, 363), (750, 363)), (640, 325)),
     Line(WANTED, "ARMED", ((330, 368), (184, 368)), (258, 368)),
     Line(WANTED, "FAULT", ((530, 400), (530, 510)), (530, 455)),
     Line(UNWANTED, "FAULT", ((200, 400), (200, 522), (440, 522)), (330, 522)),
@@ -71,7 +71,7 @@ LINES: Final = (
     Line("WARMUP", "UPDATE", ((385, 141), (385, 470), (130, 470), (130, 510)), (280, 470)),
     Line("FAULT", "UPDATE", ((440, 546), (164, 546)), (300, 548)),
     Line("FAULT", "WARMUP", ((465, 510), (465, 300), (420, 300), (420, 141)), (465, 425)),
-    Line("FAULT", "ACTIVE", ((564, 533), (968, 533), (968, 118), (874, 118)), (760, 533)),
+    Line("FAULT", "CONTROL", ((564, 533), (968, 533), (968, 118), (874, 118)), (760, 533)),
 )
 
 _HEAD: Final = """# States of the ECU

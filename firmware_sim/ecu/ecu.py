@@ -346,7 +346,7 @@ class Ecu:
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
         """What to do in a period of this mode, with this period's row in the memory."""
         latest = memory.under_way.newest
-        if mode is OperatingMode.ACTIVE:
+        if mode is OperatingMode.CONTROL:
             try:
                 planned, answer = memory.planned(self._controller, self._weights)
             except ControllerError:

@@ -29,7 +29,7 @@ class OperatingMode(Enum):
     """The request is low: control starts when it rises."""
     WARMUP = auto()
     """Control is wanted, but the controller's window is not full."""
-    ACTIVE = auto()
+    CONTROL = auto()
     """The jets follow the controller."""
     HOLD = auto()
     """Pressures are missing: the last command stays."""
@@ -54,12 +54,12 @@ class OperatingMode(Enum):
 _ON_WIRE: Final = {
     **dict.fromkeys((OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.ARMED, OperatingMode.UPDATE), Mode.OFF),
     OperatingMode.WARMUP: Mode.WARMUP,
-    OperatingMode.ACTIVE: Mode.CONTROL,
+    OperatingMode.CONTROL: Mode.CONTROL,
     OperatingMode.HOLD: Mode.HOLD,
     OperatingMode.DECAY: Mode.DECAY,
     OperatingMode.FAULT: Mode.FAULT,
 }
-DRIVES_JETS: Final = frozenset({OperatingMode.ACTIVE, OperatingMode.HOLD, OperatingMode.DECAY})
+DRIVES_JETS: Final = frozenset({OperatingMode.CONTROL, OperatingMode.HOLD, OperatingMode.DECAY})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,7 +201,7 @@ def _row(start: str, when: Condition, to: OperatingMode, reason: Because, within
 
 
 _S = OperatingMode
-_WANTED: Final = "WARMUP ACTIVE HOLD DECAY"
+_WANTED: Final = "WARMUP CONTROL HOLD DECAY"
 """Where control is wanted and no fault stands."""
 
 TRANSITIONS: Final = (
@@ -221,8 +221,8 @@ TRANSITIONS: Final = (
     _row(f"INIT ARMED {_WANTED}", TOO_MANY, _S.FAULT, MISSING, "loss_limit"),
     _row("INIT", ALWAYS, _S.WARMUP, WHILE_MISSING),
     _row(f"ARMED {_WANTED}", FILLING, _S.WARMUP, WHILE_MISSING),
-    _row(f"ARMED {_WANTED}", USABLE, _S.ACTIVE, NO_REASON),
-    _row("ARMED WARMUP ACTIVE HOLD", SHORT, _S.HOLD, MISSING),
+    _row(f"ARMED {_WANTED}", USABLE, _S.CONTROL, NO_REASON),
+    _row("ARMED WARMUP CONTROL HOLD", SHORT, _S.HOLD, MISSING),
     _row(f"ARMED {_WANTED}", ALWAYS, _S.DECAY, MISSING, "hold_periods + 1"),
     # A latched fault.
     _row(
@@ -232,7 +232,7 @@ TRANSITIONS: Final = (
         NO_REASON,
         "rearm_frames",
     ),
-    _row("FAULT", REARMED, _S.ACTIVE, NO_REASON, "rearm_frames"),
+    _row("FAULT", REARMED, _S.CONTROL, NO_REASON, "rearm_frames"),
     _row("FAULT", ALWAYS, _S.FAULT, FIRST),
 )
 """All that can happen, in the order in which it is looked at; see `Transition`."""

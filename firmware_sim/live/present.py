@@ -17,7 +17,7 @@ from firmware_sim.ecu.state_machine import OperatingMode
 from firmware_sim.live.loop.kept import KeptPeriod
 from firmware_sim.live.loop.live_run import LiveRun
 from firmware_sim.live.loop.messages import PERIOD_COLUMNS, SCHEMA, Choice, Hello, Now, Periods, SliderData
-from firmware_sim.live.loop.noticing import OFF, Seen
+from firmware_sim.live.loop.noticing import UNPOWERED, Seen
 from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings, Slider
 from firmware_sim.runs.reasons import BECAUSE
 from wake.pictures.drawing import outline
@@ -117,7 +117,7 @@ def now(run: LiveRun, seen: Seen, *, fps: float, paused: bool, computed_by: str,
         "fps": fps,
         "real_time": fps * period_s,
         "paused": paused,
-        "computed_by": "" if seen.state == OFF else computed_by,
+        "computed_by": "" if seen.state == UNPOWERED else computed_by,
     }
 
 

@@ -116,9 +116,9 @@ def test_states_and_their_picture_have_every_state_and_transition():
 
 def test_a_picture_of_states_that_lacks_or_invents_a_transition_is_an_error(monkeypatch):
     with monkeypatch.context() as patch:
-        added = replace(TRANSITIONS[0], start=frozenset({OperatingMode.STANDBY}), to=OperatingMode.ACTIVE)
+        added = replace(TRANSITIONS[0], start=frozenset({OperatingMode.STANDBY}), to=OperatingMode.CONTROL)
         patch.setattr(states, "TRANSITIONS", (*TRANSITIONS, added))
-        with pytest.raises(ValueError, match=r"missing \[\('STANDBY', 'ACTIVE'\)\]"):
+        with pytest.raises(ValueError, match=r"missing \[\('STANDBY', 'CONTROL'\)\]"):
             states.draw()
     monkeypatch.setattr(states, "LINES", (*states.LINES, states.Line("UPDATE", "INIT", ((0, 0), (1, 1)), (0, 0))))
     with pytest.raises(ValueError, match=r"too many \[\('UPDATE', 'INIT'\)\]"):

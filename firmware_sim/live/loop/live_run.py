@@ -20,7 +20,7 @@ from firmware_sim.live.loop.drag import DragMeans
 from firmware_sim.live.loop.kept import Counted, KeptPeriod, packed
 from firmware_sim.live.loop.latency_histogram import LatencyHistogram
 from firmware_sim.live.loop.messages import FieldPicture
-from firmware_sim.live.loop.noticing import BOOT, OFF, Seen
+from firmware_sim.live.loop.noticing import BOOT, UNPOWERED, Seen
 from firmware_sim.live.loop.scene import Still, scene_of
 from firmware_sim.live.loop.switching import LINGER_S, Happening, SwitchedDisturbances
 from firmware_sim.runs.bus_traffic import NodeErrors
@@ -227,7 +227,7 @@ class LiveRun:
         # An ECU that did not step has a trace of the step before.
         gate = Intervention(0) if self.is_off or not self._loop.ecu_is_up else self.ecu.ecu.trace.interventions
         return Seen(
-            state=OFF if self.is_off else mode if self._loop.ecu_is_up else BOOT,
+            state=UNPOWERED if self.is_off else mode if self._loop.ecu_is_up else BOOT,
             reason=Reason(state.fail_safe.reason),
             set_aside=() if aside is None else (self._sensors[aside],),
             given_up=self.node.has_given_up,

@@ -100,7 +100,7 @@ class Now(TypedDict):
     k: int
     t: float
     time_s: float
-    state: str  # of `OperatingMode`; "OFF" without supply, "BOOT" while it starts
+    state: str  # of `OperatingMode`; "UNPOWERED" without supply, "BOOT" while it starts
     reason: str  # of `Reason`
     misses: int
     lost: int  # of the latest loss_window periods

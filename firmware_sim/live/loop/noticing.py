@@ -9,18 +9,18 @@ from can_bridge.wire.messages import Reason
 from firmware_sim.ecu.state_machine import OperatingMode
 from firmware_sim.runs.reasons import BECAUSE
 
-OFF: Final = "OFF"
+UNPOWERED: Final = "UNPOWERED"
 BOOT: Final = "BOOT"
 """In place of an `OperatingMode`: the ECU has no supply; it starts."""
 
 _DOES: Final[Mapping[str, str]] = {
-    OFF: "no supply: the ECU is silent",
+    UNPOWERED: "no supply: the ECU is silent",
     BOOT: "the ECU starts, and hears nothing meanwhile",
     "INIT": "on, waiting for pressures",
     "STANDBY": "pressures come, the jets stay shut",
     "ARMED": "ready, control is not requested",
     "WARMUP": "the controller's window fills",
-    "ACTIVE": "the jets follow the controller",
+    "CONTROL": "the jets follow the controller",
     "HOLD": "the last command stays",
     "DECAY": "the command is halved each period",
     "FAULT": "the jets are shut until the request falls and rises again",
@@ -39,7 +39,7 @@ class Seen(NamedTuple):
     """After a period.
 
     Attributes:
-        state: name of an `OperatingMode`, or `OFF` or `BOOT`.
+        state: name of an `OperatingMode`, or `UNPOWERED` or `BOOT`.
         reason: for it.
         set_aside: sensors that the ECU does not believe.
         given_up: the vehicle has withdrawn its request by itself.

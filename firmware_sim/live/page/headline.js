@@ -19,13 +19,13 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     const reason = stillwake.reasonOf(hello, now);
     const because = reason ? `: ${reason}` : '';
     const less = drag(now.reduction_percent);
-    if (!hello.answers_jets && now.state === 'ACTIVE') {
+    if (!hello.answers_jets && now.state === 'CONTROL') {
       const text = `Recorded pressures: the ECU plans from ${count} sensors, and the wake does not answer.`;
       return {kind: 'recording', text};
     }
     const withheld = now.given_up ? ' The vehicle has withdrawn its request: “Clear all” renews it.' : '';
     switch (now.state) {
-      case 'ACTIVE':
+      case 'CONTROL':
         if (now.set_aside.length) {
           const left = count - now.set_aside.length;
           const aside = `The ECU does not believe ${now.set_aside.join(' and ')} and controls with ${left} sensors`;
@@ -43,7 +43,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         return {kind: 'standby', text: 'The ECU has started and waits for a new request: “Clear all” makes one.'};
       case 'WARMUP':
         return {kind: 'warmup', text: 'Control is requested; the ECU fills its window of past pressures.'};
-      case 'OFF':
+      case 'UNPOWERED':
         return {kind: 'off', text: `The ECU has no supply: the jets are shut.${withheld}`};
       case 'BOOT':
         return {kind: 'boot', text: 'The ECU starts; the jets are shut.'};

@@ -9,11 +9,11 @@ from tests.each import each
 
 LETTERS = {
     **{OperatingMode.INIT: "i", OperatingMode.STANDBY: "s", OperatingMode.ARMED: "a", OperatingMode.UPDATE: "u"},
-    **{OperatingMode.WARMUP: "W", OperatingMode.ACTIVE: "C", OperatingMode.HOLD: "H", OperatingMode.DECAY: "D"},
+    **{OperatingMode.WARMUP: "W", OperatingMode.CONTROL: "C", OperatingMode.HOLD: "H", OperatingMode.DECAY: "D"},
     OperatingMode.FAULT: "F",
 }
 RESET, ARMED = FailSafe(), FailSafe(mode=OperatingMode.ARMED, enable_request=False)
-ON = FailSafe(mode=OperatingMode.ACTIVE, good=9)
+ON = FailSafe(mode=OperatingMode.CONTROL, good=9)
 BECAUSE = {"X": Reason.STREAM_INVALID, "N": Reason.NOT_AUTHENTIC, "I": Reason.SENSOR_INVALID, "i": Reason.STALE}
 FAULTS = {"T": Reason.DEADLINE, "t": Reason.DEADLINE, "c": Reason.CLOCK, "d": Reason.CLOCK}
 
@@ -148,5 +148,5 @@ def test_the_wire_has_its_own_names_and_the_jets_run_in_three_modes():
     off = {mode for mode in OperatingMode if mode.on_wire is Mode.OFF}
     assert off == {OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.ARMED, OperatingMode.UPDATE}
     others = {mode.name: mode.on_wire.name for mode in OperatingMode if mode not in off}
-    assert others == {"ACTIVE": "CONTROL", **{name: name for name in ("WARMUP", "HOLD", "DECAY", "FAULT")}}
-    assert {mode.name for mode in OperatingMode if mode.drives_jets} == {"ACTIVE", "HOLD", "DECAY"}
+    assert others == {name: name for name in ("WARMUP", "CONTROL", "HOLD", "DECAY", "FAULT")}
+    assert {mode.name for mode in OperatingMode if mode.drives_jets} == {"CONTROL", "HOLD", "DECAY"}

@@ -111,7 +111,7 @@ STATED = {
     "hold_periods + 1": (OperatingMode.DECAY, SHORT_HOLD, [LOST] * 9),
     "hold_periods + decay_periods + 1": (OperatingMode.FAULT, SHORT_HOLD, [LOST] * 9),
     "loss_limit": (OperatingMode.FAULT, LONG_HOLD, [LOST] * 9),
-    "rearm_frames": (OperatingMode.ACTIVE, SHORT_HOLD, [LOW, LOW, GOOD]),
+    "rearm_frames": (OperatingMode.CONTROL, SHORT_HOLD, [LOW, LOW, GOOD]),
 }
 """By formula: the state that is led to, with which settings, and what comes."""
 
@@ -119,7 +119,7 @@ STATED = {
 @each("formula", sorted({row.within for row in TRANSITIONS} - {"1"}))
 def test_a_row_with_a_count_reacts_in_exactly_the_periods_that_it_states(formula):
     mode, config, events = STATED[formula]
-    state = FailSafe(mode=OperatingMode.ACTIVE, good=9)
+    state = FailSafe(mode=OperatingMode.CONTROL, good=9)
     if formula == "rearm_frames":
         for _ in range(4):
             state = state.next(LOST, config)

@@ -94,7 +94,7 @@ def opened(server) -> Iterator[Callable[..., Visit]]:
 def first(opened) -> Visit:
     """The viewer of most tests, who has come before control began."""
     found: Visit = opened()
-    wait_for(found, "#headline .pill >> text=ACTIVE")
+    wait_for(found, "#headline .pill >> text=CONTROL")
     return found
 
 
@@ -131,7 +131,7 @@ def until(holds: Callable[[], bool]) -> None:
 
 def test_a_newcomer_reads_what_is_seen(live):
     live.page.locator("#headline", has_text="The ECU controls with 4").wait_for()
-    assert live.page.locator(".states-drawing .present").text_content() == "ACTIVE"
+    assert live.page.locator(".states-drawing .present").text_content() == "CONTROL"
     assert live.page.locator("#speed").text_content() != ""
     live.page.locator("#bus tbody tr", has_text="JetCommand").wait_for()
     assert live.page.locator("#curves canvas").count() == 3
@@ -182,7 +182,7 @@ def test_a_fault_shows_what_the_ecu_does_and_one_button_ends_it(live):
     wait_for(live, ".states-drawing .present[data-state=FAULT]")
     live.page.locator("#clear").click()
     wait_for_settings(live, START)
-    wait_for(live, "#headline .pill >> text=ACTIVE")
+    wait_for(live, "#headline .pill >> text=CONTROL")
     assert live.page.locator("[data-setting=loss]").input_value() == "0"
     live.page.locator("[data-setting=dead]").select_option(NAMES[2])
     wait_for(live, f".event-list >> text={NAMES[2]} is dead")
@@ -194,7 +194,7 @@ def test_a_fault_shows_what_the_ecu_does_and_one_button_ends_it(live):
     run = live.page.evaluate("stillwake.page.stream.hello.run")
     live.page.locator("[data-request=restart]").click()
     until(lambda: live.page.evaluate("stillwake.page.stream.hello.run") == run + 1)
-    wait_for(live, "#headline .pill >> text=ACTIVE")
+    wait_for(live, "#headline .pill >> text=CONTROL")
 
 
 def test_a_refusal_is_shown_and_a_saved_run_is_a_folder_and_a_zip(live, server):
@@ -239,7 +239,10 @@ def test_page_and_loop_mean_the_same_numbers(live):
     shaded = {Mode.CONTROL: "control", Mode.HOLD: "hold", Mode.DECAY: "hold", Mode.FAULT: "fault"}
     assert live.page.evaluate("stillwake.Curves.SHADED") == {str(int(mode)): kind for mode, kind in shaded.items()}
     states = live.page.evaluate("stillwake.StateMachine.STATES")
-    assert sorted(states) == sorted(["OFF", "BOOT", *OperatingMode.__members__])
+    assert sorted(states) == sorted(["UNPOWERED", "BOOT", *OperatingMode.__members__])
+    # What has another word on the wire, and so in a saved run.
+    others = {mode.name for mode in OperatingMode if mode.on_wire.name != mode.name}
+    assert others == set(live.page.evaluate("stillwake.StateMachine.OFF"))
     # A weight that is sent back stays nearly the same: at most half of a slider's step, 12 %, is lost.
     scale = (
         "values => values.map((value) => stillwake.byRatio(1000)).map((scale, i) => scale.from(scale.to(values[i])))"
@@ -288,7 +291,7 @@ def test_it_comes_back_when_the_server_does(live, server):
     wait_for(live, "#headline >> text=The loop cannot be reached")
     wait_for(live, "body[data-connection=lost]")
     server.start()
-    wait_for(live, "#headline .pill >> text=ACTIVE")
+    wait_for(live, "#headline .pill >> text=CONTROL")
     first_row = live.page.evaluate("stillwake.page.stream.periods.columns.k[0]")
     assert (live.page.evaluate("stillwake.page.stream.hello.run"), first_row) == (1, 0)
     # A browser reports by itself that it could not connect.

@@ -72,15 +72,15 @@ def test_what_is_set_disturbs_as_the_same_texts_disturb_a_run(live, tmp_path):
     assert live.state == "FAULT"
     live.ask(clear=True)
     live.run(20)
-    assert live.state == "ACTIVE"
+    assert live.state == "CONTROL"
     live.ask(power_cycle=True)
     assert live.run(20).state == "STANDBY"
-    assert live.set(enable=False).run(3).set(enable=True).run(10).state == "ACTIVE"
+    assert live.set(enable=False).run(3).set(enable=True).run(10).state == "CONTROL"
     live.set(controller="off").run(30).set(controller="int8").run(30)
     # Longer without commands than the vehicle bears: it has withdrawn its request.
     assert (live.state, live.heard["now"]["given_up"]) == ("ARMED", True)
     live.ask(clear=True)
-    assert live.run(10).state == "ACTIVE"
+    assert live.run(10).state == "CONTROL"
     saved = same_as_a_run(live, tmp_path)
     texts = [one.text for one in saved.metadata.faults]
     assert texts[:3] == ["noise:level=0.5@0.3..0.6", "ecu:drop:probability=0.25,at=receive@0.4..0.8", texts[2]]
@@ -113,7 +113,7 @@ def test_another_controller_goes_on_from_the_state_of_the_one_before(live):
     live.set(controller="int8").set(weights={"lift": 3.0}).run(1)
     assert live.made["int8"].calibration.weights.lift == 3.0
     live.set(controller="c").run(2).ask(restart=True)
-    assert live.run(20).state == "ACTIVE"
+    assert live.run(20).state == "CONTROL"
     assert live.heard["now"]["k"] == 19
 
 
@@ -167,7 +167,7 @@ def test_the_plan_is_ahead_of_the_rows_in_which_it_shows(live):
     assert live.rows["action"][40] == pytest.approx(pending, abs=1e-5)
     assert len(now["plan"]) == len(now["forecast"]) == live.bundle.manifest.mpc.horizon
     live.set(controller="off").run(1)
-    assert (live.heard["now"]["plan"], live.state, live.heard["now"]["computed_by"]) == ([], "OFF", "")
+    assert (live.heard["now"]["plan"], live.state, live.heard["now"]["computed_by"]) == ([], "UNPOWERED", "")
 
 
 def test_the_bus_is_what_the_nodes_send(live):
@@ -194,14 +194,14 @@ def test_events_report_what_the_ecu_does_about_a_fault_and_count_what_comes_agai
     begin = live.events.index("100 % of the pressure frames do not reach the ECU")
     assert live.events[begin : begin + 7] == [
         "100 % of the pressure frames do not reach the ECU",
-        "ACTIVE to HOLD: no pressures came; the last command stays",
+        "CONTROL to HOLD: no pressures came; the last command stays",
         "HOLD to DECAY: no pressures came; the command is halved each period",
         "DECAY to FAULT: no pressures came; the jets are shut until the request falls and rises again",
         "all pressure frames reach the ECU",
         "cleared; the request is taken back for a moment, since only a new one leads on",
-        "FAULT to ACTIVE: the jets follow the controller",
+        "FAULT to CONTROL: the jets follow the controller",
     ]
-    assert live.state == "ACTIVE"
+    assert live.state == "CONTROL"
     live.events.clear()
     live.set(loss=0.5).run(200)
     # 50 losses in 4 s: each of the two ways there once, and then after 1, 2, 4 s.

@@ -123,7 +123,7 @@ def instead(old: OperatingMode, new: OperatingMode, mode: OperatingMode) -> Oper
     return new if mode is old else mode
 
 
-HOLD, DECAY, ACTIVE, FAULT = OperatingMode.HOLD, OperatingMode.DECAY, OperatingMode.ACTIVE, OperatingMode.FAULT
+HOLD, DECAY, CONTROL, FAULT = OperatingMode.HOLD, OperatingMode.DECAY, OperatingMode.CONTROL, OperatingMode.FAULT
 TAKEN_AWAY: tuple[tuple[str, *tuple[tuple[Any, str, Any], ...]], ...] = (
     (
         "clock",
@@ -152,7 +152,7 @@ TAKEN_AWAY: tuple[tuple[str, *tuple[tuple[Any, str, Any], ...]], ...] = (
         (
             state_machine,
             "taken",
-            lambda mode, period, taken=state_machine.taken: taken(instead(FAULT, ACTIVE, mode), period),
+            lambda mode, period, taken=state_machine.taken: taken(instead(FAULT, CONTROL, mode), period),
         ),
     ),
     ("vehicle: request", (VehicleNode, "sample", always_wanted)),

@@ -119,7 +119,7 @@ class Edges:
         rng, ecu = self._rng, self._config.ecu
         fail_safe = replace(
             state.fail_safe,
-            mode=rng.choice((OperatingMode.ACTIVE, OperatingMode.HOLD, OperatingMode.DECAY)),
+            mode=rng.choice((OperatingMode.CONTROL, OperatingMode.HOLD, OperatingMode.DECAY)),
             misses=rng.randrange(max(1, ecu.hold_periods + ecu.decay_periods)),
             lost=0,
             enable_request=True,

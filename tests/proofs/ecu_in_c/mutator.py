@@ -27,7 +27,7 @@ int sw_fuel(void);
 int sw_fuel(void) { return sw_fuel_left-- > 0; }
 """
 _EXTERNAL: Final = "extern int sw_mutant;\nextern int sw_fuel(void);\n"
-MODES: Final = ("INIT", "STANDBY", "ARMED", "WARMUP", "ACTIVE", "HOLD", "DECAY", "FAULT", "UPDATE")
+MODES: Final = ("INIT", "STANDBY", "ARMED", "WARMUP", "CONTROL", "HOLD", "DECAY", "FAULT", "UPDATE")
 _LEFT_OUT: Final = (c_ast.Assignment, c_ast.FuncCall, c_ast.Break, c_ast.Continue, c_ast.UnaryOp)
 
 

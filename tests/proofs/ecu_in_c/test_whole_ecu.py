@@ -26,7 +26,7 @@ def test_both_ecus_live_through_the_same_periods_alike_in_every_mode(tmp_path):
             modes += lived.modes
     # Otherwise nothing much would be compared.
     assert set(modes) == {mode.name for mode in OperatingMode}
-    assert modes["ACTIVE"] > 0.15 * modes.total()
+    assert modes["CONTROL"] > 0.15 * modes.total()
 
 
 @pytest.mark.proofs

@@ -14,7 +14,7 @@ from rich.progress import Progress
 from stillwake.console.progress import ProgressLines, now_and_then, span
 from stillwake.console.terminal import PlainConsole, progress_bar, visible
 
-RUN_NOTE = "ACTIVE  Cd 1.031  base Cp -0.512  action +0.0123  step 12.3 ms"
+RUN_NOTE = "CONTROL  Cd 1.031  base Cp -0.512  action +0.0123  step 12.3 ms"
 TRAIN_NOTE = "total 0.4317  prediction 0.2416  force 0.1201  variance 0.9000  covariance 0.0312"
 
 

@@ -114,7 +114,7 @@ static decision decide(sw_ecu *ecu)
 {
     decision due = {0.0, SW_REASON_NONE};
     switch (ecu->state.fail_safe.mode) {
-    case SW_ACTIVE:
+    case SW_CONTROL:
         due = planned(ecu);
         break;
     case SW_HOLD:

@@ -54,7 +54,7 @@ typedef enum {
     SW_STANDBY, /* the request for control stands as it did at power-on: it must fall first */
     SW_ARMED,   /* the request is low */
     SW_WARMUP,  /* control is wanted, but the window is not full */
-    SW_ACTIVE,  /* the jets follow the controller */
+    SW_CONTROL, /* the jets follow the controller */
     SW_HOLD,    /* pressures are missing: the last command stays */
     SW_DECAY,   /* for longer: it is halved each period */
     SW_FAULT,   /* the jets are shut until good frames have come and the request rises again */

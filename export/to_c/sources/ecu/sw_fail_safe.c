@@ -58,12 +58,12 @@ typedef struct {
 #define STANDBY IN(SW_STANDBY)
 #define ARMED IN(SW_ARMED)
 #define WARMUP IN(SW_WARMUP)
-#define ACTIVE IN(SW_ACTIVE)
+#define CONTROL IN(SW_CONTROL)
 #define HOLD IN(SW_HOLD)
 #define DECAY IN(SW_DECAY)
 #define FAULT IN(SW_FAULT)
 #define UPDATE IN(SW_UPDATE)
-#define WANTED (WARMUP | ACTIVE | HOLD | DECAY) /* control is wanted and no fault stands */
+#define WANTED (WARMUP | CONTROL | HOLD | DECAY) /* control is wanted and no fault stands */
 
 /* clang-format off */
 static const transition transitions[] = {
@@ -83,12 +83,12 @@ static const transition transitions[] = {
     {INIT | ARMED | WANTED, TOO_MANY, SW_FAULT, MISSING},
     {INIT, ALWAYS, SW_WARMUP, MISSING},
     {ARMED | WANTED, FILLING, SW_WARMUP, MISSING},
-    {ARMED | WANTED, USABLE, SW_ACTIVE, NO_REASON},
-    {ARMED | WARMUP | ACTIVE | HOLD, SHORT, SW_HOLD, MISSING},
+    {ARMED | WANTED, USABLE, SW_CONTROL, NO_REASON},
+    {ARMED | WARMUP | CONTROL | HOLD, SHORT, SW_HOLD, MISSING},
     {ARMED | WANTED, ALWAYS, SW_DECAY, MISSING},
     /* A latched fault. */
     {FAULT, REARMED_FILLING, SW_WARMUP, NO_REASON},
-    {FAULT, REARMED, SW_ACTIVE, NO_REASON},
+    {FAULT, REARMED, SW_CONTROL, NO_REASON},
     {FAULT, ALWAYS, SW_FAULT, FIRST},
 };
 /* clang-format on */
@@ -258,13 +258,13 @@ void sw_fail_safe_latch(sw_fail_safe *fail_safe, uint8_t reason)
     fail_safe->lost = 0;
 }
 
-int sw_drives_jets(uint8_t mode) { return mode == SW_ACTIVE || mode == SW_HOLD || mode == SW_DECAY; }
+int sw_drives_jets(uint8_t mode) { return mode == SW_CONTROL || mode == SW_HOLD || mode == SW_DECAY; }
 
 uint8_t sw_mode_on_wire(uint8_t mode)
 {
     static const uint8_t on_wire[] = {
         [SW_INIT] = SW_MODE_OFF,      [SW_STANDBY] = SW_MODE_OFF,    [SW_ARMED] = SW_MODE_OFF,
-        [SW_WARMUP] = SW_MODE_WARMUP, [SW_ACTIVE] = SW_MODE_CONTROL, [SW_HOLD] = SW_MODE_HOLD,
+        [SW_WARMUP] = SW_MODE_WARMUP, [SW_CONTROL] = SW_MODE_CONTROL, [SW_HOLD] = SW_MODE_HOLD,
         [SW_DECAY] = SW_MODE_DECAY,   [SW_FAULT] = SW_MODE_FAULT,    [SW_UPDATE] = SW_MODE_OFF,
     };
     return on_wire[mode];

@@ -170,7 +170,7 @@ static void step(figures *seen, uint32_t period)
     sw_ecu_step(&ecu, began_ns, &received, 1, answers);
     const int64_t took_ns = now_ns() - began_ns;
     if (took_ns > seen->longest_ns) seen->longest_ns = took_ns;
-    if (ecu.state.fail_safe.mode == SW_ACTIVE) seen->active++;
+    if (ecu.state.fail_safe.mode == SW_CONTROL) seen->active++;
     seen->steps++;
     print_frame("command", &answers[0]);
 }

@@ -10,18 +10,20 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
   /** `firmware_sim.ecu.state_machine.OperatingMode`, and without supply: upper left corner, and what it is. */
   const STATES = {
-    OFF: [8, 20, 'The ECU has no supply. The jets are shut.'],
+    UNPOWERED: [8, 20, 'The ECU has no supply. The jets are shut.'],
     BOOT: [8, 82, 'The ECU starts. The jets are shut.'],
     INIT: [8, 144, 'Since power-on no usable pressures have come.'],
     STANDBY: [8, 206, 'Pressures come. The vehicle’s request stands from before: it must fall before it counts.'],
     ARMED: [8, 268, 'Ready. Control starts when the vehicle requests it.'],
     WARMUP: [238, 20, 'Control is requested; the controller fills its window of past pressures.'],
-    ACTIVE: [444, 20, 'The jets follow the controller.'],
+    CONTROL: [444, 20, 'The jets follow the controller.'],
     HOLD: [444, 98, 'Pressures are missing: the last command stays.'],
     DECAY: [444, 176, 'Pressures are missing for longer: the command is halved each period.'],
     FAULT: [238, 268, 'The jets are shut, and stay so until good frames have come and the request rises again.'],
     UPDATE: [444, 268, 'A new release is being written. The jets are shut.'],
   };
+  /** States that EcuStatus reports as OFF; the others have one word on the page, in saved runs and on the bus. */
+  const OFF = ['INIT', 'STANDBY', 'ARMED', 'UPDATE'];
   /** The main ways between them; docs/reference/states.md has all. */
   const WAYS = [
     ['M64 54 V82'], ['M64 116 V144'], ['M64 178 V206'], ['M64 240 V268'],
@@ -31,7 +33,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     ['M444 200 H320 V268', 'too many missing', 326, 193], ['M268 268 V54', 'request rises again', 274, 130],
     ['M238 292 H120', 'request ends', 179, 307, 'middle'],
   ];
-  const KIND = {ACTIVE: 'good', HOLD: 'warn', DECAY: 'warn', FAULT: 'bad', OFF: 'bad', BOOT: 'warn'};
+  const KIND = {CONTROL: 'good', HOLD: 'warn', DECAY: 'warn', FAULT: 'bad', UNPOWERED: 'bad', BOOT: 'warn'};
 
   const svg = (name, attributes, text) => {
     const element = document.createElementNS(SVG, name);
@@ -45,11 +47,13 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.boxes = new Map();
       this.items = new Map();
       this.present = null;
-      const drawing = svg('svg', {viewBox: '0 0 680 314', class: 'states-drawing', 'aria-hidden': 'true'});
+      const drawing = svg('svg', {viewBox: '0 0 680 328', class: 'states-drawing', 'aria-hidden': 'true'});
       const size = {viewBox: '0 0 8 8', refX: 7, refY: 4, markerWidth: 7, markerHeight: 7};
       const tip = svg('marker', {id: 'states-tip', orient: 'auto', ...size});
       tip.append(svg('path', {d: 'M0 0 L8 4 L0 8 z', class: 'tip'}));
       drawing.append(tip, svg('rect', {x: 432, y: 8, width: 242, height: 212, rx: 8, class: 'jets-may-run'}));
+      drawing.append(svg('rect', {x: 2, y: 136, width: 124, height: 190, rx: 8, class: 'jets-may-not'}));
+      drawing.append(svg('text', {x: 64, y: 319, class: 'way-label', 'text-anchor': 'middle'}, 'on the bus: OFF'));
       drawing.append(svg('text', {x: 668, y: 215, class: 'way-label', 'text-anchor': 'end'}, 'the jets may run'));
       for (const [path, label, x, y, anchor, joins] of WAYS) {
         const end = joins ? {} : {'marker-end': 'url(#states-tip)'};
@@ -75,7 +79,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     /** @param {string} state by its name. @param {string} because the reason in words, or empty. */
     show(state, because = '') {
       const words = STATES[state] ? STATES[state][2] : '';
-      write(this.words, `${state || '–'}. ${words}${because ? ` Reason: ${because}.` : ''}`);
+      const onBus = OFF.includes(state) ? ' (on the bus: OFF)' : '';
+      write(this.words, `${state || '–'}${onBus}. ${words}${because ? ` Reason: ${because}.` : ''}`);
       if (state === this.present) return;
       this.light(this.present, false);
       this.light(state, true);
@@ -102,5 +107,5 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       }
     }
   };
-  Object.assign(stillwake.StateMachine, {STATES: Object.keys(STATES), KIND});
+  Object.assign(stillwake.StateMachine, {STATES: Object.keys(STATES), OFF, KIND});
 })();

@@ -7,36 +7,36 @@ from can_bridge.command_gate import Intervention
 from can_bridge.wire.messages import Mode, Reason
 from firmware_sim.ecu.state_machine import OperatingMode
 from firmware_sim.live.loop.latency_histogram import MODELLED, LatencyHistogram
-from firmware_sim.live.loop.noticing import BOOT, OFF, START, noticed
+from firmware_sim.live.loop.noticing import BOOT, START, UNPOWERED, noticed
 from firmware_sim.runs.run_log import Row
 from tests.firmware_sim.bench.harness import Oscillator
 
-ACTIVE = START._replace(state="ACTIVE")
+CONTROL = START._replace(state="CONTROL")
 
 
 def test_each_change_is_reported_once():
     for now, expected in [
-        (ACTIVE, []),
-        (ACTIVE._replace(state="HOLD", reason=Reason.STREAM_LOST), ["ACTIVE to HOLD: no pressures came"]),
-        (ACTIVE._replace(state="FAULT", reason=Reason.IMPLAUSIBLE), ["the pressures contradict each other; the jets"]),
-        (ACTIVE._replace(set_aside=("base_0",)), ["base_0 is set aside"]),
-        (ACTIVE._replace(given_up=True), ["the vehicle gives up control"]),
-        (ACTIVE._replace(gate=Intervention.RATE | Intervention.RANGE), ["limited to the jets' range", "largest step"]),
-        (ACTIVE._replace(nodes={"ECU": BusState.BUS_OFF}), ["ECU: CAN controller bus"]),
-        (ACTIVE._replace(state=OFF), ["ACTIVE to OFF: no supply"]),
+        (CONTROL, []),
+        (CONTROL._replace(state="HOLD", reason=Reason.STREAM_LOST), ["CONTROL to HOLD: no pressures came"]),
+        (CONTROL._replace(state="FAULT", reason=Reason.IMPLAUSIBLE), ["the pressures contradict each other; the jets"]),
+        (CONTROL._replace(set_aside=("base_0",)), ["base_0 is set aside"]),
+        (CONTROL._replace(given_up=True), ["the vehicle gives up control"]),
+        (CONTROL._replace(gate=Intervention.RATE | Intervention.RANGE), ["limited to the jets' range", "largest step"]),
+        (CONTROL._replace(nodes={"ECU": BusState.BUS_OFF}), ["ECU: CAN controller bus"]),
+        (CONTROL._replace(state=UNPOWERED), ["CONTROL to UNPOWERED: no supply"]),
     ]:
-        texts = [text for _, text in noticed(ACTIVE, now)]
+        texts = [text for _, text in noticed(CONTROL, now)]
         assert len(texts) == len(expected), now
         assert all(part in text for part, text in zip(expected, texts, strict=True)), now
         assert list(noticed(now, now)) == [], now
 
 
 def test_every_state_and_reason_has_words():
-    for state in (*OperatingMode.__members__, OFF, BOOT):
+    for state in (*OperatingMode.__members__, UNPOWERED, BOOT):
         before = START._replace(state="ARMED" if state == "INIT" else "INIT")
         assert len(list(noticed(before, START._replace(state=state)))) == 1
     for reason in set(Reason) - {Reason.NONE}:
-        assert list(noticed(ACTIVE, ACTIVE._replace(reason=reason)))
+        assert list(noticed(CONTROL, CONTROL._replace(reason=reason)))
 
 
 def row(step_ms: float) -> Row:
