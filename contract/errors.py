@@ -3,6 +3,12 @@
 from typing import ClassVar
 
 
+def install(extra: str) -> str:
+    """What installs an extra, and the data that its commands begin from, for messages: no package index has us."""
+    data = " ./data" if extra in ("sim", "train") else ""
+    return f"pip install '.[{extra}]'{data} in a checkout of stillwake"
+
+
 class StillwakeError(Exception):
     """Something the user can put right; the message names the offending value and what would be right.
 

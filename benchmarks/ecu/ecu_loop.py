@@ -25,7 +25,7 @@ from benchmarks.common.command_line import JsonFile, Parts, console, progress, s
 from benchmarks.common.parts import part
 from contract.config.loading import load_config
 from contract.config.tree import Config
-from contract.errors import McuError, StillwakeError
+from contract.errors import McuError, StillwakeError, install
 from contract.release.checks import Bundle
 from contract.results import versions
 from firmware_sim.bench.ecus import CORTEX_M7, C, loop_ecu
@@ -72,7 +72,7 @@ def main(
     spans = Spans(lead_in=lead_in, controlled=controlled, settle=settle, averages=True)
     compiler = zig_compiler()
     if compiler is None:
-        raise McuError("ziglang is missing: pip install 'stillwake[mcu]'")
+        raise McuError(f"ziglang is missing: {install('mcu')}")
     made_from = (release.digest, sorted(sources.items()), lead_in, controlled, settle, clock_mhz)
     folder = parts / hashlib.sha256(repr(made_from).encode()).hexdigest()[:12]
 

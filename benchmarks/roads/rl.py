@@ -21,7 +21,7 @@ from benchmarks.roads.release import recorded_periods
 from benchmarks.roads.rl_env import LIFT_PRICE, RemembersWake, observed
 from benchmarks.roads.row import Outcome, Row
 from contract.arrays import Array
-from contract.errors import StillwakeError
+from contract.errors import StillwakeError, install
 from contract.release import bundle as bundles
 from contract.release.checks import Bundle
 from contract.shipped import BUNDLE
@@ -127,7 +127,7 @@ def _algorithm(road: str) -> tuple[Any, dict[str, Any]]:
         import stable_baselines3
         import torch
     except ImportError as error:
-        raise StillwakeError(f"{road} needs stable-baselines3: pip install 'stillwake[rl]' ({error})") from error
+        raise StillwakeError(f"{road} needs stable-baselines3: {install('rl')} ({error})") from error
     torch.set_num_threads(1)
     widths = {"policy_kwargs": {"net_arch": list(WIDTHS)}}
     if road == "ppo":

@@ -19,12 +19,12 @@ from typing import Final
 import can
 from can.util import dlc2len
 
-from contract.errors import BusError
+from contract.errors import BusError, install
 
 SUFFIXES: Final = (".log", ".asc", ".blf", ".trc", ".mf4")
 
 MF4: Final = ".mf4"
-NEEDS_ASAMMDF: Final = "MF4 needs asammdf: pip install 'stillwake[mf4]'"
+NEEDS_ASAMMDF: Final = f"MF4 needs asammdf: {install('mf4')}"
 
 _BLF_SIZE: Final = struct.Struct("<4s 12x Q")
 """Signature, and the file's size at byte 16: what python-can and Vector's binlog write when they close it."""

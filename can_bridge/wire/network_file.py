@@ -6,12 +6,12 @@ cantools comes with the extra `bus`; a node needs none of it.
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from contract.errors import BusError
+from contract.errors import BusError, install
 
 if TYPE_CHECKING:
     from cantools.database.can.database import Database
 
-NEEDS_CANTOOLS = "reading it needs cantools: pip install 'stillwake[bus]'"
+NEEDS_CANTOOLS = f"reading it needs cantools: {install('bus')}"
 
 
 def load_network(path: Path) -> "Database":

@@ -264,6 +264,12 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
     training = [item for item in dataset.episodes if item.role == "train"]
     limit = dataset.plant.action_limit or config.flow.action_limit
     window = config.model.window
+    if window % needs.WINDOW_STEP:
+        yield Finding(
+            stops=None,
+            text=f"model.window = {window}: with a sensor check, the ECU in C takes multiples of {needs.WINDOW_STEP}; "
+            f"the nearest is {needs.window_for_c(window)}",
+        )
     if training and max(longest_run(np.abs(item.series["action"]) <= QUIET * limit)[1] for item in training) < window:
         yield Finding(
             stops=None,

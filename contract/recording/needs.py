@@ -26,6 +26,9 @@ LEAST_CALIBRATION: Final = 50
 """With fewer, the ranges of the activations would rest on less than a shedding cycle or two: 50 steps are two of the
 truck's. A value beyond a calibrated range saturates on the vehicle."""
 
+WINDOW_STEP: Final = 8
+"""The sensor check of the ECU in C takes windows of whole multiples of so many steps."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Need:
@@ -73,6 +76,11 @@ def calibration_need(config: Config) -> Need:
         steps=window - 1 + LEAST_CALIBRATION,
         reason=f"{LEAST_CALIBRATION} windows of {window} to calibrate int8",
     )
+
+
+def window_for_c(steps: float) -> int:
+    """The window nearest to so many steps that the ECU in C takes."""
+    return max(1, round(steps / WINDOW_STEP)) * WINDOW_STEP
 
 
 def windows_in(steps: int, window: int) -> int:

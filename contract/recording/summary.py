@@ -8,6 +8,7 @@ import numpy as np
 
 from contract.recording.dataset import Dataset, Episode
 from contract.recording.findings import QUIET, longest_run
+from contract.recording.needs import WINDOW_STEP, window_for_c
 from contract.recording.spectrum import dominant_frequency
 
 HORIZON_CYCLES: Final = 1.0
@@ -104,7 +105,8 @@ def _settings_lines(dataset: Dataset) -> Iterator[str]:
         yield f"horizon = {round(HORIZON_CYCLES * cycle)}  # one cycle"
         yield ""
         yield "[model]"
-        yield f"window = {round(WINDOW_CYCLES * cycle)}  # {WINDOW_CYCLES} cycles"
+        whole = f"to a multiple of {WINDOW_STEP}, which the ECU in C takes"
+        yield f"window = {window_for_c(WINDOW_CYCLES * cycle)}  # {WINDOW_CYCLES} cycles, {whole}"
     if len(dataset.layout) < 4:
         yield ""
         yield "[train]"

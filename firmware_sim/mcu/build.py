@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from contract.controller.c_folder import library_sources
-from contract.errors import LibraryError, McuError
+from contract.errors import LibraryError, McuError, install
 from firmware_sim.in_c.compiler import compile_c, zig_compiler
 from firmware_sim.mcu.cores import CORTEX_M7, Core
 
@@ -15,7 +15,7 @@ LINKER_SCRIPT: Final = "cortex_m7.ld"
 CONTROL_STEP: Final = "mcu.c"
 ECU: Final = "mcu_ecu.c"
 """Firmwares: what the core's memory holds besides the library, and the function that is called."""
-MISSING: Final = "the compiler is missing: pip install 'stillwake[mcu]', or in a checkout pip install '.[mcu]'"
+MISSING: Final = f"the compiler is missing: {install('mcu')}"
 # Contraction within an expression, as the language allows it, is the same for every target with fused operations.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
 # Loops that gain by it are unrolled in the sources; the compiler would unroll the others, which costs 21 KiB of flash.

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from contract.errors import StillwakeError
+from contract.errors import StillwakeError, install
 from stillwake.console.own_rooms import ROOMS, explain
 from stillwake.console.stopping import INTERRUPTED, outcome
 from stillwake.console.terminal import make_console, visible
@@ -28,8 +28,6 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
 """Packages, by the names they are imported by, that an extra of `pyproject.toml` brings."""
 LEARNING: Final = ("train", "identify", "export", "mcu")
 """Commands that need the extra `train` where a package comes with `sim` as well."""
-WITH_DATA: Final = ("sim", "train")
-"""Extras whose commands begin from stillwake-data by default."""
 REPORT: Final = "stillwake is not prepared for this, which is a fault of its own: please report it with the lines above"
 
 errors = make_console(stderr=True)
@@ -86,9 +84,7 @@ def missing(module: str, command: str = "") -> str:
         return f"{place or top} has no module {module!r}: is it another version, or a file of that name?"
     for extra in sorted(EXTRAS, key=lambda extra: extra != "train") if command in LEARNING else EXTRAS:
         if top in EXTRAS[extra]:
-            data = " ./data" if extra in WITH_DATA else ""
-            checkout = f"pip install '.[{extra}]'{data}"
-            return f"this command needs {top}: pip install 'stillwake[{extra}]', or in a checkout {checkout}"
+            return f"this command needs {top}: {install(extra)}"
     return f"this command needs {top}, which is not installed"
 
 

@@ -159,7 +159,7 @@ def wrong(one: Call, installed: Sequence[str], status: int, err: str) -> str | N
     # What an extra brings may have come with another one.
     if status == one.status or not lacking:
         return None if status == one.status else f"status {status}: {err.strip()}"
-    named = [extra for extra in lacking if f"pip install 'stillwake[{extra}]'" in err]
+    named = [extra for extra in lacking if f"pip install '.[{extra}]'" in err]
     if status == 1 and err.startswith("error: ") and err.count("\n") == 1 and named:
         return None
     return f"status {status}, and no single line that names {' or '.join(lacking)}: {err.strip()}"

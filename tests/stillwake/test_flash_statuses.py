@@ -192,7 +192,7 @@ def test_what_cannot_begin(
     for name in [name for name in sys.modules if name.partition(".")[0] == "udsoncan"]:
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.delitem(sys.modules, "can_bridge.tester.transport", raising=False)
-    ends(call(), 1, "pip install 'stillwake[flash]'")
+    ends(call(), 1, "pip install '.[flash]' in a checkout")
 
 
 def test_a_newer_key_list_is_taken_and_nothing_else(

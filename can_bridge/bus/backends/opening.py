@@ -6,7 +6,7 @@ from typing import Any, Final
 import can
 
 from contract.config.vehicle import SIMULATED, BusConfig
-from contract.errors import BusError
+from contract.errors import BusError, install
 
 QUEUE_SIZE: Final = 1024
 """Frames a virtual bus holds for a reader, and the most one `receive_all` returns."""
@@ -44,7 +44,7 @@ def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> tuple[can.
         hint = ""
         missing = isinstance(error, ImportError | can.CanInterfaceNotImplementedError)
         if missing and config.interface in _OF_EXTRA_BUS:
-            hint = "; pip install 'stillwake[bus]', or in a checkout pip install '.[bus]'"
+            hint = f"; {install('bus')}"
         raise BusError(f"CAN bus {config.interface} {config.channel!r}: {one_line(error)}{hint}") from error
 
 

@@ -19,6 +19,7 @@ from contract.recording.facts import PlantFacts
 from contract.recording.findings import agreeing, findings, left_out, refuse_unfit, trainable
 from contract.sensor_layout import SensorLayout
 from contract.shipped import RECORDING
+from export.to_c.int8_format import LANES
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 
@@ -60,11 +61,14 @@ def with_first(data: Dataset, **changes: Any) -> Dataset:
     return replace(data, episodes=(replace(first, series={**first.series, **changes}), *others))
 
 
-def test_a_sound_data_set_has_only_the_note_that_mirror_images_are_absent(sound):
-    (note,) = findings(sound, CONFIG)
-    assert note.stops is None
-    assert "no mirror images" in note.text
-    refuse_unfit([note], "a.h5")
+def test_a_sound_data_set_has_only_notes(sound):
+    notes = findings(sound, CONFIG)
+    assert all(note.stops is None for note in notes)
+    mirror, window = (note.text for note in notes)
+    assert "no mirror images" in mirror
+    assert "model.window = 12" in window and "multiples of 8; the nearest is 16" in window
+    assert needs.WINDOW_STEP == LANES
+    refuse_unfit(notes, "a.h5")
     # The shipped recording is sound.
     assert findings(dataset.read(RECORDING), Config()) == ()
 

@@ -49,7 +49,7 @@ def test_settings_follow_from_the_data():
     assert found == {
         "flow": {"control_period": PERIOD, "action_limit": 0.1, "reynolds": 90.0},
         "mpc": {"drag_reference": 1.25, "horizon": 20},
-        "model": {"window": 26},
+        "model": {"window": 24},
         "train": {"sensors": 2},
     }
     text = fitting_settings(data(wave("forced", 300, 20.0, 0.1), wave("moment", 24, 20.0, 0.0), action_limit=0.1))

@@ -15,7 +15,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
-from contract.errors import StillwakeError
+from contract.errors import StillwakeError, install
 
 ROOT: Final = Path(__file__).parents[3]
 GATE: Final = "can_bridge/command_gate.py"
@@ -53,7 +53,7 @@ def measure(*, gate: Path = ROOT / GATE, tests: Path = ROOT / TESTS) -> dict[str
     try:
         tool = version("mutmut")
     except PackageNotFoundError as error:
-        raise StillwakeError("mutation testing needs mutmut: pip install 'stillwake[dev]'") from error
+        raise StillwakeError(f"mutation testing needs mutmut: {install('dev')}") from error
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for package in ("can_bridge", "contract"):

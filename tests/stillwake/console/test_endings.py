@@ -55,15 +55,15 @@ def test_a_fault_of_ours_keeps_its_traceback(capsys):
 
 def test_a_missing_module_names_the_extra_that_brings_it(monkeypatch, tmp_path):
     for module, command, line in (
-        ("numba", "", "needs numba: pip install 'stillwake[sim]', or in a checkout pip install '.[sim]' ./data"),
-        ("scipy.sparse.linalg", "", "this command needs scipy: pip install 'stillwake[sim]'"),
-        ("unicorn", "", "pip install 'stillwake[mcu]'"),
-        ("msgpack", "", "pip install 'stillwake[bus]'"),
+        ("numba", "", "needs numba: pip install '.[sim]' ./data in a checkout of stillwake"),
+        ("scipy.sparse.linalg", "", "this command needs scipy: pip install '.[sim]'"),
+        ("unicorn", "", "pip install '.[mcu]'"),
+        ("msgpack", "", "pip install '.[bus]'"),
         ("nothing_of_ours", "", "this command needs nothing_of_ours, which is not installed"),
         # Of two extras, the one that the command needs.
-        ("h5py.version", "export", "pip install 'stillwake[train]'"),
-        ("h5py.version", "mcu", "pip install 'stillwake[train]'"),
-        ("h5py.version", "dataset", "pip install 'stillwake[sim]'"),
+        ("h5py.version", "export", "pip install '.[train]'"),
+        ("h5py.version", "mcu", "pip install '.[train]'"),
+        ("h5py.version", "dataset", "pip install '.[sim]'"),
     ):
         with monkeypatch.context() as patch:
             for name in [name for name in sys.modules if name.partition(".")[0] == module.partition(".")[0]]:
@@ -75,6 +75,12 @@ def test_a_missing_module_names_the_extra_that_brings_it(monkeypatch, tmp_path):
     importlib.import_module("shapely_of_mine")
     line = f"{tmp_path}/shapely_of_mine.py has no module 'shapely_of_mine.deeper': is it another version, or a file of"
     assert missing("shapely_of_mine.deeper").startswith(line)
+
+
+def test_no_hint_names_a_package_index():
+    """stillwake is on none: a line that asks one for it cannot work, and invites others to take the name."""
+    for path in (path for folder in (*ROOMS, "benchmarks") for path in (HOME / folder).rglob("*.py")):
+        assert not re.search(r"pip install \W?stillwake", path.read_text(encoding="utf-8")), path
 
 
 def test_extras_and_rooms_are_the_projects():

@@ -53,7 +53,7 @@ def test_a_choice_names_the_extra_that_it_lacks(monkeypatch):
         ("unicorn", "cortex-m7", "mcu"),
     ):
         offered = controllers(open_release(None, None), None)
-        assert f"stillwake[{extra}]" in str(missing_of(offered, name)), lacking
+        assert f"pip install '.[{extra}]'" in str(missing_of(offered, name)), lacking
         assert missing_of(offered, "int8") is None, lacking
 
 
