@@ -58,6 +58,7 @@ def hello(
         "horizon": manifest.mpc.horizon,
         "delay_steps": config.ecu.delay_steps,
         "reynolds": config.flow.reynolds,
+        "refinement": config.flow.refinement,
         "plant": run.wake.description,
         "answers_jets": bool(getattr(run.wake, "answers_jets", True)),
         "sensors": [

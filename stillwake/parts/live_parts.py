@@ -190,13 +190,13 @@ class Ecus:
 def controllers(release: Bundle, library: Path | None) -> "list[Choice]":
     """Of the live loop with this release, in the order of `firmware_sim.live.settings.CONTROLLERS`."""
     precision = release.manifest.precision
-    graph = f"linear controller, {precision}" if release.manifest.is_linear else f"{precision} ONNX graph"
+    graph = f"linear, {precision}" if release.manifest.is_linear else f"{precision} ONNX graph"
     return [
-        {"name": "int8", "label": f"ECU in Python, {graph}", "missing": None},
-        {"name": "c", "label": f"ECU in C, {precision}", "missing": _no_library(release, library) or _no_compiler()},
+        {"name": "int8", "label": f"Python, {graph}", "missing": None},
+        {"name": "c", "label": f"C, {precision}", "missing": _no_library(release, library) or _no_compiler()},
         {
             "name": "cortex-m7",
-            "label": f"ECU in C on an emulated Cortex-M7, {precision}",
+            "label": f"emulated Cortex-M7, {precision}",
             "missing": _no_library(release, library) or _lacks(_EMULATES),
         },
         {"name": "off", "label": "off: no supply", "missing": None},
@@ -215,8 +215,8 @@ def plants() -> "list[Choice]":
         return None
 
     return [
-        {"name": "wake", "label": "live wake: answers the jets", "missing": lacking(shipped.developed)},
-        {"name": "recording", "label": "recorded wake: does not answer", "missing": lacking(shipped.recording)},
+        {"name": "wake", "label": "wake: answers the jets", "missing": lacking(shipped.developed)},
+        {"name": "recording", "label": "recording: does not answer", "missing": lacking(shipped.recording)},
     ]
 
 

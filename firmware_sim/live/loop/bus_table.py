@@ -10,6 +10,7 @@ from can_bridge.e2e.receiver import GOOD, Check, E2eReceiver, ReceiverState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import MessageSet
 from contract.config.tree import Config
+from firmware_sim.bench.disturbing import PORT_NAMES
 from firmware_sim.live.loop.messages import BusNow, BusRow
 from firmware_sim.runs.bus_traffic import NodeErrors
 
@@ -17,6 +18,8 @@ ROWS: Final = 64
 """Most rows; of the identifiers beyond, those of the lowest priority are left out."""
 _UNKNOWN: Final = "unknown"
 """A message that is of no set of ours."""
+_BABBLER: Final = "babbler"
+"""Shown as the sender of what neither node has a message for: a babbling node is simulated at the port of one."""
 _NS: Final = 10**9
 
 
@@ -53,8 +56,9 @@ class BusTable:
         key = frame.frame_id, frame.is_extended
         row = self._rows.get(key)
         if row is None:
-            row = self._rows[key] = _Row(sender=seen.sender)
-        row.sender, row.last_ns = seen.sender, seen.end_ns
+            babbles = seen.sender in PORT_NAMES.values() and not self._is_ours(key)
+            row = self._rows[key] = _Row(sender=_BABBLER if babbles else seen.sender)
+        row.last_ns = seen.end_ns
         row.count += 1
         row.seen += 1
         if self._messages.status.spec.names(frame):
@@ -98,9 +102,11 @@ class BusTable:
             "nodes": [{"name": name, **asdict(errors)} for name, errors in nodes.items()],
         }
 
+    def _is_ours(self, key: tuple[int, bool]) -> bool:
+        return not key[1] and key[0] in self._names
+
     def _row(self, key: tuple[int, bool], row: _Row, receivers: Mapping[int, ReceiverState], now_ns: int) -> BusRow:
-        frame_id, is_extended = key
-        ours = not is_extended and frame_id in self._names
+        frame_id, ours = key[0], self._is_ours(key)
         state = receivers[frame_id] if ours else None
         seconds = len(row.lately) * self._period_ns / _NS
         return {

@@ -58,6 +58,7 @@ class Hello(TypedDict):
     horizon: int
     delay_steps: int
     reynolds: float
+    refinement: float  # of the grid
     plant: str  # description
     answers_jets: bool
     sensors: list[SensorPlace]  # all of the plant's
@@ -168,7 +169,7 @@ class EventItem(TypedDict):
     n: int  # counts up
     time_s: float
     t: float
-    kind: str  # "set" by a viewer, "state" of the ECU, "bus", "loop"
+    kind: str  # "set" by a viewer, "state" of the ECU, "vehicle", "bus", "loop"
     text: str
 
 

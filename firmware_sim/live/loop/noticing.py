@@ -72,7 +72,7 @@ def noticed(before: Seen, now: Seen) -> Iterator[tuple[str, str]]:
             yield "state", f"{name} is used again: the ECU has started again"
     if now.given_up != before.given_up:
         yield (
-            "state",
+            "vehicle",
             "the vehicle gives up control and shuts its jets: too many commands were missing"
             if now.given_up
             else "the vehicle may request control again",

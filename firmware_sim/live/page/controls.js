@@ -23,8 +23,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       help: 'The same release on another machine; “off” cuts the ECU’s supply. Watch the time of a step.',
     },
   };
-  const GOAL =
-    'What the controller minimises. More weight on side force costs drag; more on jet effort spares the jets.';
+  const GOAL = 'Weights of its cost. More on side force costs drag; more on jet effort spares the jets.';
   const WEIGHTS = {
     drag_mean: 'Mean drag',
     drag_fluctuation: 'Drag swings',
@@ -37,10 +36,11 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
   stillwake.Controls = class {
     /**
+     * @param {Element} element to fill; goal for the weights.
      * @param {object} hello choices, bounds and settings.
      * @param {Function} ask sends a request: {set: {...}}, {clear: true}, ...
      */
-    constructor(element, hello, ask) {
+    constructor(element, goal, hello, ask) {
       this.hello = hello;
       this.ask = ask;
       this.fields = new Map();
@@ -66,8 +66,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
           this.slider('bias'),
         ),
         this.group('Bus', this.slider('loss'), this.slider('delay_ms'), this.switch('babble')),
-        this.goal(),
       );
+      goal.replaceChildren(...this.goal());
       this.show(hello.settings);
     }
 
@@ -137,12 +137,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       });
       this.own = make('button', {type: 'button', 'data-request': 'weights'}, 'The release’s goal');
       this.own.addEventListener('click', () => this.ask({set: {weights: null}}));
-      return this.group(
-        'Goal',
-        make('p', {class: 'note'}, GOAL),
-        make('div', {class: 'weights'}, ...fields),
-        make('div', {class: 'act'}, this.own),
-      );
+      const weights = make('div', {class: 'weights'}, ...fields, make('div', {class: 'act'}, this.own));
+      return [make('p', {class: 'note'}, GOAL), weights];
     }
   };
 })();

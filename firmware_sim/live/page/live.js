@@ -21,6 +21,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.request = stillwake.painter(document.body, () => this.draw());
       this.drawn = new stillwake.Rate();
       this.spoken = -Infinity;
+      this.slow = false;
       this.span = Number(at('span').value);
       at('span').addEventListener('change', () => {
         this.span = Number(at('span').value);
@@ -74,6 +75,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
     begin(hello) {
       this.events.clear();
+      this.finer = hello.raster.length > 0 && hello.refinement > 0.75;
       const empty = hello.raster.length ? 'waiting for the flow' : 'this plant has no picture of the flow';
       const scene = {...hello, empty};
       if (this.wake) this.wake.show(scene);
@@ -83,10 +85,10 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         this.curves = new stillwake.Curves(at('curves'), {
           action_limit: hello.action_limit,
           period: hello.control_period,
-          height: innerWidth < 1700 ? 116 : 150,
+          height: innerWidth < 1700 ? 116 : innerWidth < 2200 ? 150 : 200,
         });
       }
-      this.controls = new stillwake.Controls(at('controls'), hello, (request) => this.ask(request));
+      this.controls = new stillwake.Controls(at('controls'), at('goal'), hello, (request) => this.ask(request));
       const {name, digest, precision, signer} = hello.bundle;
       const release = `Release ${name} (${precision}, ${digest}${signer ? '' : ', unsigned'})`;
       const plant = `${hello.plant}, Re = ${format.count(hello.reynolds)}`;
@@ -148,6 +150,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       write(at('speed'), `${speed}, drawn ${format.number(this.drawn.tick(now.k), 0)}/s`);
       write(at('clock'), `t = ${format.number(now.t, 1)}`);
       write(at('computed'), now.computed_by || '');
+      // The shipped wake keeps nearly what it is on a grid of 0.75, and not on coarser ones.
+      this.slow = !now.paused && this.finer && now.real_time < (this.slow ? 0.7 : 0.5);
+      at('slow').hidden = !this.slow;
       this.toolbar.follow(now);
       const {drag, pressure, action} = this.curves;
       drag.report(`${format.number(this.last('Cd'), 3)}, over the last cycle ${format.number(now.drag_Cd, 3)}`);

@@ -8,6 +8,7 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.config.body import TRUCK_BODY
+from firmware_sim.live import saving
 from firmware_sim.live.session import LiveSession
 from tests.firmware_sim.bench.harness import LiveOscillator
 from tests.firmware_sim.live.harness import CONFIG, Live
@@ -35,9 +36,11 @@ def plant(name: str) -> LoopPlant:
 
 @dataclass(frozen=True)
 class MakeShown:
-    """Picklable maker of one; `saves` is the folder of saved runs."""
+    """Picklable maker of one, whose saved runs have no pictures; `saves` is their folder."""
 
     saves: Path
 
     def __call__(self, show: Callable[[str], None]) -> LiveSession:
+        for name in ("draw", "write_report"):
+            setattr(saving, name, lambda *_: None)
         return Live(self.saves, wake=plant).session

@@ -182,7 +182,7 @@ def test_the_bus_is_what_the_nodes_send(live):
     live.set(babble=True).run(55)
     unknown = live.heard["bus"]["rows"][0]
     # 500 kbit/s carry at most 4,504 classic frames of 8 bytes a second.
-    assert (unknown["id"], unknown["name"]) == (0, "unknown")
+    assert (unknown["id"], unknown["name"], unknown["sender"]) == (0, "unknown", "babbler")
     assert 3800 < unknown["rate_hz"] <= 4504
     assert live.heard["bus"]["load"] > 0.99
     assert live.heard["bus"]["rows"][1]["e2e"] == "NO_NEW_DATA"

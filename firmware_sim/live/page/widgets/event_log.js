@@ -5,7 +5,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 (() => {
   const {make, format} = stillwake;
   const AT_ONCE = 5;
-  const KINDS = {set: 'set', state: 'ECU', bus: 'bus', loop: 'loop'};
+  const KINDS = {set: 'set', state: 'ECU', vehicle: 'vehicle', bus: 'bus', loop: 'loop'};
 
   stillwake.EventLog = class {
     /** @param {object} how kept lines; live where a screen reader is to read new ones; onPick, called with t. */

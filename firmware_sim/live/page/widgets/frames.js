@@ -1,8 +1,9 @@
 'use strict';
-/** Drawing when the browser draws, once a frame at most, and only what can be seen. */
+/** Drawing when the browser draws: once a frame at most, and once a second what is out of sight. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
+  const SELDOM_MS = 1000;
   const waiting = new Set();
   const items = new WeakMap();
   let asked = false;
@@ -10,8 +11,9 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const run = () => {
     asked = false;
     for (const item of [...waiting]) {
-      if (!item.visible) continue; // drawn when it comes into sight
+      if (!item.visible && performance.now() - item.drawn < SELDOM_MS) continue; // else when it comes into sight
       waiting.delete(item);
+      item.drawn = performance.now();
       item.draw();
     }
   };
@@ -31,14 +33,14 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     {rootMargin: '100px'},
   );
 
-  /** A function that asks for `draw` in the next frame in which the element is in sight. */
+  /** A function that asks for `draw` in the next frame, or soon where the element is out of sight. */
   stillwake.painter = (element, draw) => {
-    const item = {draw, visible: true};
+    const item = {draw, visible: true, drawn: -Infinity};
     items.set(element, item);
     sight.observe(element);
     return () => {
       waiting.add(item);
-      if (item.visible) ask();
+      ask();
     };
   };
 

@@ -5,7 +5,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 (() => {
   const {make, write, format} = stillwake;
   const HEIGHT = 130;
-  const [LEFT, RIGHT, TOP, BOTTOM] = [8, 10, 16, 18];
+  const [LEFT, RIGHT, TOP, BOTTOM] = [8, 16, 16, 18];
 
   stillwake.LatencyHistogram = class {
     constructor(element) {

@@ -25,7 +25,8 @@ def test_each_change_is_reported_once():
         (CONTROL._replace(nodes={"ECU": BusState.BUS_OFF}), ["ECU: CAN controller bus"]),
         (CONTROL._replace(state=UNPOWERED), ["CONTROL to UNPOWERED: no supply"]),
     ]:
-        texts = [text for _, text in noticed(CONTROL, now)]
+        kinds, texts = zip(*noticed(CONTROL, now), strict=True) if expected else ((), ())
+        assert ("vehicle" in kinds) == now.given_up, now
         assert len(texts) == len(expected), now
         assert all(part in text for part, text in zip(expected, texts, strict=True)), now
         assert list(noticed(now, now)) == [], now

@@ -34,9 +34,9 @@ def test_here_everything_can_be_chosen_by_a_label_with_the_bundles_kind_and_prec
     assert [choice["name"] for choice in offered] == ["int8", "c", "cortex-m7", "off", "wake", "recording"]
     assert [choice["missing"] for choice in offered] == [None] * 6
     for changes, label in (
-        ({"precision": "int8"}, "ECU in Python, int8 ONNX graph"),
-        ({"precision": "float32"}, "ECU in Python, float32 ONNX graph"),
-        ({"precision": "float32", "kind": "linear"}, "ECU in Python, linear controller, float32"),
+        ({"precision": "int8"}, "Python, int8 ONNX graph"),
+        ({"precision": "float32"}, "Python, float32 ONNX graph"),
+        ({"precision": "float32", "kind": "linear"}, "Python, linear, float32"),
     ):
         manifest = SimpleNamespace(**{"is_linear": changes.get("kind") == "linear", **changes})
         other: Any = SimpleNamespace(manifest=manifest, digest=release.digest)
