@@ -16,9 +16,9 @@ from contract.release.checks import Bundle
 from firmware_sim.ecu.state_machine import OperatingMode
 from firmware_sim.live.loop.kept import KeptPeriod
 from firmware_sim.live.loop.live_run import LiveRun
-from firmware_sim.live.loop.messages import PERIOD_COLUMNS, SCHEMA, Choice, Hello, Now, Periods, SliderData
+from firmware_sim.live.loop.messages import PERIOD_COLUMNS, SCHEMA, Choice, Hello, Now, Periods
 from firmware_sim.live.loop.noticing import UNPOWERED, Seen
-from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings, Slider
+from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings
 from firmware_sim.runs.reasons import BECAUSE
 from wake.pictures.drawing import outline
 
@@ -74,9 +74,9 @@ def hello(
         "reasons": {reason.name: text for reason, text in BECAUSE.items()},
         "controllers": list(controllers),
         "plants": list(plants),
-        "sliders": {name: _slider(slider) for name, slider in SLIDERS.items()},
+        "sliders": {name: asdict(slider) for name, slider in SLIDERS.items()},
         "weights": asdict(manifest.mpc.weights),
-        "weight_slider": _slider(WEIGHT),
+        "weight_slider": asdict(WEIGHT),
         "settings": settings.to_tree(),
         "kept": kept,
     }
@@ -145,7 +145,3 @@ def _number(value: float) -> float | None:
 
 def _rounded(values: Array | None) -> Any:
     return np.round(np.asarray(values, dtype=np.float64), _DIGITS).tolist()
-
-
-def _slider(slider: Slider) -> SliderData:
-    return {"least": slider.least, "greatest": slider.greatest, "step": slider.step, "unit": slider.unit}

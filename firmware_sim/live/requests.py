@@ -6,8 +6,6 @@ from contract.errors import ConfigError
 
 _TRUE: Final = ("clear", "power_cycle", "save", "restart")
 ACTIONS: Final = ("set", "query", "pause", *_TRUE)
-_LARGEST_ID: Final = 2**53
-"""Greatest whole number that every reader of JSON keeps."""
 _LONGEST: Final = 2000
 """Characters of a link's query."""
 
@@ -17,12 +15,6 @@ class Asked(NamedTuple):
 
     action: str
     value: Any
-
-
-def id_of(request: object) -> int | None:
-    """The request's number; None if it has none that is one."""
-    number = request.get("id") if isinstance(request, dict) else None
-    return number if type(number) is int and abs(number) <= _LARGEST_ID else None
 
 
 def asked(request: object) -> Asked:

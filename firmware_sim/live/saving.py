@@ -4,8 +4,8 @@ Times are those of the loop: a run whose beginning is no longer kept does not be
 """
 
 import json
+import pickle
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from typing import Final
@@ -15,7 +15,7 @@ from contract.atomic import replacing
 from contract.config.tree import Config
 from contract.release.checks import Bundle
 from firmware_sim.bench.spans import CYCLES, SHEDDING_TIME
-from firmware_sim.live.loop.kept import Counted, KeptPeriod, unpacked
+from firmware_sim.live.loop.kept import Counted, KeptPeriod
 from firmware_sim.live.loop.live_run import LiveRun
 from firmware_sim.live.loop.scene import draw
 from firmware_sim.runs import run_log, wake_stills
@@ -30,24 +30,15 @@ _SETTLE: Final = 40.0
 """t_c that controlled averages leave out where there is time enough: what `stillwake run` does."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SavedAs:
-    """What a saved run records of itself.
+def save(target: Path, run: LiveRun, bundle: Bundle, config: Config, *, seed: int, origin: RunOrigin) -> None:
+    """Write the periods of a run that are kept, at least one.
 
-    Attributes:
+    Args:
+        target: the folder.
+        run: to be saved.
         bundle, config: of the session.
         seed: of what was drawn.
         origin: day and command.
-    """
-
-    bundle: Bundle
-    config: Config
-    seed: int
-    origin: RunOrigin
-
-
-def save(target: Path, run: LiveRun, facts: SavedAs) -> None:
-    """Write the periods of a run that are kept, at least one.
 
     Raises:
         StillwakeError: if the folder cannot be written.
@@ -55,15 +46,15 @@ def save(target: Path, run: LiveRun, facts: SavedAs) -> None:
     # python-can loads all that it can write with, which takes a second.
     from can_bridge.logs import frame_log
 
-    log = run_log_of(run, facts)
-    periods, sensors = list(run.periods), facts.bundle.manifest.sensors
+    log = run_log_of(run, bundle, config, seed=seed, origin=origin)
+    periods, sensors = list(run.periods), bundle.manifest.sensors
     with replacing(target) as temporary:
         temporary.mkdir()
         folder = RunFolder(temporary)
         run_log.save(folder.series, log)
         with frame_log.recording(folder.frames) as append:
             for period in periods:
-                for frame in unpacked(period.frames):
+                for frame in pickle.loads(period.frames):
                     append(frame)
         folder.summary.write_text(json.dumps(whole_summary(log), indent=2) + "\n", encoding="utf-8")
         last, requested = run.scene.still(), run.request.first is not None
@@ -77,13 +68,13 @@ def save(target: Path, run: LiveRun, facts: SavedAs) -> None:
         write_report(folder)
 
 
-def run_log_of(run: LiveRun, facts: SavedAs) -> RunLog:
+def run_log_of(run: LiveRun, bundle: Bundle, config: Config, *, seed: int, origin: RunOrigin) -> RunLog:
     """The series and facts of the periods that are kept."""
     periods, end = list(run.periods), run.counted()
-    first, config = periods[0], facts.config
+    first = periods[0]
     enabled = next((place for place, period in enumerate(periods) if period.requested), len(periods))
     metadata = RunMetadata.of(
-        facts.bundle,
+        bundle,
         config,
         settle=_settle((len(periods) - enabled) * config.flow.control_period),
         averages=True,
@@ -91,10 +82,10 @@ def run_log_of(run: LiveRun, facts: SavedAs) -> RunLog:
         plant=run.wake.description,
         computed_by=_computed_by(run, first.k),
         ecu=RunEcu.of(run.ecu.kind, run.ecu.clock_mhz, [p.planned_ns for p in periods if p.planned_ns is not None]),
-        origin=facts.origin,
+        origin=origin,
         calibration=run.ecu.ecu.calibration,
         faults=_faults(run, first),
-        fault_seed=facts.seed,
+        fault_seed=seed,
     )
     return RunLog.of(
         [period.row for period in periods],

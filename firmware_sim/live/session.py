@@ -26,8 +26,8 @@ from firmware_sim.live.loop.kept import KeptPeriod
 from firmware_sim.live.loop.live_run import LiveRun
 from firmware_sim.live.loop.messages import Answer, Choice, Hello, Message, SettingsNow, pack_field
 from firmware_sim.live.loop.noticing import START, noticed
-from firmware_sim.live.requests import Asked, asked, id_of
-from firmware_sim.live.saving import SavedAs, origin_of, save
+from firmware_sim.live.requests import Asked, asked
+from firmware_sim.live.saving import origin_of, save
 from firmware_sim.live.setting_words import changes, weights_text
 from firmware_sim.live.settings import CONTROLLERS, LiveSettings, from_query
 from wake.plant.protocol import LoopPlant
@@ -138,11 +138,12 @@ class LiveSession:
         self._events.pass_to(run.time_s(run.k), run.periods[-1].row.sample.t)
         self._now_due = True
 
+    def before(self, request: object) -> None:
+        """Nothing is made for a request; whoever knows how to make an ECU ahead puts his own in this place."""
+
     def handle(self, request: object) -> Answer:
         """Do what a viewer asks for, between two periods; any value of JSON may come."""
         answer: Answer = {}
-        if (number := id_of(request)) is not None:
-            answer["id"] = number
         try:
             self._do(asked(request), answer)
         except StillwakeError as error:
@@ -187,20 +188,21 @@ class LiveSession:
                 self._note("set", "the plant starts again")
 
     def _change(self, given: dict[str, Any]) -> None:
-        own, sensors = self._bundle.manifest.mpc.weights, self._bundle.manifest.sensors
-        self._apply(self._settings.changed(given, sensors, own), enable=given.get("enable"))
+        self._apply(self._changed(self._settings, given), enable=given.get("enable"))
 
     def _follow(self, query: str) -> None:
         """Have the settings of a link; those that it does not name are as at the start."""
         values = from_query(query)
         # A link made under control is no reason to cut short the time that the mean without control needs.
         enable = values.pop("enable", None)
-        own, sensors = self._bundle.manifest.mpc.weights, self._bundle.manifest.sensors
-        after = LiveSettings(enable=self._settings.enable).changed(values, sensors, own)
+        after = self._changed(LiveSettings(enable=self._settings.enable), values)
         if enable is None or self._run.request.waits:
             self._apply(after, enable=None)
         else:
             self._apply(replace(after, enable=enable), enable=enable)
+
+    def _changed(self, settings: LiveSettings, given: dict[str, Any]) -> LiveSettings:
+        return settings.changed(given, self._bundle.manifest.sensors, self._bundle.manifest.mpc.weights)
 
     def _apply(self, after: LiveSettings, *, enable: bool | None) -> None:
         """Have other settings from the next period on; if that cannot be, an error, and all is as it was."""
@@ -266,13 +268,7 @@ class LiveSession:
         names = (name, *(f"{name}-{n}" for n in range(2, _AT_ONCE)))
         name = next(item for item in names if not (self._saves / item).exists())
         origin = origin_of(now.date(), self._command, run.periods[0].k)
-        facts = SavedAs(
-            bundle=self._bundle,
-            config=self._config,
-            seed=self._seed,
-            origin=origin,
-        )
-        save(self._saves / name, run, facts)
+        save(self._saves / name, run, self._bundle, self._config, seed=self._seed, origin=origin)
         self._note("set", f"the run is saved as {name}")
         return name
 

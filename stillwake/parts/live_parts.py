@@ -103,7 +103,7 @@ class LiveParts:
 
 
 class LiveLoop:
-    """A session that goes on while an ECU in C is made for it: a `firmware_sim.live.serving.stepping.Prepares`.
+    """A session that goes on while an ECU in C is made for it: a `firmware_sim.live.serving.stepping.Session`.
 
     Args:
         session: as it is.

@@ -1,5 +1,6 @@
 """One run of the live loop, from a start of its plant: stepped period by period, disturbed and observed meanwhile."""
 
+import pickle
 from collections import deque
 from dataclasses import dataclass
 from typing import Final
@@ -17,7 +18,7 @@ from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.live.loop.bus_table import BusTable
 from firmware_sim.live.loop.control_request import ControlRequest
 from firmware_sim.live.loop.drag import DragMeans
-from firmware_sim.live.loop.kept import Counted, KeptPeriod, packed
+from firmware_sim.live.loop.kept import Counted, KeptPeriod
 from firmware_sim.live.loop.latency_histogram import LatencyHistogram
 from firmware_sim.live.loop.messages import FieldPicture
 from firmware_sim.live.loop.noticing import BOOT, UNPOWERED, Seen
@@ -163,7 +164,7 @@ class LiveRun:
             before=before,
             planned_ns=planned,
             waits_ns=self._waits,
-            frames=packed(self._frames),
+            frames=pickle.dumps(self._frames),
         )
         self._waits = {}
         self._frames.clear()

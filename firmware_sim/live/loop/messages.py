@@ -33,15 +33,6 @@ class Choice(TypedDict):
     missing: str | None
 
 
-class SliderData(TypedDict):
-    """`firmware_sim.live.settings.Slider`."""
-
-    least: float
-    greatest: float
-    step: float
-    unit: str
-
-
 class Hello(TypedDict):
     """First on the channel, and again after the plant was changed: everything that stays."""
 
@@ -71,9 +62,9 @@ class Hello(TypedDict):
     reasons: dict[str, str]  # in words, by the names of `Reason`: `firmware_sim.runs.reasons`
     controllers: list[Choice]
     plants: list[Choice]
-    sliders: dict[str, SliderData]
+    sliders: dict[str, dict[str, Any]]  # `firmware_sim.live.settings.Slider`, by setting
     weights: dict[str, float]  # the release's
-    weight_slider: SliderData
+    weight_slider: dict[str, Any]
     settings: dict[str, Any]  # `LiveSettings.to_tree`
     kept: int  # periods that the loop keeps, and a page should
 
@@ -193,13 +184,9 @@ class LoopNow(TypedDict):
     """What the loop's process does, from the server; first on the channel, also where there is no `hello` yet."""
 
     type: Literal["loop"]
-    state: str  # of `LOOP_STATES`
+    state: str  # starting, running, busy (with what takes seconds), ended (for good)
     text: str  # one line for people: what is waited for, or why it ended; empty while it runs
 
-
-LOOP_STATES: Final = ("starting", "running", "busy", "ended")
-"""busy: the loop waits for something that takes seconds. ended: it failed, and is not started again; where it is, the
-text of "starting" reports it, and later an event."""
 
 Message = Hello | Periods | Now | BusNow | LatencyNow | Events | SettingsNow | LoopNow
 

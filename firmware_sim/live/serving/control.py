@@ -1,7 +1,7 @@
 """A viewer's request as it comes: any text, until it is looked at here."""
 
 import json
-from typing import Any, Final
+from typing import Final
 
 from firmware_sim.live.loop.messages import Answer, Message
 
@@ -19,14 +19,7 @@ def check(text: str | bytes) -> Answer | None:
         return Answer(error=f"a request is JSON: {error}")
     if not isinstance(value, dict):
         return Answer(error='a request is an object, such as {"id": 1, "set": {"enable": true}}')
-    if not is_number(value.get("id", 0)):
-        return Answer(error="id: must be a whole number")
-    return None
-
-
-def is_number(value: Any) -> bool:
-    """Whether it can be the `id` of a request."""
-    return isinstance(value, int) and not isinstance(value, bool)
+    return None if type(value.get("id", 0)) is int else Answer(error="id: must be a whole number")
 
 
 def as_json(message: Message | Answer) -> str:

@@ -8,9 +8,9 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
-from tempfile import TemporaryFile
-from typing import IO, Any, Final
-from zipfile import ZIP_DEFLATED, ZipFile
+from shutil import make_archive
+from tempfile import TemporaryDirectory
+from typing import Any, Final
 
 from tornado.web import HTTPError, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
@@ -244,17 +244,9 @@ class SavedRun(Guarded):
         self.set_header("Content-Type", "application/zip")
         self.set_header("Content-Disposition", f'attachment; filename="{name}.zip"')
         self.set_header("Cache-Control", "no-store")
-        with TemporaryFile() as file:
-            await asyncio.to_thread(_write_zip, self.served.saves / name, file)
-            file.seek(0)
-            while piece := file.read(_PIECE):
-                self.write(piece)
-                await self.flush()
-
-
-def _write_zip(folder: Path, file: IO[bytes]) -> None:
-    """The folder's files, under its name, as one file to be taken away."""
-    with ZipFile(file, "w", compression=ZIP_DEFLATED) as archive:
-        for path in sorted(folder.rglob("*")):
-            if path.is_file():
-                archive.write(path, path.relative_to(folder.parent))
+        with TemporaryDirectory() as folder:
+            path = await asyncio.to_thread(make_archive, f"{folder}/run", "zip", self.served.saves, name)
+            with open(path, "rb") as file:
+                while piece := file.read(_PIECE):
+                    self.write(piece)
+                    await self.flush()

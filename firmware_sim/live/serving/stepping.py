@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from queue import Queue
 from threading import Condition, Thread
-from typing import Any, Final, Protocol, runtime_checkable
+from typing import Any, Final, Protocol
 
 from contract.errors import StillwakeError
 from firmware_sim.live.loop.messages import Answer, LoopNow, Message, Request
@@ -22,7 +22,7 @@ IDLE_S: Final = 0.02
 
 
 class Session(Protocol):
-    """`firmware_sim.live.session.LiveSession`, as far as it is needed here."""
+    """A loop as it is stepped here. Some requests need what takes seconds to make."""
 
     def step(self) -> None:
         """One control period; nothing while it is paused."""
@@ -32,11 +32,6 @@ class Session(Protocol):
 
     def messages(self) -> Sequence[Message | bytes]:
         """What is new since the last call."""
-
-
-@runtime_checkable
-class Prepares(Session, Protocol):
-    """A session for which some requests need what takes seconds to make."""
 
     def before(self, request: Request) -> Callable[[], None] | None:
         """What makes it, in a thread of its own while the loop goes on; None where the request can be handled now."""
@@ -110,7 +105,7 @@ class Requests:
 
     def take(self, number: int, request: Request) -> None:
         """One that has come."""
-        work = self._session.before(request) if isinstance(self._session, Prepares) else None
+        work = self._session.before(request)
         if work is None:
             self._answer(number, self._session.handle(request))
         elif self._waiting is not None:

@@ -5,29 +5,26 @@ import json
 import numpy as np
 import pytest
 
-from can_bridge.wire.frame import Frame
-from firmware_sim.live.loop.kept import packed, unpacked
+from firmware_sim.live import saving
 from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.run_folder import RunFolder
 from tests.firmware_sim.live.harness import Live
 from tests.firmware_sim.live.shown_loop import plant
 
 
-def test_frames_are_unpacked_as_they_were():
-    frames = [
-        Frame(frame_id=0x120, data=bytes(range(16)), timestamp_ns=2**40),
-        Frame(frame_id=0, data=b"", timestamp_ns=1, is_fd=False),
-        Frame(frame_id=0x1FFFFFFF, data=bytes(64), is_extended=True),
-    ]
-    assert list(unpacked(packed(frames))) == frames
+@pytest.fixture
+def undrawn(monkeypatch) -> None:
+    """Pictures and reports take seconds."""
+    for name in ("draw", "write_report"):
+        monkeypatch.setattr(saving, name, lambda *_: None)
 
 
 @pytest.mark.slow  # draws a report
-def test_the_latest_periods_are_saved_when_the_first_are_gone(tmp_path, cli):
+def test_the_latest_periods_are_saved_when_the_first_are_gone(tmp_path):
     live = Live(tmp_path, kept=100).run(30).set(noise=0.5).run(70).set(noise=0.0, loss=0.2).run(50)
     (tmp_path / "live-20260102-120000").mkdir()
-    answer = live.ask(save=True, id=1)
-    assert answer == {"id": 1, "saved": "live-20260102-120000-2"}
+    answer = live.ask(save=True)
+    assert answer == {"saved": "live-20260102-120000-2"}
     folder = RunFolder(tmp_path / answer["saved"])
     log = run_log.load(folder.series)
     np.testing.assert_allclose(log.series["t"], 0.2 * np.arange(50, 150))
@@ -39,10 +36,11 @@ def test_the_latest_periods_are_saved_when_the_first_are_gone(tmp_path, cli):
     # Three frames a period, of which none was lost on the bus itself.
     assert log.traffic.frames == pytest.approx(300, abs=2)
     assert json.loads(folder.summary.read_text())["started_with"]["flow"] == "period 50 of a live session"
-    assert cli("report", folder.path).code == 0
     assert "noise:level=0.5@0.6..2.0" in folder.report.read_text()
-    # What computed, and from when on.
-    live.set(controller="c").run(20).set(weights={"lift": 0.5}).run(5)
+
+
+def test_it_is_saved_what_computed_and_from_when_on(tmp_path, undrawn):
+    live = Live(tmp_path).run(150).set(controller="c").run(20).set(weights={"lift": 0.5}).run(5)
     metadata = run_log.load(RunFolder(tmp_path / live.ask(save=True)["saved"]).series).metadata
     assert metadata.computed_by.endswith("from 3 s waves by c; from 3.4 s calibration of the cost: lift 0.5")
     assert metadata.weights.lift == 0.5
@@ -57,8 +55,7 @@ def test_a_run_that_cannot_be_written_leaves_nothing(tmp_path):
     assert sorted(tmp_path.iterdir()) == [tmp_path / "saves"]
 
 
-@pytest.mark.slow  # draws a report
-def test_the_flow_is_shown_and_saved(tmp_path):
+def test_the_flow_is_shown_and_saved(tmp_path, undrawn):
     live = Live(tmp_path, wake=plant, enable_after=0.4).run(4)
     width, height = live.heard["hello"]["raster"]
     assert len(live.pictures) == 4
