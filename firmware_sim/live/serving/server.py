@@ -33,24 +33,21 @@ MOST_CONNECTIONS: Final = 128
 """Two of each viewer, and as many that load files; half of the file descriptors that any system gives a process."""
 
 
-def application(
-    supervisor: Supervisor, access: Access, saves: Path, *, page: Path = PAGE, stalled_s: float = STALLED_S
-) -> Application:
+def application(supervisor: Supervisor, access: Access, saves: Path, *, stalled_s: float = STALLED_S) -> Application:
     """What is answered where.
 
     Args:
         supervisor: of the loop.
         access: who may look at it and act on it.
         saves: the folder of saved runs.
-        page: folder of `index.html` and all that it needs.
         stalled_s: a viewer that takes no message for so long is closed.
     """
     served = Served(supervisor=supervisor, access=access, saves=saves, stalled_s=stalled_s)
     own: dict[str, Any] = {"served": served}
     return Application(
         [
-            (r"/()", Files, {**own, "path": str(page), "default_filename": "index.html"}),
-            (r"/static/([A-Za-z0-9._/-]+)", Files, {**own, "path": str(page)}),
+            (r"/()", Files, {**own, "path": str(PAGE), "default_filename": "index.html"}),
+            (r"/static/([A-Za-z0-9._/-]+)", Files, {**own, "path": str(PAGE)}),
             (r"/stream", Stream, own),
             (r"/control", Control, own),
             (r"/saved/([A-Za-z0-9][A-Za-z0-9._-]*)\.zip", SavedRun, own),
