@@ -2,16 +2,12 @@
 
 import gc
 
-import numpy as np
 import pytest
 
-from contract.recording.episode import Episode
-from contract.sensors import TRUCK
 from firmware_sim.live import event_log
-from tests.firmware_sim.bench.harness import NAMES
+from tests.firmware_sim.bench.harness import NAMES, LiveOscillator
 from tests.firmware_sim.live.harness import CONFIG, Live
-from wake.plant.protocol import LoopPlant
-from wake.recorded_wake import RecordedWake
+from wake.plant.sample import Sample
 
 KEPT = 40
 ROUND = 100
@@ -20,17 +16,10 @@ BOUND = 6
 """Objects that three rounds may add: less than one for each thing that is clicked in them."""
 
 
-def recording(name: str) -> LoopPlant:
-    steps = np.arange(50)
-    series = {
-        "t": 0.2 * steps,
-        "action": 0.0 * steps,
-        "Cp": np.sin(0.3 * steps[:, None] + np.arange(len(TRUCK))),
-        "Cd": 1.0 + 0.1 * np.sin(0.6 * steps),
-        "Cl": np.sin(0.3 * steps),
-    }
-    episode = Episode(name="waves", role="test", series=series, initial_action=0.0, provenance={})
-    return RecordedWake(episode, TRUCK, CONFIG.flow)
+class Forgetful(LiveOscillator):
+    def sample(self) -> Sample:
+        self.seen.clear()
+        return super().sample()
 
 
 def clicks(live: Live) -> None:
@@ -54,7 +43,7 @@ def clicks(live: Live) -> None:
 def test_rounds_of_clicks_leave_what_one_left(tmp_path, monkeypatch):
     """Counted in objects: tracing the memory itself takes a minute."""
     monkeypatch.setattr(event_log, "KEPT", 10)
-    live = Live(tmp_path, wake=recording, kept=KEPT)
+    live = Live(tmp_path, wake=lambda name: Forgetful(CONFIG), kept=KEPT)
     counts = []
     for rounds in (2, 3):
         for _ in range(rounds):

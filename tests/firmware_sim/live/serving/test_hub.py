@@ -49,25 +49,14 @@ def test_a_viewer_who_is_late_gets_what_is_kept_in_parts_and_of_the_rest_the_new
 def test_a_new_run_begins_with_nothing_of_the_old_one():
     hub = Hub()
     hub.put([hello(), periods(1, 2), now(2), b"old"])
-    hub.put([hello(run=2), periods(0, run=2)])
-    viewer = Viewer(hub)
-    taken = {stream: viewer.take(stream) for stream in STREAMS}
-    assert {stream for stream, message in taken.items() if message is not None} == {"hello", "periods"}
-    assert taken["periods"] == periods(0, run=2)
-
-
-def test_what_came_before_its_hello_comes_again():
-    # A new run may begin between two looks at the streams: a page begins again with its `hello`.
-    hub = Hub()
-    hub.put([hello()])
-    viewer = Viewer(hub)
-    viewer.take("hello")
+    late, early = Viewer(hub), Viewer(hub)
+    early.take("hello")
     hub.put([hello(run=2), periods(0, run=2), now(0)])
-    assert viewer.take("periods") is not None
-    assert viewer.take("now") is not None
-    assert viewer.take("hello") == hello(run=2)
-    assert viewer.take("periods") == periods(0, run=2)
-    assert viewer.take("now") == now(0)
+    taken = {stream: message for stream in STREAMS if (message := late.take(stream)) is not None}
+    assert taken == {"hello": hello(run=2), "periods": periods(0, run=2), "now": now(0)}
+    # It may begin between two looks at the streams: with its `hello` a page begins again.
+    for stream in ("periods", "now", "hello", "periods", "now"):
+        assert early.take(stream) == taken[stream], stream
 
 
 def test_events_are_kept_in_their_order():

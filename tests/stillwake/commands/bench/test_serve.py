@@ -6,7 +6,8 @@ import socket
 import subprocess
 import sys
 import urllib.request
-from contextlib import contextmanager
+from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,27 +25,27 @@ from stillwake.parts.releases import open_release
 PATIENCE_S = 120.0
 
 
-def missing_of(choices, name: str) -> str | None:
-    return next(choice["missing"] for choice in choices if choice["name"] == name)
+def missing_of(release, library: Path | None = None) -> dict[str, str | None]:
+    return {choice["name"]: choice["missing"] for choice in (*controllers(release, library), *plants())}
 
 
 def test_here_everything_can_be_chosen_by_a_label_with_the_bundles_kind_and_precision():
     release = open_release(None, None)
-    offered = [*controllers(release, None), *plants()]
-    assert [choice["name"] for choice in offered] == ["int8", "c", "cortex-m7", "off", "wake", "recording"]
-    assert [choice["missing"] for choice in offered] == [None] * 6
-    for changes, label in (
-        ({"precision": "int8"}, "Python, int8 ONNX graph"),
-        ({"precision": "float32"}, "Python, float32 ONNX graph"),
-        ({"precision": "float32", "kind": "linear"}, "Python, linear, float32"),
+    assert missing_of(release) == dict.fromkeys(["int8", "c", "cortex-m7", "off", "wake", "recording"])
+    for precision, is_linear, label in (
+        ("int8", False, "Python, int8 ONNX graph"),
+        ("float32", False, "Python, float32 ONNX graph"),
+        ("float32", True, "Python, linear, float32"),
     ):
-        manifest = SimpleNamespace(**{"is_linear": changes.get("kind") == "linear", **changes})
+        manifest = SimpleNamespace(is_linear=is_linear, precision=precision)
         other: Any = SimpleNamespace(manifest=manifest, digest=release.digest)
-        (shown, *_) = controllers(other, None)
-        assert shown["label"] == label
+        assert controllers(other, None)[0]["label"] == label
 
 
-def test_a_choice_names_the_extra_that_it_lacks(monkeypatch):
+def test_a_choice_names_what_it_lacks(short_release, monkeypatch):
+    shipped, own = open_release(None, None), open_release(short_release, None)
+    assert "--library" in str(missing_of(own)["c"])
+    assert missing_of(own, Path("any"))["c"] is None
     find, lacking = importlib.util.find_spec, ""
     monkeypatch.setattr(importlib.util, "find_spec", lambda asked: None if asked == lacking else find(asked))
     for lacking, name, extra in (
@@ -52,73 +53,41 @@ def test_a_choice_names_the_extra_that_it_lacks(monkeypatch):
         ("onnx", "cortex-m7", "train"),
         ("unicorn", "cortex-m7", "mcu"),
     ):
-        offered = controllers(open_release(None, None), None)
-        assert f"pip install '.[{extra}]'" in str(missing_of(offered, name)), lacking
-        assert missing_of(offered, "int8") is None, lacking
-
-
-def test_an_ecu_in_c_needs_the_bundles_library_and_a_compiler(short_release, monkeypatch):
-    release = open_release(short_release, None)
-    assert "--library" in str(missing_of(controllers(release, None), "c"))
-    assert missing_of(controllers(release, Path("any")), "c") is None
+        assert f".[{extra}]" in str(missing_of(shipped)[name]), lacking
+        assert missing_of(shipped)["int8"] is None, lacking
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setattr("firmware_sim.in_c.compiler.zig_compiler", lambda: None)
-    assert "compiler" in str(missing_of(controllers(open_release(None, None), None), "c"))
-
-
-@pytest.fixture
-def told(monkeypatch) -> list[str]:
-    """What viewers are told while ECUs in C are made, without making any."""
-
-    @contextmanager
-    def library_folder(given):
-        yield given
-
-    def loop_ecu(name, sources):
-        return LoopEcu(ecu=SimpleNamespace(), kind=name, computed_by="")
-
-    monkeypatch.setattr(live_parts, "library_folder", library_folder)
-    monkeypatch.setattr("firmware_sim.in_c.c_ecu.ecu_sources", lambda *_: {})
-    monkeypatch.setattr("firmware_sim.bench.ecus.loop_ecu", loop_ecu)
-    return []
-
-
-def test_an_ecu_in_c_is_made_once_and_each_wait_is_told(told):
-    release = open_release(None, None)
-    ecus = Ecus(release, load_config(), None, told.append)
-    assert ecus("c") is ecus("c")
-    ecus("cortex-m7")
-    assert told == [MAKING, COMPILING["c"], COMPILING["cortex-m7"]]
+    assert "compiler" in str(missing_of(shipped)["c"])
 
 
 HELLO = {"controllers": [{"name": "c", "missing": None}, {"name": "cortex-m7", "missing": "the extra mcu"}]}
 
 
-def test_the_loop_goes_on_while_an_ecu_in_c_is_made_and_waits_for_nothing_else(told):
-    release = open_release(None, None)
-
-    def looped() -> tuple[Any, Ecus]:
-        ecus = Ecus(release, load_config(), None, told.append)
-        return LiveLoop(SimpleNamespace(hello=lambda: HELLO, step=None, handle=None, messages=None), ecus), ecus  # type: ignore[arg-type]
-
-    wanted: tuple[dict[str, Any], ...] = ({"set": {"controller": "c"}}, {"query": "noise=0.1&controller=c"})
-    for asked in wanted:
-        told.clear()
-        loop, ecus = looped()
-        work = loop.before(asked)
-        assert told == [], asked
-        assert work is not None, asked
-        work()
-        assert loop.before(asked) is None, asked
-        assert ecus("c").kind == "c", asked
-        assert len(told) == 2, asked
-    others: tuple[dict[str, Any], ...] = (
+def test_the_loop_goes_on_while_an_ecu_in_c_is_made_once_and_waits_for_nothing_else(monkeypatch):
+    made = LoopEcu(ecu=SimpleNamespace(), kind="c", computed_by="")
+    monkeypatch.setattr(live_parts, "library_folder", nullcontext)
+    monkeypatch.setattr("firmware_sim.in_c.c_ecu.ecu_sources", lambda *_: {})
+    monkeypatch.setattr("firmware_sim.bench.ecus.loop_ecu", lambda name, sources: replace(made, kind=name))
+    session: Any = SimpleNamespace(hello=lambda: HELLO, step=None, handle=None, messages=None)
+    wanted: tuple[Any, ...] = ({"set": {"controller": "c"}}, {"query": "noise=0.1&controller=c"})
+    others: tuple[Any, ...] = (
         *({"set": {"controller": name}} for name in ("int8", ["c"], "cortex-m7")),
         *({"set": "c"}, {"query": "enable=c"}, {"query": 3}, {"clear": True}),
     )
-    for other in others:
-        assert looped()[0].before(other) is None, other
+    for asked in wanted:
+        told = list[str]()
+        ecus = Ecus(open_release(None, None), load_config(), None, told.append)
+        loop = LiveLoop(session, ecus)
+        for other in others:
+            assert loop.before(other) is None, other
+        work = loop.before(asked)
+        assert told == [] and work is not None, asked
+        work()
+        assert loop.before(asked) is None, asked
+        assert ecus("c") is ecus("c")
+        assert [ecus(name).kind for name in ("c", "cortex-m7")] == ["c", "cortex-m7"]
+        assert told == [MAKING, COMPILING["c"], COMPILING["cortex-m7"]]
 
 
 def test_errors_are_one_line_and_leave_nothing(all_refused, tmp_path):
