@@ -1,21 +1,26 @@
 """A live session on a plant of two numbers with a controller that plans waves: everything else is the real thing."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from contract.arrays import Array
+from contract.config.body import TRUCK_BODY
 from contract.config.tree import Config
 from contract.errors import LibraryError
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.stepped import LoopEcu
+from firmware_sim.live import saving
 from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Answer, Choice
 from firmware_sim.live.session import LiveSession
 from tests.firmware_sim.bench.harness import LiveOscillator, Waves
 from tests.firmware_sim.conftest import make_bundle
 from wake.plant.protocol import LoopPlant
+from wake.solver.grid import truck_grid
 
 CONFIG = Config()
 CONTROLLERS: tuple[Choice, ...] = (
@@ -35,6 +40,22 @@ NOON = datetime(2026, 1, 2, 12, 0, 0)
 
 def oscillator(name: str) -> LoopPlant:
     return LiveOscillator(CONFIG)
+
+
+class ShownOscillator(LiveOscillator):
+    """Its flow turns counter-clockwise above the middle and clockwise below, in waves that move downstream."""
+
+    grid = truck_grid()
+    body = TRUCK_BODY
+
+    def vorticity(self) -> Array:
+        x, y = self.grid.xf[1:-1, None], self.grid.yf[None, 1:-1]
+        return np.asarray(2.0 * np.sign(y) * (1.5 + np.sin(3.0 * (x - self.t))))
+
+
+def shown(name: str) -> LoopPlant:
+    """The recording has nothing to be shown."""
+    return ShownOscillator(CONFIG) if name == "wake" else LiveOscillator(CONFIG)
 
 
 class Live:
@@ -108,3 +129,15 @@ class Live:
     @property
     def state(self) -> str:
         return str(self.heard["now"]["state"])
+
+
+@dataclass(frozen=True)
+class MakeShown:
+    """Picklable maker of a session with a flow; its runs are saved in `saves`, without pictures."""
+
+    saves: Path
+
+    def __call__(self, show: Callable[[str], None]) -> LiveSession:
+        for name in ("draw", "write_report"):
+            setattr(saving, name, lambda *_: None)
+        return Live(self.saves, wake=shown).session

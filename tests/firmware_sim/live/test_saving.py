@@ -8,8 +8,7 @@ import pytest
 from firmware_sim.live import saving
 from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.run_folder import RunFolder
-from tests.firmware_sim.live.harness import Live
-from tests.firmware_sim.live.shown_loop import plant
+from tests.firmware_sim.live.harness import Live, shown
 
 
 @pytest.fixture
@@ -56,7 +55,7 @@ def test_a_run_that_cannot_be_written_leaves_nothing(tmp_path):
 
 
 def test_the_flow_is_shown_and_saved(tmp_path, undrawn):
-    live = Live(tmp_path, wake=plant, enable_after=0.4).run(4)
+    live = Live(tmp_path, wake=shown, enable_after=0.4).run(4)
     width, height = live.heard["hello"]["raster"]
     assert len(live.pictures) == 4
     levels = np.frombuffer(live.pictures[-1][-width * height :], np.int8).reshape(height, width)
