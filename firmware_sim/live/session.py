@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from contract.config.tree import Config
-from contract.controller.calibration import Calibration
 from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle
 from firmware_sim.bench.virtual_loop import check_bit_rates
 from firmware_sim.ecu.calibrating import release_calibration
+from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.fit import check_sensors
+from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.live import present
-from firmware_sim.live.ecu_shelf import EcuShelf, MakeEcu
 from firmware_sim.live.event_log import EventLog
 from firmware_sim.live.loop.kept import KeptPeriod
 from firmware_sim.live.loop.live_run import LiveRun
@@ -49,7 +49,8 @@ class LiveSession:
         bundle: verified release.
         config: the vehicle; its operating point and control period must be the bundle's.
         wake: a plant at its start, by its name.
-        ecu: makes an ECU, just powered on, by the controller's name.
+        ecu: makes an ECU, just powered on, by the controller's name; each is made once.
+        ahead: of a controller's name what makes its ECU ahead, because that takes seconds; None where it does not.
         controllers, plants: what there is to choose, and what is missing.
         saves: folder in which runs are saved.
         settings: to begin with. Whether control is requested in them counts for nothing: it is after `enable_after`.
@@ -70,7 +71,8 @@ class LiveSession:
         bundle: Bundle,
         config: Config,
         wake: Callable[[str], LoopPlant],
-        ecu: MakeEcu,
+        ecu: Callable[[str], LoopEcu],
+        ahead: Callable[[str], Callable[[], None] | None] = lambda name: None,
         controllers: Sequence[Choice],
         plants: Sequence[Choice],
         saves: Path,
@@ -86,7 +88,8 @@ class LiveSession:
         if config.bus.key:
             raise ConfigError("bus.key: the live loop has no authentication; leave it empty")
         self._bundle, self._config, self._wake = bundle, config, wake
-        self._ecus, self._own = EcuShelf(ecu), release_calibration(bundle, config)
+        self._make_ecu, self._ahead, self._own = ecu, ahead, release_calibration(bundle, config)
+        self._made: dict[str, tuple[LoopEcu, EcuState]] = {}
         self._choices = {"controller": tuple(controllers), "plant": tuple(plants)}
         self._saves, self._command, self._clock, self._today = saves, command, clock, today
         self._lead_in = round(enable_after / config.flow.control_period)
@@ -138,8 +141,17 @@ class LiveSession:
         self._events.pass_to(run.time_s(run.k), run.periods[-1].row.sample.t)
         self._now_due = True
 
-    def before(self, request: object) -> None:
-        """Nothing is made for a request; whoever knows how to make an ECU ahead puts his own in this place."""
+    def before(self, request: object) -> Callable[[], None] | None:
+        """What makes the ECU that is asked for, in a thread of its own; None where it is there, or cannot be had."""
+        try:
+            action, value = asked(request)
+            if action not in ("set", "query"):
+                return None
+            after = self._changed(self._settings, from_query(value) if action == "query" else value)
+            self._check_choices(after)
+        except StillwakeError:
+            return None
+        return self._ahead(after.controller)
 
     def handle(self, request: object) -> Answer:
         """Do what a viewer asks for, between two periods; any value of JSON may come."""
@@ -232,7 +244,7 @@ class LiveSession:
             return
         own = self._bundle.manifest.mpc.weights
         same = after.controller == before.controller
-        ecu = self._ecus.ecu(after.controller, self._calibration(after))
+        ecu = self._ecu(after.controller, after)
         run.exchange(ecu, weights_text(before, after, own) if same else ecu.computed_by)
         if before.controller == OFF:
             run.power_on()
@@ -285,7 +297,7 @@ class LiveSession:
             bundle=self._bundle,
             config=self._config,
             wake=wake,
-            ecu=self._ecus.powered_on(CONTROLLERS[0] if is_off else settings.controller, self._calibration(settings)),
+            ecu=self._ecu(CONTROLLERS[0] if is_off else settings.controller, settings, powered_on=True),
             seed=self._seed,
             lead_in=self._lead_in,
             kept=self._kept,
@@ -303,8 +315,16 @@ class LiveSession:
         self._hello_due = self._settings_due = True
         self._now_due = False
 
-    def _calibration(self, settings: LiveSettings) -> Calibration:
-        return self._own if settings.weights is None else replace(self._own, weights=settings.weights)
+    def _ecu(self, controller: str, settings: LiveSettings, *, powered_on: bool = False) -> LoopEcu:
+        """With the weights of these settings; it may be the one that runs."""
+        if controller not in self._made:
+            made = self._make_ecu(controller)
+            self._made[controller] = made, made.ecu.state
+        ecu, at_first = self._made[controller]
+        ecu.ecu.calibrate(self._own if settings.weights is None else replace(self._own, weights=settings.weights))
+        if powered_on:
+            ecu.ecu.restore(at_first)
+        return ecu
 
     def _check_choices(self, settings: LiveSettings) -> None:
         """Raises ConfigError for one that is not to be had here."""

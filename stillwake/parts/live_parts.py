@@ -1,14 +1,14 @@
 """What a live loop is made of, by name: its plants and its ECUs, those that take seconds only when they are chosen."""
 
 import importlib.util
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from contract.config.tree import Config
-from contract.errors import ConfigError, StillwakeError
+from contract.errors import StillwakeError
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from stillwake.console.endings import missing
@@ -17,7 +17,7 @@ from stillwake.parts.releases import open_release
 
 if TYPE_CHECKING:
     from firmware_sim.ecu.stepped import LoopEcu
-    from firmware_sim.live.loop.messages import Choice, Request
+    from firmware_sim.live.loop.messages import Choice
     from firmware_sim.live.session import LiveSession
     from firmware_sim.live.settings import LiveSettings
     from wake.plant.protocol import LoopPlant
@@ -59,7 +59,7 @@ class LiveParts:
     saves: Path
     command: tuple[str, ...]
 
-    def __call__(self, tell: Callable[[str], None]) -> "LiveLoop":
+    def __call__(self, tell: Callable[[str], None]) -> "LiveSession":
         """The loop; `tell` is called with what is waited for.
 
         Raises:
@@ -69,11 +69,12 @@ class LiveParts:
 
         release = open_release(self.bundle, self.trust)
         ecus = Ecus(release, self.config, self.library, tell)
-        session = LiveSession(
+        return LiveSession(
             bundle=release,
             config=self.config,
             wake=lambda name: self._plant(name, tell),
             ecu=ecus,
+            ahead=ecus.ahead,
             controllers=controllers(release, self.library),
             plants=plants(),
             saves=self.saves,
@@ -81,7 +82,6 @@ class LiveParts:
             enable_after=self.enable_after,
             command=self.command,
         )
-        return LiveLoop(session, ecus)
 
     def _plant(self, name: str, tell: Callable[[str], None]) -> "LoopPlant":
         if name == "recording":
@@ -102,27 +102,6 @@ class LiveParts:
         return own_wake(self.config, settling, start=self.start)
 
 
-class LiveLoop:
-    """A session that goes on while an ECU in C is made for it: a `firmware_sim.live.serving.stepping.Session`.
-
-    Args:
-        session: as it is.
-        ecus: of it.
-    """
-
-    def __init__(self, session: "LiveSession", ecus: "Ecus") -> None:
-        self._ecus, self._session = ecus, session
-        self.step, self.handle, self.messages = session.step, session.handle, session.messages
-
-    def before(self, request: "Request") -> Callable[[], None] | None:
-        """What makes the ECU that is asked for; None where it is there, or cannot be had."""
-        name = _controller_in(request)
-        if not isinstance(name, str) or name not in COMPILING or self._ecus.has(name):
-            return None
-        missing = {choice["name"]: choice["missing"] for choice in self._session.hello()["controllers"]}
-        return None if missing[name] else partial(self._ecus.prepare, name)
-
-
 class Ecus:
     """ECUs of one release in one vehicle, by the names of their controllers. One in C is made once.
 
@@ -138,7 +117,7 @@ class Ecus:
         self._in_c: dict[str, LoopEcu] = {}
 
     def __call__(self, name: str) -> "LoopEcu":
-        """Just powered on; of an ECU in C there is one, which the session keeps (`firmware_sim.live.ecu_shelf`).
+        """Just powered on; of an ECU in C there is one, which the session keeps, too.
 
         Raises:
             StillwakeError: it cannot be had.
@@ -152,9 +131,9 @@ class Ecus:
         ecu = Ecu(self._release, self._graph, self._config)
         return LoopEcu(ecu=ecu, kind="python", computed_by=self._graph.description)
 
-    def has(self, name: str) -> bool:
-        """Whether it needs not be made any more."""
-        return name in self._in_c
+    def ahead(self, name: str) -> Callable[[], None] | None:
+        """What makes an ECU in C, which the loop does not wait for; None where there is nothing to be made."""
+        return partial(self.prepare, name) if name in COMPILING and name not in self._in_c else None
 
     def prepare(self, name: str) -> None:
         """Make an ECU in C, which takes seconds, unless it is there.
@@ -164,7 +143,7 @@ class Ecus:
         """
         from firmware_sim.bench.ecus import loop_ecu
 
-        if not self.has(name):
+        if name not in self._in_c:
             sources = self._sources
             self._tell(COMPILING[name])
             self._in_c[name] = loop_ecu(name, sources)
@@ -218,19 +197,6 @@ def plants() -> "list[Choice]":
         {"name": "wake", "label": "wake: answers the jets", "missing": lacking(shipped.developed)},
         {"name": "recording", "label": "recording: does not answer", "missing": lacking(shipped.recording)},
     ]
-
-
-def _controller_in(request: "Request") -> object:
-    """That a request asks for, if it asks for one; whatever else it is, the session judges."""
-    from firmware_sim.live.settings import from_query
-
-    given = request.get("set")
-    if isinstance(given, Mapping):
-        return given.get("controller")
-    try:
-        return from_query(str(request.get("query", ""))).get("controller")
-    except ConfigError:
-        return None
 
 
 def _no_library(release: Bundle, library: Path | None) -> str | None:

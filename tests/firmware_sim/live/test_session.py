@@ -113,6 +113,18 @@ def test_another_controller_goes_on_from_the_state_of_the_one_before(live):
     assert live.heard["now"]["k"] == 19
 
 
+def test_an_ecu_that_is_asked_for_and_can_be_had_is_made_ahead(tmp_path):
+    work = dict.fromkeys(("c", "cortex-m7"), lambda: None)
+    session = Live(tmp_path, ahead=work.get).session
+    for asked in ({"set": {"controller": "c"}}, {"query": "noise=0.1&controller=c"}):
+        assert session.before(asked) is work["c"], asked
+    for other in (
+        *({"set": {"controller": name}} for name in ("int8", ["c"], "cortex-m7")),
+        *({"set": "c"}, {"query": "enable=c"}, {"query": 3}, {"clear": True}, 3),
+    ):
+        assert session.before(other) is None, other
+
+
 def test_what_cannot_be_had_is_one_line_and_changes_nothing(tmp_path):
     def wake(name: str) -> LiveOscillator:
         if name != "wake":

@@ -19,7 +19,7 @@ from contract.config.loading import load_config
 from contract.shipped import BUNDLE
 from firmware_sim.ecu.stepped import LoopEcu
 from stillwake.parts import live_parts
-from stillwake.parts.live_parts import COMPILING, MAKING, Ecus, LiveLoop, controllers, plants
+from stillwake.parts.live_parts import COMPILING, MAKING, Ecus, controllers, plants
 from stillwake.parts.releases import open_release
 
 PATIENCE_S = 120.0
@@ -61,33 +61,21 @@ def test_a_choice_names_what_it_lacks(short_release, monkeypatch):
     assert "compiler" in str(missing_of(shipped)["c"])
 
 
-HELLO = {"controllers": [{"name": "c", "missing": None}, {"name": "cortex-m7", "missing": "the extra mcu"}]}
-
-
-def test_the_loop_goes_on_while_an_ecu_in_c_is_made_once_and_waits_for_nothing_else(monkeypatch):
-    made = LoopEcu(ecu=SimpleNamespace(), kind="c", computed_by="")
+def test_an_ecu_in_c_is_made_once_and_each_wait_is_told(monkeypatch):
+    made: Any = LoopEcu(ecu=SimpleNamespace(), kind="", computed_by="")
     monkeypatch.setattr(live_parts, "library_folder", nullcontext)
     monkeypatch.setattr("firmware_sim.in_c.c_ecu.ecu_sources", lambda *_: {})
     monkeypatch.setattr("firmware_sim.bench.ecus.loop_ecu", lambda name, sources: replace(made, kind=name))
-    session: Any = SimpleNamespace(hello=lambda: HELLO, step=None, handle=None, messages=None)
-    wanted: tuple[Any, ...] = ({"set": {"controller": "c"}}, {"query": "noise=0.1&controller=c"})
-    others: tuple[Any, ...] = (
-        *({"set": {"controller": name}} for name in ("int8", ["c"], "cortex-m7")),
-        *({"set": "c"}, {"query": "enable=c"}, {"query": 3}, {"clear": True}),
-    )
-    for asked in wanted:
-        told = list[str]()
-        ecus = Ecus(open_release(None, None), load_config(), None, told.append)
-        loop = LiveLoop(session, ecus)
-        for other in others:
-            assert loop.before(other) is None, other
-        work = loop.before(asked)
-        assert told == [] and work is not None, asked
-        work()
-        assert loop.before(asked) is None, asked
-        assert ecus("c") is ecus("c")
-        assert [ecus(name).kind for name in ("c", "cortex-m7")] == ["c", "cortex-m7"]
-        assert told == [MAKING, COMPILING["c"], COMPILING["cortex-m7"]]
+    told = list[str]()
+    ecus = Ecus(open_release(None, None), load_config(), None, told.append)
+    assert ecus.ahead("int8") is None
+    work = ecus.ahead("c")
+    assert told == [] and work is not None
+    work()
+    assert ecus.ahead("c") is None
+    assert ecus("c") is ecus("c")
+    assert [ecus(name).kind for name in ("c", "cortex-m7")] == ["c", "cortex-m7"]
+    assert told == [MAKING, COMPILING["c"], COMPILING["cortex-m7"]]
 
 
 def test_errors_are_one_line_and_leave_nothing(all_refused, tmp_path):
