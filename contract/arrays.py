@@ -1,6 +1,6 @@
 """Types of the NumPy arrays that pass between functions; each docstring gives shape, unit and order."""
 
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -13,3 +13,7 @@ Index: TypeAlias = npt.NDArray[np.intp]
 
 Mask: TypeAlias = npt.NDArray[np.bool_]
 """Which entries of another array are meant."""
+
+MOST_VALUES: Final = 2**27
+"""In a file of numbers from anyone, 1 GiB in double precision: 90 sensors for eight hours of a truck's control periods.
+What holds more is refused before it is read."""

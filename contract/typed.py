@@ -95,4 +95,6 @@ def _set_in_order(value: object) -> None:
 
 def _part_of(hint: Any) -> Any:
     """The dataclass in a field's type, alone, in a list or where the value is not None; None if there is none."""
+    if get_origin(hint) is Mapping:
+        return None  # its keys are names of the user's
     return next((part for part in (hint, *get_args(hint)) if isinstance(part, type) and is_dataclass(part)), None)

@@ -58,17 +58,8 @@ class BusTraffic:
     nodes: Mapping[str, NodeErrors]
 
     def to_tree(self) -> dict[str, Any]:
-        """Nested plain values, accepted back by `from_tree`."""
+        """Nested plain values, which `contract.typed` reads."""
         return asdict(self)
-
-    @classmethod
-    def from_tree(cls, tree: Mapping[str, Any]) -> "BusTraffic":
-        """Read what `to_tree` wrote.
-
-        Raises:
-            KeyError, TypeError: for a field that is missing or unknown.
-        """
-        return cls(**{**tree, "nodes": {name: NodeErrors(**node) for name, node in tree["nodes"].items()}})
 
 
 @dataclass(kw_only=True)

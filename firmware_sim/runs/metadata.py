@@ -8,12 +8,12 @@ from importlib.metadata import version
 from statistics import median
 from typing import Any, Final
 
-from can_bridge.wire.messages import EcuStatus, Mode, Reason
-from contract.config import loading
+from can_bridge.wire.messages import EcuStatus
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
 from contract.release.checks import Bundle
+from contract.typed import typed
 from firmware_sim.ecu.calibrating import with_calibration
 
 _PACKAGES: Final = ("stillwake", "onnxruntime", "numpy", "numba", "python-can")
@@ -190,19 +190,6 @@ class RunMetadata:
         """Read what `to_tree` wrote.
 
         Raises:
-            KeyError, TypeError, ValueError: for a field that is missing, unknown or makes no sense.
-            ConfigError: for settings that this version does not know.
+            KeyError, TypeError, ConfigError: for a field that is missing, unknown or makes no sense.
         """
-        status, origin = tree["status"], tree["origin"]
-        typed = {
-            "sensors": tuple(tree["sensors"]),
-            "mpc": loading.from_tree({"mpc": tree["mpc"]}).mpc,
-            "weights": loading.from_tree({"mpc": {"weights": tree["weights"]}}).mpc.weights,
-            "status": EcuStatus(**{**status, "state": Mode(status["state"]), "reason": Reason(status["reason"])}),
-            "config": loading.from_tree(tree["config"]),
-            "origin": RunOrigin(**{**origin, "command": tuple(origin["command"])}),
-            # Not in a run of an earlier version, which could have none.
-            "faults": tuple(InjectedFault(**one) for one in tree.get("faults", ())),
-            "ecu": RunEcu(**tree.get("ecu", {})),
-        }
-        return cls(**{**tree, **typed})
+        return typed({**tree, "status": list(EcuStatus(**tree["status"]))}, cls)

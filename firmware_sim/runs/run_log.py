@@ -2,20 +2,23 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
-from zipfile import BadZipFile
 
 import numpy as np
 
+from can_bridge.wire.messages import Mode, Reason
 from contract import sensors
 from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import ConfigError, StillwakeError
 from contract.ledger import LEDGER_FIELDS
+from contract.npz import read_npz
+from contract.release import strict_json
 from contract.sensor_layout import SensorLayout
+from contract.typed import typed
 from firmware_sim.runs.bus_traffic import BusTraffic
 from firmware_sim.runs.metadata import RunMetadata
 from wake.plant.sample import Sample
@@ -134,23 +137,42 @@ def load(path: Path) -> RunLog:
         StillwakeError: if the file is missing, damaged or of another schema.
     """
     try:
-        with np.load(path) as data:
-            header = json.loads(str(data["header"]))
-            if (schema := header.get("schema")) != SCHEMA:
-                made_by = header.get("metadata", {}).get("versions", {}).get("stillwake", "an unknown version")
-                raise ValueError(
-                    f"schema {schema!r}, made by stillwake {made_by}; this is stillwake {version('stillwake')}, which "
-                    f"reads {SCHEMA!r}: make the run again"
-                )
-            recorded = (*COLUMNS, *({WALL} & set(data.files)))
-            return RunLog(
-                series={name: data[name] for name in recorded},
-                enabled_at=header["enabled_at"],
-                bus=BusTotals(**header["bus"]),
-                metadata=RunMetadata.from_tree(header["metadata"]),
-                traffic=BusTraffic.from_tree(header["traffic"]),
+        data = read_npz(path)
+        header = strict_json.decode(data.text("header").encode())
+        if (schema := header.get("schema")) != SCHEMA:
+            made_by = header.get("metadata", {}).get("versions", {}).get("stillwake", "an unknown version")
+            raise ValueError(
+                f"schema {schema!r}, made by stillwake {made_by}; this is stillwake {version('stillwake')}, which "
+                f"reads {SCHEMA!r}: make the run again"
             )
+        log = RunLog(
+            series={name: data.numbers(name, len(data["t"])) for name in COLUMNS},
+            enabled_at=typed(header["enabled_at"], int),
+            bus=typed(header["bus"], BusTotals),
+            metadata=RunMetadata.from_tree(header["metadata"]),
+            traffic=typed(header["traffic"], BusTraffic),
+        )
+        if WALL in data:
+            wall = data.numbers(WALL, len(data["t"]), len(log.metadata.sensors))
+            log = replace(log, series={**log.series, WALL: wall})
+        _check(log)
+        return log
     except FileNotFoundError as error:
         raise StillwakeError(f"{path}: not the series of a run (there is no such file)") from error
-    except (OSError, KeyError, ValueError, TypeError, AttributeError, EOFError, BadZipFile, ConfigError) as error:
+    except (OSError, KeyError, ValueError, TypeError, AttributeError, ConfigError) as error:
         raise StillwakeError(f"{path}: not the series of a run ({error})") from error
+
+
+def _check(log: RunLog) -> None:
+    """Raises ValueError for times, modes or reasons that no run has."""
+    t = log.series["t"]
+    if not len(t) or not np.isfinite(t).all() or (np.diff(t) <= 0.0).any():
+        raise ValueError("'t' must rise, by finite numbers")
+    for name in ("Cd", "Cl", "action"):
+        if not np.isfinite(log.series[name]).all():
+            raise ValueError(f"{name!r} must hold finite numbers")
+    if not 0 <= log.enabled_at <= len(t):
+        raise ValueError(f"enabled_at = {log.enabled_at}: must be a row from 0 to {len(t)}")
+    for name, kind in (("mode", Mode), ("reason", Reason)):
+        if not set(log.series[name].tolist()) <= {float(one) for one in kind}:
+            raise ValueError(f"{name!r} must hold values of {kind.__name__}")

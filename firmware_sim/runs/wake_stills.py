@@ -9,15 +9,17 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
-from zipfile import BadZipFile
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
-from contract.errors import StillwakeError
+from contract.errors import ConfigError, StillwakeError
+from contract.npz import read_npz
+from contract.release import strict_json
 from contract.sensor_layout import SensorLayout
+from contract.typed import typed
 from firmware_sim.runs.run_log import RunLog
 from wake.pictures.fields import View
 from wake.pictures.level_picture import LevelPicture
@@ -135,29 +137,22 @@ def load(path: Path, log: RunLog) -> WakeStills:
         StillwakeError: if the file is damaged, of another schema, or its times are not the series'.
     """
     try:
-        with np.load(path) as data:
-            header = json.loads(str(data["header"]))
-            if (schema := header.pop("schema", None)) != SCHEMA:
-                raise ValueError(f"schema {schema!r}, must be {SCHEMA!r}")
-            ends, packed = data["ends"], data["stills"].tobytes()
-            begins = [0, *ends[:-1].tolist()]
-            wake = WakeStills(
-                scene=_scene(header),
-                k=np.asarray(data["k"], dtype=np.int64),
-                t=np.asarray(data["t"], dtype=np.float64),
-                stills=tuple(packed[begin:end] for begin, end in zip(begins, ends.tolist(), strict=True)),
-            )
+        data = read_npz(path)
+        header = strict_json.decode(data.text("header").encode())
+        if (schema := header.pop("schema", None)) != SCHEMA:
+            raise ValueError(f"schema {schema!r}, must be {SCHEMA!r}")
+        ends, packed = data.numbers("ends", None).astype(np.int64), data["stills"].tobytes()
+        begins = [0, *ends[:-1].tolist()]
+        wake = WakeStills(
+            scene=typed(header, Scene, complete=True),
+            k=data.numbers("k", None).astype(np.int64),
+            t=data.numbers("t", None),
+            stills=tuple(packed[begin:end] for begin, end in zip(begins, ends.tolist(), strict=True)),
+        )
         _check(wake, len(packed), log)
-    except (OSError, KeyError, ValueError, TypeError, AttributeError, EOFError, BadZipFile) as error:
+    except (OSError, ValueError, ConfigError) as error:
         raise StillwakeError(f"{path}: not the recorded wake of this run ({error})") from error
     return wake
-
-
-def _scene(header: Mapping[str, Any]) -> Scene:
-    left, right, low, high = map(float, header["view"])
-    width, height = map(int, header["size"])
-    sensors = {str(name): (float(x), float(y)) for name, (x, y) in header["sensors"].items()}
-    return Scene(view=(left, right, low, high), size=(width, height), sensors=sensors)
 
 
 def _check(wake: WakeStills, total: int, log: RunLog) -> None:
@@ -176,7 +171,7 @@ def _check(wake: WakeStills, total: int, log: RunLog) -> None:
         try:
             with Image.open(io.BytesIO(still), formats=("WEBP",)) as image:
                 size = image.size
-        except UnidentifiedImageError:
+        except (UnidentifiedImageError, OSError):
             raise ValueError("a still is no WebP picture") from None
         if size != wake.scene.size:
             raise ValueError(f"a still has {size} pixels, must have {wake.scene.size}")

@@ -5,13 +5,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
-from zipfile import BadZipFile
 
 import numpy as np
 
 from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import PlantError
+from contract.npz import read_npz
 from wake.openfoam import dictionary, fields
 from wake.openfoam.measurements import Readings, read_all
 
@@ -102,17 +102,17 @@ def load(path: Path) -> tuple[FoamState, str]:
         PlantError: if the file is missing, damaged or of another schema.
     """
     try:
-        with np.load(path, allow_pickle=False) as data:
-            about = json.loads(str(data["about"]))
-            if about["schema"] != STATE_SCHEMA:
-                raise PlantError(f"{path}: schema {about['schema']!r}, this version reads {STATE_SCHEMA!r}")
-            state = FoamState(
-                files={name: data[name].tobytes() for name in _FIELDS},
-                dt=float(about["dt"]),
-                readings=Readings(forces=data["forces"], pressures=data["pressures"], wake=data["wake"]),
-                action=float(about["action"]),
-                substep=int(about["substep"]),
-            )
-            return state, str(about["facts"])
-    except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
+        data = read_npz(path)
+        about = json.loads(data.text("about"))
+        if about["schema"] != STATE_SCHEMA:
+            raise PlantError(f"{path}: schema {about['schema']!r}, this version reads {STATE_SCHEMA!r}")
+        state = FoamState(
+            files={name: data[name].tobytes() for name in _FIELDS},
+            dt=float(about["dt"]),
+            readings=Readings(forces=data["forces"], pressures=data["pressures"], wake=data["wake"]),
+            action=float(about["action"]),
+            substep=int(about["substep"]),
+        )
+        return state, str(about["facts"])
+    except (OSError, KeyError, ValueError, TypeError) as error:
         raise PlantError(f"{path}: not a state of the openfoam plant ({error})") from error

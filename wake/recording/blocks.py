@@ -12,13 +12,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
-from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
 
 from contract.atomic import replacing
 from contract.errors import StillwakeError
+from contract.npz import read_npz
 from contract.recording.dataset import UNITS
 from wake.truck.state import State
 
@@ -92,7 +92,7 @@ def _save(path: Path, **arrays: Any) -> None:
 
 def _load(path: Path, names: Mapping[str, str] | tuple[str, ...]) -> dict[str, npt.NDArray[np.float64]]:
     try:
-        with np.load(path) as data:
-            return {name: data[name] for name in names}
-    except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
+        data = read_npz(path)
+        return {name: data[name] for name in names}
+    except (OSError, ValueError) as error:
         raise StillwakeError(f"{path}: damaged block ({error}); delete it to record it again") from error

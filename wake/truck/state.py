@@ -1,10 +1,8 @@
 """Where the own solver's plant can continue from, in memory and on disk."""
 
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -12,6 +10,7 @@ from contract.arrays import Array
 from contract.atomic import replacing
 from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.errors import PlantError
+from contract.npz import read_npz
 from contract.shipped import developed
 
 STATE_SCHEMA: Final = "stillwake-flow/2"
@@ -130,30 +129,30 @@ def load_state(path: Path) -> State:
         PlantError: if the file is missing, damaged or of another schema.
     """
     try:
-        with np.load(path, allow_pickle=False) as data:
-            if str(data["schema"]) != STATE_SCHEMA:
-                raise PlantError(f"{path}: schema {data['schema']}, this version reads {STATE_SCHEMA!r}")
-            nx, ny = data["shape"]
-            clocked = "substeps" in data.files
-            return State(
-                flat=data["flat"],
-                substep=int(data["substep"]),
-                action=float(data["action"]),
-                origin=Origin(
-                    shape=(int(nx), int(ny)),
-                    reynolds=float(data["reynolds"]),
-                    control_period=float(data["control_period"]) if clocked else None,
-                    substeps=int(data["substeps"]) if clocked else None,
-                    **{name: float(data[name]) for name in _BODY if name in data.files},
-                ),
-            )
+        data = read_npz(path)
+        if data.text("schema") != STATE_SCHEMA:
+            raise PlantError(f"{path}: schema {data['schema']}, this version reads {STATE_SCHEMA!r}")
+        nx, ny = data.numbers("shape", 2)
+        one = {name: float(data.numbers(name)) for name in data if not data[name].shape and name != "schema"}
+        clocked = "substeps" in data
+        return State(
+            flat=data.numbers("flat", None),
+            substep=int(one["substep"]),
+            action=one["action"],
+            origin=Origin(
+                shape=(int(nx), int(ny)),
+                reynolds=one["reynolds"],
+                control_period=one["control_period"] if clocked else None,
+                substeps=int(one["substeps"]) if clocked else None,
+                **{name: one[name] for name in _BODY if name in one},
+            ),
+        )
     except OSError as error:
         raise PlantError(f"{path}: not a flow state ({error.strerror or error})") from error
     except KeyError as error:
         raise PlantError(f"{path}: not a flow state (it lacks {error})") from error
-    except (ValueError, TypeError, EOFError, BadZipFile, zlib.error, NotImplementedError, RuntimeError) as error:
-        # For other files NumPy advises to unpickle them.
-        raise PlantError(f"{path}: not a flow state (another kind of file, or damaged)") from error
+    except ValueError as error:
+        raise PlantError(f"{path}: not a flow state ({error})") from error
 
 
 def developed_state() -> State:

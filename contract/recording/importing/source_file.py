@@ -10,6 +10,7 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.errors import DatasetError
+from contract.npz import read_npz
 from contract.recording.importing.csv_table import columns_of, read_csv
 from contract.sensor_layout import SensorLayout
 
@@ -130,10 +131,9 @@ def numbers_of(path: Path, name: str, values: Any, *, columns: bool = False) -> 
 
 def _read_npz(path: Path) -> dict[str, Any]:
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except Exception as error:  # numpy and zipfile raise what they like for damaged files
-        raise DatasetError(f"{path}: damaged or not an NPZ file of numbers ({_first_line(error)})") from error
+        return read_npz(path)
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{path}: {error}") from error
 
 
 def _read_hdf5(path: Path) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from contract.atomic import replacing
 from contract.errors import StillwakeError
+from contract.npz import read_npz
 
 NOTHING: Final = -1
 """As a counter of the E2E header, which may be 0: there was no frame."""
@@ -113,9 +114,9 @@ def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
         StillwakeError: it is no table of this node.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            columns, rows = file["columns"].tolist(), np.asarray(file["rows"])
-    except (OSError, ValueError, KeyError, EOFError, TypeError) as error:
+        file = read_npz(path)
+        columns, rows = file["columns"].tolist(), file["rows"]
+    except (OSError, ValueError) as error:
         raise StillwakeError(f"{path}: no table of stage times ({error})") from error
     expected = [stage.name.lower() for stage in stages]
     if columns != expected or rows.dtype != np.int64 or rows.ndim != 2 or rows.shape[1] != len(expected):

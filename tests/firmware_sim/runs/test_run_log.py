@@ -1,6 +1,7 @@
 """The series of a run on disk, and rows as columns."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from contract import sensors
 from contract.errors import StillwakeError
 from contract.ledger import LEDGER_FIELDS
+from contract.npz import read_npz
 from firmware_sim.runs import run_log
 from firmware_sim.runs.bus_traffic import BusTraffic
 from firmware_sim.runs.run_folder import RunFolder
@@ -21,7 +23,7 @@ MOUNTED = (39.0, 79.0, 80.0, 89.0)
 
 
 def test_a_saved_run_is_read_back_to_the_bit(log_of, tmp_path):
-    log = log_of(Cd=[1.0, NAN, 1 / 3, 0.0, -0.0, 1e-300])
+    log = log_of(command=[1.0, NAN, 1 / 3, 0.0, -0.0, 1e-300])
     run_log.save(tmp_path / "a" / "series.npz", log)
     loaded = run_log.load(tmp_path / "a" / "series.npz")
     for name in ("bus", "enabled_at", "metadata", "traffic"):
@@ -58,16 +60,15 @@ def test_a_file_that_is_no_run_is_refused_by_name(tmp_path):
         run_log.load(path)
 
 
-def altered(path, change) -> None:
-    """Rewrite a run's file with another header."""
-    with np.load(path) as data:
-        arrays = dict(data)
+def altered(path, change, **others) -> None:
+    """Rewrite a run's file with another header, and with other arrays."""
+    arrays = dict(read_npz(path))
     header = json.loads(str(arrays.pop("header")))
     change(header)
-    np.savez(path, header=json.dumps(header), **arrays)
+    np.savez(path, header=json.dumps(header), **{**arrays, **others})
 
 
-def test_a_header_that_does_not_fit_is_refused(log_of, tmp_path):
+def test_what_no_run_holds_is_refused(log_of, tmp_path):
     path = tmp_path / "series.npz"
     run_log.save(path, log_of())
     altered(path, lambda header: (header.pop("schema"), header["metadata"]["versions"].update(stillwake="0.0.9")))
@@ -80,9 +81,24 @@ def test_a_header_that_does_not_fit_is_refused(log_of, tmp_path):
         (lambda header: header["metadata"]["status"].update(state=99), "99"),
         (lambda header: header["bus"].pop("lost"), "lost"),
         (lambda header: header["metadata"]["weights"].update(lift=-1.0), "lift"),
+        # What JSON takes and no page could show.
+        (lambda header: header["traffic"]["nodes"]["ECU"].update(bus_off=math.inf), "Infinity is no number"),
+        (lambda header: header.update(enabled_at="x"), "'x': must be a whole number"),
+        (lambda header: header.update(enabled_at=7), "from 0 to 6"),
+        (lambda header: header["metadata"].update(plant="\ud800"), "no text"),
+        (lambda header: header["traffic"]["nodes"].update(ECU=[]), "must be a table"),
+        ({"Cl": np.zeros(5)}, r"'Cl' is float64 of shape \(5,\): must be numbers of shape \(6\)"),
+        ({"step_ms": np.full(6, math.inf)}, "'step_ms' is"),
+        ({"t": np.full(6, NAN)}, "'t' must rise"),
+        ({"Cd": np.full(6, NAN)}, "'Cd' must hold finite numbers"),
+        ({"mode": np.full(6, 1.5)}, "values of Mode"),
+        ({WALL: np.zeros((6, 3))}, r"must be numbers of shape \(6, 4\)"),
     ):
         run_log.save(path, log_of())
-        altered(path, change)
+        if isinstance(change, dict):
+            altered(path, lambda header: None, **change)
+        else:
+            altered(path, change)
         with pytest.raises(StillwakeError, match=rf"not the series of a run .*{named}"):
             run_log.load(path)
 

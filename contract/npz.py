@@ -1,0 +1,69 @@
+"""NPZ files from anyone: how much a file holds is known before it is read, and nothing in it is unpickled."""
+
+import math
+from pathlib import Path
+from typing import Any, Final
+from zipfile import ZipFile
+
+import numpy as np
+import numpy.typing as npt
+from numpy.lib import format as npy
+
+from contract.arrays import MOST_VALUES, Array
+
+_HEADERS: Final = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+
+
+class Arrays(dict[str, npt.NDArray[Any]]):
+    """The arrays of a file by their names; the methods raise ValueError for what does not fit."""
+
+    def __missing__(self, name: str) -> npt.NDArray[Any]:
+        raise ValueError(f"it lacks {name!r}")
+
+    def numbers(self, name: str, *shape: int | None) -> Array:
+        """Numbers of this shape, in which None stands for any length; NaN may be among them, infinity may not."""
+        array = self[name]
+        fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
+        if array.dtype.kind not in "fiu" or not fits or np.isinf(array).any():
+            wanted = ", ".join("n" if n is None else str(n) for n in shape)
+            raise ValueError(f"{name!r} is {array.dtype} of shape {array.shape}: must be numbers of shape ({wanted})")
+        return array.astype(np.float64)
+
+    def text(self, name: str) -> str:
+        """The one text that this is."""
+        array = self[name]
+        if array.dtype.kind != "U" or array.shape:
+            raise ValueError(f"{name!r} is {array.dtype} of shape {array.shape}: must be a text")
+        return str(array)
+
+
+def read_npz(path: Path) -> Arrays:
+    """All arrays of a file.
+
+    Raises:
+        OSError: it cannot be opened.
+        ValueError: it is no archive of arrays of numbers and texts, damaged, or holds more than `MOST_VALUES`.
+    """
+    if path.exists() and not path.is_file():
+        raise ValueError("it is no file")
+    found, total = Arrays(), 0
+    try:
+        with ZipFile(path) as archive:
+            for item in archive.infolist():
+                with archive.open(item) as file:
+                    shape, in_columns, dtype = _HEADERS[npy.read_magic(file)](file)
+                    size = math.prod(shape) * dtype.itemsize
+                    total += max(math.prod(shape), size // 8)
+                    if dtype.hasobject or size != item.file_size - file.tell():
+                        raise ValueError(f"{item.filename} is {dtype} of shape {shape}, which it does not hold")
+                    if total > MOST_VALUES:
+                        raise ValueError(f"it holds {total} values: must be at most {MOST_VALUES}")
+                    values = np.frombuffer(bytearray(file.read()), dtype=dtype) if size else np.empty(0, dtype)
+                name = item.filename.removesuffix(".npy")
+                found[name] = values.reshape(shape, order="F" if in_columns else "C")
+    except OSError:
+        raise
+    except Exception as error:  # zipfile, its decompressors and numpy raise what they like for damaged files
+        reason = str(error).split("\n", 1)[0] or type(error).__name__
+        raise ValueError(f"damaged or not an NPZ file of numbers ({reason})") from error
+    return found
