@@ -11,9 +11,14 @@ import numpy as np
 
 from contract.arrays import Array, Index
 from contract.errors import ConfigError
+from contract.printable import MAX_NAME, is_name, quoted
 
 SAME_PLACE: Final = 1e-4
 """Two positions closer than this, in W, are one: the paper's own table mirrors to 1e-5."""
+FARTHEST: Final = 1000.0
+"""W from the front of the body; more is a slip."""
+MAX_SENSORS: Final = 1_000
+"""Every pair of them is compared."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,15 +42,21 @@ class SensorLayout:
 
     def __post_init__(self) -> None:
         count = len(self.names)
-        if count == 0:
-            raise ConfigError("sensors: none is named, at least one is needed")
+        if not 0 < count <= MAX_SENSORS:
+            raise ConfigError(f"{count} sensors: must be at least one, and at most {MAX_SENSORS}")
         for name in self.names:
-            if not name or not name.isprintable() or name != name.strip() or "," in name:
-                raise ConfigError(f"sensor {name!r}: a name must be printable, without commas or spaces at its ends")
+            if not is_name(name) or name != name.strip() or "," in name:
+                right = f"must be 1 to {MAX_NAME} printable characters, without commas or spaces at its ends"
+                raise ConfigError(f"sensor {quoted(name)}: {right}")
             if self.names.count(name) > 1:
                 raise ConfigError(f"sensor {name!r}: named twice")
-        if self.positions.shape != (count, 2) or not np.isfinite(self.positions).all():
-            raise ConfigError(f"sensor positions of shape {self.positions.shape}: must be ({count}, 2) finite numbers")
+        if self.positions.shape != (count, 2) or not (np.abs(self.positions) <= FARTHEST).all():
+            wanted = f"must be ({count}, 2) finite numbers within +-{FARTHEST:g} W"
+            raise ConfigError(f"sensor positions of shape {self.positions.shape}: {wanted}")
+        first, second = np.nonzero(np.triu(_distance(self.positions, self.positions) < SAME_PLACE, 1))
+        if first.size:
+            one, other = self.names[first[0]], self.names[second[0]]
+            raise ConfigError(f"sensors {one} and {other} are at one place: leave one of them out")
         if self.base.size and not (self.base.min() >= 0 and self.base.max() < count):
             raise ConfigError(f"base sensors {self.base.tolist()}: must be columns from 0 to {count - 1}")
         if self.mirror is not None and not _is_involution(self.mirror, count):
@@ -73,7 +84,7 @@ class SensorLayout:
 
     def without_partner(self) -> tuple[str, ...]:
         """Names of the sensors with none at (x, -y)."""
-        far = _distance_to_images(self.positions).min(axis=1) > SAME_PLACE
+        far = _distance(self.positions, self.positions * (1.0, -1.0)).min(axis=1) > SAME_PLACE
         return tuple(name for name, alone in zip(self.names, far, strict=True) if alone)
 
     def indices(self, names: Sequence[str]) -> Index:
@@ -121,7 +132,7 @@ def _mirror(positions: Array) -> Index | None:
     """The column at (x, -y) for every column; None if one has no partner."""
     if positions.ndim != 2 or not len(positions):
         return None
-    distance = _distance_to_images(positions)
+    distance = _distance(positions, positions * (1.0, -1.0))
     partner = distance.argmin(axis=1)
     nearest = distance[np.arange(len(positions)), partner]
     if (nearest > SAME_PLACE).any() or len(set(partner.tolist())) != len(positions):
@@ -129,10 +140,9 @@ def _mirror(positions: Array) -> Index | None:
     return np.asarray(partner, dtype=np.intp)
 
 
-def _distance_to_images(positions: Array) -> Array:
-    """(n, n): from the mirror image of every position to every position, the larger of |dx| and |dy|."""
-    reflected = positions * (1.0, -1.0)
-    distance: Array = np.abs(positions[None, :, :] - reflected[:, None, :]).max(axis=2)
+def _distance(to: Array, start: Array) -> Array:
+    """(n, n): from every start to every position, the larger of |dx| and |dy|."""
+    distance: Array = np.abs(to[None, :, :] - start[:, None, :]).max(axis=2)
     return distance
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Final
 
-from contract.config.rules import AtLeastOne, Rule, Settings, require
+from contract.config.rules import Rule, Settings, require, within
 from contract.config.sources import paper
 from contract.config.units import WIDTHS
 from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
@@ -31,9 +31,9 @@ class BodyConfig(Settings, source=paper("section 2.1")):
     """1 is a square cylinder."""
     leading_edge_radius: Annotated[float, _RADIUS, WIDTHS] = LEADING_EDGE_RADIUS
     """Radius of the two front corners; 0 leaves them sharp."""
-    sensors_per_side: AtLeastOne[int] = 40
+    sensors_per_side: Annotated[int, within(1, 450, "as many as can be told apart")] = 40
     """Evenly spaced between the rounded edge and the base, on the upper and on the lower side."""
-    sensors_on_base: AtLeastOne[int] = 10
+    sensors_on_base: Annotated[int, within(1, 100, "as many as can be told apart")] = 10
     """Evenly spaced between the two slots."""
 
     def __post_init__(self) -> None:

@@ -7,7 +7,7 @@ Re = 500: the operating point sets clocks and scales, it does not make the wake 
 from dataclasses import dataclass
 from typing import Annotated
 
-from contract.config.rules import Positive, Settings
+from contract.config.rules import Settings, within
 from contract.config.sources import ours
 from contract.config.units import Unit
 
@@ -18,11 +18,13 @@ class OperatingPoint(
 ):
     """Width W, speed U_inf and density rho."""
 
-    width: Annotated[Positive[float], Unit("m")] = 2.5
+    width: Annotated[float, within(0.01, 100, "a body on a road or in a tunnel"), Unit("m")] = 2.5
     """W: the unit of lengths."""
-    speed: Annotated[Positive[float], Unit("m/s")] = 25.0
+    speed: Annotated[float, within(0.01, 1000, "a flow past such a body"), Unit("m/s")] = 25.0
     """U_inf: the unit of speeds; W / U_inf is the unit of times."""
-    density: Annotated[Positive[float], Unit("kg/m3"), ours("air at 20 degrees C, at sea level")] = 1.2
+    density: Annotated[
+        float, within(0.01, 10_000, "gas or liquid"), Unit("kg/m3"), ours("air at 20 degrees C, at sea level")
+    ] = 1.2
     """rho: scales pressures and forces."""
 
     @property

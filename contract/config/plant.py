@@ -3,11 +3,13 @@
 from dataclasses import dataclass
 from typing import Annotated, Final
 
-from contract.config.rules import AtLeastOne, Fraction, NonNegative, Positive, Settings
+from contract.config.rules import AtLeastOne, Fraction, NonNegative, Positive, Settings, within
 from contract.config.sources import ours, paper
 from contract.config.units import FLOW_RATE, FREQUENCY, TIME
 
 _MESH: Final = "explanation/mesh-study.md"
+_SUBSTEPS: Final = within(1, 10_000, "more take hours a period")
+_REFINEMENT: Final = within(0.1, 10, "coarser, no jet is left; finer, a grid has ten million cells")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,11 +20,11 @@ class FlowConfig(Settings, source=paper("section 2.1")):
     """U_inf W / nu: the paper's regime, three to four orders of magnitude below a truck on a road."""
     control_period: Annotated[Positive[float], TIME] = 0.2
     """Between two samples of the pressures, and between two actions."""
-    substeps: Annotated[AtLeastOne[int], ours("half the time step changes nothing that matters", page=_MESH)] = 30
+    substeps: Annotated[int, _SUBSTEPS, ours("half the time step changes nothing that matters", page=_MESH)] = 30
     """Time steps of the solver in a control period: dt = 1/150, set by the jets at full amplitude."""
     action_limit: Annotated[Positive[float], FLOW_RATE] = 0.075
     """Largest action, to either side: the jet flow rate at full amplitude."""
-    refinement: Annotated[Positive[float], ours("the grid of the mesh study", page=_MESH)] = 1.0
+    refinement: Annotated[float, _REFINEMENT, ours("the grid of the mesh study", page=_MESH)] = 1.0
     """Divides every spacing of the own solver's grid: below 1 it is coarser, and faster. The shipped recording, and so
     the shipped controller, is of 1."""
 
@@ -58,7 +60,7 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
 class OpenFoamConfig(Settings, source=ours("the second plant is not the paper's case", page="how-to/use-openfoam.md")):
     """The second plant's mesh and start. Its time step in a coupled run is `flow`'s."""
 
-    refinement: Annotated[Positive[float], ours("the mesh of the comparison", page="explanation/openfoam.md")] = 1.0
+    refinement: Annotated[float, _REFINEMENT, ours("the mesh of the comparison", page="explanation/openfoam.md")] = 1.0
     """Divides every spacing of the body-fitted mesh; the time step must shrink with it."""
     develop_time: Annotated[Positive[float], TIME] = 50.0
     """Time without jets before a first run, t_c, from the own solver's developed wake."""

@@ -9,13 +9,17 @@ A rule is metadata of an `Annotated` type. `Settings` checks the rules of its fi
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import isfinite
-from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, Final, TypeVar, get_args, get_type_hints
 
 from contract.config.sources import Source
 from contract.errors import ConfigError
 from contract.printable import LARGEST, quoted
 
 T = TypeVar("T", int, float)
+
+TINY: Final = 1e-12
+HUGE: Final = 1e12
+"""Sizes of a setting that is a real number and not 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,9 +51,9 @@ def at_least(least: int, reason: str = "", *, or_none: bool = False) -> Rule:
     return Rule(wording=wording, holds=lambda value: value >= least, or_none=or_none)
 
 
-def within(least: int, most: int, reason: str) -> Rule:
+def within(least: float, most: float, reason: str) -> Rule:
     """Both bounds, and the reason for them."""
-    return Rule(wording=f"in {least}..{most}, {reason}", holds=lambda value: least <= value <= most)
+    return Rule(wording=f"in {least}..{most}: {reason}", holds=lambda value: least <= value <= most)
 
 
 Finite = Annotated[T, Rule(wording="finite", holds=isfinite)]
@@ -82,7 +86,11 @@ class Settings:
 
     def __post_init__(self) -> None:
         for name, rule in self._rules.items():
-            require(rule.admits(getattr(self, name)), self, name, rule.wording)
+            value = getattr(self, name)
+            if isinstance(value, float) and isfinite(value) and value:
+                # Beyond, a product of two settings is soon no number.
+                require(TINY <= abs(value) <= HUGE, self, name, f"0, or from {TINY:g} to {HUGE:g} in size")
+            require(rule.admits(value), self, name, rule.wording)
 
 
 def require(holds: bool, owner: Settings, name: str, wording: str) -> None:

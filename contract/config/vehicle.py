@@ -12,6 +12,7 @@ LARGEST_DATA_BITRATE: Final = 8_000_000
 """Bit rates of arbitration and of the data phase that ISO 11898-2:2016 and CiA 601-4 specify transceivers up to."""
 
 _CAN_FD: Final = standard("SAE J2284-4", "CAN FD in vehicles, 500 kbit/s with data at 2 Mbit/s")
+_DELAY: Final = within(0, 10_000, "more outlast any horizon")
 _GATE: Final = "explanation/command-gate.md"
 _LIES: Final = "explanation/sensors-that-lie.md"
 
@@ -76,7 +77,7 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
     channel: Annotated[str, ours("a name of our own")] = "stillwake"
     """A name (virtual), multicast address (udp_multicast, e.g. 239.74.163.2), serial port (slcan) or network
     device (socketcan, e.g. can0). The simulated bus has none."""
-    nominal_bitrate: Annotated[Positive[int], BIT_RATE, _CAN_FD] = 500_000
+    nominal_bitrate: Annotated[int, within(1, LARGEST_NOMINAL_BITRATE, "CAN's highest"), BIT_RATE, _CAN_FD] = 500_000
     """Bit rate of arbitration, and of whole frames of classic CAN."""
     data_bitrate: Annotated[Positive[int], BIT_RATE, _CAN_FD] = 2_000_000
     """Bit rate of the data phase of CAN FD."""
@@ -90,39 +91,18 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("interface", "channel"):
+        for name, article in (("interface", "an"), ("channel", "a")):
             value = getattr(self, name)
-            require(
-                value.isprintable() and bool(value.strip()),
-                self,
-                name,
-                f"the name of {'an' if name == 'interface' else 'a'} {name}",
-            )
-        require(
-            self.nominal_bitrate <= LARGEST_NOMINAL_BITRATE,
-            self,
-            "nominal_bitrate",
-            f"at most {LARGEST_NOMINAL_BITRATE}, CAN's highest",
-        )
-        require(
-            self.frames == "classic" or self.nominal_bitrate <= self.data_bitrate <= LARGEST_DATA_BITRATE,
-            self,
-            "data_bitrate",
-            f"in nominal_bitrate..{LARGEST_DATA_BITRATE}: the data phase of CAN FD is the faster one",
-        )
-        require(
-            self.frames == "fd" or not self.key,
-            self,
-            "key",
-            "empty with bus.frames = classic: eight bytes have no room",
-        )
+            require(value.isprintable() and bool(value.strip()), self, name, f"the name of {article} {name}")
         if self.frames == "classic":
-            require(
-                self.e2e.max_delta < 8,
-                self.e2e,
-                "max_delta",
-                "in 1..7 with bus.frames = classic, whose counter has 4 bits",
-            )
+            room = "empty with bus.frames = classic: eight bytes have no room"
+            require(not self.key, self, "key", room)
+            counter = "in 1..7 with bus.frames = classic, whose counter has 4 bits"
+            require(self.e2e.max_delta < 8, self.e2e, "max_delta", counter)
+        else:
+            faster = f"in nominal_bitrate..{LARGEST_DATA_BITRATE}: the data phase of CAN FD is the faster one"
+            fits = self.nominal_bitrate <= self.data_bitrate <= LARGEST_DATA_BITRATE
+            require(fits, self, "data_bitrate", faster)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,7 +170,7 @@ class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)
     """In real time, from the expected arrival of a pressure frame to the control step that uses it. Pressures that come
     later by less than this are still used in their own period; the plan is made a period ahead, so that the waiting
     costs nothing while the step is done before the period's end."""
-    delay_steps: Annotated[NonNegative[int], PERIODS, paper("appendix B", "the case without delay")] = 0
+    delay_steps: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
     """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
     sensor_check: SensorCheckConfig = field(default_factory=SensorCheckConfig)
     command_step: Annotated[Positive[float], FLOW_RATE, ours("half the full range", page=_GATE)] = 0.075
@@ -211,7 +191,7 @@ class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)
 class VehicleConfig(Settings, source=ours("the same as the ECU's", page=_GATE)):
     """The simulated vehicle."""
 
-    actuator_delay: Annotated[NonNegative[int], PERIODS, paper("appendix B", "the case without delay")] = 0
+    actuator_delay: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
     """Control periods by which the jets follow a command late. `ecu.delay_steps` is what the controller assumes."""
     action_step: Annotated[Positive[float], FLOW_RATE] = 0.075
     """Largest change of the jets' action in one period that their driver makes, in U_inf W, shutting apart: the same as

@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from contract.arrays import Array
-from contract.config.loading import from_tree, to_tree
+from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.errors import ConfigError, ModelError
 from contract.model.model_folder import Provenance
@@ -134,14 +134,6 @@ def read(path: Path) -> LinearModelFolder:
 
 def _describe(path: Path, body: Mapping[str, Any]) -> LinearDescription:
     try:
-        parts: dict[str, Any] = {
-            "config": from_tree(body["config"]),
-            "sensors": tuple(body["sensors"]),
-            "positions": tuple((float(x), float(y)) for x, y in body["positions"]),
-            "scaling": typed(body["scaling"], Scaling),
-        }
-        return LinearDescription(
-            **{item.name: parts.get(item.name, body[item.name]) for item in fields(LinearDescription)}
-        )
-    except (ConfigError, KeyError, TypeError, ValueError, AttributeError) as error:
+        return typed({item.name: body[item.name] for item in fields(LinearDescription)}, LinearDescription)
+    except ConfigError as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error

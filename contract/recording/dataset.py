@@ -2,8 +2,6 @@
 
 import io
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -22,6 +20,7 @@ from contract.recording.episode import Episode as Episode
 from contract.recording.episode import Role as Role
 from contract.recording.episode import problems_of
 from contract.recording.facts import FACTS, PlantFacts, facts_in, first_known
+from contract.recording.hdf5 import opened
 from contract.recording.int16_series import pack, unpack
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
@@ -115,7 +114,7 @@ def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
 
 def schema_of(path: Path) -> str:
     """The schema that a data set's file names; raises DatasetError if it is none that this version reads."""
-    with _opened(path) as file:
+    with opened(path) as file:
         return _schema(path, file)
 
 
@@ -144,14 +143,6 @@ def write(path: Path, dataset: Dataset) -> None:
         temporary.write_bytes(image.getbuffer())
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[h5py.File]:
-    if not path.is_file():
-        raise DatasetError(f"{path}: no such dataset")
-    with h5py.File(path, "r") as file:
-        yield file
-
-
 def _schema(path: Path, file: h5py.File) -> str:
     schema = file.attrs.get("schema")
     if schema not in SCHEMAS:
@@ -160,7 +151,7 @@ def _schema(path: Path, file: h5py.File) -> str:
 
 
 def _surveyed(path: Path, problems: list[str]) -> Dataset | None:
-    with _opened(path) as file:
+    with opened(path) as file:
         schema = _schema(path, file)
         layout, facts = TRUCK, None
         if schema == SCHEMA:

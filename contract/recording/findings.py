@@ -35,6 +35,9 @@ _NARROW: Final = 0.1
 _POOR: Final = 0.9
 """Share of the actions' power in one such band above which the forcing is of one frequency. A sine has 1, even with an
 envelope; the paper's training waveform 0.24, its chirp 0.42."""
+_SKEWED: Final = 0.5
+"""Difference of the means of two mirror images, in their standard deviations: 0.1 in the shipped recording, 0.25 in one
+of its episodes."""
 _SAME: Final = 1e-6
 """Relative difference up to which a fact and a setting are the same number."""
 
@@ -259,6 +262,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
             else ("the sensors have no mirror images, because body or jets are not symmetric")
         )
         yield Finding(stops=None, text=f"{why}; training has the recording alone, half of the data")
+    yield from asymmetry(dataset)
     yield from _units(dataset)
     yield from _forcing(dataset)
     training = [item for item in dataset.episodes if item.role == "train"]
@@ -275,6 +279,25 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
             stops=None,
             text=f"no training episode has {window} steps in a row with jets off or below {QUIET:.0%} of the limit: "
             f"the model does not see the uncontrolled wake",
+        )
+
+
+def asymmetry(dataset: Dataset) -> Iterator[Finding]:
+    """Mean pressures that mirror images do not share: training would mirror a recording of another flow."""
+    mirror, training = dataset.layout.mirror, [item.series["Cp"] for item in dataset.episodes if item.role == "train"]
+    if mirror is None or not training:
+        return
+    pressure = np.concatenate(training)
+    mean, deviation = pressure.mean(axis=0), pressure.std(axis=0)
+    apart = np.abs(mean - mean[mirror]) - _SKEWED * np.maximum(deviation, deviation[mirror])
+    worst = int(apart.argmax())
+    if apart[worst] > 0.0:
+        one, other = (dataset.layout.names[k] for k in (worst, mirror[worst]))
+        yield Finding(
+            stops=None,
+            text=f"{one} and {other} are mirror images, but their mean Cp is {mean[worst]:.3g} and "
+            f"{mean[mirror[worst]]:.3g}, with deviations of {deviation[worst]:.2g} and {deviation[mirror[worst]]:.2g}: "
+            f"training also learns the mirrored flow; import with --asymmetric if body or jets are not symmetric",
         )
 
 

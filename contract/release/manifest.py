@@ -35,7 +35,6 @@ LARGEST_SECURITY_VERSION: Final = 2**32 - 1
 MANIFEST: Final = "manifest.json"
 MAX_STEPS: Final = 10_000
 """Longest window and horizon: hundreds of times the release's, and still no burden to allocate."""
-MAX_SENSORS: Final = 1_000
 Precision = Literal["float32", "int8"]
 """Type of the weights; arithmetic is float32 in either `controller.onnx`."""
 PRECISIONS: Final[tuple[Precision, ...]] = get_args(Precision)
@@ -170,20 +169,15 @@ class Manifest:
         ):
             if len(values) != count:
                 raise BundleManifestError(f"scaling.{name} has {len(values)} values: must have {count}")
-        for name in ("pressure_mean", "force_mean"):
-            for value in getattr(self.scaling, name):
-                if not isfinite(value):
-                    raise BundleManifestError(f"scaling.{name}: {value!r} must be finite")
+        for value in (*self.scaling.pressure_mean, *self.scaling.force_mean):
+            if not isfinite(value):
+                raise BundleManifestError(f"scaling: mean {value!r} must be finite")
         deviations = (*self.scaling.pressure_std, self.scaling.action_std, *self.scaling.force_std)
-        for value in deviations:
-            if not (value > 0 and isfinite(value)):
-                raise BundleManifestError(f"scaling: standard deviation {value!r} must be positive and finite")
+        _check_positive("scaling: standard deviation", *deviations)
         if self.precision not in PRECISIONS:
             raise BundleManifestError(f"precision {quoted(self.precision)}: must be one of {PRECISIONS}")
         for name in ("control_period", "action_limit", "budget_ms"):
-            value = getattr(self, name)
-            if not (value > 0 and isfinite(value)):
-                raise BundleManifestError(f"{name} = {value!r}: must be positive and finite")
+            _check_positive(f"{name} =", getattr(self, name))
         for name, steps in (("window", self.window), ("mpc.horizon", self.mpc.horizon)):
             if not 0 < steps <= MAX_STEPS:
                 raise BundleManifestError(f"{name} = {steps!r}: must be positive and at most {MAX_STEPS}")
@@ -207,24 +201,23 @@ class Manifest:
             table = getattr(estimator, name)
             if len(table) != count or any(len(row) != count for row in table):
                 raise BundleManifestError(f"sensor_estimator.{name}: must have {count} rows of {count} values")
-            for value in (value for row in table for value in row):
-                if not (value > 0 and isfinite(value)):
-                    raise BundleManifestError(f"sensor_estimator.{name}: {value!r} must be positive and finite")
+            _check_positive(f"sensor_estimator.{name}:", *(value for row in table for value in row))
 
     def _check_sensors(self) -> None:
-        if len(self.sensors) > MAX_SENSORS:
-            raise BundleManifestError(f"{len(self.sensors)} sensors: must be at most {MAX_SENSORS}")
-        for name in self.sensors:
-            if not is_name(name):
-                raise BundleManifestError(f"sensor {quoted(name)}: must be 1 to {MAX_NAME} printable characters")
-        positions = self.sensor_positions
-        if positions is not None and len(positions) != len(self.sensors):
-            raise BundleManifestError(f"sensor_positions has {len(positions)} places: must have {len(self.sensors)}")
-        places = np.zeros((len(self.sensors), 2)) if positions is None else np.array(positions, dtype=np.float64)
+        positions, count = self.sensor_positions, len(self.sensors)
+        if positions is not None and len(positions) != count:
+            raise BundleManifestError(f"sensor_positions has {len(positions)} places: must have {count}")
+        places = np.array([(i, 0) for i in range(count)] if positions is None else positions, dtype=np.float64)
         try:
             SensorLayout(names=self.sensors, positions=places, base=np.array([], dtype=np.intp), mirror=None)
         except ConfigError as error:
             raise BundleManifestError(str(error)) from error
+
+
+def _check_positive(what: str, *values: float) -> None:
+    for value in values:
+        if not (value > 0 and isfinite(value)):
+            raise BundleManifestError(f"{what} {value!r}: must be positive and finite")
 
 
 _DEFAULTS: Final = {item.name: item.default for item in fields(Manifest)}

@@ -1,51 +1,28 @@
 """The files of a run folder."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from contract.errors import StillwakeError
 
 
-@dataclass(frozen=True)
 class RunFolder:
-    """Where `stillwake run` leaves what came of a run."""
+    """Where `stillwake run` leaves what came of a run.
 
-    path: Path
+    Attributes:
+        series: `firmware_sim.runs.run_log.RunLog`.
+        frames: every frame on the bus, in candump's format.
+        summary: `firmware_sim.runs.summary.summary` as JSON.
+        uncontrolled_picture, controlled_picture: vorticity at the end of the time without control, and of the run.
+        wake: `firmware_sim.runs.wake_stills.WakeStills`; not in the folder of an earlier version.
+        report: the run as one HTML page.
+    """
 
-    @property
-    def series(self) -> Path:
-        """`firmware_sim.runs.run_log.RunLog`."""
-        return self.path / "series.npz"
-
-    @property
-    def frames(self) -> Path:
-        """Every frame on the bus, in candump's format."""
-        return self.path / "frames.log"
-
-    @property
-    def summary(self) -> Path:
-        """`firmware_sim.runs.summary.summary` as JSON."""
-        return self.path / "summary.json"
-
-    @property
-    def uncontrolled_picture(self) -> Path:
-        """Vorticity at the end of the time without control."""
-        return self.path / "vorticity_uncontrolled.png"
-
-    @property
-    def controlled_picture(self) -> Path:
-        """Vorticity at the end of the run."""
-        return self.path / "vorticity_controlled.png"
-
-    @property
-    def wake(self) -> Path:
-        """`firmware_sim.runs.wake_stills.WakeStills`; not in the folder of an earlier version."""
-        return self.path / "wake.npz"
-
-    @property
-    def report(self) -> Path:
-        """The run as one HTML page."""
-        return self.path / "report.html"
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.series, self.wake = path / "series.npz", path / "wake.npz"
+        self.frames, self.summary, self.report = path / "frames.log", path / "summary.json", path / "report.html"
+        self.uncontrolled_picture = path / "vorticity_uncontrolled.png"
+        self.controlled_picture = path / "vorticity_controlled.png"
 
     def check_free(self, *, overwrite: bool) -> None:
         """Raises StillwakeError if a run cannot be written here, or would replace another one unasked."""

@@ -147,12 +147,10 @@ def load_state(path: Path) -> State:
                 **{name: one[name] for name in _BODY if name in one},
             ),
         )
-    except OSError as error:
-        raise PlantError(f"{path}: not a flow state ({error.strerror or error})") from error
     except KeyError as error:
         raise PlantError(f"{path}: not a flow state (it lacks {error})") from error
-    except ValueError as error:
-        raise PlantError(f"{path}: not a flow state ({error})") from error
+    except (OSError, ValueError) as error:
+        raise PlantError(f"{path}: not a flow state ({getattr(error, 'strerror', None) or error})") from error
 
 
 def developed_state() -> State:

@@ -96,7 +96,7 @@ def assemble(
                 f"--map {name}={renamed[name]}: {name!r} is no series and no sensor; "
                 f"the series are {', '.join((*_SERIES, 'Cp'))}"
             )
-    episodes = []
+    episodes, used = [], set[str]()
     for source in sources:
         if source.made is not None:
             arrays = {**source.made.series, INITIAL_ACTION: np.array([source.made.initial_action])}
@@ -105,8 +105,12 @@ def assemble(
         progress(source.path)
         contents = read_source(source.path, layout, (*_SERIES, INITIAL_ACTION), renamed)
         episodes.append(_episode(source, contents.arrays, layout, facts, dynamic_pressure or 1.0))
+        used |= contents.renamed
         if contents.unread:
             unread(source.path, contents.unread)
+    for name in renamed:
+        if name not in used:
+            raise DatasetError(f"--map {name}={renamed[name]}: no file has a column {renamed[name]!r}")
     return Dataset(episodes=tuple(episodes), layout=layout, facts=facts)
 
 

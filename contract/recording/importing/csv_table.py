@@ -2,6 +2,7 @@
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,7 +39,7 @@ class CsvTable:
         values = np.empty(len(self.rows))
         for k, row in enumerate(self.rows):
             try:
-                values[k] = float(row[column])
+                values[k] = _number(row[column])
             except ValueError as error:
                 raise DatasetError(
                     f"{self._cell(k, name)}: {row[column]!r} is not a number{_remedy(row[column])}"
@@ -87,8 +88,8 @@ def read_csv(path: Path) -> CsvTable:
         raise DatasetError(f"{path}: must have a line with the names of the columns and at least one row below it")
     header = rows[0]
     _check_header(path, lines[0], header)
-    for name in header:
-        if header.count(name) > 1:
+    for name, count in Counter(header).items():
+        if count > 1:
             hint = "; the first line must have the names of the columns" if _is_number(name) else ""
             raise DatasetError(f"{path}: line {lines[0]}: column {name!r} is there twice{hint}")
     for row, line in zip(rows[1:], lines[1:], strict=True):
@@ -118,9 +119,14 @@ def _with_header(content: list[str]) -> list[str]:
     return kept
 
 
+def _number(cell: str) -> float:
+    """As tables have it; Python also takes 1_000. Raises ValueError."""
+    return float(cell.replace("_", "?"))
+
+
 def _is_number(cell: str) -> bool:
     try:
-        float(cell)
+        _number(cell)
     except ValueError:
         return False
     return True

@@ -11,6 +11,7 @@ import numpy as np
 from contract.arrays import Array
 from contract.errors import DatasetError
 from contract.npz import read_npz
+from contract.recording.hdf5 import opened
 from contract.recording.importing.csv_table import columns_of, read_csv
 from contract.sensor_layout import SensorLayout
 
@@ -26,10 +27,12 @@ class Contents:
     Attributes:
         arrays: by the names that they have here, with one "Cp" of shape (n, sensors) in the layout's order.
         unread: names in the file that no one asked for.
+        renamed: the names here whose arrays have another one in the file.
     """
 
     arrays: dict[str, Array]
     unread: tuple[str, ...]
+    renamed: frozenset[str]
 
 
 def read_source(path: Path, layout: SensorLayout, names: Sequence[str], renamed: Mapping[str, str]) -> Contents:
@@ -52,28 +55,33 @@ def read_source(path: Path, layout: SensorLayout, names: Sequence[str], renamed:
         stored = stored_arrays(path)
     else:
         table = read_csv(path)
+        renamed = _in_this_file(path, table.header, renamed)
         wanted = {name: renamed.get(name, name) for name in (*names, *layout.names)}
-        _check_renamed(path, table.header, renamed)
         arrays = _with_pressures(path, columns_of(table, wanted), layout, renamed, table.header)
-        return Contents(arrays=arrays, unread=tuple(name for name in table.header if name not in wanted.values()))
-    _check_renamed(path, tuple(stored), renamed)
+        unread = tuple(name for name in table.header if name not in wanted.values())
+        return Contents(arrays=arrays, unread=unread, renamed=frozenset(renamed))
+    renamed = _in_this_file(path, tuple(stored), renamed)
     found: dict[str, Array] = {}
     for name in (*names, "Cp", *layout.names):
         inside = renamed.get(name, name)
         if inside in stored:
-            found[name] = numbers_of(path, inside, stored[inside], columns=name == "Cp")
+            kind = {"columns": name == "Cp", "one": name == INITIAL_ACTION}
+            found[name] = numbers_of(path, inside, stored[inside], **kind)
     asked = {renamed.get(name, name) for name in found}
     unread = tuple(name for name in stored if name not in asked)
-    return Contents(arrays=_with_pressures(path, found, layout, renamed, tuple(stored)), unread=unread)
+    arrays = _with_pressures(path, found, layout, renamed, tuple(stored))
+    return Contents(arrays=arrays, unread=unread, renamed=frozenset(renamed))
 
 
-def _check_renamed(path: Path, there: Sequence[str], renamed: Mapping[str, str]) -> None:
-    """Refuse a name that the user gave and the file lacks: without it, a series such as t would be passed over."""
+def _in_this_file(path: Path, there: Sequence[str], renamed: Mapping[str, str]) -> dict[str, str]:
+    """The other names that this file has; one that it lacks is refused unless it has the name here: without both, a
+    series such as t would be passed over."""
     for name, inside in renamed.items():
-        if inside not in there:
+        if inside not in there and name not in there:
             raise DatasetError(
                 f"{path}: no column {inside!r}, which --map {name}={inside} names; it has {_listed(there)}"
             )
+    return {name: inside for name, inside in renamed.items() if inside in there}
 
 
 def _with_pressures(
@@ -105,8 +113,8 @@ def stored_arrays(path: Path) -> dict[str, Any]:
     return _read_npz(path) if path.suffix.lower() == ".npz" else _read_hdf5(path)
 
 
-def numbers_of(path: Path, name: str, values: Any, *, columns: bool = False) -> Array:
-    """A stored array as a series (n,), which may be one row or one column, or with columns as (n, sensors).
+def numbers_of(path: Path, name: str, values: Any, *, columns: bool = False, one: bool = False) -> Array:
+    """A stored array as a series (n,), which may be one row or one column, with columns as (n, sensors), or one number.
 
     Raises:
         DatasetError: it holds no numbers, has another shape, or a number that is not finite.
@@ -118,9 +126,10 @@ def numbers_of(path: Path, name: str, values: Any, *, columns: bool = False) -> 
     if columns:
         if array.ndim != 2:
             raise DatasetError(f"{path}: array {name!r} has shape {array.shape}, must be (steps, sensors)")
-    elif name != INITIAL_ACTION or array.size != 1:
-        if array.ndim != 1 and array.size != max(array.shape, default=0):
-            raise DatasetError(f"{path}: array {name!r} has shape {array.shape}, must be (steps,)")
+    else:
+        if array.size != 1 if one else array.ndim != 1 and array.size != max(array.shape, default=0):
+            wanted = "one number" if one else "(steps,)"
+            raise DatasetError(f"{path}: array {name!r} has shape {array.shape}, must be {wanted}")
         array = array.reshape(-1)
     if not np.isfinite(array).all():
         place = np.argwhere(~np.isfinite(array))[0]
@@ -145,11 +154,11 @@ def _read_hdf5(path: Path) -> dict[str, Any]:
 
     visit: Callable[[str, object], None] = keep
     try:
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             file.visititems(visit)
             if INITIAL_ACTION in file.attrs:
                 found[INITIAL_ACTION] = file.attrs[INITIAL_ACTION]
-    except (OSError, RuntimeError, KeyError, ValueError) as error:
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         raise DatasetError(f"{path}: damaged or not an HDF5 file ({_first_line(error)})") from error
     return found
 

@@ -120,6 +120,7 @@ def import_(
     """
     from contract.recording.dataset import Role, write
     from contract.recording.facts import PlantFacts
+    from contract.recording.findings import asymmetry
     from contract.recording.importing.assemble import Source, assemble
     from contract.recording.importing.sensor_table import read_sensors
 
@@ -186,6 +187,7 @@ def import_(
             unread=lambda path, names: notes.append(f"note: {path}: not used: {', '.join(names)}"),
         )
         write(output, made)
+    notes += [f"note: {item.text}" for item in asymmetry(made)]
     console.print(episodes_table(made))
     console.print(sensors_line(layout), soft_wrap=True, markup=False)
     for line in notes:

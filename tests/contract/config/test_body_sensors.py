@@ -23,7 +23,7 @@ def test_the_defaults_are_the_papers_truck_and_the_rule_gives_its_table():
     assert np.abs(near.positions[:80] - sensors.positions()[:80]).max() < 1.1e-3
 
 
-@given(length=st.floats(0.5, 15.0), radius=st.floats(0.0, 0.5), sides=st.integers(1, 120), on_base=st.integers(1, 20))
+@given(length=st.floats(0.5, 15.0), radius=st.floats(1e-9, 0.5), sides=st.integers(1, 120), on_base=st.integers(1, 20))
 def test_sensors_lie_on_sides_and_base_clear_of_edge_and_slots(length, radius, sides, on_base):
     assume(radius <= 0.5 * length)
     body = BodyConfig(length=length, leading_edge_radius=radius, sensors_per_side=sides, sensors_on_base=on_base)

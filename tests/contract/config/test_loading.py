@@ -44,7 +44,7 @@ REFUSED = {
     "model.slim_decoder_width=1.5": "model.slim_decoder_width = 1.5: must be a whole number or left out",
     "flow.reynolds=nan": "flow.reynolds = nan: must be positive",
     "flow.reynolds=" + "9" * 400: "flow.reynolds = a number of more than 18 digits",
-    "flow.substeps=" + "9" * 400: "flow.substeps = a number of more than 18 digits: must be at least 1",
+    "flow.substeps=" + "9" * 400: "flow.substeps = a number of more than 18 digits: must be in 1..10000",
     "flow.substeps=" + "9" * 9999: "override 'flow.substeps=999",
     "flow.substeps=0x" + "F" * 9999: "flow.substeps = a number of more than 18 digits",
     "flow.substeps=" + "[" * 5000: "is not a TOML value",

@@ -49,7 +49,7 @@ def test_another_flow_or_other_sensors_are_refused_by_what_differs(written):
         with pytest.raises(DatasetError, match=rf"data\.h5: episode b was recorded with {named}"):
             append(written, [episode("c")], facts)
         assert written.read_bytes() == before
-    renamed = SensorLayout.of(("a", "b"), np.zeros((2, 2)), symmetric=False)
+    renamed = SensorLayout.of(("a", "b"), np.eye(2), symmetric=False)
     with pytest.raises(DatasetError, match=r"in names: upper_00, .*\(90 in all\), and a, b$"):
         read_to_append(written, FACTS, renamed)
     with h5py.File(written, "r+") as file:

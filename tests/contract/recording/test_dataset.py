@@ -186,6 +186,14 @@ def nan_in_the_middle(file: h5py.File) -> None:
     file["episodes/a/action"][3] = np.nan
 
 
+def virtual(file: h5py.File) -> None:
+    """A series that is a view of itself."""
+    layout = h5py.VirtualLayout(shape=(7,), dtype="i2")
+    layout[:] = h5py.VirtualSource(".", "episodes/a/Cd", shape=(7,))
+    del file["episodes/a/Cd"]
+    file.create_virtual_dataset("episodes/a/Cd", layout)
+
+
 def mirror_of_others(file: h5py.File) -> None:
     file["layout/mirror"][0] = 90
 
@@ -225,6 +233,13 @@ SPOILT: list[tuple[Callable[[h5py.File], object], str]] = [
     (without("episodes/a/Cd", "quantum"), "episode a: field 'Cd' is stored as int16 with quantum nan"),
     (with_attribute("episodes/a/Cd", "quantum", -0.1), "field 'Cd' is stored as int16 with quantum -0.1"),
     (stored("Cd", lambda values: values.astype(np.int64)), "episode a: field 'Cd' is stored as int64"),
+    # Read by h5py, a virtual array of itself is a segmentation fault.
+    (virtual, "episodes/a/Cd is virtual or in another file: copy its numbers"),
+    (lambda file: file.create_dataset("x", (8,), "u1", external=[("/etc/passwd", 0, 8)]), "x is virtual or in another"),
+    (lambda file: file.__setitem__("x", h5py.ExternalLink("other.h5", "/")), "x is virtual or in another file"),
+    (lambda file: file.create_dataset("x", (10**9,), "f8"), "holds 1000.* values or more: must be at most 134217728"),
+    (lambda file: file.create_dataset("x", (1,), "u1", maxshape=(None,), chunks=(2**28,)), "values or more"),
+    (lambda file: file.create_group(b"\xff\xfe"), "is no text that can be printed"),
 ]
 
 

@@ -11,7 +11,7 @@ from contract.recording.summary import fitting_settings, summarise, uncontrolled
 from contract.sensor_layout import SensorLayout
 
 PERIOD = 0.25
-LAYOUT = SensorLayout.of(("a", "b"), np.zeros((2, 2)), symmetric=False)
+LAYOUT = SensorLayout.of(("a", "b"), np.eye(2), symmetric=False)
 
 
 def wave(name: str, steps: int, cycle: float, amplitude: float) -> Episode:

@@ -156,7 +156,7 @@ NONSENSE = [
     ("compute_time_ms", 20.5, "compute_time_ms = 20.5: must be in 0..budget_ms, which is 20.0"),
     ("dataset_sha256", "0" * 63, "must be a SHA-256"),
     ("weights_sha256", None, "weights_sha256 = None: must be text"),
-    ("operating_point.width", -1.0, "operating_point.width = -1.0: must be positive"),
+    ("operating_point.width", -1.0, "operating_point.width = -1.0: must be in 0.01..100"),
     ("window", 10**9, "window = 1000000000: must be positive and at most 10000"),
     ("window", 10**400, "an integer of 401 digits"),
     ("created", "2026-W01-1", "created = '2026-W01-1': must be a date"),
@@ -183,7 +183,7 @@ def test_what_makes_no_sense_is_named():
     for name, value, named in NONSENSE:
         text = refusal(sealed(changed(name, value)))
         assert named in text, (name, value, text)
-    assert "sensors: none is named" in refusal(sealed({**SHIPPED, "sensors": [], "sensor_positions": None}))
+    assert "0 sensors: must be at least one" in refusal(sealed({**SHIPPED, "sensors": [], "sensor_positions": None}))
 
 
 def test_json_that_has_two_readings_or_no_end_is_refused():

@@ -242,7 +242,8 @@ def test_a_command_for_this_period_after_one_for_the_next_does_not_leap():
 
 
 def test_columns_are_those_of_the_plant_s_own_sensors():
-    layout = SensorLayout.of(("lid", "tail", "side", "nose", "keel"), np.zeros((5, 2)), symmetric=False)
+    places = np.arange(10.0).reshape(5, 2)
+    layout = SensorLayout.of(("lid", "tail", "side", "nose", "keel"), places, symmetric=False)
     own = VehicleNode(("keel", "lid", "nose", "tail"), CONFIG, layout)
     message = parsed(own.sample(np.array([0.1, 0.2, 0.3, 0.4, 0.5]), enable_request=False, now_ns=0))
     # A tenth of a pascal is the message's resolution.

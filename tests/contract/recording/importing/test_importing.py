@@ -122,7 +122,11 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         (raw("a.csv", b"t action\n0 1\n"), r"a\.csv: line 1: columns must be separated by commas"),
         (raw("a.csv", b"action;Cd\n0,5;1\n"), r"line 2, column 'action': '0,5' is not a number: write 0\.5, with a"),
         (table(ROW.replace("1,0", "1,")), r"line 2, column 'Cl': '' is not a number; fill the gap, or cut the file"),
+        (table(ROW.replace("1,0", "1,1_000")), "line 2, column 'Cl': '1_000' is not a number"),
         (raw("a.csv", b""), "must have a line with the names"),
+        (changed(initial_action=np.zeros(5)), r"'initial_action' has shape \(5,\), must be one number"),
+        (changed(initial_action=np.zeros(0)), r"'initial_action' has shape \(0,\), must be one number"),
+        (changed(initial_action=np.array(np.nan)), "'initial_action' holds a value that is not finite"),
         (table(), "at least one row below"),
         (table(ROW, "0.1,1,0,1,2,3,4,5,6"), r"a\.csv: line 3: 9 values, the header has 10 columns"),
         (table(ROW, ROW.replace("4", "four")), r"a\.csv: line 3, column 'lid-left': 'four' is not a number"),
@@ -184,8 +188,16 @@ def test_what_is_not_used_is_told_and_a_renamed_column_must_be_there(tmp_path, l
     assert told == [("a.npz", ("time",))]
     with pytest.raises(DatasetError, match=r"t rises by 0\.001"):
         imported(path, layout, renamed={"t": "time"})
-    with pytest.raises(DatasetError, match=r"a\.npz: no column 'zeit', which --map t=zeit names; it has .*time"):
+    with pytest.raises(DatasetError, match=r"--map t=zeit: no file has a column 'zeit'"):
         imported(path, layout, renamed={"t": "zeit"})
+    # One of two files has the other name; where a file has neither, it is refused.
+    drag = {"drag" if name == "Cd" else name: array for name, array in values.items()}
+    other = foreign_plant.write_npz(tmp_path / "b.npz", drag)
+    both = [Source(path=path, role="train"), Source(path=other, role="test")]
+    first, second = assemble(both, layout, FACTS, renamed={"Cd": "drag"}).episodes
+    np.testing.assert_array_equal(first.series["Cd"], second.series["Cd"])
+    with pytest.raises(DatasetError, match=r"b\.npz: no column 'zug', which --map Cd=zug names; it has .*drag"):
+        assemble(both, layout, FACTS, renamed={"Cd": "zug"})
 
 
 def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):

@@ -1,0 +1,47 @@
+"""HDF5 files from anyone: no numbers of another file, no names that are no text, and a bound before the work."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+
+from contract.arrays import MOST_VALUES
+from contract.errors import DatasetError
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[h5py.File]:
+    """A file to read from.
+
+    Raises:
+        DatasetError: it is not there, refers to another file or to itself, or holds more than `MOST_VALUES`.
+        OSError, RuntimeError, KeyError, ValueError, TypeError: it is damaged, as h5py has it.
+    """
+    if not path.is_file():
+        raise DatasetError(f"{path}: no such dataset")
+    values, groups, seen = 0, list[h5py.Group](), set[int]()
+    with h5py.File(path, "r") as file:
+        groups.append(file)
+        # h5py's own visitor stumbles over names that are no UTF-8.
+        for group in groups:
+            for raw in group.id:
+                name = f"{group.name.rstrip('/')}/{raw.decode('utf-8', 'surrogateescape')}"[1:]
+                if not name.isprintable():
+                    raise DatasetError(f"{path}: the name {name!r} is no text that can be printed")
+                kind = group.id.links.get_info(raw).type
+                node = group[raw] if kind == h5py.h5l.TYPE_HARD else None
+                virtual = isinstance(node, h5py.Dataset) and (node.is_virtual or node.external)
+                if virtual or kind == h5py.h5l.TYPE_EXTERNAL:
+                    raise DatasetError(f"{path}: {name} is virtual or in another file: copy its numbers into this one")
+                if isinstance(node, h5py.Dataset):
+                    # A chunk is read as a whole, and may be larger than the array.
+                    size = max(node.size or 0, math.prod(node.chunks or (0,)))
+                    values += max(size, size * node.dtype.itemsize // 8)
+                elif isinstance(node, h5py.Group) and (place := h5py.h5o.get_info(node.id).addr) not in seen:
+                    seen.add(place)
+                    groups.append(node)
+                if values > MOST_VALUES:
+                    raise DatasetError(f"{path}: holds {values} values or more: must be at most {MOST_VALUES}")
+        yield file
