@@ -3,9 +3,12 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from math import isfinite
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from contract.errors import DatasetError
+
+ForcesClock = Literal["log", "start", "t_c"]
+"""What times of forces next to a log count: s on its clock, s since its first pressure, or W / U_inf since then."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
 import pytest
 
 from contract.config.loading import to_tree
@@ -222,40 +221,15 @@ def test_a_wrong_call_is_explained(cli: Callable[..., Any], place: Path) -> None
 
 
 def test_a_recording_that_does_not_fit_is_named(refused: Callable[..., str], place: Path, random_release: Path) -> None:
-    def damaged(change: Callable[[h5py.File], object]) -> str:
-        path = str(shutil.copy(RECORDING, place / "recording.h5"))
-        with h5py.File(path, "r+") as file:
-            change(file)
-        return path
-
-    def put(file: h5py.File, values: np.ndarray) -> None:
-        node = next(iter(file["episodes"].values()))
-        del node["Cp"]
-        node.create_dataset("Cp", data=values).attrs["units"] = "1"
-
-    def pressures(file: h5py.File) -> np.ndarray:
-        node = next(iter(file["episodes"].values()))
-        return node["Cp"][:] * node["Cp"].attrs["quantum"]
-
-    def one_is_nan(file: h5py.File) -> None:
-        values = pressures(file)
-        values[7, 3] = np.nan
-        put(file, values)
-
-    def first_schema(file: h5py.File) -> None:
-        file.attrs["schema"] = "stillwake-dataset/1"
-        for node in file["episodes"].values():
-            del node["Cd_slot_viscous"]
-            node.move("Cd_slot_pressure", "Cd_slot")
-
-    for change, named in (
-        (one_is_nan, "field 'Cp' holds a value that is not finite, first at step 7"),
-        (lambda file: put(file, pressures(file)[:, :89]), ", 89), must be ("),
-        (lambda file: file.attrs.__setitem__("sensors", json.dumps(["base_0"])), "other sensors"),
+    path = Path(shutil.copy(RECORDING, place / "recording.h5"))
+    for name, value, named in (
+        ("sensors", json.dumps(["base_0"]), "other sensors"),
+        ("schema", "stillwake-dataset/1", "this version reads 'stillwake-dataset/3'"),
     ):
-        assert named in refused("train", "m", "--dataset", damaged(change))
-    line = refused("record", damaged(first_schema), "--under", random_release)
-    assert "episodes can only be added to 'stillwake-dataset/3'" in line
+        with h5py.File(path, "r+") as file:
+            file.attrs[name] = value
+        assert named in refused("train", "m", "--dataset", path)
+    assert named in refused("record", path, "--under", random_release)
 
 
 def test_a_signed_bundle_is_named_as_such(refused: Callable[..., str], place: Path, sound: Path) -> None:

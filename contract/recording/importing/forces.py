@@ -10,8 +10,8 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.errors import DatasetError
+from contract.recording.facts import ForcesClock
 from contract.recording.importing.csv_table import read_csv
-from contract.recording.importing.forces_clock import ForcesClock
 from contract.recording.importing.source_file import BINARY, SUFFIXES, numbers_of, stored_arrays
 
 FORCES: Final = ("Cd", "Cl")

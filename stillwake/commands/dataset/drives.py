@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from can_bridge.drives.log_to_series import LogReport, LogSeries
     from can_bridge.wire.message_sets import MessageSet
     from contract.recording.episode import Role
+    from contract.recording.facts import ForcesClock
     from contract.recording.importing.assemble import Source
     from contract.recording.importing.forces import TimeSeries
-    from contract.recording.importing.forces_clock import ForcesClock
 
 USES: Final = ("operating_point", "bus.frames", "bus.key")
 """Settings by which a log is read."""

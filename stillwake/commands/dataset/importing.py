@@ -7,7 +7,7 @@ import typer
 
 from contract.config.loading import Loaded
 from contract.errors import ConfigError, DatasetError, OutputError
-from contract.recording.importing.forces_clock import ForcesClock
+from contract.recording.facts import ForcesClock
 from stillwake.commands.dataset.drives import (
     USES,
     DriveOptions,
