@@ -6,6 +6,9 @@ from contract.errors import ConfigError
 
 _TRUE: Final = ("clear", "power_cycle", "save", "restart")
 ACTIONS: Final = ("set", "query", "pause", *_TRUE)
+"""set: values for `LiveSettings.changed`. query: the same as the text of a link. pause: or go on. clear: everything but
+request, controller and plant as at the start, and a latched fault re-armed. power_cycle: of the ECU. save: the run so
+far, as a folder. restart: the plant from its start."""
 _LONGEST: Final = 2000
 """Characters of a link's query."""
 

@@ -136,21 +136,15 @@ class LiveSettings:
 
 
 def from_query(query: str) -> dict[str, Any]:
-    """Values for `LiveSettings.changed` from what `to_query` wrote, in its types.
-
-    Raises:
-        ConfigError: a number or a switch is none.
-    """
+    """Values for `LiveSettings.changed`, which judges them, from what `to_query` wrote."""
     values, weights = dict[str, Any](), dict[str, Any]()
     for name, text in parse_qsl(query, keep_blank_values=True):
         if name in WEIGHTS:
-            weights[name] = _number(name, text)
+            weights[name] = _number(text)
         elif name in SLIDERS:
-            values[name] = _number(name, text)
+            values[name] = _number(text)
         elif name in _SWITCHES:
-            if text not in ("0", "1"):
-                raise ConfigError(f"live setting {name} = {text!r}: must be 0 or 1")
-            values[name] = text == "1"
+            values[name] = {"0": False, "1": True}.get(text, text)
         else:
             values[name] = text
     return values | ({"weights": weights} if weights else {})
@@ -160,11 +154,11 @@ def _as_text(value: Any) -> str:
     return str(int(value)) if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _number(name: str, text: str) -> float:
+def _number(text: str) -> float | str:
     try:
         return float(text)
     except ValueError:
-        raise ConfigError(f"live setting {name} = {text!r}: must be a number") from None
+        return text
 
 
 def _checked(name: str, value: Any, sensors: Sequence[str]) -> Any:

@@ -191,28 +191,8 @@ class LoopNow(TypedDict):
 Message = Hello | Periods | Now | BusNow | LatencyNow | Events | SettingsNow | LoopNow
 
 
-class Request(TypedDict, total=False):
-    """From a viewer: `id`, and one of the others.
-
-    Attributes:
-        id: that the answer has, too.
-        set: values for `LiveSettings.changed`.
-        query: of a link, the same in text.
-        clear: everything but request, controller and plant as at the start, and a latched fault re-armed.
-        power_cycle: of the ECU.
-        pause: or go on.
-        save: the run so far as a folder.
-        restart: the plant from its start.
-    """
-
-    id: int
-    set: dict[str, Any]
-    query: str
-    clear: bool
-    power_cycle: bool
-    pause: bool
-    save: bool
-    restart: bool
+Request = dict[str, Any]
+"""From a viewer: an `id`, which the answer has, too, and one of `firmware_sim.live.requests.ACTIONS`."""
 
 
 class Answer(TypedDict, total=False):
