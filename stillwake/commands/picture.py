@@ -294,4 +294,5 @@ def _episode_actions(path: Path, name: str | None, limit: float) -> npt.NDArray[
     chosen = episodes[name] if name is not None else next(iter(episodes.values()))
     # An episode may begin some control periods after the start.
     actions = np.concatenate([np.zeros(int(chosen.provenance.get("lead_steps", 0))), chosen.series["action"]])
-    return actions
+    # One stored in single precision may round the bound itself up.
+    return np.where(np.abs(actions) <= np.float32(limit), np.clip(actions, -limit, limit), actions)

@@ -77,7 +77,7 @@ def test_a_replay_waits_as_long_as_the_episode_did_and_keeps_the_bound(tmp_path)
 
 def test_a_replayed_run_reaches_the_actions_that_were_in_force(tmp_path, run_metadata):
     in_force = [0.0, 0.01, 0.03, -0.02]
-    series = {name: np.zeros(4) for name in run_log.COLUMNS} | {"action": np.array(in_force)}
+    series = {name: np.zeros(4) for name in run_log.COLUMNS} | {"t": 0.2 * np.arange(4.0), "action": np.array(in_force)}
     bus = run_log.BusTotals(sent=0, lost=0, rejected=0)
     quiet = BusTraffic(load=0.0, frames=0, error_frames=0, longest_wait_ms={}, nodes={})
     log = run_log.RunLog(series=series, enabled_at=0, bus=bus, traffic=quiet, metadata=run_metadata)
