@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from contract.errors import DatasetError
-from contract.recording.dataset import Dataset, Episode, read, write
+from contract.recording.dataset import SCHEMA, SCHEMA_1, Dataset, Episode, read, schema_of, write
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 
@@ -20,7 +20,7 @@ def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = 
         layout: of the sensors of what will be added.
 
     Raises:
-        DatasetError: if the file is no data set, of other sensors, or has an episode with other
+        DatasetError: if the file is no data set, of the first schema, of other sensors, or has an episode with other
             facts; the message names the first difference.
     """
     return _to_append(path, facts, layout).episodes
@@ -30,6 +30,9 @@ def _to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout) -> Da
     if not path.exists():
         return Dataset(episodes=(), layout=layout)
     there = read(path)
+    schema = schema_of(path)
+    if schema == SCHEMA_1:
+        raise DatasetError(f"{path}: schema {schema!r}, episodes can only be added to {SCHEMA!r} and the one before")
     difference = there.layout.difference(layout)
     if difference is not None:
         raise DatasetError(f"{path}: its sensors differ from those of what would be added, in {difference}")

@@ -28,7 +28,9 @@ from contract.sensors import TRUCK
 SCHEMA: Final = "stillwake-dataset/3"
 SCHEMA_2: Final = "stillwake-dataset/2"
 """Still read: the truck's 90 sensors by name alone, all ten series, facts in the episodes' provenance."""
-SCHEMAS: Final = (SCHEMA, SCHEMA_2)
+SCHEMA_1: Final = "stillwake-dataset/1"
+"""Still read: float32 series, and one `Cd_slot` where pressure and viscous force now stand apart."""
+SCHEMAS: Final = (SCHEMA, SCHEMA_2, SCHEMA_1)
 
 EXACT: Final = frozenset({"t", "action"})
 """Stored in double precision: they are set, not measured."""
@@ -110,6 +112,12 @@ def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
     return dataset, tuple(problems)
 
 
+def schema_of(path: Path) -> str:
+    """The schema that a data set's file names; raises DatasetError if it is none that this version reads."""
+    with opened(path) as file:
+        return _schema(path, file)
+
+
 def write(path: Path, dataset: Dataset) -> None:
     """Write a dataset, whole or not at all.
 
@@ -135,10 +143,16 @@ def write(path: Path, dataset: Dataset) -> None:
         temporary.write_bytes(image.getbuffer())
 
 
+def _schema(path: Path, file: h5py.File) -> str:
+    schema = file.attrs.get("schema")
+    if schema not in SCHEMAS:
+        raise DatasetError(f"{path}: schema {schema!r}, this version reads {SCHEMA!r}")
+    return str(schema)
+
+
 def _surveyed(path: Path, problems: list[str]) -> Dataset | None:
     with opened(path) as file:
-        if (schema := file.attrs.get("schema")) not in SCHEMAS:
-            raise DatasetError(f"{path}: schema {schema!r}, this version reads {SCHEMA!r}")
+        schema = _schema(path, file)
         layout, facts = TRUCK, None
         if schema == SCHEMA:
             layout, facts = _read_layout(path, file), _read_facts(path, file)
@@ -232,13 +246,17 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
     found: list[str] = []
     fields = node if isinstance(node, h5py.Group) else {}
     series: dict[str, Array] = {}
-    for field in UNITS:
+    for field in _fields_of(schema):
         if field in fields:
             array = _read_series(name, field, fields[field], found)
             if array is not None:
                 series[field] = array
         elif field in REQUIRED or schema != SCHEMA:
             found.append(f"episode {name}: field {field!r} is missing")
+    if schema == SCHEMA_1 and "Cd_slot" in series:
+        # The one recorded force stands under pressure, which is nearly all of it; the sum is as recorded.
+        series["Cd_slot_pressure"] = series.pop("Cd_slot")
+        series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
     attributes = {}
     for attribute, meaning in _ATTRIBUTES.items():
         if attribute in node.attrs:
@@ -277,9 +295,15 @@ _ATTRIBUTES: Final = {
 }
 
 
+def _fields_of(schema: str) -> tuple[str, ...]:
+    if schema != SCHEMA_1:
+        return tuple(UNITS)
+    return tuple("Cd_slot" if field == "Cd_slot_pressure" else field for field in UNITS if field != "Cd_slot_viscous")
+
+
 def _read_series(name: str, field: str, stored: h5py.Dataset, problems: list[str]) -> Array | None:
     """Floating-point numbers as they are, integers times their quantum; None, and a line more, for anything else."""
-    unit, found = UNITS[field], stored.attrs.get("units")
+    unit, found = UNITS.get(field, "1"), stored.attrs.get("units")
     if found != unit:
         what = "has no attribute 'units'" if found is None else f"is in {found!r}"
         problems.append(f"episode {name}: field {field!r} {what}, must be in {unit!r}")

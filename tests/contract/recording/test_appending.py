@@ -30,8 +30,7 @@ def test_a_data_set_is_made_or_added_to(written, tmp_path):
         file.attrs["sensors"] = json.dumps(sensors.NAMES)
         del file["layout"]
     append(written, [episode("c")], FACTS)
-    with h5py.File(written) as file:
-        assert file.attrs["schema"] == dataset.SCHEMA
+    assert dataset.schema_of(written) == dataset.SCHEMA
     assert [item.name for item in dataset.read(written).episodes] == ["b", "a", "c"]
     # A data set that is not there is made.
     assert read_to_append(tmp_path / "new.h5", FACTS) == ()
@@ -53,3 +52,13 @@ def test_another_flow_or_other_sensors_are_refused_by_what_differs(written):
     renamed = SensorLayout.of(("a", "b"), np.eye(2), symmetric=False)
     with pytest.raises(DatasetError, match=r"in names: upper_00, .*\(90 in all\), and a, b$"):
         read_to_append(written, FACTS, renamed)
+    with h5py.File(written, "r+") as file:
+        file.attrs["schema"] = dataset.SCHEMA_1
+        file.attrs["sensors"] = json.dumps(sensors.NAMES)
+        for node in file["episodes"].values():
+            del node["Cd_slot_viscous"]
+            node.move("Cd_slot_pressure", "Cd_slot")
+    with pytest.raises(
+        DatasetError, match="'stillwake-dataset/1', episodes can only be added to 'stillwake-dataset/3'"
+    ):
+        read_to_append(written, FACTS)

@@ -55,9 +55,25 @@ def test_a_value_beyond_16_bits_is_refused_and_nothing_written(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_first_schema_is_still_read(tmp_path, written):
+    series = dict(episode("a", steps=7).series)
+    with h5py.File(written, "r+") as file:
+        as_schema(1, file)
+        for name in ("a", "b"):
+            node = file["episodes"][name]
+            del node["Cd_slot_viscous"], node["Cd"]
+            node.move("Cd_slot_pressure", "Cd_slot")
+            node["Cd"] = np.linspace(0, 1, len(node["t"]), dtype=np.float32)
+            node["Cd"].attrs["units"] = "1"
+    read = dataset.read(written).episodes[1]
+    assert read.series["Cd"] == pytest.approx(np.linspace(0, 1, 7))
+    assert read.ledger.Cd_slot == pytest.approx(series["Cd_slot_pressure"], abs=2**-16)
+    assert not read.series["Cd_slot_viscous"].any()
+
+
 def test_the_second_schema_is_still_read(written):
     with h5py.File(written, "r+") as file:
-        as_schema_2(file)
+        as_schema(2, file)
     read = dataset.read(written)
     assert read.layout is sensors.TRUCK
     assert [item.name for item in read.episodes] == ["b", "a"]
@@ -141,15 +157,15 @@ def test_episode_that_does_not_fit_is_refused_by_name():
             build()
 
 
-def as_schema_2(file: h5py.File) -> None:
+def as_schema(number: int, file: h5py.File) -> None:
     """What a file of the truck was before the layout stood in it."""
-    file.attrs["schema"] = dataset.SCHEMA_2
+    file.attrs["schema"] = f"stillwake-dataset/{number}"
     file.attrs["sensors"] = json.dumps(sensors.NAMES)
     del file["layout"]
 
 
 def other_sensor_order(file: h5py.File) -> None:
-    as_schema_2(file)
+    as_schema(2, file)
     file.attrs["sensors"] = json.dumps(sensors.NAMES[::-1])
 
 
