@@ -224,7 +224,7 @@ def test_a_recording_that_does_not_fit_is_named(refused: Callable[..., str], pla
     path = Path(shutil.copy(RECORDING, place / "recording.h5"))
     for name, value, named in (
         ("sensors", json.dumps(["base_0"]), "other sensors"),
-        ("schema", "stillwake-dataset/1", "this version reads 'stillwake-dataset/3'"),
+        ("schema", "stillwake-dataset/0", "this version reads 'stillwake-dataset/3'"),
     ):
         with h5py.File(path, "r+") as file:
             file.attrs[name] = value
