@@ -19,7 +19,6 @@ class Rejection(Enum):
     """A CAN FD frame where `bus.frames` is classic, or one of our messages in the format that it does not have."""
     OTHER_ID = "another identifier"
     OWN = "own frame heard again"
-    DUPLICATE = "second copy of a datagram"
     ADAPTER = "adapter refused a command"
     """A serial adapter answered BEL: to a frame that it did not send, or to a command at its opening."""
 

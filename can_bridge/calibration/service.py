@@ -55,9 +55,9 @@ class CalibrationService:
             return error
         return None
 
-    def store(self) -> None:
-        """Store the values in force; raises Refused."""
-        self._keep_if_allowed(self._segment.in_force.pack())
+    def store(self, calibration: Calibration) -> None:
+        """Store values that are or were in force; raises Refused."""
+        self._keep_if_allowed(calibration.pack())
 
     def revert(self) -> None:
         """The release's own values in force, and nothing stored; raises Refused."""
@@ -86,7 +86,7 @@ class CalibrationService:
             except ConfigError as error:
                 raise Refused(Nrc.OUT_OF_RANGE, str(error)) from error
         elif did is Did.CALIBRATION_STORED and value == _STORE:
-            self.store()
+            self.store(self._segment.in_force)
         elif did is Did.CALIBRATION_STORED and value == _REVERT:
             self.revert()
         else:

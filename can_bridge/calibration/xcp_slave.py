@@ -13,7 +13,7 @@ from can_bridge.calibration import xcp
 from can_bridge.calibration.segment import ADDRESS, Page, Segment
 from can_bridge.calibration.xcp import MAX_CTO, Command, Denied, Error
 from can_bridge.calibration.xcp_access import Access, WrongKey, XcpAccess
-from contract.controller.calibration import PACKED_BYTES
+from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError
 
 IDLE_NS: Final = 600_000_000_000
@@ -44,26 +44,25 @@ class XcpSlave:
         self._address = 0
         self._identification = b""
         self._page = Page.WORKING
-        self._wants_store = False
+        self._to_store: Calibration | None = None
 
-    @property
-    def wants_store(self) -> bool:
-        """The tool asked to have the calibration in force stored; `stored` or `not_stored` ends that."""
-        return self._wants_store
+    def to_store(self, now_ns: int) -> Calibration | None:
+        """What was in force when the tool asked to store; `stored`, `not_stored` or the connection's end ends that."""
+        self._end_if_idle(now_ns)
+        return self._to_store
 
     def stored(self) -> list[bytes]:
         """The calibration was stored: the packets that report it to the tool."""
-        self._wants_store = False
+        self._to_store = None
         return [bytes([xcp.EVENT, xcp.STORED_EVENT])] if self._is_connected else []
 
     def not_stored(self) -> None:
         """Storing failed: the tool sees its request gone without the event of success."""
-        self._wants_store = False
+        self._to_store = None
 
     def command(self, now_ns: int, data: bytes) -> list[bytes]:
         """A packet from the tool; returns those to it. Never raises on what comes over the wire."""
-        if self._is_connected and now_ns - self._last_ns > IDLE_NS:
-            self._end()
+        self._end_if_idle(now_ns)
         if not data:
             return []
         if data[0] == Command.CONNECT:
@@ -105,8 +104,13 @@ class XcpSlave:
             xcp.TRANSPORT_VERSION,
         )
 
+    def _end_if_idle(self, now_ns: int) -> None:
+        if self._is_connected and now_ns - self._last_ns > IDLE_NS:
+            self._end()
+
     def _end(self) -> None:
         self._is_connected = False
+        self._to_store = None
         self._access.lock()
         self._address = 0
         self._identification = b""
@@ -117,7 +121,7 @@ class XcpSlave:
         return bytes([xcp.RESPONSE])
 
     def _status(self, data: bytes) -> bytes:
-        session = xcp.STORE_REQUEST if self._wants_store else 0
+        session = 0 if self._to_store is None else xcp.STORE_REQUEST
         return bytes([xcp.RESPONSE, session, self._access.protected, 0, 0, 0])
 
     def _synch(self, data: bytes) -> bytes:
@@ -135,7 +139,7 @@ class XcpSlave:
     def _set_request(self, data: bytes) -> bytes:
         if data[1] != xcp.STORE_REQUEST:
             raise Denied(Error.OUT_OF_RANGE)
-        self._wants_store = True
+        self._to_store = self._segment.in_force
         return bytes([xcp.RESPONSE])
 
     def _get_seed(self, data: bytes) -> bytes:

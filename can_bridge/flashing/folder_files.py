@@ -4,7 +4,9 @@ What a disk may lose with its supply: of a file, whatever was not synchronised; 
 or changed since the folder was.
 """
 
+import errno
 import os
+import stat
 from pathlib import Path
 
 from can_bridge.flashing.medium import MediumError
@@ -24,7 +26,7 @@ class FolderFiles:
     def read(self, name: str, offset: int = 0, length: int | None = None) -> bytes | None:
         """Bytes of a file, fewer where it ends; None if there is no such file."""
         try:
-            with (self._folder / name).open("rb") as file:
+            with os.fdopen(open_regular(self._folder / name, os.O_RDONLY), "rb") as file:
                 file.seek(offset)
                 return file.read() if length is None else file.read(length)
         except FileNotFoundError:
@@ -73,7 +75,7 @@ class FolderFiles:
 
     def _sync(self, path: Path) -> None:
         try:
-            handle = os.open(path, os.O_RDONLY)
+            handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
             try:
                 os.fsync(handle)
             finally:
@@ -83,11 +85,22 @@ class FolderFiles:
 
     def _write(self, name: str, flags: int, data: bytes) -> None:
         try:
-            # Nobody else on the machine needs to read what an ECU stores.
-            with os.fdopen(os.open(self._folder / name, flags, 0o600), "wb") as file:
+            with os.fdopen(open_regular(self._folder / name, flags), "wb") as file:
                 file.write(data)
         except OSError as error:
             raise _failed(self._folder / name, error) from error
+
+
+def open_regular(path: Path, flags: int) -> int:
+    """A handle of a regular file, which its owner alone may read if it is made; raises OSError for anything else.
+
+    To open a FIFO would wait for ever for its other end.
+    """
+    handle = os.open(path, flags | os.O_NONBLOCK, 0o600)
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise OSError(errno.EINVAL, "must be a regular file", path)
+    return handle
 
 
 def _failed(path: Path, error: OSError) -> MediumError:

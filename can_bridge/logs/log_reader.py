@@ -6,7 +6,7 @@ with fewer bytes than its length. Times are those of the file: since the epoch, 
 
 import gc
 import logging
-import math
+import re
 import struct
 import sys
 import traceback
@@ -23,6 +23,9 @@ from contract.errors import BusError, install
 
 SUFFIXES: Final = (".log", ".asc", ".blf", ".trc", ".mf4")
 
+GREATEST_TIME_S: Final = 2**63 / 1e9
+"""What 64 bits of nanoseconds hold: 292 years on both sides of the epoch."""
+
 MF4: Final = ".mf4"
 NEEDS_ASAMMDF: Final = f"MF4 needs asammdf: {install('mf4')}"
 
@@ -32,6 +35,8 @@ _ASC_BEGIN: Final = b"begin triggerblock"
 _ASC_END: Final = b"end triggerblock"
 _HEAD: Final = 4096
 """Bytes of an ASC in which a trigger block that spans it begins."""
+_WIDE_ID: Final = re.compile(rb"\s([0-9A-Fa-f]{9,})#")
+"""In a candump; python-can cuts it to 29 bits, or takes it for an error frame."""
 
 
 def check_suffix(path: Path) -> None:
@@ -83,8 +88,8 @@ def _sound(message: can.Message, number: int) -> can.Message:
     Raises:
         ValueError: for missing bytes, or a time that is none.
     """
-    if not math.isfinite(message.timestamp):
-        raise ValueError(f"frame {number}: has no time but {message.timestamp}")
+    if not abs(message.timestamp) <= GREATEST_TIME_S:
+        raise ValueError(f"frame {number}: time {message.timestamp} s, must be within {GREATEST_TIME_S:g} s")
     if message.is_error_frame:
         return message
     if message.is_fd and message.is_remote_frame:
@@ -144,9 +149,17 @@ def _is_cut_off(path: Path) -> str:
                 head = file.read(_HEAD).lower()
             return "it has no End TriggerBlock" if _ASC_BEGIN in head and _ASC_END not in _tail(path).lower() else ""
         case ".log" | ".trc":
+            _check_identifiers(path)
             tail = _tail(path)
             return "its last line has no end" if tail and not tail.endswith(b"\n") else ""
     return ""
+
+
+def _check_identifiers(path: Path) -> None:
+    with path.open("rb") as file:
+        for number, line in enumerate(file, 1):
+            if wide := _WIDE_ID.search(line):
+                raise ValueError(f"line {number}: identifier {wide[1].decode()}, must have at most 8 digits")
 
 
 def _tail(path: Path) -> bytes:

@@ -130,14 +130,7 @@ class BusConnection(BaseConnection):
         return isotp.CanMessage(arbitration_id=frame.frame_id, data=frame.data, is_fd=frame.is_fd)
 
     def _send_frame(self, message: isotp.CanMessage) -> None:
-        # Without a time, equal frames in a row pass for copies of one datagram on a multicast bus: an image has runs of
-        # zeros, and the numbers of consecutive frames begin again every 16.
-        frame = Frame(
-            frame_id=message.arbitration_id,
-            data=bytes(message.data),
-            is_fd=message.is_fd,
-            timestamp_ns=time.time_ns(),
-        )
+        frame = Frame(frame_id=message.arbitration_id, data=bytes(message.data), is_fd=message.is_fd)
         until = self._clock() + FRAME_S
         while True:
             try:

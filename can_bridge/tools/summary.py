@@ -21,7 +21,7 @@ class Summary:
     Attributes:
         messages: by (extended, identifier).
         remote, errors, unsound: frames that carry no data, and such as no wire carries.
-        first_s, last_s: times of the first and the last frame of any kind; None without one.
+        first_s, last_s: earliest and latest time of a frame of any kind, wherever it stands; None without one.
         busy_ns: how long the data frames occupied the bus, their stuff bits counted, intermissions included.
     """
 
@@ -45,7 +45,7 @@ class Summary:
 
     @property
     def span_s(self) -> float:
-        """From the first to the last frame; 0 without any."""
+        """From the earliest to the latest frame; 0 without any."""
         return 0.0 if self.first_s is None or self.last_s is None else self.last_s - self.first_s
 
     @property
@@ -100,8 +100,9 @@ def summarise(
     """
     summary = Summary()
     for message in messages:
-        summary.first_s = message.timestamp if summary.first_s is None else summary.first_s
-        summary.last_s = message.timestamp
+        time_s = message.timestamp
+        summary.first_s = time_s if summary.first_s is None else min(time_s, summary.first_s)
+        summary.last_s = time_s if summary.last_s is None else max(time_s, summary.last_s)
         if message.is_error_frame:
             summary.errors += 1
             continue

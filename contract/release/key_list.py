@@ -45,6 +45,8 @@ class KeyList:
                 f"key list: {len(self.keys)} keys and {len(self.revoked)} revoked: must be 1 to {MAX_KEYS} and at most "
                 f"{MAX_KEYS}"
             )
+        if weak := [key.raw.hex() for key in self.keys if signing.is_of_small_order(key.raw)]:
+            raise KeyFileError(f"key list: key {weak[0]} is of small order: anyone can sign anything for it")
         if both := self.keys & self.revoked:
             raise KeyFileError(f"key list: key {min(key.fingerprint for key in both)} is allowed and revoked")
 

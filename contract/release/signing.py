@@ -79,7 +79,7 @@ def signer(signature: bytes, data: bytes) -> PublicKey | None:
     if match is None:
         raise ValueError("not of the form stillwake-signature/1")
     raw, value = (bytes.fromhex(part.decode()) for part in match.groups())
-    if _is_of_small_order(raw):
+    if is_of_small_order(raw):
         return None
     try:
         Ed25519PublicKey.from_public_bytes(raw).verify(value, data)
@@ -150,12 +150,12 @@ def _parse_public(name: str, content: bytes) -> PublicKey:
         raise KeyFileError(f"key {name}: not a public key in PEM") from error
     if not isinstance(key, Ed25519PublicKey):
         raise KeyFileError(f"key {name}: must be an Ed25519 key")
-    if _is_of_small_order(key.public_bytes_raw()):
+    if is_of_small_order(key.public_bytes_raw()):
         raise KeyFileError(f"key {name}: is of small order: anyone can sign anything for it")
     return PublicKey(key.public_bytes_raw())
 
 
-def _is_of_small_order(raw: bytes) -> bool:
+def is_of_small_order(raw: bytes) -> bool:
     """Whether a key is one of those, whatever the sign of its x."""
     return bytes([*raw[:31], raw[31] & 0x7F]) in _SMALL_ORDER
 

@@ -1,8 +1,11 @@
 """CAN over UDP multicast: python-can's backend with a parser of our own.
 
 python-can 4.6 gives a datagram's values to `can.Message` whatever their type: `{"data": 2**30}` in 20 bytes allocates
-a gigabyte. It hears its own frames and, on Linux, the groups that others on the machine have joined. It passes on both
-copies of a datagram that came over two network interfaces, and is silent on those that found the kernel's queue full.
+a gigabyte. It hears its own frames and, on Linux, the groups that others on the machine have joined. It is silent on
+those that found the kernel's queue full.
+
+Equal datagrams are no copies: others send them without a time, and ISO-TP numbers frames from 0 again every 16. A
+datagram that stays on this machine comes once; where one comes twice, the end-to-end counters show it.
 """
 
 import socket
@@ -29,12 +32,6 @@ except ModuleNotFoundError:
 
 RECEIVE_QUEUE: Final = 1 << 22
 """Bytes asked of the kernel: about 5,000 datagrams, where its default holds 256 of them."""
-
-COPY_WINDOW_S: Final = 0.001
-"""Equal datagrams of one sender within this time are copies of one. They hold the sender's own time; where that is
-left out, no node repeats a frame as fast as this."""
-_RECENT: Final = 16
-"""Datagrams that a copy may come behind."""
 
 _ECHOES: Final = 4096
 """Own datagrams that have not been heard yet; more than the kernel's queue is asked to hold."""
@@ -121,7 +118,6 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
     def _remember_nothing(self) -> None:
         self._lock = Lock()
         self._echoes: deque[bytes] = deque(maxlen=_ECHOES)
-        self._recent: deque[tuple[object, bytes, float]] = deque(maxlen=_RECENT)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """See `can.BusABC.send`."""
@@ -138,17 +134,13 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
         received = self._multicast.recv(timeout)
         if received is None:
             return None, False
-        datagram, sender, timestamp = received
+        datagram, _, timestamp = received
         message = parse_datagram(datagram, timestamp=timestamp)
         if isinstance(message, Rejection):
             raise UnusableReceptionError(message)
         # The port does not identify a node: all on this machine share it.
         if self._is_echo(datagram):
-            self._recent.append((sender, datagram, timestamp))
             raise UnusableReceptionError(Rejection.OWN)
-        if any((sender, datagram) == known[:2] and abs(timestamp - known[2]) < COPY_WINDOW_S for known in self._recent):
-            raise UnusableReceptionError(Rejection.DUPLICATE)
-        self._recent.append((sender, datagram, timestamp))
         return message, False
 
     def _is_echo(self, datagram: bytes) -> bool:

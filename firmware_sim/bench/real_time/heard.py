@@ -12,7 +12,6 @@ from can_bridge.wire.message_sets import SETS, MessageSet
 MOST_NAMED: Final = 4
 """Identifiers in the line."""
 
-_OWN: Final = (Rejection.OWN, Rejection.DUPLICATE)
 _SET_OPTIONS: Final = {"classic CAN": "bus.frames=classic", "CAN FD": "bus.frames=fd"}
 
 
@@ -61,7 +60,8 @@ def line(heard: Heard, messages: MessageSet, rejected: Mapping[Rejection, int], 
         named = ", ".join(f"0x{i:03x}" for i in sorted(others)[:MOST_NAMED])
         more = "" if len(others) <= MOST_NAMED else f" and {len(others) - MOST_NAMED} more"
         return f"{opening}: no ECU; heard are other nodes' {named}{more}"
-    unusable = [f"{count} {reason.value}" for reason, count in rejected.items() if count and reason not in _OWN]
+    foreign = {reason: count for reason, count in rejected.items() if count and reason is not Rejection.OWN}
+    unusable = [f"{count} {reason.value}" for reason, count in foreign.items()]
     if unusable:
         return f"{opening}: no ECU; what is heard cannot be used: {', '.join(unusable)}"
     return f"{opening}: nothing at all is heard; no ECU on this bus, or it is another bus.channel"

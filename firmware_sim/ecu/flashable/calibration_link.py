@@ -57,9 +57,9 @@ class CalibrationLink:
     def xcp(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         """Take the tool's frames; those to it. Storing that is asked for waits until it is allowed."""
         packets = [packet for frame in frames for packet in self._xcp.command(now_ns, frame.data)]
-        if self._xcp.wants_store:
+        if (calibration := self._xcp.to_store(now_ns)) is not None:
             try:
-                self.service.store()
+                self.service.store(calibration)
             except Refused as refused:
                 if refused.code is not Nrc.CONDITIONS_NOT_CORRECT:
                     # To try again in every period would wear out a memory that fails.

@@ -18,6 +18,7 @@ from typing import Final
 
 from can_bridge.flashing.checking import Fits
 from can_bridge.flashing.folder_backing import FolderBacking
+from can_bridge.flashing.folder_files import open_regular
 from can_bridge.flashing.store import Store
 from contract.atomic import replacing
 from contract.errors import ConfigError, OutputError
@@ -114,8 +115,12 @@ def provision(
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """While the block lasts no other process runs this ECU; raises ConfigError if one does."""
-    with open(folder / _LOCK, "wb") as file:
+    """While the block lasts no other process runs this ECU; raises ConfigError if one does, or it cannot be locked."""
+    try:
+        handle = open_regular(folder / _LOCK, os.O_WRONLY | os.O_CREAT)
+    except OSError as error:
+        raise ConfigError(f"{folder / _LOCK}: {error.strerror or error}") from error
+    with os.fdopen(handle, "wb") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

@@ -86,7 +86,7 @@ def test_what_is_stored():
     write(service, Did.CALIBRATION, values(lift=0.5))
     segment.select(Page.REFERENCE)
     assert service.read(Did.CALIBRATION) == values()
-    service.store()
+    service.store(segment.in_force)
     assert kept.raw == values()
     service, _ = service_of(empty := Kept(), Nrc.CONDITIONS_NOT_CORRECT)
     write(service, Did.CALIBRATION, values(lift=0.7))

@@ -11,7 +11,7 @@ from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.xcp import Command
 from can_bridge.calibration.xcp_slave import IDLE_NS, XcpSlave
 from can_bridge.flashing.access_level import Level
-from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, CmacAccess
+from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, CmacAccess, changed
 from tests.examples import examples
 
 CONNECT = "FF 00"
@@ -126,7 +126,7 @@ def test_only_the_right_key_opens_changes_until_the_end_of_its_connection(slave,
         ask(slave, CONNECT)
         assert unlock(slave, access) == "FF 00"
         assert ask(slave, again, CONNECT, EFFORT, ONE) == ERRORS["LOCKED"], again
-    assert not segment.is_pending and not slave.wants_store
+    assert not segment.is_pending and slave.to_store(0) is None
     assert unlock(slave, access) == "FF 00"
     talk(slave, "FD > FF 00 00 00 00 00\nEFFORT + ONE > FF\nF0 04 00 00 00 40 > FF")
     taken = segment.take()
@@ -232,15 +232,26 @@ def test_pages(unlocked, segment):
     assert not segment.is_pending
 
 
-def test_storing_is_asked_for_and_reported(unlocked):
+def test_storing_is_asked_for_and_reported(unlocked, segment):
     talk(unlocked, "F9 02 00 00 > RANGE\nF9 01 00 00 > FF\nFD > FF 01 00 00 00 00")
-    assert unlocked.wants_store
+    assert unlocked.to_store(0) == segment.in_force
     assert unlocked.stored() == [b"\xfd\x03"]
     talk(unlocked, "FD > FF 00 00 00 00 00\nF9 01 00 00 > FF")
     unlocked.not_stored()
-    assert not unlocked.wants_store
-    talk(unlocked, "FD > FF 00 00 00 00 00\nF9 01 00 00 + FE > FF")
-    assert unlocked.stored() == []
+    talk(unlocked, "FD > FF 00 00 00 00 00")
+
+
+def test_a_request_to_store_means_the_values_of_its_moment_and_ends_with_its_connection(slave, access, segment):
+    for ends, now_ns in (("FE", 0), (CONNECT, 0), ("", IDLE_NS + 1)):
+        ask(slave, CONNECT)
+        unlock(slave, access)
+        ask(slave, "F9 01 00 00")
+        before = segment.in_force
+        segment.set(changed(lift=before.weights.lift + 1.0))
+        assert slave.to_store(0) == before, ends
+        ask(slave, ends)
+        assert slave.to_store(now_ns) is None, ends
+    assert slave.stored() == []
 
 
 @examples(300)

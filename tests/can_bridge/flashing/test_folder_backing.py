@@ -1,5 +1,6 @@
 """The store's place in a folder: nothing that was kept is lost with the supply."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -99,6 +100,12 @@ def test_what_the_system_refuses_is_one_line(tmp_path):
         backing.append(Slot.A, bytes(11))
     with pytest.raises(MediumError, match="0 bytes are there, must be 5 or more"):
         backing.begin_again(Slot.A, 5)
+    # A FIFO has to be refused, not waited for.
+    for name in ("state.record", "slot_b.image"):
+        os.mkfifo(tmp_path / "folder" / name)
+    for use in (backing.records, lambda: backing.read(Slot.B, 0, 1), lambda: next(iter(backing.clear(Slot.B)))):
+        with pytest.raises(MediumError, match=r"store .*: (must be a regular file|No such device)"):
+            use()
     (tmp_path / "folder" / "record.new").mkdir()
     with pytest.raises(MediumError, match=r"record\.new"):
         backing.keep(Kind.STATE, b"")

@@ -128,7 +128,13 @@ def test_damage_is_named_in_one_line(tmp_path):
         (".asc", lambda content: content[: content.rindex(b"00")], "bytes announced|no End TriggerBlock"),
         (".log", lambda content: content[:-20], f"{unreadable}|its last line has no end"),
         (".log", lambda content: b"\xff\xfe\x00", unreadable),
-        (".log", lambda content: content.replace(b"1.003000", b"nan"), "frame 4: has no time but nan"),
+        (".log", lambda content: content.replace(b"1.003000", b"nan"), "frame 4: time nan s, must be within"),
+        (".log", lambda content: content.replace(b"1.003000", b"1e300"), "frame 4: time 1e.300 s, must be within"),
+        (
+            ".log",
+            lambda content: content.replace(b" 00000003#", b" FFFFFFFFFF#"),
+            "line 4: identifier FFFFFFFFFF,",
+        ),
         (".trc", lambda content: content[:-10], f"{unreadable}|its last line has no end"),
     ]:
         path = tmp_path / f"a{suffix}"
@@ -175,7 +181,7 @@ def test_other_files_are_refused_by_name(tmp_path):
 def test_mf4_without_asammdf_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr("can_bridge.logs.log_reader.find_spec", lambda name: None)
     (tmp_path / "a.mf4").touch()
-    with pytest.raises(BusError, match=r"a\.mf4: MF4 needs asammdf: pip install 'stillwake\[mf4\]'$"):
+    with pytest.raises(BusError, match=r"a\.mf4: MF4 needs asammdf: pip install '\.\[mf4\]' in a checkout"):
         list(read_messages(tmp_path / "a.mf4"))
     with pytest.raises(BusError, match="needs asammdf"), recording_messages(tmp_path / "b.mf4"):
         pytest.fail("must not get here")

@@ -33,3 +33,9 @@ def test_a_frame_without_bit_rate_switch_takes_longer():
     )
     # 64 bytes and their stuff bits at 500 kbit/s in place of 2 Mbit/s.
     assert 2.5 * fast < slow < 4.0 * fast
+
+
+def test_a_log_that_runs_backwards_spans_from_its_earliest_to_its_latest_frame():
+    frames = [can.Message(timestamp=t, data=bytes(8)) for t in (9.0, 1.0, 5.0)]
+    summary = summarise(frames, decoder=decode, config=BusConfig())
+    assert (summary.first_s, summary.last_s, summary.span_s) == (1.0, 9.0, 8.0)

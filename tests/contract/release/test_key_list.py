@@ -14,10 +14,10 @@ from tests.examples import examples
 ROOT = Ed25519PrivateKey.from_private_bytes(bytes([1]) * 32)
 STRANGER = Ed25519PrivateKey.from_private_bytes(bytes([2]) * 32)
 TRUSTED = signing.public_key(ROOT)
-KEYS = [PublicKey(bytes([number]) * 32) for number in range(40)]
+KEYS = [PublicKey(bytes([number]) * 32) for number in range(1, 41)]
 LISTED = KeyList(version=3, keys=frozenset(KEYS[:2]), revoked=frozenset(KEYS[2:3]))
 RAW = key_list.encode(LISTED, ROOT)
-BODY = {"schema": "stillwake-keys/1", "version": 3, "keys": ["00" * 32, "01" * 32], "revoked": ["02" * 32]}
+BODY = {"schema": "stillwake-keys/1", "version": 3, "keys": ["01" * 32, "02" * 32], "revoked": ["03" * 32]}
 
 
 def signed(text: bytes, key: Ed25519PrivateKey = ROOT) -> bytes:
@@ -73,7 +73,8 @@ def test_what_is_no_list_is_refused_even_if_the_root_key_signed_it():
         (BODY | {"keys": ["00" * 31]}, "64 hex digits"),
         (BODY | {"keys": ["zz" * 32]}, "damaged"),
         (BODY | {"keys": [1]}, "damaged"),
-        (BODY | {"revoked": ["00" * 32]}, "is allowed and revoked"),
+        (BODY | {"revoked": ["01" * 32]}, "is allowed and revoked"),
+        (BODY | {"keys": ["ec" + "ff" * 31]}, f"key ec{'ff' * 31} is of small order"),
         (BODY | {"more": 1}, "must have keys, revoked, schema and version"),
         (BODY | {"keys": ["00" * 32, "00" * 32]}, "twice"),
         (BODY | {"keys": ["0A" * 32]}, "64 hex digits"),
