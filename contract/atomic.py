@@ -42,8 +42,10 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
     """Yield a temporary path next to `path`; move it there if the block succeeds, remove it if not.
+
+    With `keep`, the files of a new directory go into an old one, and the others in it stay.
 
     The folders are made if need be, and removed again if nothing came of it. Works for a file or a directory; an old
     directory is kept until the new one is in its place.
@@ -57,16 +59,24 @@ def replacing(path: Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         try:
-            if temporary.is_dir() and path.is_dir():
+            keep = keep and path.is_dir()
+            for item in sorted(temporary.iterdir()) if keep else ():
+                item.replace(path / item.name)
+            if temporary.is_dir() and path.is_dir() and not keep:
                 # A directory cannot be moved onto another that is not empty.
                 path.replace(aside)
-            temporary.replace(path)
+            if not keep:
+                temporary.replace(path)
         except BaseException:
             if aside.is_dir() and not path.exists():
                 aside.replace(path)
             raise
     except OSError as error:
         raise StillwakeError(f"cannot write {path}: {error.strerror or error}") from error
+    except StillwakeError as error:
+        # Of a file in a directory: by the name that it was to have.
+        named = str(error).replace(str(temporary), str(path))
+        raise (type(error)(named) if named != str(error) else error) from None
     finally:
         for leftover in (temporary, aside):
             if leftover.is_dir():

@@ -3,14 +3,19 @@
 cantools comes with the extra `bus`; a node needs none of it.
 """
 
+import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from contract.errors import BusError, install
+from contract.printable import shown
 
 if TYPE_CHECKING:
     from cantools.database.can.database import Database
 
+LONGEST: Final = 65_536
+"""Bytes, or bits where a format counts them, of a message: CAN XL has 2048 bytes. cantools lays out every bit."""
+_LENGTH: Final = re.compile(rb'(?:^ *BO_ +\d+ +\w+ *: *|\blength="|^ *Len=|LENGTH>)(\d+)', re.MULTILINE)
 NEEDS_CANTOOLS = f"reading it needs cantools: {install('bus')}"
 
 
@@ -29,6 +34,7 @@ def load_network(path: Path) -> "Database":
     if path.exists() and not path.is_file():
         raise BusError(f"{path}: is a {'directory' if path.is_dir() else 'device or pipe'}, must be a file")
     try:
+        _check_lengths(path)
         # The file may be of any age and encoding; stricter tools report its mistakes to its author.
         database = load_file(path, strict=False)
     except OSError as error:
@@ -40,3 +46,9 @@ def load_network(path: Path) -> "Database":
     if not isinstance(database, Database):
         raise BusError(f"{path}: describes diagnostics, not the messages of a bus")
     return database
+
+
+def _check_lengths(path: Path) -> None:
+    for found in _LENGTH.finditer(path.read_bytes()):
+        if len(found[1]) > 9 or int(found[1]) > LONGEST:
+            raise ValueError(f"{shown(found[0].decode())} is the length of a message: must be at most {LONGEST}")

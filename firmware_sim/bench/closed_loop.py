@@ -44,12 +44,13 @@ def run_closed_loop(
     faults: Sequence[Disturbance] = (),
     fault_seed: int = 0,
     ecu: LoopEcu | None = None,
+    report: Callable[[RunFolder], object] = lambda folder: None,
 ) -> RunLog:
     """Run a wake under the bundle's controller and keep the results in `output`.
 
     Args:
-        output: run folder (`firmware_sim.runs.run_folder`), created if need be; all files but the report. A run that is
-            there is replaced when this one is whole.
+        output: run folder (`firmware_sim.runs.run_folder`), created if need be. A run that is there is replaced when
+            this one is whole.
         bundle: verified release.
         config: the vehicle; its operating point and control period must be the bundle's.
         lead_in, controlled, settle, averages: `firmware_sim.bench.spans.Spans`.
@@ -62,6 +63,7 @@ def run_closed_loop(
         faults: what disturbs the run; their times are in s of it.
         fault_seed: of what they draw.
         ecu: in place of the ECU in Python, which `controller` is for.
+        report: writes what else belongs into the folder, when the others are in it.
 
     Raises:
         StillwakeError: if the folder cannot be written, the bundle does not fit the vehicle, the bus cannot carry
@@ -80,17 +82,12 @@ def run_closed_loop(
         seed=fault_seed,
         ecu=ecu,
     )
-    folder = RunFolder(output)
     with ExitStack() as stack:
-        # Whole runs only: every file appears when the block has succeeded, and none before.
-        series, figures, stills, uncontrolled_picture, controlled_picture = (
-            stack.enter_context(replacing(path))
-            for path in (
-                *(folder.series, folder.summary, folder.wake),
-                *(folder.uncontrolled_picture, folder.controlled_picture),
-            )
-        )
-        capture = stack.enter_context(frame_log.recording(folder.frames))
+        # Whole runs only: all files appear when the block has succeeded, and none before.
+        folder = RunFolder(stack.enter_context(replacing(output, keep=True)))
+        folder.path.mkdir()
+        frames = stack.enter_context(ExitStack())
+        capture = frames.enter_context(frame_log.recording(folder.frames))
         wake = stack.enter_context(open_plant("stillwake", output, config) if plant is None else plant)
         picture = LevelPicture(wake)
         recorder = WakeRecorder(Scene.of(picture, wake.layout), simulation.periods[1])
@@ -110,13 +107,15 @@ def run_closed_loop(
             capture=capture,
             origin=origin,
             ready=begin,
-            requesting=lambda: _draw(wake, bundle, "without control", uncontrolled_picture),
+            requesting=lambda: _draw(wake, bundle, "without control", folder.uncontrolled_picture),
             progress=record,
         )
-        _draw(wake, bundle, "under control", controlled_picture)
-        wake_stills.save(stills, recorder.recorded())
-        run_log.save(series, log)
-        figures.write_text(json.dumps(whole_summary(log), indent=2) + "\n", encoding="utf-8")
+        _draw(wake, bundle, "under control", folder.controlled_picture)
+        wake_stills.save(folder.wake, recorder.recorded())
+        run_log.save(folder.series, log)
+        folder.summary.write_text(json.dumps(whole_summary(log), indent=2) + "\n", encoding="utf-8")
+        frames.close()
+        report(folder)
     return log
 
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from contract.atomic import check_writable
 from contract.errors import StillwakeError
 
 
@@ -25,8 +26,12 @@ class RunFolder:
         self.controlled_picture = path / "vorticity_controlled.png"
 
     def check_free(self, *, overwrite: bool) -> None:
-        """Raises StillwakeError if a run cannot be written here, or would replace another one unasked."""
-        if self.path.exists() and not self.path.is_dir():
-            raise StillwakeError(f"cannot write {self.path}: it is a file, and a run needs a folder")
-        if not overwrite and (self.series.exists() or self.summary.exists()):
+        """Raises StillwakeError if a run cannot be written here, or would come among others' files or replace another
+        one unasked. OpenFOAM's developed start may be there without a run."""
+        check_writable(self.path, folder=True)
+        there = {item.name for item in self.path.iterdir()} if self.path.is_dir() else set()
+        holds_a_run = {self.series.name, self.summary.name} & there
+        if there - {"openfoam"} and not holds_a_run:
+            raise StillwakeError(f"{self.path}: there is something that is no run; name another folder")
+        if not overwrite and holds_a_run:
             raise StillwakeError(f"{self.path} holds a run: give another folder, or --overwrite to replace it")

@@ -84,7 +84,7 @@ def injected(log: RunLog) -> str | None:
     faults = log.metadata.faults
     if not faults:
         return None
-    return f"Disturbed by {'; '.join(one.text for one in faults)}."
+    return f"Disturbed ({'; '.join(one.text for one in faults)})."
 
 
 def _judged(log: RunLog, found: Averages) -> str:

@@ -13,6 +13,7 @@ from rich.table import Table
 from can_bridge.wire.messages import SENSORS
 from contract.config.loading import from_tree, load
 from contract.config.tree import Config
+from contract.controller.c_folder import SETTINGS as C_SETTINGS
 from contract.errors import ConfigError, ModelError, OutputError, StillwakeError
 from contract.model import linear_model_folder, model_folder
 from contract.model.linear_model_folder import is_linear
@@ -25,6 +26,8 @@ from stillwake.console.settings import settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, Threads, console, progress_bar
 from stillwake.parts.fitted_estimator import fitted_estimator
 from stillwake.parts.releases import open_release
+
+_LIBRARY: Final = "there is a C library already"
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
 """Settings of a release that its model does not fix."""
@@ -76,14 +79,14 @@ def export(
     if model is None or output is None:
         if model is not None or c_folder is None or sensors or key is not None or dataset is not None:
             raise OutputError("no BUNDLE to write: name MODEL and BUNDLE, or --c FOLDER alone for the shipped bundle's")
-        check_output(c_folder, overwrite=overwrite, folder=True, occupant="there is a C library already")
+        check_output(c_folder, overwrite=overwrite, folder=True, occupant=_LIBRARY, mark=C_SETTINGS)
         _export_shipped(c_folder, config_file, overrides)
         return
     signing_key = None if key is None else read_private_key(key)
     config = _settings(model, config_file, overrides, uses=USES if c_folder is None else (*USES, *USES_IN_C))
     check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", occupant=_description(output))
     if c_folder is not None:
-        check_output(c_folder, overwrite=overwrite, folder=True, occupant="there is a C library already")
+        check_output(c_folder, overwrite=overwrite, folder=True, occupant=_LIBRARY, mark=C_SETTINGS)
 
     from export.release.pipeline import PHASES, CLibrary, export_all, gate_figures
     from firmware_sim.in_c.host_library import CController

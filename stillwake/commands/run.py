@@ -22,7 +22,7 @@ from contract.release.checks import Bundle
 from contract.results import write_result
 from stillwake.console.outputs import check_json
 from stillwake.console.settings import WEIGHTS, settings
-from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar, visible
 from stillwake.parts.releases import Trust, describe, open_release
 
 if TYPE_CHECKING:
@@ -125,6 +125,9 @@ def run(
         raise ConfigError("--require-reduction needs averages: leave out --no-averages")
     if require_reduction is not None and not isfinite(require_reduction):
         raise ConfigError(f"--require-reduction {require_reduction}: must be a number of percent")
+    if require_reduction is not None and 0.0 < abs(require_reduction) < 1.0:
+        percent = f"for {100 * require_reduction:g} % write {100 * require_reduction:g}"
+        raise ConfigError(f"--require-reduction {require_reduction:g}: is a number of percent; {percent}")
     if ecu not in ECUS:
         raise ConfigError(f"--ecu {ecu}: must be one of {', '.join(ECUS)}")
     disturbances = [*map(parse_node_fault, fault), *map(parse_disturbance, disturb)]
@@ -187,8 +190,8 @@ def run(
             calibration=calibration,
             origin=RunOrigin.on(
                 date.today(),
-                command=("stillwake", *map(shlex.quote, sys.argv[1:])),
-                start=None if start is None else str(start),
+                command=("stillwake", *(visible(shlex.quote(word)) for word in sys.argv[1:])),
+                start=None if start is None else visible(str(start)),
             ),
             ready=ready,
             progress=show,
@@ -197,12 +200,12 @@ def run(
             faults=disturbances,
             fault_seed=fault_seed,
             ecu=in_c,
+            report=write_report,
         )
-    page = write_report(folder)
     if json_file is not None:
         write_result(json_file, figures=summary(log), facts=log.metadata.to_tree(), on=date.today())
     _print(log)
-    console.print(f"wrote {page} and {folder.summary}", soft_wrap=True)
+    console.print(f"wrote {folder.report} and {folder.summary}", soft_wrap=True)
     _exit(log, require_reduction)
 
 

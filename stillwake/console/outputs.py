@@ -23,7 +23,7 @@ def check_dataset_name(path: Path) -> None:
         raise OutputError(f"{path}: a data set is an HDF5 file; its name must end in {endings}")
 
 
-def check_output(path: Path, *, overwrite: bool, folder: bool = False, occupant: str = "") -> None:
+def check_output(path: Path, *, overwrite: bool, folder: bool = False, occupant: str = "", mark: str = "") -> None:
     """Refuse a place that cannot be written, or that holds something and is not to be replaced.
 
     Args:
@@ -31,12 +31,15 @@ def check_output(path: Path, *, overwrite: bool, folder: bool = False, occupant:
         overwrite: whether the user asked to replace what is there.
         folder: whether the result is a folder; an empty one counts as free.
         occupant: what is there, in words, for the message.
+        mark: a file that a folder of this kind has; one without it is never replaced.
 
     Raises:
         OutputError: something is there.
         StillwakeError: nothing can be written there.
     """
     check_writable(path, folder=folder)
+    if mark and folder and path.is_dir() and any(path.iterdir()) and not (path / mark).exists():
+        raise OutputError(f"{path}: there is something else; name another folder")
     if not overwrite and path.exists() and not (folder and not any(path.iterdir())):
         raise OutputError(
             f"{path}: {occupant or 'there is one already'}; give --overwrite to replace it, or another name"

@@ -74,7 +74,7 @@ def write_report(folder: RunFolder, target: Path | None = None) -> Path:
     )
     path = folder.report if target is None else target
     with replacing(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
     return path
 
 

@@ -100,7 +100,7 @@ def latency(
     from firmware_sim.latency.report import PAGE, write_report
 
     limits = None if budget is None else read_budget(budget)
-    check_output(output, overwrite=overwrite, folder=True)
+    check_output(output, overwrite=overwrite, folder=True, mark=PAGE)
     check_json(json_file)
     loaded = with_bus(settings("bench latency", config_file, overrides, uses=USES))
     release = open_release(bundle, trust)

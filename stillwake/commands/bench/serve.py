@@ -13,7 +13,7 @@ from contract.atomic import check_writable
 from stillwake.commands.run import cost_weights
 from stillwake.console.settings import WEIGHTS, settings
 from stillwake.console.stopping import until_stopped
-from stillwake.console.terminal import ConfigFile, Overrides, console
+from stillwake.console.terminal import ConfigFile, Overrides, console, visible
 from stillwake.parts.releases import Trust, describe, open_release
 
 USES: Final = (
@@ -89,7 +89,7 @@ def serve(
         settings=first,
         enable_after=enable_after,
         saves=saves,
-        command=("stillwake", *map(shlex.quote, sys.argv[1:])),
+        command=("stillwake", *(visible(shlex.quote(word)) for word in sys.argv[1:])),
     )
 
     def ready(url: str) -> None:

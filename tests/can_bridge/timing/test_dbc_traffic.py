@@ -106,6 +106,10 @@ def test_what_cannot_go_on_this_bus_is_refused(dbc):
 def test_what_describes_no_bus_is_refused_in_one_line(tmp_path):
     """A device without an end would fill the memory, and a pipe without a writer would wait for ever."""
     unreadable = "no description of a CAN bus that cantools can read: "
+    # cantools would be busy with its bits for half a minute.
+    (tmp_path / "long.dbc").write_text("BO_ 416 Drag: 99999999 A\n")
+    with refused(BusError, unreadable + "BO_ 416 Drag: 99999999 is the length of a message: must be at most 65536"):
+        read_traffic(tmp_path / "long.dbc", BusConfig(), TAKEN, seed=0)
     for name, content, reason in [
         ("broken.dbc", SHIPPED.read_bytes().replace(b"BO_ 304 ", b"BO_ x "), unreadable),
         ("bytes.kcd", bytes(range(256)), unreadable),

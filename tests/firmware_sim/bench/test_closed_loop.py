@@ -1,5 +1,6 @@
 """A release on the real wake, for a few periods: what the run folder holds, over each kind of frames."""
 
+import errno
 import json
 import secrets
 from dataclasses import asdict
@@ -15,6 +16,7 @@ from can_bridge.secoc.key import write_key
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
 from contract.config.vehicle import BackgroundConfig, BusConfig, VehicleConfig
+from contract.errors import StillwakeError
 from contract.release import bundle
 from contract.release.checks import Bundle
 from export.program.random_program import random_program
@@ -138,10 +140,10 @@ def test_control_starts_when_it_is_requested_and_moves_the_jets(run):
     assert np.diff(log.series["t"]) == pytest.approx(0.2)
 
 
-def short_run(release, folder, *, lead_in: float = 1.0, controlled: float = 1.0, progress=lambda *_: None, **bus):
+def short_run(release, folder, *, lead_in=1.0, controlled=1.0, progress=lambda *_: None, report=str, **bus):
     spans: dict[str, Any] = {"lead_in": lead_in, "controlled": controlled, "settle": 0.0, "averages": False}
     config = Config(bus=BusConfig(**bus))
-    log = run_closed_loop(folder, release, config, progress=progress, **spans)
+    log = run_closed_loop(folder, release, config, progress=progress, report=report, **spans)
     return log, (folder / "frames.log").read_bytes(), json.loads((folder / "summary.json").read_text())
 
 
@@ -151,8 +153,11 @@ def test_a_stopped_run_leaves_nothing_behind_and_an_old_one_alone(release, tmp_p
 
     def stop(row, done, total) -> None:
         if done == 2:
-            assert any(folder.iterdir())
+            assert len(list(tmp_path.iterdir())) == 1 + folder.exists()
             raise Stopped
+
+    def full(_folder: RunFolder) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
 
     folder = tmp_path / "run"
     for old in ([], ["run", "series.npz"]):
@@ -161,6 +166,9 @@ def test_a_stopped_run_leaves_nothing_behind_and_an_old_one_alone(release, tmp_p
             (folder / "series.npz").write_text("old")
         with pytest.raises(Stopped):
             short_run(release, folder, progress=stop)
+        # Nor does one stay whose page could not be written.
+        with pytest.raises(StillwakeError, match="No space left"):
+            short_run(release, folder, report=full)
         assert [path.name for path in tmp_path.rglob("*")] == old
     assert (folder / "series.npz").read_text() == "old"
 

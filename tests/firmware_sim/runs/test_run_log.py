@@ -45,6 +45,8 @@ def test_another_run_is_replaced_only_when_asked_and_a_file_is_no_folder(tmp_pat
         RunFolder(folder).check_free(overwrite=True)
         with pytest.raises(StillwakeError, match=rf"cannot write .*{name}: it is a file"):
             RunFolder(folder / name).check_free(overwrite=True)
+        with pytest.raises(StillwakeError, match="there is something that is no run; name another folder"):
+            RunFolder(tmp_path).check_free(overwrite=True)
 
 
 def test_a_file_that_is_no_run_is_refused_by_name(tmp_path):

@@ -31,6 +31,7 @@ BEFORE = {
     "--lead-in 5": "--lead-in = 5: must be at least 10 t_c",
     "--no-averages --require-reduction 20": "--require-reduction needs averages",
     "--require-reduction nan": "--require-reduction nan: must be a number of percent",
+    "--require-reduction 0.2": "--require-reduction 0.2: is a number of percent; for 20 % write 20",
     # An ECU in C.
     "--ecu rust": "--ecu rust: must be one of python, c, cortex-m7",
     "--ecu c --set bus.key=k.pem": "bus.key: --ecu c has no authentication",
@@ -173,17 +174,17 @@ def test_the_help_names_every_fault():
 def test_a_run_with_faults_on_the_bus_is_known_as_one(cli, tmp_path, short_release):
     faults = ("vehicle:disconnect@0.14..", "ecu:duplicate")
     words = [word for one in faults for word in ("--fault", one)]
-    outcome = cli("run", tmp_path / "run", "--bundle", short_release, *QUICK, *words, "--fault-seed", 7)
+    outcome = cli("run", tmp_path / "r\udcff", "--bundle", short_release, *QUICK, *words, "--fault-seed", 7)
     assert (outcome.code, outcome.err) == (3, "")
-    headline = f"Disturbed by {'; '.join(faults)}."
+    headline = f"Disturbed ({'; '.join(faults)})."
     assert headline in " ".join(outcome.out.split())
-    found = json.loads((tmp_path / "run" / "summary.json").read_text())
+    found = json.loads((tmp_path / "r\udcff" / "summary.json").read_text())
     assert headline in found["headline"]
     # An open wire loses what the vehicle sends, and what it would have received, in the last four of eleven periods: a
     # command and a status each, twice.
     assert found["injected_faults"] == [{"text": faults[0], "acted": 4 + 16}, {"text": faults[1], "acted": 22}]
     assert found["fault_seed"] == 7
-    assert headline in (tmp_path / "run" / "report.html").read_text()
+    assert headline in (tmp_path / "r\udcff" / "report.html").read_text()
 
 
 @pytest.mark.slow
