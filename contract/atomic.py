@@ -76,7 +76,9 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
     except StillwakeError as error:
         # Of a file in a directory: by the name that it was to have.
         named = str(error).replace(str(temporary), str(path))
-        raise (type(error)(named) if named != str(error) else error) from None
+        if named == str(error):
+            raise
+        raise type(error)(named) from error
     finally:
         for leftover in (temporary, aside):
             if leftover.is_dir():
