@@ -21,9 +21,9 @@ def opened(path: Path) -> Iterator[h5py.File]:
     """
     if not path.is_file():
         raise DatasetError(f"{path}: no such dataset")
-    values, groups, seen = 0, list[h5py.Group](), set[int]()
+    values, seen = 0, set[int]()
     with h5py.File(path, "r") as file:
-        groups.append(file)
+        groups: list[h5py.Group] = [file]
         # h5py's own visitor stumbles over names that are no UTF-8.
         for group in groups:
             for raw in group.id:

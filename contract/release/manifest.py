@@ -150,14 +150,13 @@ class Manifest:
         return self.provenance.get("kind") == LINEAR
 
     def __post_init__(self) -> None:
-        if not is_name(self.name):
-            raise BundleManifestError(f"name {quoted(self.name)}: must be 1 to {MAX_NAME} printable characters")
+        for what, name in (("name", self.name), ("hardware", self.hardware)):
+            if name is not None and not is_name(name):
+                raise BundleManifestError(f"{what} {quoted(name)}: must be 1 to {MAX_NAME} printable characters")
         if not 0 <= self.security_version <= LARGEST_SECURITY_VERSION:
             raise BundleManifestError(
                 f"security_version = {self.security_version!r}: must be in 0..{LARGEST_SECURITY_VERSION}"
             )
-        if self.hardware is not None and not is_name(self.hardware):
-            raise BundleManifestError(f"hardware {quoted(self.hardware)}: must be 1 to {MAX_NAME} printable characters")
         self._check_sensors()
         if self.sensor_estimator is not None:
             self._check_estimator(self.sensor_estimator)

@@ -166,11 +166,11 @@ def load(path: Path) -> RunLog:
 def _check(log: RunLog) -> None:
     """Raises ValueError for times, modes or reasons that no run has."""
     t = log.series["t"]
-    if not len(t) or not np.isfinite(t).all() or (np.diff(t) <= 0.0).any():
-        raise ValueError("'t' must rise, by finite numbers")
-    for name in ("Cd", "Cl", "action"):
+    for name in ("t", "Cd", "Cl", "action"):
         if not np.isfinite(log.series[name]).all():
             raise ValueError(f"{name!r} must hold finite numbers")
+    if not len(t) or (np.diff(t) <= 0.0).any():
+        raise ValueError("'t' must rise")
     if not 0 <= log.enabled_at <= len(t):
         raise ValueError(f"enabled_at = {log.enabled_at}: must be a row from 0 to {len(t)}")
     for name, kind in (("mode", Mode), ("reason", Reason)):

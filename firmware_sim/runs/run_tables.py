@@ -119,13 +119,8 @@ def _control_rows(log: RunLog) -> list[tuple[str, str]]:
 
 
 def _injected(run: RunMetadata) -> list[tuple[str, str]]:
-    return [
-        (
-            "disturbance",
-            f"{one.text}: acted {one.acted} time{'' if one.acted == 1 else 's'}, seed {run.fault_seed}",
-        )
-        for one in run.faults
-    ]
+    times = [f"{one.acted} time{'' if one.acted == 1 else 's'}, seed {run.fault_seed}" for one in run.faults]
+    return [("disturbance", f"{one.text}: acted {text}") for one, text in zip(run.faults, times, strict=True)]
 
 
 def _authentication(run: RunMetadata) -> list[tuple[str, str]]:
@@ -150,11 +145,8 @@ def _bus_rows(log: RunLog) -> list[tuple[str, str]]:
 
 def _weights(run: RunMetadata) -> str:
     changed = run.changed_weights
-    if not changed:
-        return "the bundle's"
-    return "not the bundle's: " + ", ".join(
-        f"{name} {ours:g} (bundle {bundles:g})" for name, (ours, bundles) in changed.items()
-    )
+    words = (f"{name} {ours:g} (bundle {bundles:g})" for name, (ours, bundles) in changed.items())
+    return f"not the bundle's: {', '.join(words)}" if changed else "the bundle's"
 
 
 def _ecu(run: RunMetadata) -> str:

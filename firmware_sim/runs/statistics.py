@@ -122,15 +122,9 @@ def latency(log: RunLog) -> Latency:
     planned = log.series["step_ms"][planned_steps(log)]
     if not len(planned):
         return Latency(p50=np.nan, p90=np.nan, p99=np.nan, max=np.nan, steps=0, over_budget=0)
-    p50, p90, p99 = np.percentile(planned, [50, 90, 99])
-    return Latency(
-        p50=float(p50),
-        p90=float(p90),
-        p99=float(p99),
-        max=float(planned.max()),
-        steps=len(planned),
-        over_budget=int((planned > log.metadata.budget_ms).sum()),
-    )
+    p50, p90, p99, most = map(float, np.percentile(planned, [50, 90, 99, 100]))
+    over = int((planned > log.metadata.budget_ms).sum())
+    return Latency(p50=p50, p90=p90, p99=p99, max=most, steps=len(planned), over_budget=over)
 
 
 def actuator_delay_ms(log: RunLog) -> float:
