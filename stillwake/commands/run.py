@@ -206,7 +206,7 @@ def run(
         write_result(json_file, figures=summary(log), facts=log.metadata.to_tree(), on=date.today())
     _print(log)
     console.print(f"wrote {folder.report} and {folder.summary}", soft_wrap=True)
-    _exit(log, require_reduction)
+    exit_with(log, require_reduction)
 
 
 def _ecu_in_c(kind: str, library: Path | None, release: Bundle, config: Config, *, clock_mhz: float) -> "LoopEcu":
@@ -323,7 +323,7 @@ def _print(log: "RunLog") -> None:
     console.print(headline(log), soft_wrap=True, markup=False)
 
 
-def _exit(log: "RunLog", required: float | None) -> None:
+def exit_with(log: "RunLog", required: float | None) -> None:
     """End with the status that says whether the run is what was asked for."""
     from firmware_sim.runs.control import trouble
     from firmware_sim.runs.summary import summary

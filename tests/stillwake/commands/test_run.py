@@ -7,8 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import typer
 
 from can_bridge.bus.faults.text import KINDS
+from can_bridge.wire.messages import Mode, Reason
 from contract.config.controller import CostWeights
 from contract.config.loading import load
 from contract.errors import ConfigError
@@ -16,8 +18,9 @@ from contract.release import bundle, signing
 from contract.release.checks import Bundle
 from firmware_sim.runs import run_log
 from firmware_sim.runs.run_folder import RunFolder
-from stillwake.commands.run import cost_weights, run
+from stillwake.commands.run import cost_weights, exit_with, run
 from tests.conftest import SIGNING_KEY
+from tests.firmware_sim.runs.conftest import shedding_log
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 QUICK = ["--lead-in", 1.2, "--controlled", 1.0, "--no-averages"]
@@ -187,11 +190,13 @@ def test_a_run_with_faults_on_the_bus_is_known_as_one(cli, tmp_path, short_relea
     assert headline in (tmp_path / "r\udcff" / "report.html").read_text()
 
 
-@pytest.mark.slow
-def test_a_reduction_that_is_not_reached_ends_with_status_4(cli, tmp_path, short_release):
-    """This controller was never trained."""
-    spans = ["--lead-in", 10, "--controlled", 10, "--settle", 0, "--set", "flow.refinement=0.4"]
-    outcome = cli("run", tmp_path / "run", "--bundle", short_release, *spans, "--require-reduction", 20)
-    assert (outcome.code, outcome.err) == (4, "")
-    assert "--require-reduction 20: not reached, it is " in outcome.out
-    assert json.loads((tmp_path / "run" / "summary.json").read_text())["reduction_percent"] < 20.0
+def test_a_reduction_that_is_not_reached_ends_with_status_4(run_metadata, capsys):
+    log = shedding_log(run_metadata)
+    exit_with(log, 19.9)
+    with pytest.raises(typer.Exit) as ended:
+        exit_with(log, 20.1)
+    assert ended.value.exit_code == 4
+    assert "--require-reduction 20.1: not reached, it is 20.00 %" in capsys.readouterr().out
+    with pytest.raises(typer.Exit) as ended:
+        exit_with(shedding_log(run_metadata, modes={3: Mode.FAULT}, reasons={3: Reason.DEADLINE}), None)
+    assert ended.value.exit_code == 3
