@@ -7,14 +7,15 @@ frames are in order. A network of the bundle estimates each pressure from the wi
 * one sensor lies: it is far from the estimate by the others, and these agree with each other without it. It is set
   aside until the ECU is restarted, and its estimate, which is never built on itself, stands in for it;
 * two are exchanged: with their readings put right, all agree far better. The jets go to zero, and the fault latches;
-* the pressures disagree, and neither explains it. The same.
+* the pressures disagree, at once or in the mean of two shedding cycles, and neither explains it. The same.
 
 Residuals are averaged over a few periods, which keeps what is slow and drops noise, squared, and averaged again over a
 shedding cycle. Noise changes from one period to the next, as no lie does: what noise is left is measured by the
 residuals' differences, and allowed for. So noise on all sensors, which the controller bears, never takes control away.
 
-A sensor whose reading never changes at all needs no estimate: no transducer in a flow does that. Whether there is a
-flow, by the others: on a vehicle that stands or creeps, all pressures rest or nearly so, and none of them lies.
+Sensors that read the same over a whole window are copies of one, as a broken multiplexer makes them: the jets go to
+zero. A reading that never changes at all is stuck: no transducer in a flow does that. Whether there is a flow, by the
+others: on a vehicle that stands or creeps, all pressures rest or nearly so, and none of them lies.
 """
 
 from dataclasses import dataclass, field, replace
@@ -38,6 +39,12 @@ estimate has some as well."""
 MOVING: Final = 0.4
 """Deviations of sound sensors' residuals by which the others have to move while one rests, or it is no lie. In the
 shipped recording it is 0.015 in Cp; the others' median moves by 0.022 or more in any ten periods."""
+
+ALIKE: Final = 0.1
+"""The same for copies: the rms difference of two readings over a window. 0.004 in Cp; sound ones have over 0.011."""
+
+DRIFT_ALLOWED: Final = 4.0
+"""How much more slow means may disagree than fast ones: 64; sound ones reach 7, or 40 without any one sensor."""
 
 
 class Estimator(Protocol):
@@ -105,13 +112,8 @@ class SensorCheckState:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, SensorCheckState):
             return NotImplemented
-        return (self.set_aside, self.doubt, self.implausible) == (
-            other.set_aside,
-            other.doubt,
-            other.implausible,
-        ) and all(
-            np.array_equal(mine, its, equal_nan=True) for mine, its in zip(self._arrays(), other._arrays(), strict=True)
-        )
+        both = zip(vars(self).values(), vars(other).values(), strict=True)
+        return all(np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray) else a == b for a, b in both)
 
     def _arrays(self) -> list[Array]:
         return [item for item in vars(self).values() if isinstance(item, np.ndarray)]
@@ -130,20 +132,14 @@ class Levels(NamedTuple):
         bias: (S,) the same, of the slow means.
         swap: (P,) that these two are exchanged.
         doubt: that the sensors which are in use disagree.
+        drift: the same, of the slow means, whichever one of all sensors is left out.
     """
 
     liar: Array
     bias: Array
     swap: Array
     doubt: float
-
-
-class Verdict(NamedTuple):
-    """The verdict of a state, by the names of its fields."""
-
-    set_aside: int | None
-    doubt: int
-    implausible: bool
+    drift: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -161,9 +157,12 @@ class SensorCheck:
     slow: Array
     config: SensorCheckConfig
     hypotheses: Hypotheses = field(init=False)
+    _sound: float = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "hypotheses", Hypotheses.of(self.fast.shape[1]))
+        sensors = self.fast.shape[1]
+        object.__setattr__(self, "hypotheses", Hypotheses.of(sensors))
+        object.__setattr__(self, "_sound", float(self.fast[:sensors].diagonal().mean()))
 
     @classmethod
     def of(cls, figures: SensorEstimator, estimator: Estimator, config: SensorCheckConfig) -> "SensorCheck":
@@ -207,10 +206,10 @@ class SensorCheck:
         flat = np.where(cp == state.readings, state.flat + 1, 0.0)
         means = self._averaged(state, self.hypotheses.residuals(cp, by_view)) if rows == length else {}
         state = replace(state, readings=cp.copy(), flat=flat, estimates=estimates, **means)
-        verdict = self._verdict(state, seen)
+        verdict = self._verdict(state, seen, full=rows == length)
         # As a rule it stands, and a state is costly to make.
-        if verdict != Verdict(state.set_aside, state.doubt, state.implausible):
-            state = replace(state, **verdict._asdict())
+        if any(getattr(state, name) != value for name, value in verdict.items()):
+            state = replace(state, **verdict)
         return state, Reason.IMPLAUSIBLE if state.implausible else None
 
     def levels(self, state: SensorCheckState) -> Levels:
@@ -220,12 +219,15 @@ class SensorCheck:
         fast_each, slow_each = _split(state.score, sensors), _split(slow, sensors)
         swapped = state.score[sensors:].mean(axis=1)
         alone = fast_each.own
-        doubt = alone.mean() if state.set_aside is None else fast_each.others[state.set_aside]
+        aside = state.set_aside
+        doubt = alone.mean() if aside is None else fast_each.others[aside]
+        drift = slow_each.others.min() if aside is None else slow_each.others[aside]
         return Levels(
             liar=alone / (1.0 + fast_each.others),
             bias=slow_each.own / (1.0 + slow_each.others),
             swap=alone.mean() / (1.0 + swapped),
             doubt=float(doubt),
+            drift=float(drift) / DRIFT_ALLOWED,
         )
 
     def _averaged(self, state: SensorCheckState, residual: Array) -> dict[str, Any]:
@@ -245,11 +247,17 @@ class SensorCheck:
     def _others_move(self, resting: int, window: Array) -> bool:
         """Whether the other pressures of a window show a flow in the periods in which this one rested."""
         moved = np.ptp(window[-self.config.flat_periods :, :-1], axis=0)
-        sensors = len(moved)
-        return bool(np.median(np.delete(moved, resting)) >= MOVING * self.fast[:sensors].diagonal().mean())
+        return bool(np.median(np.delete(moved, resting)) >= MOVING * self._sound)
 
-    def _verdict(self, state: SensorCheckState, window: Array) -> Verdict:
-        """What the running means and the resting readings of a state amount to, with the window (L, S + 1)."""
+    def _any_alike(self, window: Array, set_aside: int | None) -> bool:
+        """Whether two sensors in use have the same reading over a window."""
+        one, other = np.transpose([pair for pair in pairs(window.shape[1] - 1) if set_aside not in pair])
+        # One after the other, as in C: `sum` may add in another order.
+        squares = np.square(window[:, one] - window[:, other]).cumsum(axis=0)
+        return bool((squares[-1] <= len(window) * (ALIKE * self._sound) ** 2).any())
+
+    def _verdict(self, state: SensorCheckState, window: Array, *, full: bool) -> dict[str, Any]:
+        """What means, resting readings and the window (L, S + 1) amount to, by the names of the state's fields."""
         config, levels = self.config, self.levels(state)
         flat = np.flatnonzero(state.flat >= config.flat_periods)
         others_flat = [j for j in flat if j != state.set_aside]
@@ -261,17 +269,17 @@ class SensorCheck:
             if evidence.max() >= 1.0:
                 set_aside = int(evidence.argmax())
         newly = set_aside != state.set_aside
-        doubted = levels.doubt >= config.doubt_level
+        doubted = max(levels.doubt, levels.drift) >= config.doubt_level
         if set_aside is None:
             doubted = doubted or bool(levels.swap.max() >= config.swap_level)
-        if others_flat:
+        if others_flat or (full and self._any_alike(window, set_aside)):
             doubt = config.doubt_periods
         elif newly:
             doubt = 0
         else:
             doubt = min(config.doubt_periods, max(0, state.doubt + (1 if doubted else -1)))
         implausible = doubt >= config.doubt_periods or (state.implausible and doubt > 0)
-        return Verdict(set_aside=set_aside, doubt=doubt, implausible=implausible)
+        return {"set_aside": set_aside, "doubt": doubt, "implausible": implausible}
 
 
 class _Split(NamedTuple):

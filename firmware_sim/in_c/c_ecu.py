@@ -31,6 +31,7 @@ EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
 _BUNDLE_HASH: Final = re.compile(rb"^#define SW_BUNDLE_HASH UINT32_C\((0x[0-9a-f]+)\)$", re.MULTILINE)
 _UNDEFINED: Final = re.compile(r"undefined symbol: (\w+)")
 _ALIGNMENT: Final = 64
+_Answer = Callable[[Any], int]
 ESTIMATOR: Final = "sw_estimator_settings.h"
 """Generated for a release with a sensor estimator."""
 
@@ -43,14 +44,15 @@ class CEcuState:
         ecu: pointer to its `sw_ecu`, or to a mirror of it.
         bundle_hash: that its status carries.
         calibrate: has `sw_ecu_calibrate` run with an `sw_calibration`; what it returns.
+        restore: has `sw_ecu_restore` run with a pointer to an `sw_ecu_state`, or does the same; what it returns.
 
     Attributes:
         structs: as given.
     """
 
-    def __init__(self, structs: Structs, ecu: Any, bundle_hash: int, calibrate: Callable[[bytes], int]) -> None:
+    def __init__(self, structs: Structs, ecu: Any, bundle_hash: int, calibrate: _Answer, restore: _Answer) -> None:
         self.structs = structs
-        self._ecu, self._bundle_hash, self._calibrate = ecu, bundle_hash, calibrate
+        self._ecu, self._bundle_hash, self._calibrate, self._restore = ecu, bundle_hash, calibrate, restore
 
     @property
     def state(self) -> EcuState:
@@ -90,21 +92,17 @@ class CEcuState:
         """Go on from a state: one that was `saved`, or one of any ECU of the same release, settings and calibration.
 
         Raises:
-            ValueError: if the state is of another delay.
+            ValueError: if the state is of another delay, or one that no ECU can have left; C judges.
         """
         ffi, place = self.structs.ffi, self.structs.ffi.new("sw_ecu_state *")
         if isinstance(state, bytes):
             ffi.buffer(place)[:] = state
         else:
             self.structs.set_state(place, state)
-        if (frozen := place.memory.frozen) != self._ecu.state.memory.frozen:
+        if self._restore(place) != 0:
             raise ValueError(
-                f"state with {frozen} frozen actions: this ECU has {self._ecu.state.memory.frozen}; give both the same "
-                "calibration"
+                "state: of another calibration's delay, or no ECU can have left it: a number is out of range"
             )
-        self._ecu.state = place[0]
-        ffi.buffer(ffi.addressof(self._ecu.trace))[:] = bytes(ffi.sizeof("sw_trace"))
-        self._ecu.trace.action = self._ecu.state.memory.under_way[frozen]
 
 
 class CEcu(CEcuState):
@@ -153,10 +151,11 @@ class CEcu(CEcuState):
         ecu = ffi.cast("sw_ecu *", self._room + start)
         self._library.sw_ecu_init(ecu)
 
-        def calibrate(packed: bytes) -> int:
-            return int(self._library.sw_ecu_calibrate(ecu, ffi.from_buffer("sw_calibration *", packed)))
-
-        super().__init__(structs, ecu, bundle_hash, calibrate)
+        lib, buffer = self._library, ffi.from_buffer
+        super().__init__(structs, ecu, bundle_hash,
+            lambda packed: int(lib.sw_ecu_calibrate(ecu, buffer("sw_calibration *", packed))),
+            lambda state: int(lib.sw_ecu_restore(ecu, state)),
+        )  # fmt: skip
         self._answers = ffi.new("sw_frame[2]")
         self.restore(self.saved())
 

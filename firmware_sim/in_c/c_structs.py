@@ -196,15 +196,15 @@ class Structs:
         fail_safe.enable_request, fail_safe.lost = safe.enable_request, safe.lost
         fail_safe.misses, fail_safe.good = _count(safe.misses), _count(safe.good)
         timing, timed = state.timing, value.timing
-        timing.has_step, timing.step_ns = timed.step_ns is not None, _time(timed.step_ns or 0)
+        timing.has_step, timing.step_ns = timed.step_ns is not None, c_time(timed.step_ns or 0)
         timing.fault = Reason.NONE if timed.fault is None else timed.fault
-        timing.off_time, timing.lag_ns, timing.skipped = timed.off_time, _time(timed.lag_ns), _time(timed.skipped)
+        timing.off_time, timing.lag_ns, timing.skipped = timed.off_time, c_time(timed.lag_ns), c_time(timed.skipped)
         other, heard = state.other_ecu, value.other_ecu
         other.is_there, other.frames = heard.until_ns is not None, _count(heard.frames)
-        other.until_ns = _time(heard.until_ns or 0)
+        other.until_ns = c_time(heard.until_ns or 0)
         state.command_counter, state.status_counter = value.commands.counter, value.statuses.counter
         state.has_pressures = value.pressure_ns is not None
-        state.pressure_counter, state.pressure_ns = value.pressure_counter or 0, _time(value.pressure_ns or 0)
+        state.pressure_counter, state.pressure_ns = value.pressure_counter or 0, c_time(value.pressure_ns or 0)
         state.overruns, state.missed = _count(value.overruns), _count(value.missed)
         self._set_health(state.health, value.health)
 
@@ -249,11 +249,6 @@ class Structs:
     def _known(self, member: Any, *, known: int) -> Array:
         found = self._array(member)
         return found if known else np.full_like(found, np.nan)
-
-
-def c_time(now_ns: int) -> int:
-    """A time as C takes it: one that it has no room for is the nearest that it has, and a fault of the clock."""
-    return _time(now_ns)
 
 
 def flattened(value: object, name: str = "") -> dict[str, Any]:
@@ -309,5 +304,6 @@ def _count(value: int) -> int:
     return min(value, LARGEST["uint32"])
 
 
-def _time(value: int) -> int:
+def c_time(value: int) -> int:
+    """A time as C takes it: one that it has no room for is the nearest that it has, and a fault of the clock."""
     return max(-LARGEST["int64"] - 1, min(value, LARGEST["int64"]))

@@ -6,7 +6,7 @@ model of its pipeline (`firmware_sim.mcu.pipeline`) and the basic blocks that th
 
 import struct
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
@@ -44,7 +44,7 @@ class McuEcu(CEcuState):
             raise McuError(MISSING)
         structs = Structs(sources, compiler)
         ecu = structs.ffi.new("sw_ecu *")
-        super().__init__(structs, ecu, bundle_hash_of(sources), self._calibrated)
+        super().__init__(structs, ecu, bundle_hash_of(sources), self._calibrated, self._restored)
         self._clock_mhz = clock_mhz
         self._frame_bytes = structs.size("sw_frame")
         self._machine = Machine(read_elf(compile_for_cortex_m7(sources, main=ECU)))
@@ -107,6 +107,15 @@ class McuEcu(CEcuState):
         answer = self._machine.call("mcu_ecu_calibrate")
         self._load()
         return answer
+
+    def _restored(self, place: Any) -> int:
+        """In the mirror, which the next step writes back; only the delay is judged."""
+        if place.memory.frozen != self._ecu.state.memory.frozen:
+            return 1
+        self._ecu.state = place[0]
+        self._ecu.trace.planned = self._ecu.trace.interventions = 0
+        self._ecu.trace.action = place.memory.under_way[place.memory.frozen]
+        return 0
 
     def _load(self) -> None:
         """The core's memory, but for the workspace, into the mirror of it."""

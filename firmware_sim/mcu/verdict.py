@@ -2,13 +2,6 @@
 
 from collections.abc import Iterator, Mapping
 
-from contract.config.tree import Config
-
-
-def period_ms(config: Config) -> float:
-    """The control period at the operating point: all the time that a control step can have."""
-    return config.period_ns / 1e6
-
 
 def verdicts(modelled_ms: Mapping[str, float], period: float) -> Iterator[tuple[str, str]]:
     """(what, verdict) for people, one a clock.

@@ -205,7 +205,7 @@ def mcu(
     check_json(json_file)
 
     from firmware_sim.mcu.measure import PHASES, measure_folder
-    from firmware_sim.mcu.verdict import period_ms, verdicts
+    from firmware_sim.mcu.verdict import verdicts
     from stillwake.parts.c_release import library_folder
 
     with progress_bar("phases") as bar:
@@ -216,13 +216,13 @@ def mcu(
             )
         bar.update(task, completed=len(PHASES), note="")
     table = Table("one control step on a Cortex-M7", "")
-    for name, value in (*measured.rows(), *verdicts(measured.modelled_ms, period_ms(config))):
+    for name, value in (*measured.rows(), *verdicts(measured.modelled_ms, config.period_ns / 1e6)):
         table.add_row(name, value)
     console.print(table)
     if json_file is not None:
         write_result(
             json_file,
             figures=asdict(measured),
-            facts={"library": "shipped" if library is None else str(library), "period_ms": period_ms(config)},
+            facts={"library": "shipped" if library is None else str(library), "period_ms": config.period_ns / 1e6},
             on=date.today(),
         )

@@ -40,7 +40,7 @@ def vehicle(
         Path | None, typer.Option(help="Recording to replay; default: the shipped one.", metavar="FILE")
     ] = None,
     episode: Annotated[
-        str | None, typer.Option(help="Episode of it; default: the first recorded without a controller.")
+        str | None, typer.Option(help="Episode of it; default: one with the jets at rest, if there is one.")
     ] = None,
     begin: Annotated[float, typer.Option("--from", help="Where in the episode to begin, t_c.", min=0.0)] = 0.0,
     live: Annotated[

@@ -34,7 +34,7 @@ class Replay:
 
     Args:
         dataset: the recording.
-        episode: its name; the first that was recorded without a controller if None.
+        episode: its name; if None the first without a controller, before others one with the jets at rest.
         first: control step to begin with.
 
     Attributes:
@@ -63,7 +63,8 @@ class Replay:
     @property
     def description(self) -> str:
         """The episode, and what it is not."""
-        return f"recorded episode {self._name}, {len(self._cp)} periods: the pressures do not answer the jets"
+        found = f"open loop: recorded episode {self._name}, {len(self._cp)} periods"
+        return f"{found}; the pressures do not answer the jets, and an ECU in control may find them IMPLAUSIBLE"
 
     def sampled(self) -> Array:
         """The row of this period; after the last one the first."""
@@ -80,7 +81,7 @@ class Replay:
 
 def _episode(dataset: Dataset, name: str | None) -> Episode:
     if name is None:
-        return next((item for item in dataset.episodes if item.role != "controlled"), dataset.episodes[0])
+        return min(dataset.episodes, key=lambda one: (one.role == "controlled", bool(one.series["action"].any())))
     for item in dataset.episodes:
         if item.name == name:
             return item

@@ -99,6 +99,18 @@ def test_exchanged_sensors_latch_and_a_request_alone_does_not_end_it(pressures):
     assert bench.status.reason == Reason.NONE
 
 
+def test_two_sensors_that_drift_together_slowly_latch(pressures):
+    """To 1.8 deviations in 180 periods: no single sensor explains it, and at no time do they disagree much."""
+    bench = started()
+    drive(bench, pressures, 150)
+
+    def read(cp, k):
+        return cp + 0.128 * min(1.8, 0.01 * (k - 150)) * np.array([1, 1, 0, 0])
+
+    assert drive(bench, pressures, 400, read)[-1].mode is Mode.FAULT
+    assert (bench.status.reason, bench.status.set_aside) == (Reason.IMPLAUSIBLE, 0)
+
+
 def test_switched_off_or_without_an_estimator_nothing_is_checked(pressures):
     off = replace(make_bench().config.ecu.sensor_check, enabled=False)
     bare = replace(RELEASE, manifest=replace(RELEASE.manifest, sensor_estimator=None), files={})

@@ -164,6 +164,28 @@ def test_exchanged_sensors_shut_the_jets(pair: tuple[int, int]) -> None:
     assert (drive.fault, drive.state.set_aside) == (Reason.IMPLAUSIBLE, None)
 
 
+COPIES = {
+    "the mean of all": lambda cp, k: np.full(4, cp.mean()),
+    "the first of all": lambda cp, k: np.full(4, cp[0]),
+    "three of one": lambda cp, k: cp[[1, 1, 1, 3]],
+    "two of one, within a step of the wire": lambda cp, k: cp[[0, 1, 2, 2]] + 0.0003 * np.array([0, 0, 0, k % 2]),
+}
+
+
+def test_readings_that_are_copies_of_each_other_shut_the_jets_or_their_sensor_is_set_aside() -> None:
+    for name, read in COPIES.items():
+        drive = sound()
+        drive.until_seen(read, LENGTH)
+        for _ in range(LENGTH):
+            drive.step(read)
+        two = name.startswith("two")
+        assert drive.fault is Reason.IMPLAUSIBLE or (two and drive.state.set_aside == 3), name
+        # It ends with the copies: the periods in doubt have to pass, and those of the window.
+        for _ in range(60):
+            drive.step()
+        assert drive.fault is None, name
+
+
 def test_a_second_liar_shuts_the_jets() -> None:
     drive = sound()
     drive.until_seen(with_value(0, lambda value, k: value + 0.4), 30)

@@ -119,6 +119,15 @@ def test_every_value_is_calibrated_while_it_runs_as_in_python(c, python):
         assert differing(c.state, python.state) == [], period
     with pytest.raises(ValueError, match="calibration"):
         c.restore(replace(python.state, memory=python.state.memory.with_delay(3)))
+    # Damaged bytes are refused at the door, and nothing is changed; `twin_replay.c` damages each byte.
+    before = damaged = c.saved()
+    for member in ("memory.rows", "sensors.set_aside", "fail_safe.mode"):
+        struct, name = member.split(".")
+        place = c.structs.ffi.offsetof("sw_ecu_state", struct) + c.structs.ffi.offsetof(f"sw_{struct}", name)
+        damaged = before[:place] + b"\x7f" + before[place + 1 :]
+        with pytest.raises(ValueError, match="no ECU can have left it"):
+            c.restore(damaged)
+    assert c.saved() == before
 
 
 def test_what_has_no_ecu_or_c_cannot_do_is_refused_in_one_line(release, sources, tmp_path):

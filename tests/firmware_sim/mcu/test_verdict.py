@@ -1,14 +1,6 @@
-"""Does a control step fit? Times and periods by hand."""
+"""Does a control step fit? Times by hand."""
 
-from contract.config.operating_point import OperatingPoint
-from contract.config.tree import Config
-from firmware_sim.mcu.verdict import period_ms, verdicts
-
-
-def test_the_period_is_that_of_the_operating_point():
-    assert period_ms(Config()) == 20.0
-    # Twice the speed, half the time.
-    assert period_ms(Config(operating_point=OperatingPoint(speed=50.0))) == 10.0
+from firmware_sim.mcu.verdict import verdicts
 
 
 def test_the_verdict_names_the_factor():

@@ -36,7 +36,7 @@ EDGES: Final = (
     -LATEST - 1, -LATEST, -(2**62), -(2**61), -1, 0, 1, 2**61 - 1, 2**61, 2**61 + 1, 2**62, LATEST - 1, LATEST,
 )  # fmt: skip
 """Times at which something could overflow, or cease to be valid."""
-LIES: Final = ("dead", "stuck", "biased", "noisy", "two biased", "swapped", "all stuck", "all noisy")
+LIES: Final = ("dead", "stuck", "biased", "noisy", "two biased", "swapped", "all stuck", "all noisy", "alike", "copies")
 FAULTS: Final = tuple(reason for reason in Reason if reason)
 _WILD: Final = (np.nan, np.inf, -np.inf, 3.4e38, -3.4e38, 1e-45, 0.0, -0.0, 1.0)
 _LARGE: Final = (0, 1, 127, 255, 256, 65_535, 2**32 - 1)
@@ -150,6 +150,10 @@ class Traffic:
             seen[[i, j]] = seen[[j, i]]
         elif self._lie == "all stuck":
             seen = self._stuck
+        elif self._lie == "alike":
+            seen[j] = seen[i]
+        elif self._lie == "copies":
+            seen[:] = seen[i]
         return seen
 
     def _estimates(self, cp: Array, odd: float) -> Array:

@@ -11,7 +11,7 @@ from tests.proofs.ecu.hostile_world import small_bundle
 
 UNCHECKED: Final = SensorCheckConfig(enabled=False)
 QUICK: Final = SensorCheckConfig(
-    liar_level=3.0, bias_level=4.0, swap_level=1.0, doubt_level=2.0, doubt_periods=4, flat_periods=3
+    liar_level=3.0, bias_level=4.0, swap_level=0.5, doubt_level=2.0, doubt_periods=4, flat_periods=3
 )
 """To set sensors aside and to doubt them, so that it often happens."""
 

@@ -28,7 +28,7 @@ def test_what_cannot_be_is_one_line(all_refused) -> None:
             "--slow-down inf": "--slow-down inf: must be a number from 1 to 1000",
             "--enable-after inf": "--enable-after inf: must be a number of seconds",
             "--episode sine": "episode 'sine': the data set has ",
-            "--from 1e5": "control step 500000: episode training_1 has 0..4999",
+            "--from 1e5": "control step 500000: episode none_0 has 0..2499",
             "--from inf": "--from inf: must be a number of t_c within the episode",
             "--dataset none.h5": "none.h5: no such dataset",
             "--bundle none": "none",

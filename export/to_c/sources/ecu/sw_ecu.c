@@ -252,6 +252,28 @@ int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values)
     return beyond;
 }
 
+/* Whether all that is used as an index, shifted by, or added up is within its range. */
+static int could_be(const sw_ecu_state *state)
+{
+    const sw_memory *memory = &state->memory;
+    const int window = memory->rows <= SW_WINDOW && memory->frozen < SW_HORIZON;
+    const int sensors = state->sensors.set_aside >= -1 && state->sensors.set_aside < SW_SENSORS;
+    const int stream = state->pressures.stream <= SW_INVALID && state->pressures.checks <= SW_E2E_WINDOW;
+    const int step = state->timing.step_ns >= -1 && state->timing.step_ns <= SW_LATEST_NS;
+    const int lag = state->timing.lag_ns >= -SW_PERIOD_NS && state->timing.lag_ns <= SW_PERIOD_NS;
+    return window & sensors & stream & step & lag & (state->fail_safe.mode <= SW_UPDATE);
+}
+
+int sw_ecu_restore(sw_ecu *ecu, const sw_ecu_state *state)
+{
+    if (!could_be(state) || state->memory.frozen != ecu->state.memory.frozen) return 1;
+    ecu->state = *state;
+    ecu->trace.action = newest(&state->memory);
+    ecu->trace.interventions = 0;
+    ecu->trace.planned = 0;
+    return 0;
+}
+
 int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int count, sw_frame frames_out[SW_FRAMES_OUT])
 {
     sw_ecu_state *state = &ecu->state;

@@ -230,6 +230,12 @@ void sw_ecu_init(sw_ecu *ecu);
  */
 int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values);
 
+/* Go on from a state that was saved: `state` of an sw_ecu of the same release, settings and calibration. Returns 0, or 1
+ * for one that no ECU can have left, as of memory that failed; nothing is changed then. What is checked is what would
+ * lead out of an array or of a number's range. A checksum is the caller's, who knows the memory.
+ */
+int sw_ecu_restore(sw_ecu *ecu, const sw_ecu_state *state);
+
 /* One control period that begins at now_ns. frames_in has everything received since the last step, oldest first; with a
  * count of 0 it may be NULL. Writes the frames to be sent, over frames_in if that is the same memory, and returns how
  * many. A step that takes longer than a period is seen in the next one, by that one's time.

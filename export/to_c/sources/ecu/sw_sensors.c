@@ -46,9 +46,12 @@ typedef struct {
     double bias[SW_SENSORS]; /* the same, of the slow means */
     double swap;             /* that two are exchanged: the largest of all pairs */
     double doubt;            /* that the sensors in use disagree */
+    double drift;            /* the same, of the slow means, whichever one of all sensors is left out */
 } levels;
 
 static double square(double value) { return value * value; }
+static double larger(double a, double b) { return a > b ? a : b; }
+static double smaller(double a, double b) { return a < b ? a : b; }
 
 /* The running mean after one more value. */
 static double mean_with(double before, double value, int periods)
@@ -136,8 +139,8 @@ static double alone_in(const double values[SW_SENSORS], int own)
 /* The levels of the running means. */
 static levels levels_of(const sw_sensors *sensors)
 {
-    levels found = {{0.0}, {0.0}, 0.0, 0.0};
-    double alone[SW_SENSORS];
+    levels found = {{0.0}, {0.0}, 0.0, 0.0, 0.0};
+    double alone[SW_SENSORS], without[SW_SENSORS];
     for (int j = 0; j < SW_SENSORS; j++) {
         double slow[SW_SENSORS];
         for (int i = 0; i < SW_SENSORS; i++) {
@@ -147,6 +150,7 @@ static levels levels_of(const sw_sensors *sensors)
         alone[j] = sensors->score[j][j];
         found.liar[j] = alone_in(sensors->score[j], j);
         found.bias[j] = alone_in(slow, j);
+        without[j] = others_mean(slow, j);
     }
     const double disagreement = mean_of(alone);
     for (int p = SW_SENSORS; p < SW_HYPOTHESES; p++) {
@@ -154,7 +158,14 @@ static levels levels_of(const sw_sensors *sensors)
         if (swap > found.swap) found.swap = swap;
     }
     const int aside = sensors->set_aside;
-    found.doubt = aside < 0 ? disagreement : others_mean(sensors->score[aside], aside);
+    if (aside < 0) {
+        found.doubt = disagreement;
+        found.drift = smaller(smaller(without[0], without[1]), smaller(without[2], without[3]));
+    } else {
+        found.doubt = others_mean(sensors->score[aside], aside);
+        found.drift = without[aside];
+    }
+    found.drift /= SW_DRIFT_ALLOWED;
     return found;
 }
 
@@ -173,19 +184,42 @@ static double moved(const double window[SW_WINDOW][SW_COLUMNS], int first, int c
     return most - least;
 }
 
-static double larger(double a, double b) { return a > b ? a : b; }
-static double smaller(double a, double b) { return a < b ? a : b; }
+/* The mean of sound sensors' residuals by all others. */
+static double sound_deviation(void)
+{
+    double sound[SW_SENSORS];
+    for (int s = 0; s < SW_SENSORS; s++) sound[s] = fast_deviation[s][s];
+    return mean_of(sound);
+}
 
 /* Whether the other pressures show a flow in the periods in which this one rested: their median. */
 static int others_move(int resting, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
-    double by[SW_SENSORS - 1], sound[SW_SENSORS];
+    double by[SW_SENSORS - 1];
     for (int s = 0, n = 0; s < SW_SENSORS; s++) {
-        sound[s] = fast_deviation[s][s];
         if (s != resting) by[n++] = moved(window, first, s);
     }
     const double median = larger(smaller(by[0], by[1]), smaller(larger(by[0], by[1]), by[2]));
-    return median >= SW_MOVING * mean_of(sound);
+    return median >= SW_MOVING * sound_deviation();
+}
+
+/* Whether two sensors in use have the same reading over a window. */
+static int any_alike(const double window[SW_WINDOW][SW_COLUMNS], int set_aside)
+{
+    const double most = (double)SW_WINDOW * square(SW_ALIKE * sound_deviation());
+    int alike = 0;
+    for (int i = 0; i < SW_SENSORS; i++) {
+        for (int j = i + 1; j < SW_SENSORS; j++) {
+            const int in_use = i != set_aside && j != set_aside;
+            double sum = in_use ? 0.0 : 2.0 * most + 1.0;
+            for (int k = 0; k < SW_WINDOW; k++) {
+                if (sum > most) break; /* it only grows */
+                sum += square(window[k][i] - window[k][j]);
+            }
+            if (sum <= most) alike = 1;
+        }
+    }
+    return alike;
 }
 
 /* The first of the sensors with the most evidence against them; -1 if none has enough. */
@@ -238,12 +272,13 @@ static void judge(sw_sensors *sensors, const double window[SW_WINDOW][SW_COLUMNS
         /* It stays aside. */
     }
     const int swapped = set_aside < 0 && found.swap >= SW_SWAP_LEVEL;
-    if (resting > 0) {
+    if (resting > 0 || (first == 0 && any_alike(window, set_aside))) {
         sensors->doubt = SW_DOUBT_PERIODS;
     } else if (set_aside != sensors->set_aside) {
         sensors->doubt = 0;
     } else {
-        sensors->doubt = counted_doubt(sensors->doubt, found.doubt >= SW_DOUBT_LEVEL || swapped);
+        const int doubted = larger(found.doubt, found.drift) >= SW_DOUBT_LEVEL;
+        sensors->doubt = counted_doubt(sensors->doubt, doubted || swapped);
     }
     sensors->set_aside = (int8_t)set_aside;
     sensors->implausible =

@@ -1,5 +1,7 @@
 """A recording as a flow in real time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -30,6 +32,9 @@ def test_rows_come_one_a_period_and_begin_again_whatever_the_jets_do() -> None:
     assert Replay(recorded).sampled()[0] == 100.0
     assert Replay(recorded, "round").sampled()[0] == 900.0
     assert Replay(Dataset(episodes=recorded.episodes[:1])).sampled()[0] == 900.0
+    # Nor a forced one, where the jets were at rest in another.
+    forced = replace(recorded.episodes[1], series={**recorded.episodes[1].series, "action": np.ones(4)})
+    assert Replay(Dataset(episodes=(forced, episode("none", "train", 4, 300.0)))).sampled()[0] == 300.0
     with pytest.raises(DatasetError, match="episode 'chirp': the data set has round, sine"):
         Replay(recorded, "chirp")
     for first in (4, -1):

@@ -46,7 +46,7 @@ void twin_step(sw_ecu *ecu, const twin_stimulus *stimulus, twin_response *respon
         sw_ecu_init(ecu);
         response->starts_otherwise = !stimulus->loads && memcmp(&ecu->state, &stimulus->before, sizeof ecu->state) != 0;
     }
-    if (stimulus->loads) ecu->state = stimulus->before;
+    if (stimulus->loads) (void)sw_ecu_restore(ecu, &stimulus->before); /* one that it refuses differs from Python's */
     if (stimulus->calibrates) response->refused = sw_ecu_calibrate(ecu, &stimulus->calibration);
     response->calibration = ecu->calibration;
     ecu->surroundings = stimulus->surroundings;

@@ -63,6 +63,27 @@ static int reception_is_sound(void)
     return receiver.stream == SW_VALID && !received.usable && received.unusable_because == SW_REASON_STALE;
 }
 
+/* A state with a damaged byte is refused, or it does no harm: the sanitisers see what it does in a period. */
+static int damage_is_borne(sw_ecu *ecu, const twin_period *period)
+{
+    static const uint8_t damages[] = {0x01, 0x7f, 0x80, 0xff};
+    static twin_stimulus stimulus;
+    static twin_response found;
+    long refused = 0;
+    stimulus = period->stimulus;
+    stimulus.restarts = 0;
+    stimulus.calibrates = 0;
+    for (size_t i = 0; i < 4 * sizeof(sw_ecu_state); i++) {
+        sw_ecu_init(ecu);
+        stimulus.before = ecu->state;
+        ((uint8_t *)&stimulus.before)[i / 4] ^= damages[i % 4];
+        refused += sw_ecu_restore(ecu, &stimulus.before);
+        stimulus.loads = 1;
+        twin_step(ecu, &stimulus, &found);
+    }
+    return refused > 0;
+}
+
 int main(int argc, char **argv)
 {
     static sw_ecu ecu;
@@ -88,6 +109,7 @@ int main(int argc, char **argv)
         number++;
     }
     fclose(file);
+    if (!damage_is_borne(&ecu, &period)) return EXIT_FAILURE;
     printf("%ld periods\n", number);
     return EXIT_SUCCESS;
 }
