@@ -175,9 +175,6 @@ WITH_THE_PLANT = {
     "picture vorticity a.png --sensors upper_99": "unknown sensor 'upper_99'",
     "picture pressure a.png --state nowhere.npz": "nowhere.npz: not a flow state",
     "picture vorticity a.png --state state0": "state0: not a flow state (damaged or not an NPZ file",
-    "picture vorticity a.png --state state1": "state1: not a flow state (damaged or not an NPZ file",
-    "picture vorticity a.png --state state2": "state2: not a flow state (damaged or not an NPZ file",
-    "picture vorticity a.png --state state3": "state3: not a flow state (damaged or not an NPZ file",
     "animate a.gif --skip 30": "skip = 150",
 }
 """Calls that are refused by what they build or load."""

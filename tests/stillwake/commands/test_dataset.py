@@ -120,15 +120,6 @@ def test_settings_that_do_not_agree_are_wrong_where_they_are_given(run: Run, mad
     assert "control period is 0.3 in the data set, flow.control_period = 0.2" in output
 
 
-def test_what_is_no_data_set_is_named(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "my.h5").write_bytes(b"\x89HDF\r\n\x1a\n half of a file")
-    for verb in ("check", "show"):
-        status, output, errors = run(verb, tmp_path / "my.h5")
-        assert status == 1
-        assert "damaged or not an HDF5 dataset" in output + errors
-    assert "no such dataset" in "".join(run("show", tmp_path / "none.h5")[1:])
-
-
 def test_the_settings_that_fit_are_not_written_over_a_file_of_the_user(run: Run, made: Path) -> None:
     """The hint has a redirection that would replace the file."""
     kept = made.with_suffix(".toml")
