@@ -16,7 +16,7 @@ from contract.errors import BundleControllerError
 from contract.printable import shown
 
 MAX_MEMORY: Final = 256 * 2**20
-"""Bytes that a step's intermediate values may take: the paper's controller needs one."""
+"""Bytes that the values of all graphs in a process may take: the paper's controller needs one million."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,8 +52,6 @@ class BoundedGraph:
         """
         options = _options()
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
-        _register_bounded_memory()
-        options.add_session_config_entry("session.use_env_allocators", "1")
         self.run_on_zeros(self._opened(options), 1, limit_s)
 
     def run_on_zeros(self, session: Any, steps: int, limit_s: float) -> None:
@@ -112,6 +110,9 @@ def _options() -> Any:
     # what is no folder, and not where the process happens to stand.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     options.add_session_config_entry("session.load_model_format", "ONNX")
+    # Also for the steps in control: what a graph takes on zeros is not what it takes on pressures.
+    _register_bounded_memory()
+    options.add_session_config_entry("session.use_env_allocators", "1")
     return options
 
 

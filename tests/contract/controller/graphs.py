@@ -40,6 +40,23 @@ def graph_of(nodes: Sequence[onnx.NodeProto] = (), constants: Sequence[onnx.Tens
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=8)
 
 
+def greedy() -> bytes:
+    """One that takes 4 GB where the plan reaches 1, and next to nothing where it is zero."""
+    nodes = [
+        helper.make_node("ReduceMax", ["plan"], ["largest"], keepdims=0),
+        helper.make_node("Mul", ["largest", "many"], ["wanted"]),
+        helper.make_node("Cast", ["wanted"], ["count"], to=onnx.TensorProto.INT64),
+        helper.make_node("Reshape", ["count", "one"], ["shape"]),
+        helper.make_node("Expand", ["many", "shape"], ["taken"]),
+        helper.make_node("ReduceSum", ["taken"], ["total"], keepdims=0),
+        helper.make_node("Add", ["plan", "total"], ["moved"]),
+    ]
+    one = onnx.numpy_helper.from_array(np.array([1]), "one")
+    model = graph_of(nodes, [constant("many", np.array(1e9)), one])
+    model.graph.node[len(nodes)].input[0] = "moved"
+    return model.SerializeToString()
+
+
 def edited(change: Callable[[onnx.ModelProto], object]) -> bytes:
     """The file of a graph that was changed."""
     model = graph_of()

@@ -97,6 +97,17 @@ def test_constants_that_multiply_to_gigabytes_are_not_computed(release):
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - resident < 400_000
 
 
+def test_a_step_whose_memory_depends_on_its_data_fails_and_takes_none():
+    """On zeros it is tame, so that no warm-up finds it."""
+    controller = OnnxController(graphs.greedy(), graphs.SIZES)
+    controller.warm_up(1)
+    resident = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    window, plan, free = (np.ones(graphs.SHAPES[name]) for name in ("window", "plan", "free"))
+    with pytest.raises(ControllerError, match=r"controller\.onnx failed"):
+        controller.control_step(window, plan, free)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - resident < 400_000
+
+
 def test_answers_that_are_not_finite_are_named(release):
     """3e38 is a float32; its square is not."""
     for bad in (np.nan, 3e38):
