@@ -72,17 +72,6 @@ def test_control_goes_on_without_a_dead_sensor_and_the_status_names_it_until_a_r
         assert bench.status.set_aside == 0
 
 
-def test_a_vehicle_that_starts_from_standstill_keeps_all_its_sensors(pressures):
-    """Pressures grow with the square of the speed; at first some are of less than a step of the wire, and rest."""
-    bench = started()
-    drive(bench, pressures, 100, lambda cp, k: np.zeros(4), enable=False)
-    assert bench.status.reason == Reason.IMPLAUSIBLE
-    drive(bench, pressures, 300, lambda cp, k: cp * min(1.0, (k - 100) / 250) ** 2, enable=False)
-    commands = drive(bench, pressures, 60)
-    assert bench.status.set_aside == 0
-    assert commands[-1].mode is Mode.CONTROL
-
-
 def test_exchanged_sensors_latch_and_a_request_alone_does_not_end_it(pressures):
     bench = started()
     drive(bench, pressures, 80)
