@@ -26,7 +26,8 @@ LONGEST_S: Final = 60.0
 TIMES: Final = 5
 """That a request is sent before there is no answer to it."""
 READ_TIMES: Final = 25
-"""As `TIMES`, for identifiers: the store's report has 150 classic frames, of which none may be lost."""
+"""As `TIMES`, for identifiers: the store's report has 150 classic frames, of which none may be lost. An ECU that has
+never answered is asked `TIMES` only: it is not there."""
 BUSY: Final = 0x21
 """busyRepeatRequest (ISO 14229-1, table A.1)."""
 BUSY_WAIT_S: Final = 0.1
@@ -58,6 +59,7 @@ class Asking:
         self._sleep = sleep
         self._began = clock()
         self.unanswered = 0
+        self._has_answered = False
         client.set_configs(_settings(key, self._pending))
 
     def session(self, session: Session) -> None:
@@ -189,8 +191,11 @@ class Asking:
         while True:
             sent += 1
             try:
-                return call()
+                answer = call()
+                self._has_answered = True
+                return answer
             except exceptions.NegativeResponseException as error:
+                self._has_answered = True
                 code = int(error.response.code or 0)
                 if code != BUSY or self._clock() - self._began > LONGEST_S:
                     raise RefusedError(step, code) from None
@@ -201,8 +206,8 @@ class Asking:
                 exceptions.InvalidResponseException,
                 exceptions.UnexpectedResponseException,
             ):
-                if sent >= times:
-                    raise NoAnswerError(step) from None
+                if sent >= (times if self._has_answered else min(times, TIMES)):
+                    raise NoAnswerError(step, was_there=self._has_answered) from None
                 self.unanswered += 1
 
     def _pending(self) -> None:

@@ -24,9 +24,10 @@ class NoAnswerError(FlashError):
 
     status: ClassVar[int] = NO_ANSWER
 
-    def __init__(self, step: str) -> None:
+    def __init__(self, step: str, *, was_there: bool = True) -> None:
+        what = f"the ECU does not {step}" if was_there else "no ECU answers on this bus"
         super().__init__(
-            f"the ECU does not {step}; see that it has power, and that interface, channel and bus.frames are its own"
+            f"{what}; see that it has power, runs with --slots, and that interface, channel and bus.frames are its own"
         )
 
 

@@ -109,6 +109,7 @@ def run(
     spin: Annotated[
         float, typer.Option(help="Stay awake for so many microseconds before each deadline.", min=0.0, max=5000.0)
     ] = 0.0,
+    bus: BusName = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
@@ -121,9 +122,9 @@ def run(
     With --slots it runs the release in a folder, which `stillwake flash` replaces over the same bus and `stillwake
     calibrate` tunes; `stillwake ecu provision` makes the folder, `stillwake ecu info` shows what runs.
 
-    stillwake ecu --set bus.interface=socketcan --set bus.channel=can0
+    stillwake ecu --bus socketcan:can0
 
-    stillwake ecu --slots slots --access access.key --set bus.interface=socketcan --set bus.channel=can0
+    stillwake ecu --slots slots --access access.key --bus socketcan:can0
     """
     from contract.controller.interface import RunnableController
     from contract.runtime.onnx_session import OnnxController
@@ -133,7 +134,7 @@ def run(
     from firmware_sim.in_c.library_controller import open_library
 
     uses = _USES if slots is None else tuple(name for name in _USES if name != WEIGHTS)
-    loaded = settings("ecu", config_file, overrides, uses=uses)
+    loaded = settings("ecu", config_file, with_bus(bus, overrides), uses=uses)
     if freshness is not None and not loaded.config.bus.key:
         raise ConfigError("--freshness: goes with bus.key, which names no key")
     options = service.Options(
@@ -238,7 +239,10 @@ def info(
     table = Table(show_header=False)
     if "period_ns" in found:
         found["period_ns"] = f"{int(found['period_ns']) / 1e6:g} ms"
-    for name, value in (*((_FACTS[name], str(value)) for name, value in found.items()), *_rows(report)):
+    rows = dict(_rows(report))
+    if slots is not None:
+        rows["runs"] = "the folder does not hold it; --bus in place of --slots asks the ECU"
+    for name, value in (*((_FACTS[name], str(value)) for name, value in found.items()), *rows.items()):
         table.add_row(name, visible(value))
     console.print(table)
 

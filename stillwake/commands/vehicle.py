@@ -16,6 +16,7 @@ from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.release.checks import Bundle
 from contract.results import versions, write_result
+from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.outputs import check_json
 from stillwake.console.settings import REAL_BUS, settings
 from stillwake.console.stopping import until_stopped
@@ -65,6 +66,7 @@ def vehicle(
     priority: Annotated[int, typer.Option(help="Of SCHED_FIFO, 1 to 99; 0: an ordinary process.", min=0, max=99)] = 50,
     processor: Annotated[int | None, typer.Option(help="Run on this processor alone.", min=0)] = None,
     json_file: JsonFile = None,
+    bus_name: BusName = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
@@ -86,7 +88,7 @@ def vehicle(
     check_json(json_file)
     if stage_times is not None:
         check_writable(stage_times)
-    loaded = settings("vehicle", config_file, overrides, uses=_USES)
+    loaded = settings("vehicle", config_file, with_bus(bus_name, overrides), uses=_USES)
     config = slowed(loaded.config, slow_down)
     for option, given in {"--dataset": dataset, "--episode": episode, "--from": begin or None}.items():
         if live and given is not None:

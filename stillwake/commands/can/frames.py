@@ -17,6 +17,7 @@ from contract.atomic import replacing
 from contract.errors import BusError, ConfigError
 from contract.results import versions, write_result
 from stillwake.commands.can.options import BUS, UNCHECKED, Dbc, key_of, positive
+from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.outputs import Overwrite, check_json, check_output
 from stillwake.console.progress import now_and_then
 from stillwake.console.settings import settings
@@ -56,6 +57,7 @@ def send(
             show_default=False,
         ),
     ] = None,
+    bus_name: BusName = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
@@ -66,11 +68,11 @@ def send(
     are signed with bus.key and --trip; whoever has accepted them refuses the
     node whose place they took, until that one's power cycles are ahead again.
 
-    stillwake can send Pressure Pressure0=-12.5 Valid0=1 --set bus.interface=socketcan --set bus.channel=can0
+    stillwake can send Pressure Pressure0=-12.5 Valid0=1 --bus socketcan:can0
     """
     from can_bridge.tools.raw_bus import open_bus
 
-    config = settings("can send", config_file, overrides, uses=(*BUS, "bus.key")).config.bus
+    config = settings("can send", config_file, with_bus(bus_name, overrides), uses=(*BUS, "bus.key")).config.bus
     positive("--period", period)
     if message is None and trip is not None:
         raise ConfigError("--trip: goes with a message of the secured set; frames of --raw are sent as they are")

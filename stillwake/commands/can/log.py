@@ -8,6 +8,7 @@ import typer
 
 from contract.errors import BusError, ConfigError
 from stillwake.commands.can.options import BUS, Duration, identifiers, positive
+from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.outputs import Overwrite, check_output
 from stillwake.console.progress import now_and_then
 from stillwake.console.settings import settings
@@ -25,6 +26,7 @@ def record(
     seconds: Duration = None,
     frames: Annotated[int | None, typer.Option(help="End after so many frames.", metavar="N", min=1)] = None,
     overwrite: Overwrite = False,
+    bus_name: BusName = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
@@ -39,7 +41,7 @@ def record(
     from can_bridge.tools.raw_bus import open_bus
     from can_bridge.tools.recorder import Recorder
 
-    config = settings("can record", config_file, overrides, uses=BUS).config.bus
+    config = settings("can record", config_file, with_bus(bus_name, overrides), uses=BUS).config.bus
     if seconds is not None:
         positive("--for", seconds)
     check_suffix(output)
@@ -92,6 +94,7 @@ def replay(
         str | None, typer.Option(help="Identifiers to send, in hexadecimal, e.g. 120,130.", metavar="IDS")
     ] = None,
     loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end, until Ctrl-C or SIGTERM.")] = False,
+    bus_name: BusName = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
@@ -106,7 +109,7 @@ def replay(
     from can_bridge.tools.replay import Replayed, span_of
     from can_bridge.tools.replay import replay as send_all
 
-    config = settings("can replay", config_file, overrides, uses=BUS).config.bus
+    config = settings("can replay", config_file, with_bus(bus_name, overrides), uses=BUS).config.bus
     positive("--speed", speed)
     wanted = None if only is None else identifiers("--only", only)
     check_suffix(file)

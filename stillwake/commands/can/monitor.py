@@ -12,6 +12,7 @@ import typer
 
 from contract.errors import BusError, ConfigError
 from stillwake.commands.can.options import BUS, Dbc, Duration, key_of, positive
+from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.progress import INTERVAL
 from stillwake.console.settings import settings
 from stillwake.console.stopping import until_stopped
@@ -45,6 +46,7 @@ def monitor(
         bool, typer.Option("--once", help="Print the table once: of a bus after a second, of a log at its end.")
     ] = False,
     match: Annotated[str, typer.Option("--filter", help="Show rows with these words in message, id or signal.")] = "",
+    bus_name: BusName = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
@@ -63,7 +65,7 @@ def monitor(
     from can_bridge.tools.monitor import MonitorState
 
     uses = ("bus.e2e", "bus.key") if log is not None else (*BUS, "bus.e2e", "bus.key")
-    config = settings("can monitor", config_file, overrides, uses=uses).config.bus
+    config = settings("can monitor", config_file, with_bus(bus_name, overrides), uses=uses).config.bus
     if speed is not None:
         positive("--speed", speed)
         if log is None:

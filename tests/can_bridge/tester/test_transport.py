@@ -12,7 +12,7 @@ from can_bridge.tester import asking
 from can_bridge.tester.messages import NoAnswerError
 from can_bridge.tester.sequence import End, flash
 from can_bridge.tester.transport import PADDING, open_client
-from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
+from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID, Did
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 from tests.can_bridge.flashing.releases import image
@@ -107,3 +107,13 @@ def test_a_bus_that_cannot_be_opened() -> None:
     config = BusConfig(interface="socketcan", channel="no-such0")
     with pytest.raises(BusError, match="CAN bus socketcan 'no-such0'"), open_client(config):
         pass
+
+
+def test_a_bus_without_an_ecu_is_reported_after_a_few_requests(
+    config: BusConfig, listener: can.BusABC, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(asking, "P2_S", 0.01)
+    with open_client(config) as client, pytest.raises(NoAnswerError, match="no ECU answers on this bus"):
+        asking.Asking(client, key=None, clock=time.monotonic, sleep=time.sleep).read(Did.HARDWARE)
+    requests = iter(lambda: listener.recv(0.0), None)
+    assert sum(one.arbitration_id == REQUEST_ID for one in requests) == asking.TIMES

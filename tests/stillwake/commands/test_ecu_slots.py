@@ -84,7 +84,9 @@ def test_it_is_provisioned_once_and_shown(works: Works, refused: Callable[..., s
     assert "a key that this ECU does not know" in refused(*works.provision_words(), *unknown)
     assert "ECU 42 (bench)" in works.good(*works.provision_words(), "--bundle", works.path("first"))
     assert "is there already" in refused(*works.provision_words())
-    assert "confirmed, first" in works.good("ecu", "info", "--slots", works.path("ecu"))
+    info = works.good("ecu", "info", "--slots", works.path("ecu"))
+    # What runs, the folder cannot know: it must not claim that nothing does.
+    assert "confirmed, first" in info and "asks the ECU" in info
     shown = json.loads(works.good("ecu", "info", "--slots", works.path("ecu"), "--json"))
     assert (shown["hardware"], shown["serial_number"]) == ("bench", "42")
     assert shown["store"]["slots"][0]["phase"] == "CONFIRMED"

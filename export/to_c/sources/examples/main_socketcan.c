@@ -244,9 +244,13 @@ int main(int argc, char **argv)
 {
     struct sigaction action;
     int failed = 0;
-    const int bus = argc == 2 ? open_bus(argv[1]) : -1;
+    if (argc != 2) {
+        fprintf(stderr, "usage: ecu INTERFACE, e.g. ecu can0\n");
+        return 1;
+    }
+    const int bus = open_bus(argv[1]);
     if (bus < 0) {
-        fprintf(stderr, "usage: ecu INTERFACE: %s\n", argc == 2 ? strerror(errno) : "name a CAN interface");
+        fprintf(stderr, "CAN interface %s cannot be opened: %s\n", argv[1], strerror(errno));
         return 1;
     }
     memset(&action, 0, sizeof action);
