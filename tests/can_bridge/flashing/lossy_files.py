@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from random import Random
 
 from can_bridge.flashing.folder_files import FolderFiles
-from can_bridge.flashing.medium import MediumError, PowerCut
+from can_bridge.flashing.medium import MediumError
+from tests.can_bridge.flashing.medium import PowerCut
 
 
 @dataclass(eq=False)

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from can_bridge.flashing.backing import MAX_RECORD, Kind, Slot, Work
-from can_bridge.flashing.medium import MediumError, PowerCut, UnreadableError
+from can_bridge.flashing.medium import MediumError
+from tests.can_bridge.flashing.medium import PowerCut, UnreadableError
 
 CLEAR_PIECES = 3
 

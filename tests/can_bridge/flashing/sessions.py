@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from random import Random
 
 from can_bridge.flashing.backing import Backing, Kind, Slot
-from can_bridge.flashing.medium import PowerCut
+from tests.can_bridge.flashing.medium import PowerCut
 
 CHUNK = 70
 """Bytes of a block; no multiple of a word."""

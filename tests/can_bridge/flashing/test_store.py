@@ -7,12 +7,12 @@ import pytest
 
 from can_bridge.flashing.backing import Kind, Slot, at_once
 from can_bridge.flashing.boot import BootReason
-from can_bridge.flashing.medium import PowerCut
 from can_bridge.flashing.state import TRIAL_BOOTS, Phase, StoreState
 from can_bridge.flashing.store import OutOfOrderError
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError
 from contract.release.signing import public_key
+from tests.can_bridge.flashing.medium import PowerCut
 from tests.can_bridge.flashing.plain_backing import PlainBacking
 from tests.can_bridge.flashing.releases import (
     STRANGER,

@@ -11,10 +11,10 @@ import pytest
 from can_bridge.flashing import checking, remembered
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot, at_once
-from can_bridge.flashing.medium import PowerCut
 from can_bridge.flashing.state import TRIAL_BOOTS, Phase, SlotState
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
+from tests.can_bridge.flashing.medium import PowerCut
 from tests.can_bridge.flashing.plain_backing import PlainBacking
 from tests.can_bridge.flashing.releases import booted, flash, image, keys, name_of, provisioned, store_on, transfer
 

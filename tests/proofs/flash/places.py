@@ -10,8 +10,8 @@ from typing import Any, Final, Protocol, Self
 
 from can_bridge.flashing.backing import Backing
 from can_bridge.flashing.folder_backing import FolderBacking
-from can_bridge.flashing.medium import PowerCut
 from tests.can_bridge.flashing.lossy_files import LossyFiles
+from tests.can_bridge.flashing.medium import PowerCut
 from tests.proofs.flash.flash_memory.flash_backing import FlashBacking
 from tests.proofs.flash.flash_memory.simulated_flash import SimulatedFlash
 

@@ -10,7 +10,6 @@ import pytest
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.calibration.xcp import COMMAND_ID, RESPONSE_ID
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.medium import WornOutError
 from can_bridge.flashing.store import Store
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
@@ -22,6 +21,7 @@ from contract.release.checks import Bundle
 from contract.release.image import image_of
 from firmware_sim.ecu.calibrating import release_calibration
 from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
+from tests.can_bridge.flashing.medium import WornOutError
 from tests.can_bridge.flashing.releases import RELEASE
 from tests.can_bridge.flashing.store_ecu import KEY
 from tests.firmware_sim.conftest import RecordingController

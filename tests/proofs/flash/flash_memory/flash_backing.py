@@ -14,7 +14,8 @@ from dataclasses import replace
 from typing import Final
 
 from can_bridge.flashing.backing import MAX_RECORD, Kind, Slot, Work
-from can_bridge.flashing.medium import ERASED, WORD, Medium, MediumError, WornOutError
+from can_bridge.flashing.medium import MediumError
+from tests.can_bridge.flashing.medium import ERASED, WORD, Medium, WornOutError
 from tests.proofs.flash.flash_memory.flash_layout import MAX_EXTENTS, Extent, Layout, Lies
 from tests.proofs.flash.flash_memory.flash_log import FlashLog
 

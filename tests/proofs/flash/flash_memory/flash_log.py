@@ -26,7 +26,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from can_bridge.flashing.medium import ERASED, WORD, Medium, MediumError
+from can_bridge.flashing.medium import MediumError
+from tests.can_bridge.flashing.medium import ERASED, WORD, Medium
 
 _MAGIC: Final = b"SWL1"
 _HEADER: Final = struct.Struct(">4sB3xIII8x")

@@ -14,7 +14,8 @@ from enum import IntEnum
 from random import Random
 from typing import Final, Self
 
-from can_bridge.flashing.medium import ERASED, WORD, MediumError, PowerCut, UnreadableError, WornOutError
+from can_bridge.flashing.medium import MediumError
+from tests.can_bridge.flashing.medium import ERASED, WORD, PowerCut, UnreadableError, WornOutError
 
 SECTORS: Final = 16
 SECTOR_SIZE: Final = 128 * 1024

@@ -5,7 +5,8 @@ from itertools import product
 
 import pytest
 
-from can_bridge.flashing.medium import ERASED, WORD, MediumError, PowerCut, UnreadableError, WornOutError
+from can_bridge.flashing.medium import MediumError
+from tests.can_bridge.flashing.medium import ERASED, WORD, PowerCut, UnreadableError, WornOutError
 from tests.proofs.flash.flash_memory.simulated_flash import SimulatedFlash
 
 WORDS = 8
