@@ -6,18 +6,11 @@ The whole sequence of flashing goes through that client in `tests/can_bridge/tes
 from typing import Any
 
 from udsoncan.client import Client
-from udsoncan.Response import Response
 
-from can_bridge.uds.services import Nrc, Session
+from can_bridge.uds.services import Session
 from tests.can_bridge.flashing.releases import provisioned
 from tests.can_bridge.flashing.store_ecu import StoreEcu
 from tests.can_bridge.tester.line import Line
-
-
-def test_every_refusal_has_a_name():
-    """A code that the library does not know is named by its number."""
-    for nrc in Nrc:
-        assert str(Response.Code.get_name(nrc))[0].isalpha(), nrc
 
 
 def test_tester_present_keeps_the_session_of_the_announced_timing():

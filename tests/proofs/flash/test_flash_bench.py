@@ -1,10 +1,9 @@
-"""The tester's own sequence on the simulated bus, next to the control traffic: with and without lost frames."""
+"""The tester's own sequence on the simulated bus, next to the control traffic."""
 
 from pathlib import Path
 
 import pytest
 
-from can_bridge.bus.faults.loss import Drop
 from can_bridge.tester.messages import NotNowError
 from can_bridge.tester.sequence import End
 from can_bridge.wire.messages import Mode
@@ -42,16 +41,6 @@ def test_the_time_is_that_of_the_frames(tmp_path: Path) -> None:
         assert ecu.boot.bundle is not None
         assert ecu.boot.bundle.manifest.name == "second"
         assert "confirmed" in rig.log.names()
-
-
-@pytest.mark.slow
-def test_one_frame_in_five_hundred_is_lost_both_ways(tmp_path: Path) -> None:
-    config = Config()
-    ecu, _ = made(tmp_path, config)
-    losses = [Drop(probability=0.002, at="send"), Drop(probability=0.002, at="receive")]
-    flashed = flash_on(FlashBench(ecu, config, losses=losses, seed=1), image("second"), key=KEY.answer)
-    assert flashed.end is End.CONFIRMED
-    assert flashed.unanswered > 0
 
 
 def test_a_vehicle_in_control_keeps_it(tmp_path: Path) -> None:

@@ -15,9 +15,10 @@ from typing import Final
 
 from can_bridge.flashing.backing import MAX_RECORD, Kind, Slot, Work
 from can_bridge.flashing.medium import MediumError
-from tests.can_bridge.flashing.medium import ERASED, WORD, Medium, WornOutError
+from tests.can_bridge.flashing.medium import ERASED, WORD, WornOutError
 from tests.proofs.flash.flash_memory.flash_layout import MAX_EXTENTS, Extent, Layout, Lies
 from tests.proofs.flash.flash_memory.flash_log import FlashLog
+from tests.proofs.flash.flash_memory.simulated_flash import SimulatedFlash
 
 LOG_SECTORS: Final = 2
 SPARE_SECTORS: Final = 2
@@ -27,9 +28,9 @@ _LAYOUT: Final = 16
 
 
 class FlashBacking:
-    """A `Backing` in a `Medium`; writes nothing when made."""
+    """A `Backing` in a `SimulatedFlash`; writes nothing when made."""
 
-    def __init__(self, medium: Medium, *, log_sectors: int = LOG_SECTORS) -> None:
+    def __init__(self, medium: SimulatedFlash, *, log_sectors: int = LOG_SECTORS) -> None:
         """Find what is there.
 
         Args:

@@ -27,7 +27,8 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from can_bridge.flashing.medium import MediumError
-from tests.can_bridge.flashing.medium import ERASED, WORD, Medium
+from tests.can_bridge.flashing.medium import ERASED, WORD
+from tests.proofs.flash.flash_memory.simulated_flash import SimulatedFlash
 
 _MAGIC: Final = b"SWL1"
 _HEADER: Final = struct.Struct(">4sB3xIII8x")
@@ -50,7 +51,7 @@ class _Found:
 class FlashLog:
     """Reads the log when made; writes nothing before the first `keep`."""
 
-    def __init__(self, medium: Medium, sectors: Sequence[int]) -> None:
+    def __init__(self, medium: SimulatedFlash, sectors: Sequence[int]) -> None:
         """Find the newest records.
 
         Args:
