@@ -17,9 +17,9 @@ from contract.printable import LARGEST, quoted
 
 T = TypeVar("T", int, float)
 
-TINY: Final = 1e-38
+TINY: Final = 1e-45
 HUGE: Final = 1e12
-"""Sizes of a setting that is a real number and not 0: a float32 from calibration is in them."""
+"""Sizes of a setting that is a real number and not 0: also of a float32 from calibration."""
 
 
 @dataclass(frozen=True, kw_only=True)

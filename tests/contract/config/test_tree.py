@@ -42,7 +42,7 @@ def test_every_number_must_be_finite_and_none_but_a_reference_may_be_negative():
 
 def test_a_rule_holds_up_to_its_bound_and_no_further():
     bounds: list[tuple[type[Any], str, object, object, str]] = [
-        (OperatingPoint, "speed", 0.01, 1e-308, "0, or from 1e-38 to 1e[+]12 in size"),
+        (OperatingPoint, "speed", 0.01, 1e-308, "0, or from 1e-45 to 1e[+]12 in size"),
         (OperatingPoint, "speed", 1000.0, 1001.0, r"in 0\.01\.\.1000"),
         (FlowConfig, "action_limit", 1e-12, 0.0, "positive"),
         (FlowConfig, "reynolds", 1e12, 1.1e12, "0, or from"),
