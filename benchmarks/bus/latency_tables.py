@@ -27,11 +27,16 @@ def latency(found: Any) -> str:
     baselines = [run["baseline"] for run in runs]
     rows.append(("idle loop of the same run", *(cell for row in baselines for cell in _cells(row, row["misses"]))))
     lines = [
-        f"{label}: {run['misses']} of {run['periods']} commands missed their boundary; the idle loop was late by the "
-        f"slack of {run['slack_ms']:.1f} ms in {run['baseline']['misses']} periods.\n"
+        f"{label}: {run['misses']} of {run['periods']} commands missed their boundary, and {run['periods_planned']} "
+        f"periods had a plan; the idle loop was late by the slack of {run['slack_ms']:.1f} ms in "
+        f"{run['baseline']['misses']} periods.\n"
         for label, run in zip(CONTROLLERS.values(), runs, strict=True)
     ]
-    about = f"Measured on {found['date']}, {found['facts']['machine']}; left ONNX Runtime, right the C library; in ms."
+    release = runs[0]["about"].split()[0]
+    about = (
+        f"Measured on {found['date']} with the release {release}, {found['facts']['machine']}; left ONNX Runtime, "
+        "right the C library; in ms."
+    )
     return "\n".join((about, "", table(HEADS, rows), "", *lines)).rstrip("\n")
 
 

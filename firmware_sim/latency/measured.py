@@ -7,6 +7,7 @@ from math import isfinite
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contract.arrays import Array
 from contract.errors import StillwakeError
@@ -14,6 +15,8 @@ from firmware_sim.latency.idle_loop import between, lateness
 from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Periods, Stage, Times, joined
 
+LEFT_CONTROL: Final = 5
+"""Periods in a row without a plan from which on the ECU was not in control: a lost frame or two leave fewer."""
 NEEDED_FOR_P99_9: Final = 1_000
 """Values below which the 99.9th percentile by nearest rank is the maximum itself."""
 
@@ -80,6 +83,23 @@ class Measured:
         """Commands that were not there by the boundary they were due at."""
         return len(self.periods.missed)
 
+    @property
+    def without_plan(self) -> int:
+        """Periods whose command came by its boundary and rests on no plan."""
+        return int(self._without_plan.sum())
+
+    @property
+    def left_control(self) -> bool:
+        """Whether the ECU was out of control for a while, as after a fault: such a run measures no controller."""
+        gaps = np.flatnonzero(np.diff(np.concatenate([[0], self._without_plan.astype(int), [0]]))).reshape(-1, 2)
+        return bool(len(gaps)) and int((gaps[:, 1] - gaps[:, 0]).max()) >= LEFT_CONTROL
+
+    @cached_property
+    def _without_plan(self) -> NDArray[np.bool_]:
+        without = np.isnan(self.periods.stages[Stage.PLAN])
+        without[self.periods.missed] = False
+        return without
+
     @cached_property
     def idle_late(self) -> Array:
         """Lateness of each period of the idle loop, ns after its deadline."""
@@ -113,6 +133,10 @@ class Measured:
         total = len(self.periods)
         missed = f"{self.misses} of {total} commands missed their boundary."
         line = missed if self.misses else f"All {total} commands came by the boundary they were due at."
+        if self.without_plan:
+            line = f"{line} {self.without_plan} of them rest on no plan."
+        if self.left_control:
+            line = f"The ECU left control: {self.recorded.fault}. {line}"
         if not self.is_too_noisy:
             return line
         return (
@@ -132,6 +156,7 @@ class Measured:
             "slack_ms": self.slack_ns / 1e6,
             "periods": len(self.periods),
             "periods_planned": self.periods.planned,
+            "left_control": self.left_control,
             **self.counts,
             "stages": {stage.value: _ms(quantiles) for stage, quantiles in self.latencies.items()},
             "baseline": _ms(idle) | {"misses": self.idle_misses, "periods": idle.number},

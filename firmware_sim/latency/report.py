@@ -40,8 +40,6 @@ def notes(run: Measured) -> Iterator[str]:
     """What a reader of the rows must know besides."""
     periods = len(run.periods)
     yield f"{run.about}; {periods} periods of {run.periods.period_ns / 1e6:g} ms, {run.periods.planned} with a plan."
-    if run.periods.planned < periods - run.misses:
-        yield "In the periods without a plan the ECU was not in control: its log in this folder gives the reason."
     if periods < NEEDED_FOR_P99_9:
         yield f"p99.9 of fewer than {NEEDED_FOR_P99_9} periods is their maximum."
     yield f"Slack, what the median leaves of a period: {run.slack_ns / 1e6:.2f} ms."

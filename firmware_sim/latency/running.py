@@ -42,6 +42,7 @@ class Recorded:
         vehicle, ecu, idle: rows of `VehicleStage`, `EcuStage` and `IdleStage`.
         cyclictest: None where it is not installed, or could not run.
         privileges: what the idle loop was granted, in words.
+        fault: the line of the ECU's log that names its last fault.
     """
 
     vehicle: Times
@@ -49,6 +50,7 @@ class Recorded:
     idle: Times
     cyclictest: Cyclictest | None
     privileges: str
+    fault: str
 
 
 def longest_run(periods: int, period_ns: int) -> int:
@@ -104,6 +106,7 @@ def recorded(
         idle=load(tables[IDLE], IdleStage),
         cyclictest=wake_ups,
         privileges=idle.last_line,
+        fault=running_ecu.last_line_with("FAULT") or "its log names no fault",
     )
 
 
@@ -156,8 +159,12 @@ class _Child:
     @property
     def last_line(self) -> str:
         """The last line that it printed."""
+        return self.last_line_with("") or "it printed nothing"
+
+    def last_line_with(self, word: str) -> str:
+        """The last line that it printed with this word; empty without one."""
         lines = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
-        return next((line.strip() for line in reversed(lines) if line.strip()), "it printed nothing")
+        return next((line.strip() for line in reversed(lines) if line.strip() and word in line), "")
 
     def end(self) -> None:
         """Ask it to end, and wait until it has written its table."""

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from firmware_sim.latency.budget import Verdict
     from firmware_sim.latency.measured import Measured
 
-OVER_BUDGET: Final = 3
-"""Exit status of a run that is whole, but broke its budget."""
+NOT_PASSED: Final = 3
+"""Exit status of a run that is whole, but broke its budget, or whose ECU left control."""
 ENABLE_AFTER_S: Final = 2.0
 """Until control is requested: by then the ECU's deadlines follow the vehicle's sampling."""
 SPARE_PERIODS: Final = 25
@@ -94,7 +94,7 @@ def latency(
     own. With --both and no --library the C library is made from the shipped
     model; that of another bundle must be named.
 
-    Exit status 3: the budget is broken.
+    Exit status 3: the budget is broken, or the ECU left control.
     """
     from firmware_sim.latency.budget import read_budget, verdicts
     from firmware_sim.latency.report import PAGE, write_report
@@ -122,10 +122,14 @@ def latency(
         }
         write_result(json_file, figures=figures(runs), facts=facts, on=date.today())
     console.print(f"wrote {output / PAGE}", soft_wrap=True)
+    uncontrolled = [run.name for run in runs if run.left_control]
+    if uncontrolled:
+        console.print(f"the ECU left control: {', '.join(uncontrolled)}", style="bold red", soft_wrap=True)
     broken = [verdict for of_run in judged for verdict in of_run if not verdict.is_kept]
     if broken:
         console.print(f"over budget: {', '.join(verdict.name for verdict in broken)}", style="bold red", soft_wrap=True)
-        raise typer.Exit(OVER_BUDGET)
+    if broken or uncontrolled:
+        raise typer.Exit(NOT_PASSED)
 
 
 def with_bus(loaded: Loaded) -> Loaded:

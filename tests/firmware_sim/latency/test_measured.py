@@ -22,7 +22,12 @@ SLACK_MS = 20.0 - sum(TOOK.values())
 
 def judged(run: Tables, name: str = "onnx", cyclictest: Cyclictest | None = None) -> Measured:
     recorded = Recorded(
-        vehicle=run.vehicle, ecu=run.ecu, idle=run.idle, cyclictest=cyclictest, privileges="memory locked"
+        vehicle=run.vehicle,
+        ecu=run.ecu,
+        idle=run.idle,
+        cyclictest=cyclictest,
+        privileges="memory locked",
+        fault="FAULT, IMPLAUSIBLE",
     )
     return Measured.of(recorded, name=name, about="a release", period_ns=PERIOD, counter_period=COUNTERS)
 
@@ -51,6 +56,19 @@ def test_a_miss_is_the_machines_where_the_idle_loop_was_late_by_the_slack():
     for i in range(100):
         slow.later(i, EcuStage.PLAN_ENDED, 9.0)
     assert (judged(slow).counts["misses_ours"], judged(slow).idle_misses) == (99, 0)
+
+
+def test_an_ecu_that_leaves_control_does_not_pass_for_one_that_is_fast():
+    """A frame that is lost leaves one period without a plan, a fault all that follow."""
+    for lost, left in ((range(50, 51), False), (range(50, 54), False), (range(50, 55), True), (range(80, 199), True)):
+        run = Tables(200)
+        for i in lost:
+            # The ECU answers in time, and plans nothing.
+            run.ecu[i, [EcuStage.PLAN_BEGAN, EcuStage.PLAN_ENDED]] = 0
+        of_run = judged(run)
+        assert (of_run.misses, of_run.without_plan, of_run.left_control) == (0, len(lost), left)
+        assert f"{len(lost)} of them rest on no plan" in of_run.verdict
+        assert ("left control: FAULT, IMPLAUSIBLE." in of_run.verdict) == left
 
 
 def test_the_baseline_is_of_the_same_time_and_of_every_period():
