@@ -4,6 +4,7 @@ There is no thread here: frames are taken off the bus while a request is sent an
 nothing comes unasked. Responses that answer another request, because they are late or doubled, are dropped.
 """
 
+import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,7 +16,6 @@ from udsoncan.exceptions import TimeoutException
 
 import isotp
 from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.tester.direct_connection import silence
 from can_bridge.tester.matching import answers
 from can_bridge.uds.services import MAX_REQUEST, REQUEST_ID, RESPONSE_ID
 from can_bridge.wire.frame import Frame
@@ -36,6 +36,12 @@ _ENDS_SENDING: Final = (
     isotp.OverflowError,
     isotp.MaximumWaitFrameReachedError,
 )
+
+
+def silence() -> None:
+    """Keep what the libraries log from stderr, where Python prints warnings that no handler takes."""
+    for name in ("UdsClient", "Connection", "isotp"):
+        logging.getLogger(name).addHandler(logging.NullHandler())
 
 
 @contextmanager

@@ -91,11 +91,6 @@ class Connection:
                 stack.callback(self._bus.close)
         self._bus = None
 
-    @property
-    def is_lost(self) -> bool:
-        """Whether there is no bus now."""
-        return self._bus is None
-
     def look(self) -> Lost | Back | None:
         """What has changed; call it once a period. Never waits."""
         if self._bus is None:

@@ -19,7 +19,6 @@ from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.bus.simulated.port import SimulatedPort
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.tester.asking import KeyOf
-from can_bridge.tester.direct_connection import DirectConnection
 from can_bridge.tester.sequence import Flashed, flash
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire.frame import Frame
@@ -31,6 +30,7 @@ from contract.errors import BusError
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu, is_diagnostic
+from tests.can_bridge.tester.direct_connection import DirectConnection
 
 SERVICE_NS: Final = 1_000_000
 """From a frame to its being looked at, by the ECU and by the tester."""

@@ -1,9 +1,10 @@
 """udsoncan's connection to an ECU without a bus between: for benches and proofs in virtual time."""
 
-import logging
 from typing import Self
 
 from udsoncan.connections import BaseConnection
+
+from can_bridge.tester.transport import silence
 
 
 class DirectConnection(BaseConnection):
@@ -23,9 +24,3 @@ class DirectConnection(BaseConnection):
     def is_open(self) -> bool:
         """Always."""
         return True
-
-
-def silence() -> None:
-    """Keep what the libraries log from stderr, where Python prints warnings that no handler takes."""
-    for name in ("UdsClient", "Connection", "isotp"):
-        logging.getLogger(name).addHandler(logging.NullHandler())
