@@ -256,4 +256,5 @@ class VirtualLoop:
             reason=int(self._ecu.state.fail_safe.reason),
             step_ms=step_ms,
             age_ms=age_ms,
+            set_aside=self._ecu.state.sensors.mask,
         )

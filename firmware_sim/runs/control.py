@@ -81,6 +81,16 @@ def control(log: RunLog) -> Control:
     )
 
 
+def set_aside(log: RunLog) -> list[tuple[str, int]]:
+    """Each sensor that the ECU set aside, with the period from which on it did, in order."""
+    bits = log.series["set_aside"].astype(int)
+    found = []
+    for index, name in enumerate(log.metadata.sensors):
+        on = np.concatenate([[0], bits >> index & 1])
+        found += [(name, int(period)) for period in np.flatnonzero(np.diff(on) > 0)]
+    return sorted(found, key=lambda one: one[1])
+
+
 def trouble(log: RunLog) -> str | None:
     """What a reader must know before any figure of the run, as a sentence; None if control was held throughout."""
     held = control(log)

@@ -1,10 +1,19 @@
-"""Why the jets may not follow the controller, in words for someone who has never seen an ECU."""
+"""What an ECU does, and why its jets may not follow the controller, for someone who has never seen one."""
 
 from collections.abc import Mapping
 from typing import Final
 
 from can_bridge.wire.messages import Reason
 
+DOES: Final[Mapping[str, str]] = {
+    "OFF": "the jets are shut",
+    "WARMUP": "the controller's window fills",
+    "CONTROL": "the jets follow the controller",
+    "HOLD": "the last command stays",
+    "DECAY": "the command is halved each period",
+    "FAULT": "the jets are shut until the request falls and rises again",
+}
+"""By the name of a `can_bridge.wire.messages.Mode`."""
 BECAUSE: Final[Mapping[Reason, str]] = {
     Reason.NONE: "",
     Reason.STREAM_LOST: "no pressures came",

@@ -42,6 +42,7 @@ class Row:
         step_ms: wall-clock time of the ECU's step on this machine; NaN if it skipped the step.
         age_ms: from the sampling of the pressures behind the command that the jets follow in this period to its
             arrival there, in virtual time; NaN if none came.
+        set_aside: sensors that the controller does without, bit i for the bundle's sensor i.
     """
 
     sample: Sample
@@ -52,6 +53,7 @@ class Row:
     reason: int
     step_ms: float
     age_ms: float
+    set_aside: int = 0
 
     def columns(self, layout: SensorLayout = sensors.TRUCK) -> dict[str, float]:
         """The row in numbers, by the names in `COLUMNS`; base Cp is the mean over the plant's base sensors."""
@@ -146,7 +148,9 @@ def load(path: Path) -> RunLog:
                 f"reads {SCHEMA!r}: make the run again"
             )
         log = RunLog(
-            series={name: data.numbers(name, len(data["t"])) for name in COLUMNS},
+            # Runs of 0.9.0 have no such column.
+            series={"set_aside": np.zeros(len(data["t"]))}
+            | {name: data.numbers(name, len(data["t"])) for name in COLUMNS if name in data or name != "set_aside"},
             enabled_at=typed(header["enabled_at"], int),
             bus=typed(header["bus"], BusTotals),
             metadata=RunMetadata.from_tree(header["metadata"]),

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from firmware_sim.runs.control import control, held_while_averaged, trouble
+from firmware_sim.runs.control import control, held_while_averaged, set_aside, trouble
 from firmware_sim.runs.metadata import RunMetadata
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.statistics import (
@@ -29,6 +29,8 @@ _DRAG_ROWS: Final = (
 )
 """Label, in which the wake probe's place is filled in, field of `Regime`, number format."""
 
+ENOUGH_CYCLES: Final = 2
+"""From one cycle to the next drag differs by several per cent of its mean."""
 _STILL: Final = 0.01
 """Share of the action's bound below which the jets count as still, by their root mean square: a controller that works
 uses half of it."""
@@ -75,8 +77,21 @@ def headline(log: RunLog) -> str:
     """What came of the run: what went wrong comes first, and a reduction is claimed only where it counts."""
     warning, means = trouble(log), averages(log)
     text = means.why if isinstance(means, NoAverages) else _judged(log, means)
-    parts = [part for part in (warning, injected(log), text) if part is not None]
+    parts = [part for part in (warning, injected(log), _without(log), text, _short(means)) if part is not None]
     return " ".join(parts)
+
+
+def _without(log: RunLog) -> str | None:
+    """Which sensors the ECU set aside; None without one."""
+    times = [f"{name} from t = {log.series['t'][period]:.1f} t_c on" for name, period in set_aside(log)]
+    return f"The ECU set aside {', '.join(times)}." if times else None
+
+
+def _short(means: Averages | NoAverages) -> str | None:
+    """What to think of averages over few cycles; None for enough of them."""
+    if isinstance(means, NoAverages) or (count := min(means.before.cycles, means.under.cycles)) >= ENOUGH_CYCLES:
+        return None
+    return f"Too short to judge by: cycles averaged {count}, at least {ENOUGH_CYCLES} are needed."
 
 
 def injected(log: RunLog) -> str | None:

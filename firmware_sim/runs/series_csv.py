@@ -23,6 +23,7 @@ UNITS: Final = {
     "reason": "name",
     "step_ms": "ms",
     "age_ms": "ms",
+    "set_aside": "1",
 }
 """Unit of every column in `COLUMNS`; mode and reason are written by their names."""
 

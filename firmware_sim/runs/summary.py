@@ -4,7 +4,7 @@ from dataclasses import asdict
 from typing import Any
 
 from contract.config import loading
-from firmware_sim.runs.control import control, held_while_averaged, trouble
+from firmware_sim.runs.control import control, held_while_averaged, set_aside, trouble
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.run_tables import headline
 from firmware_sim.runs.statistics import NoAverages, averages, latency, sample_to_jets_ms
@@ -21,6 +21,7 @@ def summary(log: RunLog) -> dict[str, Any]:
         "trouble": trouble(log),
         "fault": None if held.fault is None else asdict(held.fault),
         "modes": dict(held.modes),
+        "set_aside": [{"sensor": name, "t": float(log.series["t"][period])} for name, period in set_aside(log)],
         "periods_requested": held.requested,
         "periods_in_control": held.in_control,
         "periods_warm_up": held.warm_up,

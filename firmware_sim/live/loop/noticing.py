@@ -7,7 +7,7 @@ from can_bridge.bus.interface import BusState
 from can_bridge.command_gate import Intervention
 from can_bridge.wire.messages import Reason
 from firmware_sim.ecu.state_machine import OperatingMode
-from firmware_sim.runs.reasons import BECAUSE
+from firmware_sim.runs.reasons import BECAUSE, DOES
 
 UNPOWERED: Final = "UNPOWERED"
 BOOT: Final = "BOOT"
@@ -19,12 +19,8 @@ _DOES: Final[Mapping[str, str]] = {
     "INIT": "on, waiting for pressures",
     "STANDBY": "pressures come, the jets stay shut",
     "ARMED": "ready, control is not requested",
-    "WARMUP": "the controller's window fills",
-    "CONTROL": "the jets follow the controller",
-    "HOLD": "the last command stays",
-    "DECAY": "the command is halved each period",
-    "FAULT": "the jets are shut until the request falls and rises again",
     "UPDATE": "the jets are shut",
+    **DOES,
 }
 _GATE: Final[Mapping[Intervention, str]] = {
     Intervention.NOT_FINITE: "the command was no number: the jets are shut",

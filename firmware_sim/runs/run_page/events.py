@@ -3,25 +3,17 @@
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-from can_bridge.wire.messages import Mode, Reason
-from firmware_sim.runs.control import SKIPPED
+from can_bridge.wire.messages import Reason
+from firmware_sim.runs.control import SKIPPED, set_aside
 from firmware_sim.runs.pictures import mode_spans
-from firmware_sim.runs.reasons import BECAUSE
+from firmware_sim.runs.reasons import BECAUSE, DOES
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.run_page.disturbed import disturbed
 
 MOST: Final = 400
 """Events of a page: a bus that loses frames changes the mode again and again."""
 
-_DOES: Final = {
-    Mode.OFF.name: "the jets are shut",
-    Mode.WARMUP.name: "the controller's window fills",
-    Mode.CONTROL.name: "the jets follow the controller",
-    Mode.HOLD.name: "the last command stays",
-    Mode.DECAY.name: "the command is halved each period",
-    Mode.FAULT.name: "the jets are shut until the request falls and rises again",
-    SKIPPED: "the ECU was still computing, and left the period out",
-}
+_DOES: Final = {**DOES, SKIPPED: "the ECU was still computing, and left the period out"}
 
 
 class Event(NamedTuple):
@@ -59,6 +51,8 @@ def _set(log: RunLog) -> Iterator[Event]:
 
 def _states(log: RunLog) -> Iterator[Event]:
     reasons = log.series["reason"].astype(int)
+    for name, period in set_aside(log):
+        yield Event(period, "state", f"{name} is set aside: it contradicts the others, which stand in for it")
     before = None
     for mode, first, _ in mode_spans(log):
         because = BECAUSE[Reason(int(reasons[first]))]

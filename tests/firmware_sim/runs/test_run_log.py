@@ -2,6 +2,7 @@
 
 import json
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -107,7 +108,7 @@ def test_what_no_run_holds_is_refused(log_of, tmp_path):
 
 def test_a_row_becomes_one_value_in_every_column(run_metadata):
     entries = {name: float(k) for k, name in enumerate(LEDGER_FIELDS)}
-    ecu = {"command": 0.02, "predicted_Cd": 1.0, "predicted_Cl": 2.0, "step_ms": NAN, "age_ms": 8.0}
+    ecu: dict[str, Any] = {"command": 0.02, "predicted_Cd": 1.0, "predicted_Cl": 2.0, "step_ms": NAN, "age_ms": 8.0}
     rows = []
     for t in (1.0, 2.0):
         cp = np.arange(sensors.COUNT, dtype=np.float64) + t

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from can_bridge.wire.messages import Mode, Reason
+from firmware_sim.runs.run_page.events import events
 from firmware_sim.runs.run_tables import drag_rows, headline, service_rows
 from firmware_sim.runs.summary import summary, whole_summary
 
@@ -68,6 +69,18 @@ def test_the_headline_judges_whether_a_reduction_counts(shedding):
         text = headline(shedding(cd, cl)).replace("-0.00", "+0.00")
         assert words in text, words
         assert ("deflected" in text) == ("deflected" in words), words
+
+
+def test_a_sensor_set_aside_and_too_few_cycles_are_in_the_headline(shedding):
+    log = shedding()
+    assert "set aside" not in headline(log) and "Too short" not in headline(log)
+    log.series["set_aside"][70:90] = 0b10
+    name = log.metadata.sensors[1]
+    assert f"The ECU set aside {name} from t = 14.0 t_c on." in headline(log)
+    assert summary(log)["set_aside"] == [{"sensor": name, "t": pytest.approx(14.0)}]
+    assert (70, "state", f"{name} is set aside: it contradicts the others, which stand in for it") in events(log)
+    # A settling time that leaves one cycle of 5 t_c.
+    assert "Too short to judge by: cycles averaged 1, at least 2 are needed." in headline(shedding(settle=12.0))
 
 
 def test_trouble_comes_first_and_a_reduction_that_was_not_under_control_is_not_claimed(shedding):

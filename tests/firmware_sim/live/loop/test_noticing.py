@@ -1,6 +1,7 @@
 """What is reported of a change, and what a histogram counts."""
 
 from dataclasses import replace
+from typing import Any
 
 from can_bridge.bus.interface import BusState
 from can_bridge.command_gate import Intervention
@@ -41,7 +42,13 @@ def test_every_state_and_reason_has_words():
 
 
 def row(step_ms: float) -> Row:
-    values = {"command": 0.0, "predicted_Cd": 1.0, "predicted_Cl": 0.0, "step_ms": step_ms, "age_ms": 8.5}
+    values: dict[str, Any] = {
+        "command": 0.0,
+        "predicted_Cd": 1.0,
+        "predicted_Cl": 0.0,
+        "step_ms": step_ms,
+        "age_ms": 8.5,
+    }
     return Row(sample=Oscillator(30).sample(), mode=Mode.CONTROL, reason=Reason.NONE, **values)
 
 
