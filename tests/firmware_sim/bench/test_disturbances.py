@@ -45,9 +45,11 @@ EXAMPLES: dict[str, Disturbance] = {
     ),
 }
 
+SECONDS = st.floats(0, 1e6).filter(lambda s: s == 0 or s > 1e-45)
+
 
 @examples(50)
-@given(st.lists(st.sampled_from(list(EXAMPLES.values()))), st.floats(0, 1e6), st.floats(0, 1e3), st.floats(-1e5, 1e9))
+@given(st.lists(st.sampled_from(list(EXAMPLES.values()))), SECONDS, st.floats(0, 1e3), st.floats(1e-5, 1e9))
 def test_many_are_read_back_from_their_texts_and_from_a_pickle(items, start_s, lasts_s, ppm):
     odd = kinds.Clock(ppm=ppm, start_s=start_s, end_s=start_s + lasts_s)
     several = Disturbances(items=(*items, odd))

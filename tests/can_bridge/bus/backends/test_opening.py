@@ -32,7 +32,7 @@ def test_bus_that_cannot_be_opened_is_named_in_one_line(monkeypatch):
         if name.startswith(("can.interfaces.slcan", "can_bridge.bus.backends.slcan")):
             monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "serial", None)
-    with pytest.raises(BusError, match=r"serial.*; pip install 'stillwake\[bus\]'"):
+    with pytest.raises(BusError, match=r"serial.*; pip install '(stillwake|\.)\[bus\]'"):
         PythonCanBus.open(BusConfig(interface="slcan", channel="x"))
 
 
