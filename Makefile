@@ -149,7 +149,6 @@ full: test
 	-$(BIN)/stillwake campaign runs/campaign --overwrite --controlled 50 --settle 25 --json results/campaign.json
 	$(BIN)/stillwake bench latency runs/latency --both --overwrite --json results/latency.json
 	$(BIN)/python -m tests.proofs.ecu hostile --steps 1000000 --json results/hostile.json
-	$(BIN)/python -m tests.proofs.ecu soak --hours 1 --json results/soak.json
 	$(BIN)/python -m benchmarks sensor-check --json results/sensor_check.json
 	$(BIN)/python -m benchmarks live-speed --json results/live_speed.json
 	$(BIN)/stillwake can load --json results/can_load_fd.json

@@ -15,7 +15,7 @@ HEADLINES: Final = {
     "gate_mutants": "faults planted in the command gate",
     "gate_mutants_survived": "of these, not found by a test",
 }
-"""What each headline figure of `results/bus.json` is."""
+"""What each headline figure is, of `results/bus.json` and of the finished studies in `results/bus_studies.json`."""
 RUNS: Final = {
     "CAN FD": "demo",
     "classic CAN": "bus_classic",
@@ -36,6 +36,7 @@ FAULTED: Final = {
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker."""
     found = read(results / "bus.json")
+    found["figures"] |= read(results / "bus_studies.json")["figures"]
     return {
         "bus": bus(found),
         "codec": codec(found),

@@ -1,4 +1,4 @@
-"""Response times: the published counterexample, and another tool's numbers; `tests/proofs/bus` plays them on a bus."""
+"""Response times: the published counterexample, and another tool's numbers."""
 
 import pytest
 

@@ -11,16 +11,13 @@ from typing import Annotated, Any, Final
 import typer
 
 from contract.errors import ConfigError
-from tests.proofs.bus import codec, flips, forgeries, fuzz, response_time
+from tests.proofs.bus import forgeries, fuzz
 from tests.proofs.command_line import JsonFile, main, report
 from tests.proofs.gate import mutation
 
 PARTS: Final[Mapping[str, tuple[Callable[[], dict[str, Any]], tuple[str, ...]]]] = {
-    "codec": (codec.measure, ("codec_times_cantools",)),
-    "flips": (flips.measure, ("flips_accepted", "random_accepted_per_million")),
     "forgeries": (forgeries.measure, ("authenticated_forgeries_accepted",)),
     "fuzz": (fuzz.measure, ("fuzz_frames",)),
-    "response_time": (response_time.measure, ("response_time_violations",)),
     "gate_mutation": (mutation.measure, ("gate_mutants", "gate_mutants_survived")),
 }
 """How each part is measured, and its headline figures."""
