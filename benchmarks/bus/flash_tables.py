@@ -18,28 +18,31 @@ _LOST: Final = {
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker."""
     found = read(results / "flash.json")
-    return {"flash_proof": proof(found), "flash_fuzz": fuzz(found["figures"]), "flash_times": times(found["figures"])}
+    return {
+        "flash_proof": proof(found, read(results / "flash_memory.json")["figures"]),
+        "flash_fuzz": fuzz(found["figures"]),
+        "flash_times": times(found["figures"]),
+    }
 
 
-def proof(found: dict[str, Any]) -> str:
-    """Cuts, and what was lost."""
+def proof(found: dict[str, Any], memory: dict[str, Any]) -> str:
+    """Cuts, and what was lost: in the folder, and once in a flash memory and a folder."""
     of, facts = found["figures"], found["facts"]
-    rows = [
-        ("writes and erasures of the whole sequence, flash memory", of["operations"]),
-        ("changing calls of the whole sequence, folder", of["calls_folder"]),
-        ("first cuts, flash memory", of["cuts_depth_1"]),
-        ("second cuts, in the recovery from a first one", of["cuts_depth_2"]),
-        ("first cuts, folder", of["cuts_folder"]),
-        ("second cuts, folder", of["cuts_folder_depth_2"]),
-        ("ECUs with both slots spoilt", of["both_slots_spoilt"]),
-        ("power-ons that were judged", of["boots"]),
-        *((text, of[kind]) for kind, text in _LOST.items()),
-    ]
+    texts = {
+        "operations": "changing calls of the whole sequence; writes and erasures of the flash memory",
+        "cuts_depth_1": "first cuts",
+        "cuts_depth_2": "second cuts, in the recovery from a first one",
+        "both_slots_spoilt": "ECUs with both slots spoilt",
+        "boots": "power-ons that were judged",
+        **_LOST,
+    }
+    rows = [(text, of[name], memory[name]) for name, text in texts.items()]
     which = "each of them" if facts["every"] == 1 else f"one in {facts['every']} of them"
-    return f"""{table(("", "figure"), rows)}
+    return f"""{table(("", "folder", "flash memory, 0.7.0"), rows)}
 
-Measured on {found["date"]}: {which} is cut, in the flash memory in {_ways(facts["seeds"])}, in the folder in
-{_ways(facts["folder_seeds"])}. The second cuts are drawn by the seed."""
+Folder: measured on {found["date"]} with {facts["versions"]["stillwake"]}; {which} is cut in {facts["seeds"]} ways. The
+second cuts are drawn by the seed. Flash memory: each is cut in one way; its spoilt slots, power-ons and losses include
+a folder's."""
 
 
 def fuzz(of: dict[str, Any]) -> str:
@@ -71,7 +74,3 @@ def times(of: dict[str, Any]) -> str:
 
 {of["flash_times"][0]["bytes"]} bytes, from the first request to the confirmation, in virtual time, beside the control
 traffic of an ECU that is not in control; a restart of the ECU takes 0.3 s of it."""
-
-
-def _ways(seeds: int) -> str:
-    return "one way" if seeds == 1 else f"{seeds} ways"

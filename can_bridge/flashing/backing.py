@@ -1,4 +1,4 @@
-"""What the store's logic needs of the place it lies in: flash memory (`flash_backing`) or a folder (`folder_backing`).
+"""What the store's logic needs of the place it lies in: here a folder (`folder_backing`), on a chip a flash memory.
 
 A backing promises two things about a loss of power. `keep` is atomic: afterwards the record is the old one or the new
 one. And whatever was written to a slot before the last `keep` of a `Kind.STATE` is still there.

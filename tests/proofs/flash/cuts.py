@@ -1,8 +1,8 @@
 """Flash an ECU with the supply cut in one operation, and in another during the recovery, and judge what comes of it.
 
-Each case has a name, by which it can be played again: `flash-0123` is the cut in operation 123 of the whole sequence
-over a flash memory, `flash-0123+0045` has a second one in operation 45 after that power-on, `folder-0012` is a cut in
-call 12 to a folder's files; `.3` behind the kind is the seed, where it is not 0.
+Each case has a name, by which it can be played again: `folder-0123` is the cut in call 123 to the folder's files in the
+whole sequence, `folder-0123+0045` has a second one in call 45 after that power-on; `.3` behind `folder` is the seed,
+where it is not 0.
 """
 
 import re
@@ -27,47 +27,42 @@ from contract.shipped import BUNDLE
 from tests.can_bridge.flashing.releases import RELEASE, provision
 from tests.can_bridge.flashing.store_ecu import StoreEcu
 from tests.can_bridge.tester.line import Line, flash_over
-from tests.proofs.flash.places import FlashPlace, FolderPlace, Place
+from tests.proofs.flash.places import FolderPlace
 
 OLD, NEW = 1, 2
 """Security versions of the two releases."""
-PLACES: Final[dict[str, Callable[[int], Place]]] = {"flash": FlashPlace, "folder": FolderPlace}
 KINDS: Final = ("bricked", "wrong_release", "confirmed_lost", "counter_moved", "checkpoint_lost", "reflash_failed")
 """What can go wrong in a case."""
-_LOG_WORDS: Final = 330
-"""Left in the log's sector when the sequence begins: less than the sequence writes, so that the log moves in it."""
-_NAME: Final = re.compile(rf"({'|'.join(PLACES)})(?:\.(\d+))?-(?:(\d+)(?:\+(\d+))?|both-bad)")
+_NAME: Final = re.compile(r"folder(?:\.(\d+))?-(?:(\d+)(?:\+(\d+))?|both-bad)")
 
 
 class Case(NamedTuple):
     """One case.
 
     Attributes:
-        kind: of memory.
         seed: of what the cut leaves behind.
         first: operation of the sequence; None where no supply is cut and both slots are spoilt.
         second: operation after the power-on, if there is a second cut.
     """
 
-    kind: str
     seed: int
     first: int | None
     second: int | None = None
 
     def __str__(self) -> str:
-        kind = f"{self.kind}.{self.seed}" if self.seed else self.kind
+        folder = f"folder.{self.seed}" if self.seed else "folder"
         if self.first is None:
-            return f"{kind}-both-bad"
-        return f"{kind}-{self.first:04}" + ("" if self.second is None else f"+{self.second:04}")
+            return f"{folder}-both-bad"
+        return f"{folder}-{self.first:04}" + ("" if self.second is None else f"+{self.second:04}")
 
     @classmethod
     def parse(cls, name: str) -> "Case":
         """Raises StillwakeError for what is no case's name."""
         match = _NAME.fullmatch(name)
         if match is None:
-            raise StillwakeError(f"case {name!r}: must be such as flash-0123, flash-0123+0045, folder.2-0012")
-        kind, seed, first, second = match.groups()
-        return cls(kind, int(seed or 0), None if first is None else int(first), None if second is None else int(second))
+            raise StillwakeError(f"case {name!r}: must be such as folder-0123, folder-0123+0045, folder.2-0012")
+        seed, first, second = match.groups()
+        return cls(int(seed or 0), None if first is None else int(first), None if second is None else int(second))
 
 
 @dataclass
@@ -124,7 +119,7 @@ class Tally:
         self.spoilt += other.spoilt
         self.operations = max(self.operations, other.operations)
 
-    def boot(self, case: Case, place: Place, before: str) -> StoreEcu:
+    def boot(self, case: Case, place: FolderPlace, before: str) -> StoreEcu:
         """Power on."""
         ecu = StoreEcu(place.backing)
         self.boots += 1
@@ -142,17 +137,14 @@ def shipped(security_version: int) -> bytes:
         return image_of(read_files(target))
 
 
-def provisioned(kind: str, seed: int) -> Place:
-    """An ECU's memory with the old release confirmed, after a life of some years: another one was in it before."""
-    place = PLACES[kind](seed)
+def provisioned(seed: int) -> FolderPlace:
+    """An ECU's memory with the old release confirmed."""
+    place = FolderPlace(seed)
     provision(place.backing(), shipped(OLD))
-    if isinstance(place, FlashPlace):
-        _fill_log(place)
     return place
 
 
 def walk(
-    kind: str,
     seed: int,
     at: Callable[[int], bool],
     then: Callable[[int, int], bool] = lambda first, second: False,
@@ -161,19 +153,18 @@ def walk(
     """The whole sequence, with a case for each operation that `at` picks.
 
     Args:
-        kind: of `PLACES`.
         seed: of what cuts leave behind.
         at: whether to cut in the operation with this number of the sequence.
         then: whether to cut in the second operation during the recovery from the first one.
         tally: to count in, in place of a new one.
     """
-    place, tally = provisioned(kind, seed), tally or Tally()
+    place, tally = provisioned(seed), tally or Tally()
     begin, asked = place.operations, Asked()
 
-    def on_cut(number: int, torn: Place) -> None:
+    def on_cut(number: int, torn: FolderPlace) -> None:
         tally.cases[1] += 1
         first = number - begin
-        recover(Case(kind, seed, first), torn, asked, tally, lambda second: then(first, second))
+        recover(Case(seed, first), torn, asked, tally, lambda second: then(first, second))
 
     place.branch(lambda number: at(number - begin), on_cut)
     _flash(StoreEcu(place.backing), asked)
@@ -182,12 +173,12 @@ def walk(
 
 
 def recover(
-    case: Case, place: Place, before: Asked, tally: Tally, then: Callable[[int], bool] = lambda number: False
+    case: Case, place: FolderPlace, before: Asked, tally: Tally, then: Callable[[int], bool] = lambda number: False
 ) -> None:
     """Power on after a cut, judge, flash again, judge; with a further case for each operation that `then` picks."""
     begin, asked = place.operations, replace(before)
 
-    def on_cut(number: int, torn: Place) -> None:
+    def on_cut(number: int, torn: FolderPlace) -> None:
         tally.cases[2] += 1
         recover(case._replace(second=number - begin), torn, asked, tally)
 
@@ -214,9 +205,9 @@ def recover(
         wrong("reflash_failed", "the old release runs after the new one was flashed again")
 
 
-def both_bad(kind: str, seed: int) -> Tally:
+def both_bad(seed: int) -> Tally:
     """No slot has an image in order any more: the ECU reports it, and can be flashed."""
-    place, tally, case = provisioned(kind, seed), Tally(spoilt=1), Case(kind, seed, None)
+    place, tally, case = provisioned(seed), Tally(spoilt=1), Case(seed, None)
     for slot in Slot:
         # The record of the slot as it is, and other bytes in its place.
         backing = place.backing()
@@ -240,7 +231,7 @@ def _flash(ecu: StoreEcu, asked: Asked) -> Flashed:
     return flash_over(Line(ecu), shipped(NEW), progress=asked.progress, on_step=asked.on_step)
 
 
-def _judge(ecu: StoreEcu, twin: Place, asked: Asked, wrong: Callable[[str, str], None]) -> None:
+def _judge(ecu: StoreEcu, twin: FolderPlace, asked: Asked, wrong: Callable[[str, str], None]) -> None:
     """What holds after every power-on.
 
     A whole release runs, the old one or, once it was to be activated, the new one; the one that was confirmed stands in
@@ -264,13 +255,13 @@ def _judge(ecu: StoreEcu, twin: Place, asked: Asked, wrong: Callable[[str, str],
             wrong("confirmed_lost", f"after {TRIAL_BOOTS} boots without a confirmation {last.boot.slot} runs")
 
 
-def _running(ecu: StoreEcu, place: Place) -> int | None:
+def _running(ecu: StoreEcu, place: FolderPlace) -> int | None:
     """Which release, by its bytes in the memory."""
     slot = ecu.boot.slot
     return None if slot is None else _release_in(place, slot, ecu.store.state.slots[slot].length)
 
 
-def _release_in(place: Place, slot: Slot, length: int) -> int | None:
+def _release_in(place: FolderPlace, slot: Slot, length: int) -> int | None:
     """Which release is in a slot, byte by byte."""
     try:
         content = place.backing().read(slot, 0, length)
@@ -284,18 +275,3 @@ def _in_words(ecu: StoreEcu) -> str:
     slots = zip(Slot, ecu.store.state.slots, strict=True)
     states = [f"{slot.name} {state.phase.name} {state.received}/{state.length}" for slot, state in slots]
     return f"{booted}, {ecu.boot.reason.in_words}; {', '.join(states)}"
-
-
-def _fill_log(place: FlashPlace) -> None:
-    """Keep the same record until the log's sector is nearly full."""
-    backing = place.backing()
-    record = backing.records()[Kind.STATE]
-    while True:
-        trial = place.twin()
-        before = sum(trial.erasures)
-        opened = trial.backing()
-        for _ in range(_LOG_WORDS // (1 + -(-len(record) // 32))):
-            opened.keep(Kind.STATE, record)
-        if sum(trial.erasures) > before:
-            return
-        backing.keep(Kind.STATE, record)

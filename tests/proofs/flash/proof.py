@@ -1,7 +1,7 @@
 """The supply cut at every write of flashing a release: whether the ECU ever stands without a controller it can trust.
 
     python -m tests.proofs.flash --json results/flash.json
-    python -m tests.proofs.flash --replay flash-0123+0045
+    python -m tests.proofs.flash --replay folder-0123+0045
 
 With it: hostile requests to the UDS server, and the time that the shipped release takes over a simulated bus.
 
@@ -29,11 +29,10 @@ from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
 from tests.can_bridge.flashing.releases import HARDWARE, ROOT, provision
 from tests.can_bridge.flashing.store_ecu import KEY, Counted
 from tests.proofs.command_line import JsonFile, console, in_parts, report, spread, track
-from tests.proofs.flash.cuts import KINDS, NEW, OLD, PLACES, Case, Tally, both_bad, shipped, walk
+from tests.proofs.flash.cuts import KINDS, NEW, OLD, Case, Tally, both_bad, shipped, walk
 from tests.proofs.flash.flash_bench import FlashBench, flash_on
-from tests.proofs.flash.flash_memory.flash_backing import FlashBacking
-from tests.proofs.flash.flash_memory.simulated_flash import SimulatedFlash
 from tests.proofs.flash.fuzz import FuzzFigures, fuzz
+from tests.proofs.flash.places import FolderPlace
 
 PIECE: Final = 100
 """Cuts that a process makes in one go; it repeats the sequence for them."""
@@ -51,7 +50,6 @@ class ProofError(StillwakeError):
 class Piece(NamedTuple):
     """Some of the cases of one walk: every `of`th operation from `number` on, and a share of the second cuts."""
 
-    kind: str
     seed: int
     number: int
     of: int
@@ -60,10 +58,9 @@ class Piece(NamedTuple):
 
 def main(
     json_file: JsonFile = None,
-    replay: Annotated[str, typer.Option(help="Play one case again, such as flash-0123+0045.")] = "",
+    replay: Annotated[str, typer.Option(help="Play one case again, such as folder-0123+0045.")] = "",
     every: Annotated[int, typer.Option(help="Cut in every so manieth operation; 1: in each.", min=1)] = 1,
-    seeds: Annotated[int, typer.Option(help="Ways in which each operation of the flash memory is torn.", min=1)] = 1,
-    folder_seeds: Annotated[int, typer.Option(help="Ways in which each call to the folder is torn.", min=1)] = 4,
+    seeds: Annotated[int, typer.Option(help="Ways in which each call to the folder is torn.", min=1)] = 4,
     second_cuts: Annotated[
         float, typer.Option(help="Second cuts, were a recovery as long as the sequence.", min=0.0)
     ] = 1.0,
@@ -75,19 +72,19 @@ def main(
         _replay(Case.parse(replay))
         return
     began = perf_counter()
-    operations = {kind: walk(kind, 0, lambda number: False).operations for kind in PLACES}
+    operations = walk(0, lambda number: False).operations
+    of = -(-operations // (PIECE * every))
     pieces = [
-        Piece(kind, seed, number, of * every, second_cuts / operations[kind])
-        for kind, seed in [*product(["flash"], range(seeds)), *product(["folder"], range(folder_seeds))]
-        for of in [-(-operations[kind] // (PIECE * every))]
+        Piece(seed, number, of * every, second_cuts / operations)
+        for seed in range(seeds)
         for number in range(0, of * every, every)
     ]
-    tallies = {kind: both_bad(kind, 0) for kind in PLACES}
-    for piece, tally in zip(pieces, track(spread(run_piece, pieces, workers), "cuts", "parts", len(pieces))):  # noqa: B905
-        tallies[piece.kind].add(tally)
+    total = both_bad(0)
+    for tally in track(spread(run_piece, pieces, workers), "cuts", "parts", len(pieces)):
+        total.add(tally)
     fuzzed = list(in_parts(run_fuzz, fuzz_requests, FUZZ_PIECE, workers, "requests"))
     times = list(spread(run_time, product(("fd", "classic"), LOSSES), workers))
-    figures = figures_of(tallies, fuzzed, times) | {"seconds_proof": perf_counter() - began}
+    figures = figures_of(total, fuzzed, times) | {"seconds_proof": perf_counter() - began}
     report(
         json_file,
         "flash",
@@ -96,14 +93,12 @@ def main(
         shown=[name for name in figures if name != "flash_times"],
         every=every,
         seeds=seeds,
-        folder_seeds=folder_seeds,
         second_cuts=second_cuts,
         workers=workers,
     )
-    findings = [finding for tally in tallies.values() for finding in tally.findings]
-    if findings:
-        first = findings[0]
-        raise ProofError(f"{len(findings)} findings, the first: {first.case}, {first.kind}: {first.text}")
+    if total.findings:
+        first = total.findings[0]
+        raise ProofError(f"{len(total.findings)} findings, the first: {first.case}, {first.kind}: {first.text}")
 
 
 def run_piece(piece: Piece) -> Tally:
@@ -112,7 +107,7 @@ def run_piece(piece: Piece) -> Tally:
     def second(first: int, number: int) -> bool:
         return Random(f"{piece.seed} {first} {number}").random() < piece.share
 
-    return walk(piece.kind, piece.seed, lambda number: number % piece.of == piece.number, second)
+    return walk(piece.seed, lambda number: number % piece.of == piece.number, second)
 
 
 def run_fuzz(requests: range) -> FuzzFigures:
@@ -125,7 +120,7 @@ def run_time(frames_and_lost: tuple[str, float]) -> dict[str, Any]:
     frames, lost = frames_and_lost
     config = Config(bus=BusConfig(frames=frames))  # type: ignore[arg-type]
     equipment = Equipment(root=public_key(ROOT), access=KEY, random_bytes=Counted(), hardware=HARDWARE)
-    memory = provision(FlashBacking(SimulatedFlash()), shipped(OLD))
+    memory = provision(FolderPlace(0).backing(), shipped(OLD))
     ecu = FlashableEcu(memory, config, equipment, boot_ns=BOOT_NS)
     faults = [Drop(probability=lost, at=end) for end in ("send", "receive")] if lost else []
     bench = FlashBench(ecu, config, losses=faults, seed=1)
@@ -143,23 +138,18 @@ def run_time(frames_and_lost: tuple[str, float]) -> dict[str, Any]:
     }
 
 
-def figures_of(tallies: dict[str, Tally], fuzzed: list[FuzzFigures], times: list[dict[str, Any]]) -> dict[str, Any]:
+def figures_of(total: Tally, fuzzed: list[FuzzFigures], times: list[dict[str, Any]]) -> dict[str, Any]:
     """What was counted."""
-    flash, folder = tallies["flash"], tallies["folder"]
-    findings = flash.findings + folder.findings
-    lost = Counter(finding.kind for finding in findings)
+    lost = Counter(finding.kind for finding in total.findings)
     wrong = ("exceptions", "unlocked_without_key", "activated_unsigned")
     return {
-        "operations": flash.operations,
-        "calls_folder": folder.operations,
-        "cuts_depth_1": flash.cases[1],
-        "cuts_depth_2": flash.cases[2],
-        "cuts_folder": folder.cases[1],
-        "cuts_folder_depth_2": folder.cases[2],
-        "both_slots_spoilt": flash.spoilt + folder.spoilt,
-        "boots": flash.boots + folder.boots,
+        "operations": total.operations,
+        "cuts_depth_1": total.cases[1],
+        "cuts_depth_2": total.cases[2],
+        "both_slots_spoilt": total.spoilt,
+        "boots": total.boots,
         **{kind: lost[kind] for kind in KINDS},
-        "cases_lost": [str(finding.case) for finding in findings][:20],
+        "cases_lost": [str(finding.case) for finding in total.findings][:20],
         "fuzz_requests": sum(piece.requests for piece in fuzzed),
         **{name.replace("exc", "fuzz_exc"): sum(piece.violations[name] for piece in fuzzed) for name in wrong},
         "seconds_flash": next(row["seconds"] for row in times if (row["frames"], row["lost"]) == ("fd", 0.0)),
@@ -170,9 +160,9 @@ def figures_of(tallies: dict[str, Tally], fuzzed: list[FuzzFigures], times: list
 def _replay(case: Case) -> None:
     tally = Tally(report=console.print)
     if case.first is None:
-        tally = both_bad(case.kind, case.seed)
+        tally = both_bad(case.seed)
     else:
-        walk(case.kind, case.seed, lambda n: n == case.first, lambda first, second: second == case.second, tally)
+        walk(case.seed, lambda n: n == case.first, lambda first, second: second == case.second, tally)
     for finding in tally.findings:
         console.print(f"{finding.case}: {finding.kind}: {finding.text}")
     if not any(tally.cases.values()) and not tally.spoilt:

@@ -21,7 +21,7 @@ from contract.release.checks import Bundle
 from contract.release.image import image_of
 from firmware_sim.ecu.calibrating import release_calibration
 from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
-from tests.can_bridge.flashing.medium import WornOutError
+from tests.can_bridge.flashing.medium import UnreadableError
 from tests.can_bridge.flashing.releases import RELEASE
 from tests.can_bridge.flashing.store_ecu import KEY
 from tests.firmware_sim.conftest import RecordingController
@@ -169,7 +169,7 @@ def test_a_memory_that_fails_is_tried_once(rig: Rig, monkeypatch: pytest.MonkeyP
 
     def fail(store: Store, blob: bytes | None) -> None:
         tried.append(blob)
-        raise WornOutError("sector 3 is bad", 0)
+        raise UnreadableError("sector 3 is bad", 0)
 
     monkeypatch.setattr(Store, "keep_calibration", fail)
     rig.power_on()
