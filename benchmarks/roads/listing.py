@@ -18,11 +18,4 @@ ROADS: Final = {
     "mpc-90": "mpc_90",
     "linear": "linear",
     "linear-under-release": "linear",
-    "release-coarse": "oracle_rows",
-    "oracle-25": "oracle_rows",
-    "oracle-50": "oracle_rows",
-    "oracle-100": "oracle_rows",
-    "foresight-25": "foresight",
-    "foresight-50": "foresight",
-    "foresight-100": "foresight",
 }

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 
 from wake.plant.sample import Sample
-from wake.truck.state import State
 
 
 def sample(t: float, action: float, **given: Any) -> Sample:
@@ -37,48 +36,3 @@ class Spring:
     @property
     def energy(self) -> float:
         return 0.5 * (self.x**2 + self.v**2)
-
-
-class Valley:
-    """Drag (a - best)^2 of the action at the end of a period, and nothing else."""
-
-    def __init__(self, best: float) -> None:
-        self.best, self.action, self.step = best, 0.0, 0
-
-    def state(self) -> State:
-        return State(flat=np.zeros(1), substep=self.step, action=self.action)
-
-    def reset(self, state: State) -> Sample:
-        self.step, self.action = state.substep, state.action
-        return self.sample()
-
-    def advance(self, action: float) -> Sample:
-        self.action, self.step = action, self.step + 1
-        return self.sample()
-
-    def sample(self) -> Sample:
-        return sample(0.2 * self.step, self.action, Cd=(self.action - self.best) ** 2)
-
-
-class Repaying:
-    """Cd is 1, more while the jets act, and 0.5 for good `after` periods after they blew upwards."""
-
-    def __init__(self, after: int = 12) -> None:
-        self.step, self.action, self.kicked, self.after = 0, 0.0, -1.0, after
-
-    def state(self) -> State:
-        return State(flat=np.array([self.kicked]), substep=self.step, action=self.action)
-
-    def reset(self, state: State) -> Sample:
-        self.step, self.action, self.kicked = state.substep, state.action, float(state.flat[0])
-        return self.sample()
-
-    def advance(self, action: float) -> Sample:
-        self.step, self.action = self.step + 1, action
-        if action > 0.01 and self.kicked < 0:
-            self.kicked = float(self.step)
-        return self.sample()
-
-    def sample(self) -> Sample:
-        calm = 0.0 <= self.kicked <= self.step - self.after
-        return sample(0.2 * self.step, self.action, Cd=(0.5 if calm else 1.0) + 5.0 * abs(self.action))
