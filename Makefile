@@ -199,12 +199,18 @@ pictures: $(VENV)/dev.stamp
 	$(BIN)/stillwake run runs/dead --disturb dead:sensor=base_7@6.5.. --overwrite
 	$(BIN)/python -m docs.run_page_pictures runs/demo runs/dead
 
+# What is too old is refused before pip looks for packages that it could install.
+CHECK_PYTHON = @$(PYTHON) -c "import sys; sys.version_info >= (3, 11) or sys.exit('stillwake needs Python 3.11 or later, \
+$(PYTHON) is %d.%d: make PYTHON=python3.12 ...' % sys.version_info[:2])"
+
 $(VENV)/run.stamp: pyproject.toml data/pyproject.toml constraints.txt
+	$(CHECK_PYTHON)
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) --editable ".[sim]" --editable ./data
 	touch $@
 
 $(VENV)/dev.stamp: pyproject.toml data/pyproject.toml constraints.txt
+	$(CHECK_PYTHON)
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) --editable ".[dev]" --editable ./data
 	touch $@ $(VENV)/run.stamp

@@ -62,9 +62,11 @@ def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
         ConfigError: a name does not exist, or is given twice.
         DatasetError: two of a pair are not mirror images of each other; the message names them.
     """
-    columns = layout.indices(sensors)
     if layout.mirror is None:
         raise DatasetError("the sensors have no mirror images: a linear model is made of differences between such")
+    if tuple(sensors) == SENSORS and SENSORS[0] not in layout.names:
+        raise DatasetError("the data set is of another body than the truck: name pairs of its sensors with --sensors")
+    columns = layout.indices(sensors)
     if len(sensors) < 2 or len(sensors) % 2:
         raise DatasetError(f"{len(sensors)} sensors: they must be pairs of mirror images")
     for first, second in zip(columns[::2], columns[1::2], strict=True):

@@ -8,12 +8,12 @@ from typing import Final
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.receive_thread import ReceiveThread
+from can_bridge.bus.heard import SILENCE_S, Heard, Silence
 from can_bridge.secoc.freshness_store import FreshnessStore
 from can_bridge.secoc.key import read_key
 from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from firmware_sim.bench.real_time.heard import Heard, line
 from firmware_sim.bench.real_time.pressures import Pressures
 from firmware_sim.bench.real_time.vehicle_counts import Figures
 from firmware_sim.bench.real_time.vehicle_loop import VehicleLoop
@@ -26,8 +26,6 @@ from firmware_sim.ecu.real_time.stage_times import StageTimes, VehicleStage
 
 LEAD_IN_NS: Final = 50_000_000
 """From the loop's making to its first sampling instant."""
-SILENCE_S: Final = 1.0
-"""Without a usable command, after which a line reports what is heard instead."""
 ROOM: Final = 4096
 """Frames kept for a period: a second of a full classic bus."""
 WRITTEN_EVERY: Final = 500
@@ -97,7 +95,8 @@ def run_vehicle(
         first_ns = clock.now_ns() + LEAD_IN_NS
         deadlines = Deadlines(period_ns=config.period_ns, due_ns=first_ns, grace_ns=config.period_ns // 2)
         loop = VehicleLoop(config, node, pressures, bus, inbox, deadlines, stage_times=times)
-        silence = _Silence(loop, bus, config, report)
+        messages = message_set(config.bus)
+        silence = Silence(messages.command.spec, messages, "ECU", report)
         figures, begun, has_given_up = loop.figures, 0, False
         while not is_stopped() and (course.periods is None or begun < course.periods):
             loop.period(enable_request=enable_from is not None and begun >= enable_from)
@@ -110,7 +109,8 @@ def run_vehicle(
                 )
             receiving.check()
             if begun % per_second == 0:
-                silence.look()
+                silence.look(figures.commands, loop.heard, bus.rejected)
+                loop.heard = Heard()
             if begun % max(1, per_second // 2) == 0:
                 progress(figures)
             if store is not None and begun % WRITTEN_EVERY == 0:
@@ -137,29 +137,3 @@ def _node(
     elif course.freshness is not None:
         raise ConfigError(f"--freshness {course.freshness}: nothing is authenticated without bus.key")
     return store, VehicleNode(sensors, config, pressures.layout, authentication)
-
-
-class _Silence:
-    """Says once when no command comes for a second, and once when they come again."""
-
-    def __init__(self, loop: VehicleLoop, bus: PythonCanBus, config: Config, report: Callable[[str], None]) -> None:
-        self._loop, self._bus, self._report = loop, bus, report
-        self._messages = message_set(config.bus)
-        self._commands = 0
-        self._rejected = dict(bus.rejected)
-        self._is_told = False
-
-    def look(self) -> None:
-        """At what came since the last look."""
-        commands, heard = self._loop.figures.commands, self._loop.heard
-        rejected = dict(self._bus.rejected)
-        self._loop.heard = Heard()
-        if commands > self._commands:
-            if self._is_told:
-                self._report("usable commands come")
-            self._is_told = False
-        elif not self._is_told:
-            new = {reason: count - self._rejected[reason] for reason, count in rejected.items()}
-            self._report(line(heard, self._messages, new, seconds=SILENCE_S))
-            self._is_told = True
-        self._commands, self._rejected = commands, rejected

@@ -9,11 +9,11 @@ from typing import Final, Protocol
 
 import numpy as np
 
+from can_bridge.bus.heard import Heard
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
 from contract.errors import BusError
-from firmware_sim.bench.real_time.heard import Heard
 from firmware_sim.bench.real_time.pressures import Pressures
 from firmware_sim.bench.real_time.vehicle_counts import Figures
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode

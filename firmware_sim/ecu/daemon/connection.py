@@ -6,7 +6,7 @@ report BUS_OFF, so that control returns by an enable edge only.
 
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from threading import Event, Lock, Thread
@@ -16,6 +16,7 @@ from typing import Final, Self
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.receive_thread import ReceiveThread
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
+from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 from firmware_sim.ecu.real_time.privileges import step_back
@@ -107,6 +108,10 @@ class Connection:
             now = self._bus.bus.health()
             self._health = replace(now, bus_off=self._before.bus_off + now.bus_off)
         return self._health
+
+    def rejected(self) -> Mapping[Rejection, int]:
+        """Receptions of the open bus that were no frame of this node's kind, by reason."""
+        return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:
         """Hand frames over; whether the bus took all of them. A thread waits for one frame of another one at most."""

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from can_bridge.bus.heard import SILENCE_S, Heard, Silence
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
@@ -81,9 +82,13 @@ class ControlLoop:
     ) -> None:
         self._ecu, self._times, self._connection, self._reception = ecu, times, connection, reception
         self._tell, self._after_step, self._stages, self._clock = tell, after_step, stage_times, real_time
-        self._pressure = message_set(config.bus).pressure.spec
+        messages = message_set(config.bus)
+        self._pressure = messages.pressure.spec
+        self._silence = Silence(self._pressure, messages, "vehicle", lambda text: tell("heard", text))
+        self._used = 0
         self._offset_ns = check_offset(config)
         period_ns = config.period_ns
+        self._look_every = max(1, round(SILENCE_S * 1e9 / period_ns))
         self._deadlines = Deadlines(
             period_ns=period_ns, due_ns=real_time.now_ns() + period_ns, grace_ns=period_ns // GRACE
         )
@@ -117,10 +122,14 @@ class ControlLoop:
             # Only what was used leads the deadlines: a stranger's frames do not draw them away.
             counters = [self._counter(frame) for frame in pressures]
             if (used := self._ecu.state.pressure_counter) in counters:
+                self._used += 1
                 self._arrivals = self._arrivals.seen(pressures[counters.index(used)].timestamp_ns)
         self._count(due_ns, woke_ns, sent_ns)
         self._tell_other_ecu(before.other_ecu)
         self._tell_mode()
+        if self.counters.steps % self._look_every == 0:
+            self._silence.look(self._used, self._reception.heard, self._connection.rejected())
+            self._reception.heard = Heard()
         self._after_step(sent_ns, self.counters)
         self._deadlines = self._deadlines.after(self._clock.now_ns())
         if (expected_ns := self._arrivals.expected_ns) is not None:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
+from can_bridge.bus.heard import Heard
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import MessageSet
 from firmware_sim.ecu.real_time.inbox import Inbox
@@ -53,6 +54,9 @@ class Reception:
         messages: that the ECU reads and sends.
         interface: python-can's name of the bus.
         monotonic_ns, date_ns: the two clocks.
+
+    Attributes:
+        heard: everything received since it was set, for a silent bus's line.
     """
 
     def __init__(
@@ -66,6 +70,7 @@ class Reception:
         self._pressure, self._own = messages.pressure.spec, (messages.command.spec, messages.status.spec)
         self._believes_stamps = interface in STAMPED_WITH_THE_DATE
         self._monotonic_ns, self._date_ns = monotonic_ns, date_ns
+        self.heard = Heard()
         self._pressures, self._others = Inbox(self._stamp, room=ROOM), Inbox(self._stamp, room=ROOM)
 
     @property
@@ -80,6 +85,7 @@ class Reception:
 
     def put(self, frame: Frame) -> None:
         """Leave a frame; called where the bus is read, by one thread at a time."""
+        self.heard.add([frame])
         if self._pressure.names(frame):
             self._pressures.put(frame)
         elif any(spec.names(frame) for spec in self._own):

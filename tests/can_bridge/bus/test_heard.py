@@ -1,9 +1,9 @@
-"""The line that is printed when no usable command comes."""
+"""The lines that are printed when nothing usable comes, at either node."""
 
+from can_bridge.bus.heard import Heard, Silence, line
 from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import CLASSIC, FD, SECURED, MessageSet
-from firmware_sim.bench.real_time.heard import Heard, line
 from tests.each import each
 
 
@@ -13,7 +13,7 @@ def line_for(messages: MessageSet, ids: dict[int, int], **rejected: int) -> str:
     for frame_id, length in ids.items():
         heard.add([Frame(frame_id=frame_id, data=bytes(length), is_fd=messages is not CLASSIC)] * 50)
     reasons = dict.fromkeys(Rejection, 0) | {Rejection[name]: count for name, count in rejected.items()}
-    return line(heard, messages, reasons, seconds=1.0)
+    return line(heard, messages.command.spec, messages, reasons, sender="ECU")
 
 
 @each(
@@ -40,3 +40,18 @@ def test_the_line_names_the_cause_and_what_would_do(messages, ids, rejected, exp
     assert text.startswith(f"no usable {messages.command.spec.name} (0x{messages.command.spec.frame_id:03x}) in 1 s: ")
     assert expected in text
     assert "\n" not in text
+
+
+def test_a_silence_is_reported_once_with_what_is_new_in_it() -> None:
+    lines: list[str] = []
+    silence = Silence(FD.pressure.spec, FD, "vehicle", lines.append)
+    wrong = {Rejection.WRONG_FORMAT: 50}
+    for usable, rejected in ((0, wrong), (0, wrong), (3, wrong), (3, wrong), (4, wrong)):
+        silence.look(usable, Heard(), rejected)
+    opening = "no usable Pressure (0x120) in 1 s: "
+    assert lines == [
+        f"{opening}the other nodes' frames are not for bus.frames = fd: --set bus.frames=classic",
+        "usable Pressure frames come",
+        f"{opening}nothing at all is heard; no vehicle on this bus, or it is another bus.channel",
+        "usable Pressure frames come",
+    ]

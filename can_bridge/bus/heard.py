@@ -1,0 +1,104 @@
+"""What a node hears on the bus while nothing that it can use arrives, in one line."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from can_bridge.bus.rejection import Rejection
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import SETS, MessageSet
+from can_bridge.wire.message_specs import MessageSpec
+
+MOST_NAMED: Final = 4
+"""Identifiers in the line."""
+SILENCE_S: Final = 1.0
+"""Without anything usable, after which a line reports what is heard instead."""
+
+_SET_OPTIONS: Final = {"classic CAN": "bus.frames=classic", "CAN FD": "bus.frames=fd"}
+
+
+@dataclass(kw_only=True, eq=False)
+class Heard:
+    """Frames since the last line, by identifier and length."""
+
+    frames: Counter[tuple[int, int]] = field(default_factory=Counter)
+
+    def add(self, frames: Iterable[Frame]) -> None:
+        """More of them."""
+        for frame in frames:
+            if len(self.frames) < 1000 or (frame.frame_id, len(frame.data)) in self.frames:
+                self.frames[frame.frame_id, len(frame.data)] += 1
+
+
+def line(
+    heard: Heard, wanted: MessageSpec, messages: MessageSet, rejected: Mapping[Rejection, int], *, sender: str
+) -> str:
+    """Why nothing usable came in `SILENCE_S`, as far as the bus shows.
+
+    Args:
+        heard: what was received.
+        wanted: the message that is waited for.
+        messages: the set that this node takes and sends.
+        rejected: receptions that were no frame of this node's kind, by reason.
+        sender: the node that sends the message, in a word.
+    """
+    opening = f"no usable {wanted.name} (0x{wanted.frame_id:03x}) in {SILENCE_S:g} s"
+    lengths = {length: count for (frame_id, length), count in heard.frames.items() if frame_id == wanted.frame_id}
+    wrong = {length: count for length, count in lengths.items() if length != wanted.length}
+    if wrong:
+        length = max(wrong, key=wrong.__getitem__)
+        return f"{opening}: it comes with {length} bytes and not {wanted.length}, so the {sender} has another DBC"
+    if lengths:
+        reason = "MAC, counter or CRC are not right"
+        check = "another bus.key or DBC" if wanted.is_secured else "another DBC, or two nodes that send it"
+        return f"{opening}: {sum(lengths.values())} came, but their {reason}: {check}"
+    ids = {frame_id for frame_id, _ in heard.frames} - {spec.frame_id for spec in messages.specs}
+    for other in SETS:
+        if ids & {spec.frame_id for spec in other.specs}:
+            return f"{opening}: the other node uses the messages for {other.name}{_advice(other)}"
+    if rejected.get(Rejection.WRONG_FORMAT, 0):
+        there, here = ("classic", "fd") if wanted.is_fd else ("fd", "classic")
+        return f"{opening}: the other nodes' frames are not for bus.frames = {here}: --set bus.frames={there}"
+    if ids:
+        named = ", ".join(f"0x{i:03x}" for i in sorted(ids)[:MOST_NAMED])
+        more = "" if len(ids) <= MOST_NAMED else f" and {len(ids) - MOST_NAMED} more"
+        return f"{opening}: no {sender}; heard are other nodes' {named}{more}"
+    foreign = {reason: count for reason, count in rejected.items() if count and reason is not Rejection.OWN}
+    unusable = [f"{count} {reason.value}" for reason, count in foreign.items()]
+    if unusable:
+        return f"{opening}: no {sender}; what is heard cannot be used: {', '.join(unusable)}"
+    return f"{opening}: nothing at all is heard; no {sender} on this bus, or it is another bus.channel"
+
+
+class Silence:
+    """Reports once when nothing usable comes for `SILENCE_S`, and once when it comes again.
+
+    Args:
+        wanted, messages, sender: as `line` has them.
+        report: called with each line.
+    """
+
+    def __init__(self, wanted: MessageSpec, messages: MessageSet, sender: str, report: Callable[[str], None]) -> None:
+        self._wanted, self._messages, self._sender, self._report = wanted, messages, sender, report
+        self._usable, self._rejected = 0, Counter[Rejection]()
+        self._is_told = False
+
+    def look(self, usable: int, heard: Heard, rejected: Mapping[Rejection, int]) -> None:
+        """At what came since the last look: messages that could be used and receptions rejected so far, and frames."""
+        if usable > self._usable:
+            if self._is_told:
+                self._report(f"usable {self._wanted.name} frames come")
+            self._is_told = False
+        elif not self._is_told:
+            new = Counter(rejected) - self._rejected
+            self._report(line(heard, self._wanted, self._messages, new, sender=self._sender))
+            self._is_told = True
+        self._usable, self._rejected = usable, Counter(rejected)
+
+
+def _advice(other: MessageSet) -> str:
+    if other.command.spec.is_secured:
+        return ": it has a key, --set bus.key=FILE"
+    option = _SET_OPTIONS.get(other.name)
+    return "" if option is None else f": --set {option}"
