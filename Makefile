@@ -83,7 +83,7 @@ packages: $(VENV)/dev.stamp
 
 # A sample of the C library in both precisions, for editors and debuggers.
 c: $(VENV)/dev.stamp
-	$(BIN)/python -m stillwake.parts.c_samples build/c
+	$(BIN)/python -m examples.c_samples build/c
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .

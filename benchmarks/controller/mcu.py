@@ -17,6 +17,8 @@ import typer
 from rich.table import Table
 
 from benchmarks.common.command_line import MODEL, JsonFile, console, save, track
+from benchmarks.controller.ecu_measure import measure_ecu
+from benchmarks.controller.instruction_spread import instruction_spread
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
@@ -38,8 +40,6 @@ from export.program.recorded_windows import recorded_windows
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from firmware_sim.mcu.cores import CORTEX_M4F, CORTEX_M7, Core
-from firmware_sim.mcu.ecu_measure import measure_ecu
-from firmware_sim.mcu.instruction_spread import instruction_spread
 from firmware_sim.mcu.measure import measure
 from stillwake.parts.c_release import library_folder
 

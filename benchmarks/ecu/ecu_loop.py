@@ -23,13 +23,13 @@ from rich.table import Table
 
 from benchmarks.common.command_line import JsonFile, Parts, console, progress, save
 from benchmarks.common.parts import part
+from benchmarks.ecu.lockstep import Lockstep
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.errors import McuError, StillwakeError, install
 from contract.release.checks import Bundle
 from contract.results import versions
 from firmware_sim.bench.ecus import CORTEX_M7, C, loop_ecu
-from firmware_sim.bench.lockstep import Lockstep
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.ecu.stepped import LoopEcu

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from stillwake.parts.c_samples import main
+from examples.c_samples import main
 
 
 @pytest.fixture(scope="session")

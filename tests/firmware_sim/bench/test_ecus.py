@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.ecu.lockstep import Lockstep
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND
 from can_bridge.wire.messages import Mode
@@ -13,7 +14,6 @@ from contract.controller.c_folder import library_sources
 from contract.errors import ConfigError
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.ecus import CORTEX_M7, C, check_ecu, loop_ecu
-from firmware_sim.bench.lockstep import Lockstep
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.ecu.stepped import LoopEcu

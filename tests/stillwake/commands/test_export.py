@@ -47,7 +47,7 @@ def fits_a_cortex_m7(folder):
     """
     pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
     pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
-    from firmware_sim.mcu.ecu_measure import measure_ecu
+    from benchmarks.controller.ecu_measure import measure_ecu
 
     config, sender = load_config(), E2eSender(PRESSURE)
     rows = read_recorded(folder)[:, :-1]

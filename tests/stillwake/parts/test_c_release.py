@@ -12,13 +12,13 @@ from contract.controller.c_folder import ECU_SETTINGS, library_sources, write_fo
 from contract.errors import LibraryError
 from contract.release.bundle import load
 from contract.shipped import BUNDLE
+from examples.c_samples import MODEL, MPC
 from export.program.random_program import random_program, random_windows
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from firmware_sim.in_c.compiler import host_compiler
 from stillwake.parts import c_release
 from stillwake.parts.c_release import ecu_files
-from stillwake.parts.c_samples import MODEL, MPC
 
 ROWS = np.zeros((10, 5))
 

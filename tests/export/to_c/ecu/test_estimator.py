@@ -19,6 +19,7 @@ from contract.errors import ExportError
 from contract.release.bundle import load
 from contract.runtime.onnx_estimator import OnnxEstimator
 from contract.shipped import BUNDLE
+from examples.c_samples import MODEL, MPC
 from export.int8.activation_ranges import activation_ranges
 from export.int8.calibrate import rounded_on
 from export.int8.rounded_estimator import rounded_estimator
@@ -28,7 +29,6 @@ from export.to_c.library import c_library
 from export.to_onnx.sensor_estimator import build_estimator
 from firmware_sim.in_c.c_settings import HEADER, ecu_settings
 from firmware_sim.in_c.compiler import host_compiler
-from stillwake.parts.c_samples import MODEL, MPC
 from tests.examples import examples
 
 pytestmark = pytest.mark.compiler

@@ -1,6 +1,6 @@
 """Write samples of the C library, of small random programs of every kind, to open, compile and debug.
 
-    python -m stillwake.parts.c_samples build/c
+    python -m examples.c_samples build/c
 
 makes `build/c/float32`, `build/c/int8` and `build/c/linear`, which are folders as `stillwake export --c` writes them,
 and `compile_flags.txt` in each for editors that use clangd. With them in `build/c` the sources open in place, too.

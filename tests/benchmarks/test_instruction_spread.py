@@ -14,7 +14,7 @@ from export.release.lowering import int8_library
 pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
 pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
 
-from firmware_sim.mcu.instruction_spread import instruction_spread
+from benchmarks.controller.instruction_spread import instruction_spread
 
 pytestmark = pytest.mark.mcu
 
