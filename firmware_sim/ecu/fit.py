@@ -73,12 +73,14 @@ def _place(position: Array) -> str:
 
 def _check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str) -> None:
     manifest = bundle.manifest
-    _check_equal(bundle, "control period", manifest.control_period, flow.control_period, owner=owner)
-    _check_equal(bundle, "action limit", manifest.action_limit, flow.action_limit, owner=owner)
+    for name in ("control_period", "action_limit"):
+        right = getattr(manifest, name)
+        remedy = f": set flow.{name}={right}"
+        _check_equal(bundle, name.replace("_", " "), right, getattr(flow, name), owner=owner, remedy=remedy)
 
 
-def _check_equal(bundle: Bundle, name: str, built_for: object, here: object, *, owner: str) -> None:
+def _check_equal(bundle: Bundle, name: str, built_for: object, here: object, *, owner: str, remedy: str = "") -> None:
     if built_for != here:
         raise BundleError(
-            f"bundle {bundle.manifest.name!r} was built for another {name}: {built_for}, the {owner} has {here}"
+            f"bundle {bundle.manifest.name!r} was built for another {name}: {built_for}, the {owner} has {here}{remedy}"
         )

@@ -4,6 +4,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import date
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -23,7 +24,7 @@ from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console
 from stillwake.parts.releases import Trust, describe, open_release
-from stillwake.parts.tuning import SEARCH, TUNED, Place, coarse_flow, judged, searched, spans_of
+from stillwake.parts.tuning import SEARCH, TUNED, coarse_flow, judged, searched, spans_of
 
 if TYPE_CHECKING:
     import optuna
@@ -111,7 +112,7 @@ def tune(
         settings_of,
     )
     from firmware_sim.tuning.space import chosen, parsed, with_values
-    from stillwake.parts.tuned_release import ModelOf
+    from stillwake.parts.tuned_release import ModelOf, first_exported
 
     if not 0.0 < hours <= _LONGEST:
         raise ConfigError(f"--hours {hours}: must be above 0, at most {_LONGEST:g}")
@@ -146,16 +147,30 @@ def tune(
     console.print(*describe(release), sep="\n", soft_wrap=True)
     if source is None:
         console.print("no model: only weights are tuned; the bundle's graph fixes learning rate and horizon")
-    place = Place(path=output)
-    with go_on_with(f"{output} keeps the finished trials, the same command continues it"):
-        study = searched(study, plan, label, release, coarse, source, place)
-        best = complete(study)[0]
-        winner = None if best == finished(study)[0] else with_values(present, settings_of(best))
-        found = judged(release, present, winner, source, config, goal, place, judged_phases)
-    _print_trials(study, names)
-    text = _print_judged(found, winner, goal)
-    figures = _figures(study, plan, winner, found, text)
     facts = {**label, "versions": versions("stillwake", "optuna", "onnxruntime", "numpy", "numba")}
+    try:
+        with go_on_with(f"{output} keeps the finished trials, the same command continues it"):
+            study = searched(study, plan, label, release, coarse, source, output)
+            order = {trial.number: k for k, trial in enumerate(finished(study))}
+            better = {
+                order[trial.number]: with_values(present, settings_of(trial))
+                for trial in takewhile(lambda trial: order[trial.number] > 0, complete(study))
+            }
+            if better and source is not None:
+                console.print("making the release of the best trial")
+            best, skipped = first_exported(release, better, source, output / TUNED, date.today())
+            found = judged(release, None if best is None else best[1], config, goal, output, judged_phases)
+    except (KeyboardInterrupt, ConfigError) as stop:
+        stopped = isinstance(stop, KeyboardInterrupt)
+        if stopped or (output / JOURNAL).is_file():
+            text = "stopped before there was a judgement; the same command continues" if stopped else str(stop)
+            figures = _figures(open_study(output, label), plan, None, {}, [], text)
+            write_result(output / RESULT, figures=figures, facts=facts, on=date.today())
+        raise
+    winner = None if best is None else best[1].manifest.mpc
+    _print_trials(study, names)
+    text = _print_judged(found, winner, skipped, goal)
+    figures = _figures(study, plan, winner, skipped, found, text)
     for file in (output / RESULT, json_file):
         if file is not None:
             write_result(file, figures=figures, facts=facts, on=date.today())
@@ -163,7 +178,8 @@ def tune(
     from firmware_sim.tuning.search_picture import write_figure
 
     write_figure(output / FIGURE, finished(study), figures["importances"])
-    console.print(f"best of {len(figures['trials'])} trials: {score_of(best):.2f} points; {text}", soft_wrap=True)
+    score = score_of(finished(study)[0 if best is None else best[0]])
+    console.print(f"best of {len(figures['trials'])} trials: {score:.2f} points; {text}", soft_wrap=True)
     if winner is not None:
         console.print(_command(bundle, model, present, winner), soft_wrap=True, markup=False, highlight=False)
     console.print(f"wrote {output / RESULT} and {output / FIGURE}", soft_wrap=True, markup=False)
@@ -213,7 +229,12 @@ def _clear(output: Path, label: Mapping[str, Any]) -> None:
 
 
 def _figures(
-    study: "optuna.Study", plan: "Plan", winner: MpcConfig | None, runs: "Sequence[Judged]", text: str
+    study: "optuna.Study",
+    plan: "Plan",
+    winner: MpcConfig | None,
+    skipped: Mapping[int, str],
+    runs: "Sequence[Judged]",
+    text: str,
 ) -> dict[str, Any]:
     from firmware_sim.tuning.judgement import is_clearly_better, to_tree
     from firmware_sim.tuning.search import PHASES, SECONDS, SETTINGS, finished, importances, spent
@@ -223,9 +244,10 @@ def _figures(
             {
                 "score": trial.value if trial.state.name == "COMPLETE" else None,
                 "given_up": trial.state.name == "PRUNED",
+                "skipped": skipped.get(k),
                 **{name: trial.user_attrs.get(name) for name in (SETTINGS, PHASES, SECONDS)},
             }
-            for trial in finished(study)
+            for k, trial in enumerate(finished(study))
         ],
         "search_hours": spent(study) / 3600.0,
         "importances": importances(study, plan.seed),
@@ -258,10 +280,17 @@ def _print_trials(study: "optuna.Study", names: Sequence[str]) -> None:
     console.print(f"{len(made)} trials, {len(made) - len(best)} of them given up early")
 
 
-def _print_judged(runs: "Sequence[Judged]", winner: MpcConfig | None, goal: "Goal") -> str:
-    """The table of the judgement, and its verdict in words."""
+def _print_judged(runs: "Sequence[Judged]", winner: MpcConfig | None, skipped: Mapping[int, str], goal: "Goal") -> str:
+    """The tables of what was skipped and of the judgement, and its verdict in words."""
     from firmware_sim.tuning.judgement import verdict
 
+    if skipped:
+        refused = Table("skipped trial", "because its export was refused")
+        for number, why in skipped.items():
+            refused.add_row(str(number), why)
+        console.print(refused)
+    if winner is None and skipped:
+        return "not better: no settings that scored better than the present ones can be exported"
     if not runs:
         return "not judged"
     table = Table(

@@ -1,7 +1,7 @@
 """Controllers with other settings of the optimiser: for the runs of a search, and a release of them to be judged."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
@@ -11,7 +11,7 @@ from contract.config.loading import from_tree
 from contract.config.tree import Config
 from contract.controller.estimator import ESTIMATOR
 from contract.controller.interface import RunnableController
-from contract.errors import BundleError, DatasetError
+from contract.errors import BundleError, DatasetError, ExportError
 from contract.model.model_folder import ModelFolder
 from contract.release import bundle as bundles
 from contract.release.bundle import MadeEstimator
@@ -92,7 +92,7 @@ def release_of(release: Bundle, mpc: MpcConfig, model: ModelOf | None, folder: P
     rounded and gated, and has the old one's sensor estimator.
 
     Raises:
-        StillwakeError: the export fails.
+        ExportError: a gate refuses the settings, such as that of the rounding.
     """
     old = release.manifest.mpc
     if replace(mpc, weights=old.weights) == old:
@@ -112,6 +112,24 @@ def release_of(release: Bundle, mpc: MpcConfig, model: ModelOf | None, folder: P
             estimator=_kept_estimator(release),
         )
     return bundles.load(folder)
+
+
+def first_exported(
+    release: Bundle, better: Mapping[int, MpcConfig], source: ModelOf | None, folder: Path, today: date
+) -> tuple[tuple[int, Bundle] | None, dict[int, str]]:
+    """The first settings of which a release can be made, with their trial and that release; what it skipped, and why.
+
+    Args:
+        better: settings by the number of their trial, best first.
+        source, folder, today: as `release_of` has them.
+    """
+    skipped = dict[int, str]()
+    for number, mpc in better.items():
+        try:
+            return (number, release_of(release, mpc, source, folder, today)), skipped
+        except ExportError as error:
+            skipped[number] = str(error)
+    return None, skipped
 
 
 def _config_of(model: ModelOf, release: Bundle, mpc: MpcConfig) -> Config:

@@ -2,8 +2,7 @@
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from datetime import date
+from dataclasses import replace
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -36,18 +35,8 @@ TUNED: Final = "bundle"
 """Folder of the winner's release, where it had to be exported."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Place:
-    """The folder of a search."""
-
-    path: Path
-
-    def start(self, refinement: float) -> Path:
-        return self.path / "starts" / f"mesh_{refinement:g}"
-
-    @property
-    def judged(self) -> Path:
-        return self.path / "judged"
+def _starts(place: Path, refinement: float) -> Path:
+    return place / "starts" / f"mesh_{refinement:g}"
 
 
 def coarse_flow(flow: FlowConfig, refinement: float) -> FlowConfig:
@@ -71,7 +60,7 @@ def searched(
     release: Bundle,
     coarse: Config,
     source: "ModelOf | None",
-    place: Place,
+    place: Path,
 ) -> "optuna.Study":
     """Make the trials that are missing, with progress in minutes of the budget; the study is begun if there is none."""
     from firmware_sim.tuning.loop import Report, WakeRuns
@@ -93,13 +82,13 @@ def searched(
         runs = WakeRuns(
             release,
             coarse,
-            wake_at=phases_of(coarse, starts_at(place.start(coarse.flow.refinement), coarse, periods, settle)),
+            wake_at=phases_of(coarse, starts_at(_starts(place, coarse.flow.refinement), coarse, periods, settle)),
             spans=spans_of(SEARCH),
             goal=plan.goal,
             controller=controller_of(release, source),
         )
         # Nothing is written before there is something to go on from.
-        begun = open_study(place.path, label) if study is None else study
+        begun = open_study(place, label) if study is None else study
         before, since = spent(begun), time.monotonic()
 
         def run(mpc: MpcConfig, phase: int, report: Report) -> PhaseFigures:
@@ -119,16 +108,16 @@ def searched(
 
 
 def judged(
-    release: Bundle,
-    present: MpcConfig,
-    winner: MpcConfig | None,
-    source: "ModelOf | None",
-    config: Config,
-    goal: "Goal",
-    place: Place,
-    phases: int,
+    release: Bundle, made: Bundle | None, config: Config, goal: "Goal", place: Path, phases: int
 ) -> "list[Judged]":
-    """The present settings and the winner's, on the mesh of the settings, from starts that nothing was tuned on."""
+    """The present settings and the winner's, on the mesh of the settings, from starts that nothing was tuned on.
+
+    Args:
+        release: with the present settings.
+        made: the winner's release; None if no settings are better.
+        config, goal: of the runs.
+        phases: starts; with 0 nothing is judged.
+    """
     if phases == 0:
         return []
     from firmware_sim.campaign.starts import phases_apart
@@ -136,30 +125,29 @@ def judged(
     from firmware_sim.tuning.loop import WakeRuns
     from firmware_sim.tuning.score import PhaseFigures
     from firmware_sim.tuning.starts import phases_of, starts_at
-    from stillwake.parts.tuned_release import controller_of, release_of
+    from stillwake.parts.tuned_release import controller_of
 
     spans = spans_of(JUDGEMENT)
     _, total = spans.periods(config.flow.control_period)
     found = list["Judged"]()
     with progress_bar("periods", estimate_over=3600.0) as bar:
         # Periods of the runs that are still to be made, and of those that were made by this call.
-        whole, made_here = total * phases * (1 if winner is None else 2), 0
+        whole, made_here = total * phases * (1 if made is None else 2), 0
         task = bar.add_task("judgement", total=whole, note="")
         bar.update(task, completed=0, note="preparing the starts")
         times = phases_apart(phases, config.flow.control_period)
-        starts = starts_at(place.start(config.flow.refinement), config, times, lambda t, whole: _tick(bar, task))
-        wake_at, vehicle = phases_of(config, starts), to_tree(replace(config, mpc=present))
-        for name, mpc in (("present", present), ("best", winner)):
-            if mpc is None:
+        starts = starts_at(_starts(place, config.flow.refinement), config, times, lambda t, whole: _tick(bar, task))
+        wake_at, vehicle = phases_of(config, starts), to_tree(replace(config, mpc=release.manifest.mpc))
+        for name, one in (("present", release), ("best", made)):
+            if one is None:
                 continue
-            made = release_of(release, mpc, source, place.path / TUNED, date.today())
             runs = WakeRuns(
-                made,
+                one,
                 config,
                 wake_at=wake_at,
                 spans=spans,
                 goal=goal,
-                controller=controller_of(made, None),
+                controller=controller_of(one, None),
             )
 
             def run(mpc: MpcConfig, phase: int, runs: WakeRuns = runs, name: str = name) -> PhaseFigures:
@@ -173,9 +161,9 @@ def judged(
                 whole, made_here = (whole, made_here + total) if is_new else (whole - total, made_here)
                 bar.update(task, completed=made_here, total=whole)
 
-            program = made.manifest.program_sha256
-            candidate = Candidate(name=name, mpc=mpc, digest=program, vehicle=vehicle)
-            found.append(judge(place.judged, candidate, times, run, done))
+            manifest = one.manifest
+            candidate = Candidate(name=name, mpc=manifest.mpc, digest=manifest.program_sha256, vehicle=vehicle)
+            found.append(judge(place / "judged", candidate, times, run, done))
         bar.update(task, note="")
     return found
 

@@ -1,11 +1,13 @@
 """The command around a search: what it writes and says, how it goes on, what it refuses."""
 
 import json
+from pathlib import Path
 from typing import ClassVar
 
 import pytest
 
 from contract.config.tree import Config
+from contract.errors import ExportError
 from contract.shipped import BUNDLE, MODEL
 from firmware_sim.tuning.score import PhaseFigures
 
@@ -17,6 +19,7 @@ class MadeUpRuns:
 
     made: ClassVar[list[tuple[float, int, float]]] = []
     stop_after = 10**6
+    trouble: str | None = None
 
     def __init__(self, bundle, config: Config, *, wake_at, spans, goal, controller) -> None:
         self._refinement = config.flow.refinement
@@ -26,7 +29,7 @@ class MadeUpRuns:
             raise KeyboardInterrupt
         periods(1, 2)
         type(self).made = [*self.made, (mpc.weights.lift, phase, self._refinement)]
-        found = 26.0 - 100.0 * abs(mpc.weights.lift - 0.2) + 0.1 * phase
+        found = 26.0 - 100.0 * abs(mpc.weights.lift - 0.2) + 0.1 * phase + 1e3 * mpc.learning_rate
         return PhaseFigures(
             reduction_percent=found,
             abs_Cl=0.1,
@@ -34,6 +37,7 @@ class MadeUpRuns:
             rms_action=0.03,
             jet_power=0.04,
             Cd_net_reduction_percent=found + 5.0,
+            trouble=self.trouble,
         )
 
 
@@ -59,7 +63,7 @@ def test_a_search_ends_with_table_verdict_command_and_files(cli, runs, tmp_path)
     lifts = [trial["settings"]["mpc.weights.lift"] for trial in figures["trials"]]
     scores = [trial["score"] for trial in figures["trials"]]
     assert lifts[0] == 0.1
-    assert scores == pytest.approx([26.05 - 100.0 * abs(lift - 0.2) for lift in lifts])
+    assert scores == pytest.approx([27.75 - 100.0 * abs(lift - 0.2) for lift in lifts])
     best = lifts[scores.index(max(scores))]
     assert best != 0.1
     assert figures["best"]["weights"]["lift"] == best
@@ -71,20 +75,45 @@ def test_a_search_ends_with_table_verdict_command_and_files(cli, runs, tmp_path)
     assert f"--set mpc.weights.lift={best:g}\n" in outcome.out
 
 
+def verdict(folder: Path) -> str:
+    return str(json.loads((folder / "tuning.json").read_text())["figures"]["verdict"])
+
+
 @pytest.mark.slow  # searches twice
-def test_a_search_that_was_stopped_goes_on(cli, refused, runs, tmp_path) -> None:
-    runs.stop_after = 3
+def test_a_search_that_was_stopped_has_a_verdict_and_goes_on(cli, refused, runs, monkeypatch, tmp_path) -> None:
     call = ("tune", tmp_path / "out", *QUICK, "--vary", "lift")
-    outcome = cli(*call)
-    assert outcome.code == 130
-    assert outcome.err.endswith("out keeps the finished trials, the same command continues it\n")
+    for runs.stop_after in (0, 3):
+        outcome = cli(*call)
+        assert outcome.code == 130
+        assert outcome.err.endswith("out keeps the finished trials, the same command continues it\n")
+        assert verdict(tmp_path / "out").startswith("stopped before there was a judgement")
     runs.stop_after = 10**6
     more = cli(*call, "--trials", 4)
+    assert verdict(tmp_path / "out").startswith("clearly better")
     assert more.code == 0 and "4 trials" in more.out
     # The second trial was cut in its second run: three runs before, two of them made again, two trials, four judged.
     assert len(runs.made) == 3 + 6 + 4
     # Another search in the folder is refused, and replaces it only when asked to.
     assert "holds a search with other goal; give --overwrite" in refused(*call, "--lift-bound", 0.3)
+    # So has one whose present settings do not hold control.
+    monkeypatch.setattr(runs, "trouble", "ECU FAULT")
+    outcome = cli("tune", tmp_path / "other", *QUICK)
+    assert (outcome.code, outcome.err) == (1, f"error: {verdict(tmp_path / 'other')}\n")
+    assert verdict(tmp_path / "other").endswith("cannot be compared with: ECU FAULT")
+
+
+@pytest.mark.slow  # draws the search
+def test_settings_whose_export_is_refused_are_skipped(cli, runs, monkeypatch, tmp_path) -> None:
+    def refuse(*args: object, **options: object) -> None:
+        raise ExportError("int8 weights: max_cost_gap is 0.0029, at most 0.001 is allowed")
+
+    monkeypatch.setattr("export.release.pipeline.export_all", refuse)
+    outcome = cli("tune", tmp_path, *QUICK, "--vary", "learning_rate", "--try", "learning_rate=0.004")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "1             │ int8 weights: max_cost_gap is 0.0029" in outcome.out
+    assert verdict(tmp_path) == "not better: no settings that scored better than the present ones can be exported"
+    trials = json.loads((tmp_path / "tuning.json").read_text())["figures"]["trials"]
+    assert [trial["skipped"] is None for trial in trials[:2]] == [True, False]
 
 
 def test_what_cannot_be_searched_is_refused_before_anything_is_written(all_refused, runs) -> None:
@@ -97,7 +126,7 @@ def test_what_cannot_be_searched_is_refused_before_anything_is_written(all_refus
             "--lift-bound -1": "--lift-bound -1.0: must be a number, at least 0",
             "--refinement 0": "flow.refinement",
             "--set train.epochs=3": "--set train.epochs: `tune` does not use it",
-            "--set flow.control_period=0.1": "was built for another control period: 0.2, the flow has 0.1",
+            "--set flow.control_period=0.1": "0.2, the flow has 0.1: set flow.control_period=0.2",
             "--dataset missing.h5": "missing.h5: No such file or directory",
         },
     )

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from contract.config.controller import CostWeights
-from contract.errors import BundleError, DatasetError
+from contract.errors import BundleError, DatasetError, ExportError
 from contract.model import model_folder
 from contract.release import bundle as bundles
 from contract.release.checks import Bundle
 from contract.shipped import BUNDLE, MODEL, RECORDING
 from export.program.from_training import program_of
 from export.reference.mpc import control_step
-from stillwake.parts.tuned_release import ModelOf, controller_of, release_of
+from stillwake.parts.tuned_release import ModelOf, controller_of, first_exported, release_of
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +56,17 @@ def test_other_weights_alone_leave_the_program_as_it_is(release, tmp_path) -> No
     assert made.manifest.mpc == mpc
     assert (made.files, made.manifest.program_sha256) == (release.files, release.manifest.program_sha256)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_settings_that_cannot_be_exported_give_way_to_the_next(release, source, monkeypatch, tmp_path) -> None:
+    def refuse(*args: object, **options: object) -> None:
+        raise ExportError("max_cost_gap")
+
+    monkeypatch.setattr("export.release.pipeline.export_all", refuse)
+    mpc = release.manifest.mpc
+    better = {4: replace(mpc, horizon=30), 2: replace(mpc, weights=CostWeights(lift=0.25)), 3: mpc}
+    best, skipped = first_exported(release, better, source, tmp_path / "bundle", date(2026, 1, 2))
+    assert best is not None and (best[0], best[1].manifest.mpc, skipped) == (2, better[2], {4: "max_cost_gap"})
 
 
 @pytest.mark.slow  # passes the gates
