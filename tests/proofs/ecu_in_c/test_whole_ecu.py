@@ -38,6 +38,7 @@ def test_both_ecus_live_through_a_million_periods_alike(tmp_path):
         assert lived.mismatch is None, str(lived.mismatch)
 
 
+@pytest.mark.proofs  # compiles each
 def test_a_fault_that_is_planted_in_c_is_found_again_and_again(tmp_path):
     for number, planted in enumerate(PLANTED):
         contents = planted.into(sources(VARIANTS[planted.variant]))

@@ -24,7 +24,7 @@ def test_clamp():
 """
 
 
-@pytest.mark.slow  # mutmut starts some processes
+@pytest.mark.proofs  # mutmut starts some processes
 def test_a_bound_that_no_test_looks_at_survives(tmp_path):
     """`>` and `>=` are the same here: at 4 the bound is the value. No test can tell them apart."""
     gate, tests = tmp_path / "gate.py", tmp_path / "test_gate.py"

@@ -51,6 +51,7 @@ def executor(monkeypatch) -> Executor:
     return made
 
 
+@pytest.mark.slow  # a second of CPU or more
 def test_the_plan_is_listed_and_nothing_is_run(cli, executor, plan, tmp_path) -> None:
     outcome = cli("campaign", "--list", "--scenarios", plan)
     assert (outcome.code, outcome.err) == (0, "")

@@ -54,6 +54,7 @@ def test_a_training_that_is_stopped_early_reports_that_nothing_is_kept(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow  # a second of CPU or more
 def test_the_same_command_goes_on_and_another_is_refused_or_starts_over(
     cli: Callable[..., Any], refused: Callable[..., str], called: list[dict[str, Any]], stopped: Path
 ) -> None:

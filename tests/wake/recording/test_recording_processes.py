@@ -73,6 +73,7 @@ def test_a_workers_error_comes_back_as_its_own(tmp_path):
     assert not (tmp_path / "a.h5").exists()
 
 
+@pytest.mark.proofs  # fifteen seconds of the real plant in three processes
 def test_side_by_side_under_a_release_with_a_worker_killed_gives_the_same(tmp_path, short_release):
     release = load(short_release)
     # Longer than the window, so that the controller acts; and a seed whose leads are 1 and 0 steps.
