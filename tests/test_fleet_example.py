@@ -104,17 +104,6 @@ def test_a_share_gets_the_new_release_and_the_others_keep_the_old(office, tmp_pa
     assert {office.asked_by(state, vehicle) for vehicle, state in vehicles.items()} == {"random"}
 
 
-def test_before_a_roll_out_there_is_nothing(sound, tmp_path):
-    repository = REPOSITORY.Repository(tmp_path / "repo", tmp_path / "keys", NOW)
-    repository.create()
-    repository.publish(sound)
-    root = (tmp_path / "repo" / "metadata" / "1.root.json").read_bytes()
-    found = VEHICLE.fetch(
-        str(tmp_path / "repo"), tmp_path / "state", root, vehicle=FIRST, hardware="h7", to=tmp_path / "new.zip"
-    )
-    assert found is None
-
-
 def test_the_lines_of_the_page_do_the_same(sound, tmp_path, capsys):
     repo, keys = tmp_path / "repo", tmp_path / "keys"
     for arguments in (["create"], ["publish", sound], ["roll-out", "random", 100], ["renew"]):
@@ -189,15 +178,6 @@ def test_an_assignment_of_what_was_never_published_is_refused(office, tmp_path):
         refused(office, tmp_path / "state", place, words)
 
 
-def test_an_assignment_that_makes_no_sense_is_refused(office, tmp_path):
-    repository = office.at(NOW)
-    for content in (b"", b"{}", b"[]", b'{"release": 1}', b"\xff"):
-        rollout = repository._read("rollout", REPOSITORY.Targets)
-        rollout.signed.targets["rollout/00"] = repository._store("rollout/00", content)
-        repository._change("rollout", rollout)
-        refused(office, tmp_path / "state", "names no release")
-
-
 def test_a_release_for_other_hardware_is_refused(office, tmp_path):
     office.at(NOW).roll_out("next", 100)
     refused(office, tmp_path / "state", "is for hardware h7, this vehicle has h8", hardware="h8")
@@ -224,9 +204,3 @@ def test_a_call_that_makes_no_sense_is_refused(office):
 def test_an_unsigned_bundle_is_not_published(office, random_release):
     with pytest.raises(StillwakeError, match="is not signed"):
         office.at(NOW).publish(random_release)
-
-
-def test_a_root_needs_two_of_three(office):
-    root = json.loads(office.root)
-    assert root["signed"]["roles"]["root"]["threshold"] == 2
-    assert len(root["signatures"]) == 3

@@ -95,7 +95,7 @@ def flips(found: Any) -> str:
 
 def authentication(found: Any) -> str:
     """What authentication costs."""
-    cost = found["figures"]["forgeries"]["authentication_cost"]
+    cost = found["figures"]["authentication_cost"]
     rows = [
         (name, row["e2e_protect_us"], row["secure_us"], row["e2e_check_us"], row["verify_us"])
         for name, row in cost["messages"].items()

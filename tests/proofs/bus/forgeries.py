@@ -1,12 +1,10 @@
-"""Frames of someone without the key, sent between genuine ones; and what authentication costs.
+"""Frames of someone without the key, sent between genuine ones.
 
 The attacker knows everything but the key: the DBC, every frame sent so far, and the freshness value that comes next.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
-from timeit import repeat
 from typing import Any, Final
 
 import numpy as np
@@ -16,18 +14,14 @@ from can_bridge.e2e.sender import SenderState, protected_frame
 from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.key import KEY_LENGTH, Key
 from can_bridge.secoc.receiver import VerifierState, verified
-from can_bridge.secoc.securing import secure, verify
-from can_bridge.wire.bit_timing import worst_case_ns
+from can_bridge.secoc.securing import secure
 from can_bridge.wire.frame import FD_LENGTHS, Frame
-from can_bridge.wire.message_sets import CLASSIC, FD, SECURED, MessageSet
+from can_bridge.wire.message_sets import SECURED
 from can_bridge.wire.message_specs import FRESHNESS_LENGTH, MAC_LENGTH, MessageSpec
-from contract.config.tree import Config
 from tests.proofs.command_line import track
 
 RECORDED: Final = 1000
 """Genuine frames of the other messages that the attacker has."""
-REPEATS: Final = 7
-"""Timings, of which the fastest counts."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -123,7 +117,7 @@ def measure(count: int = 300_000, *, seed: int = 0) -> dict[str, Any]:
 
     Returns:
         `authenticated_forgeries_accepted`; `forgeries` with the counts behind it, by kind too, and how many genuine
-        frames were refused; `authentication_cost`, see `cost`.
+        frames were refused.
     """
     by_kind = {kind: {"tried": 0, "accepted": 0} for kind in KINDS}
     kinds, refused = list(KINDS), 0
@@ -147,38 +141,4 @@ def measure(count: int = 300_000, *, seed: int = 0) -> dict[str, Any]:
     return {
         "authenticated_forgeries_accepted": sum(row["accepted"] for row in by_kind.values()),
         "forgeries": {"tried": tried, "by_kind": by_kind, "genuine": tried, "genuine_refused": refused},
-        "authentication_cost": cost(),
     }
-
-
-def cost(frames: int = 5000) -> dict[str, Any]:
-    """What authentication costs: time for a frame at either end next to E2E, on this machine; bytes; load of the bus.
-
-    `secure_us` comes on top of `e2e_protect_us`, `verify_us` on top of `e2e_check_us`.
-
-    Args:
-        frames: of each message, in each of several timings, of which the fastest counts.
-    """
-    key, messages = Key(bytes(range(1, 1 + KEY_LENGTH))), {}
-    for plain, spec in zip(FD.specs, SECURED.specs, strict=True):
-        protect = partial(protected_frame, SenderState(), bytes(spec.protected), spec=spec, now_ns=0)
-        frame = protect()
-        whole = secure(frame, spec, key, Freshness())
-        calls: dict[str, Callable[[], object]] = {
-            "e2e_protect_us": protect,
-            "secure_us": partial(secure, frame, spec, key, Freshness()),
-            "e2e_check_us": partial(profile_of(spec).check, frame.data, data_id=spec.data_id),
-            "verify_us": partial(verify, whole.data, spec, key),
-        }
-        times = {name: 1e6 * min(repeat(call, repeat=REPEATS, number=frames)) / frames for name, call in calls.items()}
-        messages[plain.name] = {**times, "bytes": plain.length, "bytes_authenticated": spec.length}
-    loads = {messages.name: bus_load_percent(messages) for messages in (FD, SECURED, CLASSIC)}
-    return {"messages": messages, "bus_load_percent": loads}
-
-
-def bus_load_percent(messages: MessageSet) -> float:
-    """Load of a set's three messages in each control period, at the default bit rates and with the most stuff bits."""
-    config = Config()
-    rates = {"nominal_bitrate": config.bus.nominal_bitrate, "data_bitrate": config.bus.data_bitrate}
-    frames = [Frame(frame_id=spec.frame_id, data=bytes(spec.length), is_fd=spec.is_fd) for spec in messages.specs]
-    return 100 * sum(worst_case_ns(frame, **rates) for frame in frames) / config.period_ns
