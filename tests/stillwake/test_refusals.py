@@ -229,6 +229,12 @@ def test_a_recording_that_does_not_fit_is_named(refused: Callable[..., str], pla
     assert named in refused("record", path, "--under", random_release)
 
 
+def test_a_signed_bundle_is_named_as_such(refused: Callable[..., str], place: Path, sound: Path) -> None:
+    line = refused("export", "model", shutil.copytree(sound, place / "signed"))
+    assert "signed: there is the bundle random already, signed by key " in line
+    assert "give --overwrite to replace it" in line
+
+
 def test_an_export_begins_with_the_models_settings(place: Path) -> None:
     assert export_command._settings(Path("model"), None, []).mpc == MODEL.mpc
     (place / "few.toml").write_text("[mpc]\nhorizon = 9\n")
