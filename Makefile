@@ -150,6 +150,8 @@ full: test
 	$(BIN)/stillwake bench latency runs/latency --both --overwrite --json results/latency.json
 	$(BIN)/python -m tests.proofs.ecu hostile --steps 1000000 --json results/hostile.json
 	$(BIN)/python -m benchmarks sensor-check --json results/sensor_check.json
+	$(PIP) scapy
+	$(BIN)/python -m benchmarks attack-tools --json results/attack_tools.json
 	$(BIN)/python -m benchmarks live-speed --json results/live_speed.json
 	$(BIN)/stillwake can load --json results/can_load_fd.json
 	$(BIN)/stillwake can load --set bus.frames=classic --json results/can_load_classic.json

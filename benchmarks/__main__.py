@@ -56,6 +56,7 @@ MEASUREMENTS: Final = {
         "release.release_figures", "the paper's figures of control: forecasts, distributions, mean fields", "a minute"
     ),
     "isotp": Measurement("bus.isotp", "what a block costs over ISO-TP, and by can-isotp", "seconds"),
+    "attack-tools": Measurement("bus.attack_tools", "what scapy's scanners learn of an ECU with slots", "minutes"),
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms, what it finds", "minutes"),
     "release-loop": Measurement(
         "release.release_loop", "the shipped release from five phases of the shedding cycle", "minutes"

@@ -46,6 +46,7 @@ def tables(results: Path) -> dict[str, str]:
         "bus_faults": bus_faults(results),
         "two_nodes": two_nodes(results),
         "isotp": isotp(results),
+        "attack_tools": attack_tools(results),
     }
 
 
@@ -109,6 +110,25 @@ def authentication(found: Any) -> str:
 Load of the bus by the three messages, at worst: {loads}.
 Forged, replayed, reflected and mutated frames: {accepted} of {forged["tried"]:,} accepted. Genuine ones between them:
 {forged["genuine_refused"]} of {forged["genuine"]:,} refused."""
+
+
+def attack_tools(results: Path) -> str:
+    """What scapy's scanners learn."""
+    found = read(results / "attack_tools.json")
+    figures, versions = found["figures"], found["facts"]["versions"]
+    texts = {
+        "isotp": "ISO-TP endpoints",
+        "xcp": "XCP slaves",
+        "requests": "UDS requests",
+        "services": "services that answer",
+        "identifiers": "identifiers that can be read",
+        "seeds": "seeds that are given",
+        "unlocked": "levels unlocked",
+    }
+    rows = [
+        (text, ", ".join(value) if isinstance(value := figures[name], list) else value) for name, text in texts.items()
+    ]
+    return f"{table(('learned', ''), rows)}\n\nMeasured on {found['date']}, scapy {versions['scapy']}."
 
 
 def isotp(results: Path) -> str:

@@ -1,0 +1,123 @@
+"""What scapy's scanners learn of an ECU that can be flashed: ISO-TP, XCP, UDS services, identifiers, security access.
+
+    pip install scapy
+    python -m benchmarks attack-tools [--json FILE]
+
+The ECU is `stillwake ecu --slots` with the shipped release in a process of its own, on classic frames, which scapy's
+scanners speak. It fails if a service, an identifier or a key gives more than the diagnosis page states.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import sleep
+from typing import Any, Final
+
+from rich.table import Table
+
+from benchmarks.common.command_line import JsonFile, console, save
+from benchmarks.common.commands import ROOT, stillwake
+from can_bridge.uds.services import Did, Service
+from contract.errors import StillwakeError
+from contract.results import versions
+from contract.shipped import BUNDLE
+
+BUS: Final = ("udp_multicast", "239.74.163.78")
+XCP_IDS: Final = range(0x7C8, 0x7E0)
+ISOTP_IDS: Final = range(0x7D8, 0x7F0)
+"""Without those of XCP, whose error frames confuse the scanner."""
+DIDS: Final = (*range(0xF100, 0xF200), *range(0xFD00, 0xFD40))
+ABSENT: Final = (0x11, 0x7F)
+"""Negative responses of a service that is not there, or not in this session."""
+
+
+def main(json_file: JsonFile = None) -> None:
+    """Scan, print what was learned, and fail if it is more than it may be."""
+    with tempfile.TemporaryDirectory(prefix="stillwake-") as folder, _ecu(Path(folder)):
+        figures = _scan()
+    table = Table("learned", "")
+    for name, value in figures.items():
+        table.add_row(name.replace("_", " "), ", ".join(map(str, value)) if isinstance(value, list) else str(value))
+    console.print(table)
+    save(json_file, figures=figures, facts={"versions": versions("stillwake", "scapy", "python-can")})
+    services, identifiers = {int(Service(one)) for one in Service}, {int(one) for one in Did}
+    beyond = {int(text, 16) for text in figures["services"]} - services
+    beyond |= {int(text, 16) for text in figures["identifiers"]} - identifiers
+    if beyond or figures["unlocked"] or not figures["requests"]:
+        raise StillwakeError(
+            f"scapy learned more than it may: {sorted(map(hex, beyond))}, {figures['unlocked']} unlocked"
+        )
+
+
+@contextmanager
+def _ecu(place: Path) -> Iterator[None]:
+    """The ECU, provisioned and running; fails if the scans ended it."""
+    root, keys, slots, access = (str(place / name) for name in ("root", "keys.list", "slots", "access.key"))
+    trusted = ROOT / "contract" / "release" / "release.pub"
+    stillwake("bundle", "keygen", root)
+    stillwake("bundle", "keylist", keys, "--root", f"{root}/release.key", "--version", 1, "--key", trusted)
+    stillwake("can", "keygen", access)
+    stillwake("ecu", "provision", slots, "--root", f"{root}/release.pub", "--keys", keys, "--bundle", BUNDLE)
+    words = ["ecu", "--slots", slots, "--access", access, "--bus", ":".join(BUS), "--set", "bus.frames=classic"]
+    with subprocess.Popen([sys.executable, "-m", "stillwake", *words], stderr=subprocess.DEVNULL) as process:
+        sleep(5.0)
+        try:
+            yield
+            if process.poll() is not None:
+                raise StillwakeError(f"the ECU ended with status {process.returncode} under the scans")
+        finally:
+            process.terminate()
+
+
+def _scan() -> dict[str, Any]:
+    try:
+        from scapy.config import conf  # type: ignore[import-not-found,unused-ignore]
+    except ImportError as error:
+        raise StillwakeError("scapy is not installed: pip install scapy") from error
+    conf.contribs["CANSocket"] = {"use-python-can": True}
+    conf.contribs["ISOTP"] = {"use-can-isotp-kernel-module": False}
+    from scapy.contrib.automotive import uds_scan  # type: ignore[import-not-found,unused-ignore]
+    from scapy.contrib.automotive.uds import UDS  # type: ignore[import-not-found,unused-ignore]
+    from scapy.contrib.automotive.xcp.scanner import XCPOnCANScanner  # type: ignore[import-not-found,unused-ignore]
+    from scapy.contrib.automotive.xcp.xcp import XCPOnCAN  # type: ignore[import-not-found,unused-ignore]
+    from scapy.contrib.cansocket import CANSocket  # type: ignore[import-not-found,unused-ignore]
+    from scapy.contrib.isotp import ISOTPSoftSocket, isotp_scan  # type: ignore[import-not-found,unused-ignore]
+
+    def port(**more: Any) -> Any:
+        return CANSocket(interface=BUS[0], channel=BUS[1], fd=True, hop_limit=0, **more)
+
+    def connected() -> Any:
+        return ISOTPSoftSocket(port(), tx_id=0x7E0, rx_id=0x7E8, basecls=UDS)
+
+    with port() as plain:
+        transports = isotp_scan(
+            plain, ISOTP_IDS, sniff_time=0.1, verify_results=False, output_format="json", verbose=False
+        )
+    with port(basecls=XCPOnCAN) as for_xcp:
+        slaves = XCPOnCANScanner(for_xcp, id_range=XCP_IDS, sniff_time=0.1, verbose=False).scan_with_connect()
+    names = ("DSC", "Service", "RDBI", "SA")
+    cases = [getattr(uds_scan, f"UDS_{name}Enumerator") for name in names]
+    spans = {"DSC": range(1, 5), "RDBI": DIDS, "SA": range(1, 8)}
+    ranges = {f"UDS_{name}Enumerator_kwargs": {"scan_range": span} for name, span in spans.items()}
+    scanner = uds_scan.UDS_Scanner(connected(), reconnect_handler=connected, test_cases=cases, timeout=0.5, **ranges)
+    scanner.scan(timeout=240)
+    answers = [
+        (bytes(one.req), bytes(one.resp))
+        for case in scanner.configuration.test_cases
+        for one in case.results
+        if one.resp is not None
+    ]
+    there = {req[0] for req, resp in answers if resp[0] != 0x7F or resp[2] not in ABSENT}
+    return {
+        "isotp": [f"{one['tx_id']:#x}" for one in json.loads(transports)],
+        "xcp": [f"{one.request_id:#x}" for one in slaves],
+        "requests": sum(len(case.results) for case in scanner.configuration.test_cases),
+        "services": sorted(f"{one:#04x}" for one in there),
+        "identifiers": sorted({f"{int.from_bytes(req[1:3], 'big'):#06x}" for req, resp in answers if resp[0] == 0x62}),
+        "seeds": sorted({f"{resp[1]:#04x}" for _, resp in answers if resp[0] == 0x67 and resp[1] % 2}),
+        "unlocked": sum(resp[0] == 0x67 and resp[1] % 2 == 0 for _, resp in answers),
+    }
