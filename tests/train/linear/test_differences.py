@@ -16,6 +16,7 @@ def test_rows_are_differences_of_pairs_of_mirror_images():
         (("up", "left"), DatasetError, "up and left are no pair: the mirror image of up is down"),
         (("up", "down", "left"), DatasetError, "3 sensors: they must be pairs"),
         (("up", "under"), ConfigError, "unknown sensor 'under'"),
+        (SENSORS, DatasetError, "of another body than the truck: name pairs of its sensors with --sensors"),
     ):
         with pytest.raises(error, match=named):
             check_pairs(LAYOUT, sensors)
