@@ -69,11 +69,6 @@ class Segment:
         """The values of that page, from the next control period on."""
         return self._working if self._page is Page.WORKING else self._reference
 
-    @property
-    def is_pending(self) -> bool:
-        """`take` has something to give."""
-        return self.in_force != self._taken
-
     def select(self, page: Page) -> None:
         """Put a page in force."""
         self._page = page

@@ -46,12 +46,6 @@ class Endpoint:
         self._dropped_sent = 0
 
     @property
-    def is_idle(self) -> bool:
-        """Nothing is under way or waits in either direction."""
-        under_way = self._reception.is_running or self._transmission.is_running or self._answer is not None
-        return not (under_way or self._received or self._to_send)
-
-    @property
     def losses(self) -> Losses:
         return Losses(
             aborted_receptions=self._reception.aborted,

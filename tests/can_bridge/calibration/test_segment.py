@@ -23,10 +23,9 @@ def float_bytes(value: float) -> bytes:
 
 def test_values_are_taken_together_and_once(segment):
     assert segment.working == REFERENCE
-    assert not segment.is_pending and segment.take() is None
+    assert segment.take() is None
     segment.write(OFFSETS["effort"], float_bytes(0.5))
     segment.write(OFFSETS["delay_steps"], (3).to_bytes(4, "little"))
-    assert segment.is_pending
     taken = segment.take()
     assert (taken.weights.effort, taken.weights.smoothness, taken.delay_steps) == (0.5, 8.0, 3)
     assert segment.take() is None

@@ -126,7 +126,7 @@ def test_only_the_right_key_opens_changes_until_the_end_of_its_connection(slave,
         ask(slave, CONNECT)
         assert unlock(slave, access) == "FF 00"
         assert ask(slave, again, CONNECT, EFFORT, ONE) == ERRORS["LOCKED"], again
-    assert not segment.is_pending and slave.to_store(0) is None
+    assert segment.take() is None and slave.to_store(0) is None
     assert unlock(slave, access) == "FF 00"
     talk(slave, "FD > FF 00 00 00 00 00\nEFFORT + ONE > FF\nF0 04 00 00 00 40 > FF")
     taken = segment.take()
@@ -169,7 +169,7 @@ def test_a_connection_that_is_left_alone_ends(unlocked, segment):
         assert ask(unlocked, "FD", now_ns=now_ns) == "FF 00 00 00 00 00"
     assert ask(unlocked, ONE, now_ns=2 * IDLE_NS + 1) == ""
     assert ask(unlocked, "FD", now_ns=2 * IDLE_NS + 1) == ""
-    assert not segment.is_pending
+    assert segment.take() is None
 
 
 def test_what_is_written(unlocked, segment):
@@ -185,7 +185,7 @@ def test_what_is_written(unlocked, segment):
         F6 00 00 00 16 00 00 20 + ONE > RANGE
         """,
     )
-    assert not segment.is_pending
+    assert segment.take() is None
     raw = struct.pack("<9fI", 1, 2, 3, 4, 5, 6, 7, 0.05, 0.025, 2)
     ask(unlocked, START)
     for begin in range(0, 40, 6):
@@ -227,9 +227,9 @@ def test_pages(unlocked, segment):
         E4 00 00 00 00 > FF
         """,
     )
-    assert segment.is_pending
+    assert segment.in_force != segment.reference
     assert ask(unlocked, "E4 00 01 00 00") == "FF"
-    assert not segment.is_pending
+    assert segment.take() is None
 
 
 def test_storing_is_asked_for_and_reported(unlocked, segment):

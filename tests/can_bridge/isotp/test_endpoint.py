@@ -51,7 +51,7 @@ def play(settings: IsoTpSettings, story: str) -> None:
             losses = endpoint.losses
             assert f"{losses.aborted_receptions} {losses.aborted_transmissions}" == rest, (story, step)
         else:
-            assert (verb, endpoint.is_idle) == ("idle", True), (story, step)
+            assert (verb, endpoint.poll(now_ns), endpoint.take()) == ("idle", [], []), (story, step)
 
 
 def test_messages_and_flow_control():
@@ -178,4 +178,4 @@ def test_whatever_comes_over_the_wire_nothing_is_raised_and_nothing_grows(steps,
     for _ in range(3 * settings.queue):
         endpoint.poll(now_ns)
         now_ns += 1001 * MS
-    assert endpoint.is_idle
+    assert endpoint.poll(now_ns) == endpoint.take() == []

@@ -104,7 +104,7 @@ def test_each_side_hears_the_others_overflow():
     connection.run()
     assert connection.tester.recv() is None
     assert connection.ecu.losses.aborted_transmissions == 1
-    assert connection.ecu.is_idle
+    assert connection.ecu.take() == []
 
 
 @examples(200)
