@@ -237,9 +237,9 @@ class LiveRun:
         )
 
     def set_disturbances(self, texts: tuple[str, ...]) -> None:
-        """Have these at work from the next period on. What comes of them is theirs, and not helped."""
-        self.request.helped_until = 0
-        self.disturbances.set(texts, self._k)
+        """Have these at work from the next period on. What comes of a new one is its own, and not helped."""
+        if self.disturbances.set(texts, self._k):
+            self.request.helped_until = 0
 
     def errors(self) -> dict[str, NodeErrors]:
         """Error counters of the nodes, by their names."""

@@ -121,11 +121,14 @@ class SwitchedDisturbances:
 
         return around
 
-    def set(self, texts: Sequence[str], k: int) -> None:
+    def set(self, texts: Sequence[str], k: int) -> bool:
         """Have these at work from control period k on, before which the bus stands, and nothing else.
 
         Args:
             texts: disturbances without their times.
+
+        Returns:
+            Whether one begins that was not at work.
 
         Raises:
             ConfigError: for a text that describes none.
@@ -144,6 +147,7 @@ class SwitchedDisturbances:
         self._bus.advance_to(k * self._config.period_ns)
         for text, group in new:
             self._begin(text, group, k)
+        return bool(new)
 
     def note(self, text: str, k: int, *, is_instant: bool = False) -> Happening:
         """Keep what disturbs the loop from period k on, and is done elsewhere."""

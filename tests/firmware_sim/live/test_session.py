@@ -217,6 +217,14 @@ def test_events_report_what_the_ecu_does_about_a_fault_and_count_what_comes_agai
     assert any("again" in text for text in live.events)
 
 
+def test_what_is_cleared_stays_so_when_something_else_is_set_at_once(tmp_path):
+    """What has acted may latch a fault some periods later."""
+    for fault, periods in (({"babble": True}, 4), ({"delay_ms": 200}, 16)):
+        live = Live(tmp_path).run(60).set(**fault).run(periods)
+        live.ask(clear=True)
+        assert live.set(controller="int8").run(80).state == "CONTROL", fault
+
+
 def test_a_link_reproduces_the_settings(tmp_path, live):
     live.run(20).set(noise=0.25, biased=NAMES[1], bias=-2.0, delay_ms=40, weights={"lift": 0.5}).run(1)
     link = live.heard["settings"]["query"]
