@@ -213,7 +213,7 @@ def _shift(field: Array, by: float, runs: Index, pad_i: int, pad_j: int) -> None
 
 
 @njit(cache=True)
-def _stage(
+def advance_stage(
     flow: Fields,
     rates: Rates,
     a: float,
@@ -255,12 +255,12 @@ def stages(
     domain: Domain,
 ) -> None:
     """The Runge-Kutta stages of a step: a (s,), step (s,), and slot_velocity (s, m), wind (s,) and gained (s,) of
-    `_stage` at each stage's end.
+    `advance_stage` at each stage's end.
 
     All in one call, because to hand over this many arrays takes a microsecond or two.
     """
     for k in range(len(a)):
-        _stage(flow, rates, a[k], step[k], slot_velocity[k], wind[k], gained[k], domain)
+        advance_stage(flow, rates, a[k], step[k], slot_velocity[k], wind[k], gained[k], domain)
 
 
 @njit(cache=True, fastmath={"contract"})

@@ -25,13 +25,13 @@ from wake.solver.flow import Flow
 from wake.solver.grid import Grid
 
 # Williamson's RK3: q = A q + dt rate, velocity += B q; STAGE_END are the instants the stages reach.
-_A = np.array([0.0, -5.0 / 9.0, -153.0 / 128.0])
-_B = np.array([1.0 / 3.0, 15.0 / 16.0, 8.0 / 15.0])
-_STAGE_END = (1.0 / 3.0, 3.0 / 4.0, 1.0)
-_STEADY = np.zeros(len(_STAGE_END))
+A = np.array([0.0, -5.0 / 9.0, -153.0 / 128.0])
+B = np.array([1.0 / 3.0, 15.0 / 16.0, 8.0 / 15.0])
+STAGE_END = (1.0 / 3.0, 3.0 / 4.0, 1.0)
+_STEADY = np.zeros(len(STAGE_END))
 
 # One BLAS thread: the matrices are small, and several plants usually share the cores.
-_THREADS = ThreadpoolController()
+THREADS = ThreadpoolController()
 
 
 class FlowSolver:
@@ -58,11 +58,11 @@ class FlowSolver:
         self.grid = grid
         self.boundary = boundary
         self.viscosity = viscosity
-        self._poisson = poisson.build(grid, boundary.fluid)
-        self._profile = np.zeros(ny) if slot_profile is None else slot_profile
+        self.poisson = poisson.build(grid, boundary.fluid)
+        self.slot_profile = np.zeros(ny) if slot_profile is None else slot_profile
         dxc = grid.dxc.copy()
         dxc[0], dxc[-1] = grid.dx[0], grid.dx[-1]
-        self._domain = kernels.Domain(
+        self.domain = kernels.Domain(
             viscosity=viscosity,
             spacing=kernels.Spacing(dx=np.append(grid.dx, grid.dx[-1]), dxc=dxc, dy=grid.dy, dyc=grid.dyc),
             runs=kernels.Runs(u=boundary.u_runs, v=boundary.v_runs),
@@ -71,7 +71,7 @@ class FlowSolver:
                 u=np.ones(ny) if inflow_u is None else inflow_u, v=np.zeros(ny + 1) if inflow_v is None else inflow_v
             ),
             slot_column=grid.rear,
-            slot_rows=np.flatnonzero(self._profile).astype(np.int64),
+            slot_rows=np.flatnonzero(self.slot_profile).astype(np.int64),
         )
         self._before = Flow.zeros(grid.shape)
         self._rates = kernels.Rates(u=np.zeros_like(self._before.u), v=np.zeros_like(self._before.v))
@@ -81,7 +81,7 @@ class FlowSolver:
     def start(self) -> Flow:
         """Uniform flow around the body, made divergence-free: a start to be followed by small steps."""
         flow = Flow.zeros(self.grid.shape)
-        flow.faces_u[0] = self._domain.inflow.u
+        flow.faces_u[0] = self.domain.inflow.u
         flow.faces_u[1:][self.boundary.open_u[1:]] = 1.0
         self.run(flow, dt=1e-6, steps=1, action_from=0.0, action_to=0.0)
         flow.p[:] = 0.0
@@ -96,6 +96,7 @@ class FlowSolver:
         action_from: float,
         action_to: float,
         wind: Callable[[float], float] | None = None,
+        starts: Array | None = None,
     ) -> None:
         """Take `steps` time steps in place while the action ramps linearly between the two values.
 
@@ -104,6 +105,7 @@ class FlowSolver:
             dt, steps: length and number of the time steps.
             action_from, action_to: at the beginning and at the end.
             wind: by how much u of the stream differs from the inflow's, by the time since the beginning; continuous.
+            starts: (steps, size of the buffer); receives the flow at the start of each step, for the adjoint.
 
         Raises:
             PlantError: if the flow is no longer finite or faster than any physical one here; it is left as it was.
@@ -112,18 +114,20 @@ class FlowSolver:
         # The first stage multiplies the old rate by zero, which would keep what a diverged run left there.
         self._rates.u[:] = 0.0
         self._rates.v[:] = 0.0
-        with _THREADS.limit(limits=1, user_api="blas"):
+        with THREADS.limit(limits=1, user_api="blas"):
             for step in range(steps):
-                ramp = [action_from + (action_to - action_from) * (step + end) / steps for end in _STAGE_END]
-                self._step(flow, dt, ramp, *_gusting(wind, dt, step))
+                if starts is not None:
+                    starts[step] = flow.flat
+                ramp = [action_from + (action_to - action_from) * (step + end) / steps for end in STAGE_END]
+                self._step(flow, dt, ramp, *gusting(wind, dt, step))
         fastest = max(float(flow.u.max()), -float(flow.u.min()))
         if not fastest < 20.0:
             flow.flat[:] = self._before.flat
             raise self._diverged(dt, steps, max(abs(action_from), abs(action_to)))
 
     def _diverged(self, dt: float, steps: int, action: float) -> PlantError:
-        flow, rows = self._before, self._domain.slot_rows
-        flow.faces_u[self._domain.slot_column, rows] = action * self._profile[rows]
+        flow, rows = self._before, self.domain.slot_rows
+        flow.faces_u[self.domain.slot_column, rows] = action * self.slot_profile[rows]
         convective = stability.convective_number(self.grid, flow, dt)
         viscous = stability.viscous_number(self.grid, self.viscosity, dt)
         return PlantError(
@@ -133,16 +137,16 @@ class FlowSolver:
     def set_viscosity(self, viscosity: float) -> None:
         """Use another viscosity from the next step on."""
         self.viscosity = viscosity
-        self._domain = self._domain._replace(viscosity=viscosity)
+        self.domain = self.domain._replace(viscosity=viscosity)
 
     def _step(self, flow: Flow, dt: float, actions: list[float], wind: Array, gained: Array) -> None:
-        grid, domain = self.grid, self._domain
+        grid, domain = self.grid, self.domain
         fields, walls = kernels.Fields(u=flow.u, v=flow.v, p=flow.p), domain.walls
-        slot_velocity = np.multiply.outer(actions, self._profile[domain.slot_rows])
-        kernels.stages(fields, self._rates, _A, dt * _B, slot_velocity, wind, gained, domain)
+        slot_velocity = np.multiply.outer(actions, self.slot_profile[domain.slot_rows])
+        kernels.stages(fields, self._rates, A, dt * B, slot_velocity, wind, gained, domain)
         kernels.clear_walls(flow.u, flow.v, walls)
         kernels.divergence(self._b, flow.u, flow.v, grid.dx, grid.dy, self.boundary.cell_runs)
-        self._poisson.solve_into(self._b, self._phi)
+        self.poisson.solve_into(self._b, self._phi)
         kernels.correct(fields, self._phi, dt, grid.dxc, grid.dyc, domain.runs)
         kernels.fill_edges(flow.u, flow.v, domain.inflow.v)
         kernels.fill_walls(flow.u, flow.v, walls)
@@ -150,15 +154,15 @@ class FlowSolver:
     def divergence(self, flow: Flow) -> Array:
         """Net outflow of every fluid cell per unit area, (nx, ny), ghosts carrying none; zero in solid cells."""
         u, v = flow.u.copy(), flow.v.copy()
-        kernels.clear_walls(u, v, self._domain.walls)
+        kernels.clear_walls(u, v, self.domain.walls)
         b = np.zeros(self.grid.shape)
         kernels.divergence(b, u, v, self.grid.dx, self.grid.dy, self.boundary.cell_runs)
         return b / np.outer(self.grid.dx, self.grid.dy)
 
 
-def _gusting(wind: Callable[[float], float] | None, dt: float, step: int) -> tuple[Array, Array]:
+def gusting(wind: Callable[[float], float] | None, dt: float, step: int) -> tuple[Array, Array]:
     """The wind at the end of each stage of a step, and by how much it grew in the stage."""
     if wind is None:
         return _STEADY, _STEADY
-    values = np.array([wind(dt * (step + end)) for end in (0.0, *_STAGE_END)])
+    values = np.array([wind(dt * (step + end)) for end in (0.0, *STAGE_END)])
     return values[1:], np.diff(values)

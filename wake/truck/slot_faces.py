@@ -45,8 +45,7 @@ class SlotFaces:
 
     def measure(self, flow: Flow) -> SlotLoad:
         """The load at one instant."""
-        face, ahead = flow.faces_u[self._rear], flow.faces_u[self._rear + 1]
-        between = 0.5 * (face + ahead)
+        face, ahead, between = self._faces(flow)
         Cp = 2.0 * (flow.cells_p[self._rear] + between * between - face * face)
         slots = (self._upper, self._lower)
         return SlotLoad(
@@ -55,3 +54,23 @@ class SlotFaces:
             Cp_upper=float(Cp[self._upper] @ self._weight[self._upper]),
             Cp_lower=float(Cp[self._lower] @ self._weight[self._lower]),
         )
+
+    def weigh(self, bar: Flow, flow: Flow, weights: SlotLoad) -> None:
+        """Add to `bar` the sensitivities to the flow of the load's sum with these weights."""
+        face, _, between = self._faces(flow)
+        Cp = np.zeros_like(face)
+        for rows in (self._upper, self._lower):
+            Cp[rows] -= weights.Cd_pressure * self._dy[rows]
+        Cp[self._upper] += weights.Cp_upper * self._weight[self._upper]
+        Cp[self._lower] += weights.Cp_lower * self._weight[self._lower]
+        shear = np.zeros_like(face)
+        for rows in (self._upper, self._lower):
+            shear[rows] = weights.Cd_viscous * self._stress * self._dy[rows]
+        bar.cells_p[self._rear] += 2.0 * Cp
+        bar.faces_u[self._rear] += 2.0 * Cp * (between - 2.0 * face) - shear
+        bar.faces_u[self._rear + 1] += 2.0 * Cp * between + shear
+
+    def _faces(self, flow: Flow) -> tuple[Array, Array, Array]:
+        """u on the base's faces, one cell behind, and between."""
+        face, ahead = flow.faces_u[self._rear], flow.faces_u[self._rear + 1]
+        return face, ahead, 0.5 * (face + ahead)

@@ -94,6 +94,12 @@ class Surface:
             Uy_probe=float(rest[2]),
         )
 
+    def weigh(self, bar: Flow, flow: Flow, weights: Measured) -> None:
+        """Add to `bar` the sensitivities to the flow of what is measured, summed with these weights."""
+        values = np.concatenate([weights.Cp, [weights.Cd, weights.Cl, weights.Uy_probe]])
+        bar.flat[:] += values @ self._matrix
+        self._slots.weigh(bar, flow, weights.slots)
+
     def _sample(self, px: float, py: float, component: Component) -> Terms:
         """A field at a point in the flow."""
         terms: Terms = defaultdict(float)

@@ -74,6 +74,11 @@ class TruckWake:
         return self._substep * self.dt
 
     @property
+    def action(self) -> float:
+        """Jet flow rate in force."""
+        return self._action
+
+    @property
     def substeps_into_period(self) -> int:
         return self._substep % self.config.substeps
 
@@ -132,10 +137,11 @@ class TruckWake:
         self.advance_to(self.config.substeps, action)
         return self.sample()
 
-    def advance_to(self, substep: int, action: float | None = None) -> None:
+    def advance_to(self, substep: int, action: float | None = None, *, starts: Array | None = None) -> None:
         """Advance within the current period until `substep` (1 .. substeps).
 
-        With an action the jet ramps so as to reach it at the period's end; without one it stays as it is.
+        With an action the jet ramps so as to reach it at the period's end; without one it stays as it is. `starts` is
+        that of `FlowSolver.run`.
         """
         into, last = self.substeps_into_period, self.config.substeps
         if not into < substep <= last:
@@ -149,7 +155,8 @@ class TruckWake:
             steps=steps,
             action_from=self._action,
             action_to=reached,
-            wind=self._wind_from(self.t),
+            wind=self.wind_from(self.t),
+            starts=starts,
         )
         self._substep += steps
         self._action = target if substep == last else reached
@@ -196,7 +203,7 @@ class TruckWake:
         viscosity = 1.0 / self.config.reynolds
         return Surface(self.grid, self.boundary, viscosity, self._profile, self.body, self.layout)
 
-    def _wind_from(self, t: float) -> Wind | None:
+    def wind_from(self, t: float) -> Wind | None:
         """By how much the wind exceeds U_inf, by the time since t; None if it is steady."""
         wind = self.wind
         return None if wind is None else lambda after: wind(t + after)

@@ -1,0 +1,158 @@
+"""Sensitivities of a stretch of control periods: the plant recorded as it advances, then differentiated backwards.
+
+One period at a time in either direction, so that a controller in the loop can be differentiated along with the plant:
+what it reads from a sample comes before what it commands next.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.errors import PlantError
+from contract.ledger import LEDGER_FIELDS
+from wake.plant.sample import Sample
+from wake.solver.adjoint import FlowAdjoint
+from wake.solver.flow import Flow
+from wake.truck import jets
+from wake.truck.slot_faces import SlotLoad
+from wake.truck.surface import Measured
+from wake.truck.truck_wake import TruckWake
+
+_MEGABYTE = 1e6
+
+
+@dataclass(kw_only=True, eq=False)
+class _Period:
+    """The flow at its start and, while memory allows, at the start of each step; its actions and its time."""
+
+    start: Array
+    steps: Array | None
+    action_from: float
+    action_to: float
+    t: float
+
+
+class Tape:
+    """Records control periods of a plant from its present state on, and carries sensitivities back over them.
+
+    The flow at the start of each time step is kept as long as memory allows; the oldest periods then keep that at their
+    start alone and run again on the way back, which costs one period more.
+
+    Args:
+        plant: at the beginning of a control period; its wind has to stay the same one.
+        memory_mb: bound of what is kept, in 10^6 bytes.
+
+    Attributes:
+        bar: sensitivities to the flow where the way back has come to, in the end at the tape's start.
+        bar_action: the sensitivity to the action in force there.
+
+    Raises:
+        PlantError: if the plant is within a control period.
+    """
+
+    def __init__(self, plant: TruckWake, memory_mb: float = 2000.0) -> None:
+        if plant.substeps_into_period:
+            raise PlantError(f"a tape begins with a control period, the plant is {plant.substeps_into_period} steps in")
+        self._plant, self._memory_mb = plant, memory_mb
+        self._adjoint = FlowAdjoint(plant.solver)
+        self._periods: list[_Period] = []
+        self._kept_mb = 0.0
+        self._end = plant.flow.flat.copy()
+        self.bar = Flow.zeros(plant.grid.shape)
+        self.bar_action = 0.0
+
+    def __len__(self) -> int:
+        """How many periods the way back still has."""
+        return len(self._periods)
+
+    def advance(self, action: float) -> Sample:
+        """Advance the plant by a period, as `TruckWake.advance`, and keep what the way back needs.
+
+        Raises:
+            PlantError: as the plant does, or if the tape gets too long for its memory.
+        """
+        plant, substeps = self._plant, self._plant.config.substeps
+        flow_mb = self._end.nbytes / _MEGABYTE
+        self._make_room(flow_mb, substeps)
+        period = _Period(
+            start=plant.flow.flat.copy(),
+            steps=np.empty((substeps, plant.flow.flat.size)),
+            action_from=plant.action,
+            action_to=action,
+            t=plant.t,
+        )
+        plant.advance_to(substeps, action, starts=period.steps)
+        self._periods.append(period)
+        self._kept_mb += (1 + substeps) * flow_mb
+        self._end[:] = plant.flow.flat
+        return plant.sample()
+
+    def back(self, weights: Sample) -> float:
+        """Go back by a period.
+
+        Args:
+            weights: what the scalar gains per unit of each value of the period's sample (`no_weights` has zeros); its
+                time is not read.
+
+        Returns:
+            The sensitivity to the action commanded in this period, of this sample and of all later ones.
+
+        Raises:
+            PlantError: at the tape's start, or if the plant's wind or Reynolds number makes a repeated period diverge.
+        """
+        if not self._periods:
+            raise PlantError("the way back is at the tape's start: no period is left")
+        period, plant = self._periods.pop(), self._plant
+        end = Flow.of(self._end, plant.grid.shape)
+        self._weigh(end, period.action_to, weights)
+        ramp = {"dt": plant.dt, "action_from": period.action_from, "action_to": period.action_to}
+        wind = plant.wind_from(period.t)
+        steps = period.steps
+        if steps is None:
+            steps = np.empty((plant.config.substeps, end.flat.size))
+            end.flat[:] = period.start
+            plant.solver.run(end, steps=len(steps), wind=wind, starts=steps, **ramp)
+        to_from, to_to = self._adjoint.run(self.bar, steps, wind=wind, **ramp)
+        to_command = self.bar_action + to_to
+        self.bar_action = to_from
+        self._end = period.start
+        return to_command
+
+    def _weigh(self, flow: Flow, action: float, weights: Sample) -> None:
+        slots = SlotLoad(
+            Cd_pressure=weights.Cd_slot_pressure,
+            Cd_viscous=weights.Cd_slot_viscous,
+            Cp_upper=weights.jet_power * action,
+            Cp_lower=-weights.jet_power * action,
+        )
+        surface = self._plant.surface
+        surface.weigh(
+            self.bar,
+            flow,
+            Measured(Cp=weights.Cp, Cd=weights.Cd, Cl=weights.Cl, slots=slots, Uy_probe=weights.Uy_probe),
+        )
+        self.bar_action += weights.action - 8.0 * jets.MOMENTUM_FACTOR * action * weights.Cd_momentum
+        if weights.jet_power:
+            measured = surface.measure(flow).slots
+            self.bar_action += weights.jet_power * (measured.Cp_upper - measured.Cp_lower)
+
+    def _make_room(self, flow_mb: float, substeps: int) -> None:
+        needed_mb = (1 + substeps) * flow_mb
+        for period in self._periods:
+            if self._kept_mb + needed_mb <= self._memory_mb:
+                return
+            if period.steps is not None:
+                period.steps = None
+                self._kept_mb -= substeps * flow_mb
+        if self._kept_mb + needed_mb > self._memory_mb:
+            raise PlantError(
+                f"the tape holds {len(self._periods)} periods, and one more of {needed_mb:.3g} MB does not fit into "
+                f"{self._memory_mb:g} MB: end the window here, or allow more memory"
+            )
+
+
+def no_weights(sensors: int) -> Sample:
+    """Weights of zero for a sample of so many sensors, to be replaced where something counts."""
+    zeros = dict.fromkeys((*LEDGER_FIELDS, "t", "Uy_probe", "action"), 0.0)
+    return Sample(Cp=np.zeros(sensors), **zeros)
