@@ -22,7 +22,7 @@ class FlowAdjoint:
         shape = solver.grid.shape
         self._work = Flow.zeros(shape)
         self._rates = kernels.Rates(u=np.zeros_like(self._work.u), v=np.zeros_like(self._work.v))
-        self._kept = kernels.Rates(u=np.zeros((len(A), *self._work.u.shape)), v=np.zeros((len(A), *self._work.v.shape)))
+        self._second = kernels.Rates(u=np.zeros_like(self._work.u), v=np.zeros_like(self._work.v))
         self._phi, self._b = np.zeros(shape), np.zeros(shape)
 
     def run(
@@ -76,7 +76,7 @@ class FlowAdjoint:
             kernels.Fields(u=flow.u, v=flow.v, p=flow.p),
             kernels.Fields(u=work.u, v=work.v, p=work.p),
             self._rates,
-            self._kept,
+            self._second,
             A,
             dt * B,
             slot_velocity,

@@ -28,7 +28,7 @@ def _subtract_product(target: Array, weights: Array, values: Array) -> None:
 
 
 @njit(cache=True, fastmath={"contract"})
-def _back_u_rate(bar: Fields, gained: Array, u: Array, v: Array, nu: float, spacing: Spacing, runs: Index) -> None:
+def back_u_rate(bar: Fields, gained: Array, u: Array, v: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Carry the sensitivity `gained` of du/dt on the open u-faces to u, v and p; loops as in the forward kernel."""
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     half_rdy, nu_rdy, rdyc = 0.5 / dy, nu / dy, 1.0 / dyc
@@ -71,7 +71,7 @@ def _back_u_rate(bar: Fields, gained: Array, u: Array, v: Array, nu: float, spac
 
 
 @njit(cache=True, fastmath={"contract"})
-def _back_v_rate(bar: Fields, gained: Array, u: Array, v: Array, nu: float, spacing: Spacing, runs: Index) -> None:
+def back_v_rate(bar: Fields, gained: Array, u: Array, v: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Carry the sensitivity `gained` of dv/dt on the open v-faces to u, v and p."""
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     rdy, rdyc = 1.0 / dy, 1.0 / dyc
@@ -153,14 +153,32 @@ def back_edges(u: Array, v: Array) -> None:
         u[nx + 1, j + 1] = 0.0
 
 
-@njit(cache=True)
-def _add_run(q: Array, bar: Array, scale: float, runs: Index, pad_i: int, pad_j: int) -> None:
-    """q += scale bar on the open faces."""
+@njit(cache=True, fastmath={"contract"})
+def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: int, pad_j: int) -> None:
+    """q = a q + step bar on the open faces: what a stage's rates gain from its own step and from the next stage."""
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j
         qi, bi = q[i, j0:j1], bar[i, j0:j1]
         for k in range(qi.shape[0]):
-            qi[k] += scale * bi[k]
+            qi[k] = a * qi[k] + step * bi[k]
+
+
+@njit(cache=True)
+def _back_stage(
+    bar: Fields, slot_bar: Array, rates: Rates, u: Array, v: Array, a_next: float, step: float, domain: Domain
+) -> None:
+    """Transpose of a stage that began with the velocity u, v; the following one keeps `a_next` of its rates."""
+    runs, slot_rows, column = domain.runs, domain.slot_rows, domain.slot_column
+    back_walls(bar.u, bar.v, domain.walls)
+    back_edges(bar.u, bar.v)
+    for m in range(len(slot_rows)):
+        slot_bar[m] = bar.u[column, slot_rows[m] + 1]
+        bar.u[column, slot_rows[m] + 1] = 0.0
+    bar.u[0] = 0.0
+    _back_step(rates.u, bar.u, step, a_next, runs.u, 0, 1)
+    _back_step(rates.v, bar.v, step, a_next, runs.v, 1, 0)
+    back_u_rate(bar, rates.u, u, v, domain.viscosity, domain.spacing, runs.u)
+    back_v_rate(bar, rates.v, u, v, domain.viscosity, domain.spacing, runs.v)
 
 
 @njit(cache=True)
@@ -170,7 +188,7 @@ def back_stages(
     start: Fields,
     work: Fields,
     rates: Rates,
-    kept: Rates,
+    second: Rates,
     a: Array,
     step: Array,
     slot_velocity: Array,
@@ -178,40 +196,23 @@ def back_stages(
     gained: Array,
     domain: Domain,
 ) -> None:
-    """Transpose of `wake.solver.kernels.stages`, from the flow at the step's start.
+    """Transpose of `wake.solver.kernels.stages` for its three stages, from the flow at the step's start.
 
     Args:
         bar: sensitivities behind the stages, made those before them.
-        slot_bar: (s, m); receives the sensitivities of the slots' velocities at each stage's end.
+        slot_bar: (3, m); receives the sensitivities of the slots' velocities at each stage's end.
         start: the flow at the step's start.
-        work, rates: overwritten.
-        kept: (s, ...) for u and for v; receives the velocity at each stage's start.
+        work, rates, second: finite; overwritten.
         a, step, slot_velocity, wind, gained, domain: as in the forward kernel.
     """
     work.u[:], work.v[:], work.p[:] = start.u, start.v, start.p
-    last = len(a) - 1
-    for k in range(last + 1):
-        kept.u[k], kept.v[k] = work.u, work.v
-        if k < last:
-            advance_stage(work, rates, a[k], step[k], slot_velocity[k], wind[k], gained[k], domain)
-    # From here the rates hold their own sensitivities.
-    rates.u[:] = 0.0
-    rates.v[:] = 0.0
-    runs, slot_rows = domain.runs, domain.slot_rows
-    for k in range(last, -1, -1):
-        back_walls(bar.u, bar.v, domain.walls)
-        back_edges(bar.u, bar.v)
-        for m in range(len(slot_rows)):
-            slot_bar[k, m] = bar.u[domain.slot_column, slot_rows[m] + 1]
-            bar.u[domain.slot_column, slot_rows[m] + 1] = 0.0
-        bar.u[0] = 0.0
-        _add_run(rates.u, bar.u, step[k], runs.u, 0, 1)
-        _add_run(rates.v, bar.v, step[k], runs.v, 1, 0)
-        u, v = kept.u[k], kept.v[k]
-        _back_u_rate(bar, rates.u, u, v, domain.viscosity, domain.spacing, runs.u)
-        _back_v_rate(bar, rates.v, u, v, domain.viscosity, domain.spacing, runs.v)
-        rates.u[:] *= a[k]
-        rates.v[:] *= a[k]
+    advance_stage(work, rates, a[0], step[0], slot_velocity[0], wind[0], gained[0], domain)
+    second.u[:], second.v[:] = work.u, work.v
+    advance_stage(work, rates, a[1], step[1], slot_velocity[1], wind[1], gained[1], domain)
+    # From here on the rates hold their own sensitivities.
+    _back_stage(bar, slot_bar[2], rates, work.u, work.v, 0.0, step[2], domain)
+    _back_stage(bar, slot_bar[1], rates, second.u, second.v, a[2], step[1], domain)
+    _back_stage(bar, slot_bar[0], rates, start.u, start.v, a[1], step[0], domain)
 
 
 @njit(cache=True)

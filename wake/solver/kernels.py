@@ -85,7 +85,7 @@ class Domain(NamedTuple):
 
 
 @njit(cache=True, fastmath={"contract"})
-def _u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
+def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """q = a q + du/dt on the open u-faces, the pressure p's gradient included.
 
     Rows are sliced to start at the run, and the x- and y-terms take a loop each: with indices that could be negative,
@@ -122,8 +122,8 @@ def _u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing
 
 
 @njit(cache=True, fastmath={"contract"})
-def _v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
-    """q = a q + dv/dt on the open v-faces, the pressure p's gradient included; loops as in `_u_rate`."""
+def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
+    """q = a q + dv/dt on the open v-faces, the pressure p's gradient included; loops as in `u_rate`."""
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     rdy, rdyc = 1.0 / dy, 1.0 / dyc
     # Shares of the rows below and above a v-face in the flow through its cell's sides.
@@ -229,8 +229,8 @@ def advance_stage(
     """
     u, v, p = flow.u, flow.v, flow.p
     runs, inflow, slot_rows = domain.runs, domain.inflow, domain.slot_rows
-    _u_rate(rates.u, a, u, v, p, domain.viscosity, domain.spacing, runs.u)
-    _v_rate(rates.v, a, u, v, p, domain.viscosity, domain.spacing, runs.v)
+    u_rate(rates.u, a, u, v, p, domain.viscosity, domain.spacing, runs.u)
+    v_rate(rates.v, a, u, v, p, domain.viscosity, domain.spacing, runs.v)
     _add_scaled(u, rates.u, step, runs.u, 0, 1)
     _add_scaled(v, rates.v, step, runs.v, 1, 0)
     if gained != 0.0:

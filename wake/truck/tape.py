@@ -52,15 +52,15 @@ class Tape:
     """
 
     def __init__(self, plant: TruckWake, memory_mb: float = 2000.0) -> None:
-        if plant.substeps_into_period:
-            raise PlantError(f"a tape begins with a control period, the plant is {plant.substeps_into_period} steps in")
         self._plant, self._memory_mb = plant, memory_mb
         self._adjoint = FlowAdjoint(plant.solver)
         self._periods: list[_Period] = []
+        self._spare: list[Array] = []
         self._kept_mb = 0.0
-        self._end = plant.flow.flat.copy()
+        self._end = np.empty_like(plant.flow.flat)
         self.bar = Flow.zeros(plant.grid.shape)
         self.bar_action = 0.0
+        self.restart()
 
     def __len__(self) -> int:
         """How many periods the way back still has."""
@@ -77,7 +77,7 @@ class Tape:
         self._make_room(flow_mb, substeps)
         period = _Period(
             start=plant.flow.flat.copy(),
-            steps=np.empty((substeps, plant.flow.flat.size)),
+            steps=self._memory(substeps),
             action_from=plant.action,
             action_to=action,
             t=plant.t,
@@ -110,14 +110,31 @@ class Tape:
         wind = plant.wind_from(period.t)
         steps = period.steps
         if steps is None:
-            steps = np.empty((plant.config.substeps, end.flat.size))
+            steps = self._memory(plant.config.substeps)
             end.flat[:] = period.start
             plant.solver.run(end, steps=len(steps), wind=wind, starts=steps, **ramp)
         to_from, to_to = self._adjoint.run(self.bar, steps, wind=wind, **ramp)
         to_command = self.bar_action + to_to
         self.bar_action = to_from
-        self._end = period.start
+        self._end[:] = period.start
+        self._spare.append(steps)
         return to_command
+
+    def restart(self) -> None:
+        """Begin a new tape where the plant stands, in the memory that this one has taken.
+
+        Raises:
+            PlantError: if the plant is within a control period.
+        """
+        into = self._plant.substeps_into_period
+        if into:
+            raise PlantError(f"a tape begins with a control period, the plant is {into} steps into one")
+        self._spare += [period.steps for period in self._periods if period.steps is not None]
+        self._periods.clear()
+        self._kept_mb = 0.0
+        self._end[:] = self._plant.flow.flat
+        self.bar.flat[:] = 0.0
+        self.bar_action = 0.0
 
     def _weigh(self, flow: Flow, action: float, weights: Sample) -> None:
         slots = SlotLoad(
@@ -137,12 +154,17 @@ class Tape:
             measured = surface.measure(flow).slots
             self.bar_action += weights.jet_power * (measured.Cp_upper - measured.Cp_lower)
 
+    def _memory(self, steps: int) -> Array:
+        """Memory for the flow at each step's start; used again, because the system faults in every new page of it."""
+        return self._spare.pop() if self._spare else np.empty((steps, self._end.size))
+
     def _make_room(self, flow_mb: float, substeps: int) -> None:
         needed_mb = (1 + substeps) * flow_mb
         for period in self._periods:
             if self._kept_mb + needed_mb <= self._memory_mb:
                 return
             if period.steps is not None:
+                self._spare.append(period.steps)
                 period.steps = None
                 self._kept_mb -= substeps * flow_mb
         if self._kept_mb + needed_mb > self._memory_mb:

@@ -1,0 +1,90 @@
+"""Gradients through the flow against differences of whole runs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from contract.config.body import BodyConfig
+from contract.config.plant import FlowConfig
+from contract.errors import PlantError
+from contract.ledger import LEDGER_FIELDS
+from wake.plant.sample import Sample
+from wake.solver.flow import Flow
+from wake.truck.tape import Tape, no_weights
+from wake.truck.truck_wake import TruckWake
+
+SQUARE = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=6, sensors_on_base=4)
+SCALARS = (*LEDGER_FIELDS, "Uy_probe", "action")
+PERIODS = 6
+
+
+@pytest.fixture(scope="module")
+def plant() -> TruckWake:
+    """A square cylinder in a gust, some periods after its start."""
+    plant = TruckWake(FlowConfig(reynolds=200.0, substeps=20, refinement=0.4), body=SQUARE)
+    plant.flow.flat[:] = plant.solver.start().flat
+    plant.wind = lambda t: 0.05 * np.sin(3.0 * t)
+    for k in range(5):
+        plant.advance(0.03 * (-1) ** k)
+    return plant
+
+
+def weights_of(plant: TruckWake, seed: int) -> list[Sample]:
+    rng = np.random.default_rng(seed)
+    n = len(plant.layout)
+    return [
+        replace(no_weights(n), Cp=rng.normal(size=n), **{name: rng.normal() for name in SCALARS})
+        for _ in range(PERIODS)
+    ]
+
+
+def test_gradients_by_actions_and_start_are_those_of_differences(plant):
+    """Of a sum of all that a sample has, at each period with other weights; with memory for all and for one period."""
+    start, weights = plant.state(), weights_of(plant, 3)
+    actions = np.random.default_rng(4).uniform(-0.05, 0.05, PERIODS)
+    direction = Flow.zeros(plant.grid.shape)
+    for faces, is_open in ((direction.faces_u, plant.boundary.open_u), (direction.faces_v, plant.boundary.open_v)):
+        faces[is_open] = np.random.default_rng(5).normal(size=int(is_open.sum()))
+
+    def total(moved: float, along: np.ndarray) -> float:
+        plant.reset(start)
+        plant.flow.flat[:] += moved * direction.flat
+        samples = [plant.advance(action) for action in actions + along]
+        return sum(
+            w.Cp @ s.Cp + sum(getattr(w, name) * getattr(s, name) for name in SCALARS)
+            for w, s in zip(weights, samples, strict=True)
+        )
+
+    one_period = (1 + plant.config.substeps) * start.flat.nbytes / 1e6
+    for memory_mb in (1000.0, one_period + PERIODS * start.flat.nbytes / 1e6):
+        plant.reset(start)
+        tape = Tape(plant, memory_mb)
+        for action in actions:
+            tape.advance(action)
+        gradient = np.array([tape.back(w) for w in reversed(weights)])[::-1]
+        # The truncation of differences and their rounding, 1e-16 / 1e-5, balance at some 1e-9.
+        for k in range(0, PERIODS, 2):
+            by = 1e-5 * np.eye(PERIODS)[k]
+            slope = (total(0.0, by) - total(0.0, -by)) / 2e-5
+            assert gradient[k] == pytest.approx(slope, rel=1e-6)
+        slope = (total(1e-6, 0.0 * actions) - total(-1e-6, 0.0 * actions)) / 2e-6
+        assert tape.bar.flat @ direction.flat == pytest.approx(slope, rel=1e-6)
+    plant.reset(start)
+
+
+def test_a_tape_ends_before_its_memory_does_and_starts_again(plant):
+    start = plant.state()
+    tape = Tape(plant, 25 * start.flat.nbytes / 1e6)
+    for _ in range(4):
+        tape.advance(0.0)
+    with pytest.raises(PlantError, match=r"holds 4 periods, and one more .* does not fit into"):
+        tape.advance(0.0)
+    assert len(tape) == 4
+    tape.restart()
+    with pytest.raises(PlantError, match="no period is left"):
+        tape.back(no_weights(len(plant.layout)))
+    plant.advance_to(3)
+    with pytest.raises(PlantError, match="3 steps into one"):
+        tape.restart()
+    plant.reset(start)
