@@ -163,9 +163,9 @@ full: test
 	$(BIN)/python -m benchmarks training --json results/training.json
 	$(BIN)/python -m benchmarks release-figures --json results/release_figures.json
 	$(BIN)/python -m benchmarks wake-speed --json results/wake_speed.json
+	$(BIN)/python -m benchmarks adjoint --json results/adjoint.json
 	if command -v icoFoam; then $(MAKE) openfoam; fi
 	$(BIN)/stillwake steady runs/steady.npz --json results/steady.json
-	$(BIN)/python -m benchmarks steady-response --state runs/steady.npz --json results/steady_response.json
 	$(MAKE) generated
 
 # The second plant: its tests, then hours of icoFoam; needs the Debian package openfoam.

@@ -39,11 +39,9 @@ class Measurement:
 
 MEASUREMENTS: Final = {
     "wake-speed": Measurement("wake.speed", "what a time step of the plant costs, and where the time goes"),
+    "adjoint": Measurement("wake.adjoint", "gradients through the flow: exactness, cost, memory", "minutes"),
     "live-speed": Measurement(
         "wake.live_speed", "on which grids the wake keeps up with 20 ms, under control", "minutes"
-    ),
-    "steady-response": Measurement(
-        "wake.steady_response", "how a pulse grows on the steady wake, and what undoing it takes", "minutes"
     ),
     "square": Measurement("wake.square", "a square cylinder in the same solver, and the literature", "minutes"),
     "open-loop": Measurement("wake.open_loop", "what a sine without feedback does to drag and lift"),

@@ -51,6 +51,9 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         render_mode: None, or "rgb_array" for pictures of the vorticity, the jets and the observed sensors.
         body: the truck by default; another body needs a `start` of its own.
 
+    Attributes:
+        plant: the wake itself; `wake.truck.tape.Tape(env.unwrapped.plant)` differentiates it.
+
     Raises:
         ConfigError: for a sensor that does not exist or is named twice, one name in place of a sequence, or a setting
             out of its range.
@@ -84,7 +87,7 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         self._columns = layout.indices(self._names)
         if not self._names:
             raise ConfigError("sensor_names is empty: observe at least one sensor")
-        self._wake = TruckWake(config, body=body)
+        self.plant = TruckWake(config, body=body)
         self._episode_steps = episode_steps
         self._phases = [developed_state() if start is None else self._checked_start(start)]
         self._max_phase_steps = max_phase_steps
@@ -92,7 +95,7 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         self._clipped_count = 0
         self._picture: WakePicture | None = None
         self.render_mode = render_mode
-        limit = self._wake.config.action_limit
+        limit = self.plant.config.action_limit
         self.action_space = gymnasium.spaces.Box(-limit, limit, shape=(1,), dtype=np.float32)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape=(len(self._names),), dtype=np.float32)
 
@@ -106,9 +109,10 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
             PlantError: for a start of another plant, or inside a control period.
         """
         super().reset(seed=seed)
-        sample = self._wake.reset(self._start({} if options is None else options))
+        sample = self.plant.reset(self._start({} if options is None else options))
         self._step_count, self._clipped_count = 0, 0
-        return self._observe(sample), self._info(sample, clipped=False)
+        info = self._info(sample, clipped=False) | {"gradients": "wake.truck.tape.Tape(env.unwrapped.plant)"}
+        return self._observe(sample), info
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Ramp the jets to `action` over one control period.
@@ -120,10 +124,10 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         if self._step_count is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
         commanded = _single_value(action)
-        limit = self._wake.config.action_limit
+        limit = self.plant.config.action_limit
         # float32 rounds the bound itself up by an ulp; that is not a clipped action.
         clipped = bool(abs(commanded) > np.float32(limit))
-        sample = self._wake.advance(float(np.clip(commanded, -limit, limit)))
+        sample = self.plant.advance(float(np.clip(commanded, -limit, limit)))
         self._step_count += 1
         self._clipped_count += clipped
         truncated = self._step_count >= self._episode_steps
@@ -139,7 +143,7 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         if self._step_count is None:
             raise gymnasium.error.ResetNeeded("call reset before render")
         if self._picture is None:
-            self._picture = WakePicture(self._wake, "vorticity", self._names)
+            self._picture = WakePicture(self.plant, "vorticity", self._names)
         return self._picture.pixels()
 
     def _start(self, options: Mapping[str, Any]) -> State:
@@ -159,7 +163,7 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     def _checked_start(self, start: Any) -> State:
         if not isinstance(start, State):
             raise ConfigError(f"start is a {type(start).__name__}: must be a wake.truck.state.State")
-        into = start.substep % self._wake.config.substeps
+        into = start.substep % self.plant.config.substeps
         if into:
             raise PlantError(f"start lies {into} substeps inside a control period: must lie between two")
         return start
@@ -167,10 +171,10 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     def _phase(self, steps: int) -> State:
         """The flow so many uncontrolled control periods after the start."""
         if steps >= len(self._phases):
-            self._wake.reset(self._phases[-1])
+            self.plant.reset(self._phases[-1])
         while steps >= len(self._phases):
-            self._wake.advance(0.0)
-            self._phases.append(self._wake.state())
+            self.plant.advance(0.0)
+            self._phases.append(self.plant.state())
         return self._phases[steps]
 
     def _observe(self, sample: Sample) -> Observation:

@@ -11,6 +11,7 @@ def tables(results: Path) -> dict[str, str]:
     return {
         "steps": _steps(results),
         "live": _live(results),
+        "adjoint": _adjoint(results),
         "open_loop": _open_loop(results),
         "square": _square(results),
         "steady_response": _steady_response(results),
@@ -49,6 +50,12 @@ def _steps(results: Path) -> str:
         "shares",
     )  # fmt: skip
     return table(heads, rows)
+
+
+def _adjoint(results: Path) -> str:
+    names = ("cells", "gradient_error", "forward_ms", "recording_ratio", "periods_ratio", "memory_mb")
+    heads = ("cells", "error of the gradient", "forward, ms", "recorded, in forward periods", "back", "MB kept")
+    return table(heads, [tuple(row[name] for name in names) for row in read(results / "adjoint.json")["figures"]])
 
 
 def _live(results: Path) -> str:

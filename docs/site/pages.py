@@ -104,7 +104,12 @@ def has_gallery() -> bool:
     return any((ROOT / "examples" / "gallery").glob("*.py"))
 
 
-STORIES: Final = ("recording_to_sensors.py", "fault_in_the_loop.py", "bundle_to_cortex_m7.py")
+STORIES: Final = (
+    "recording_to_sensors.py",
+    "differentiate_the_flow.py",
+    "fault_in_the_loop.py",
+    "bundle_to_cortex_m7.py",
+)
 """The stories of the gallery, in their order."""
 
 

@@ -46,17 +46,18 @@ class Tape:
     Attributes:
         bar: sensitivities to the flow where the way back has come to, in the end at the tape's start.
         bar_action: the sensitivity to the action in force there.
+        memory_mb: kept for the periods since the tape's start, in 10^6 bytes.
 
     Raises:
         PlantError: if the plant is within a control period.
     """
 
     def __init__(self, plant: TruckWake, memory_mb: float = 2000.0) -> None:
-        self._plant, self._memory_mb = plant, memory_mb
+        self._plant, self._most_mb = plant, memory_mb
         self._adjoint = FlowAdjoint(plant.solver)
         self._periods: list[_Period] = []
         self._spare: list[Array] = []
-        self._kept_mb = 0.0
+        self.memory_mb = 0.0
         self._end = np.empty_like(plant.flow.flat)
         self.bar = Flow.zeros(plant.grid.shape)
         self.bar_action = 0.0
@@ -84,7 +85,7 @@ class Tape:
         )
         plant.advance_to(substeps, action, starts=period.steps)
         self._periods.append(period)
-        self._kept_mb += (1 + substeps) * flow_mb
+        self.memory_mb += (1 + substeps) * flow_mb
         self._end[:] = plant.flow.flat
         return plant.sample()
 
@@ -131,7 +132,7 @@ class Tape:
             raise PlantError(f"a tape begins with a control period, the plant is {into} steps into one")
         self._spare += [period.steps for period in self._periods if period.steps is not None]
         self._periods.clear()
-        self._kept_mb = 0.0
+        self.memory_mb = 0.0
         self._end[:] = self._plant.flow.flat
         self.bar.flat[:] = 0.0
         self.bar_action = 0.0
@@ -161,16 +162,16 @@ class Tape:
     def _make_room(self, flow_mb: float, substeps: int) -> None:
         needed_mb = (1 + substeps) * flow_mb
         for period in self._periods:
-            if self._kept_mb + needed_mb <= self._memory_mb:
+            if self.memory_mb + needed_mb <= self._most_mb:
                 return
             if period.steps is not None:
                 self._spare.append(period.steps)
                 period.steps = None
-                self._kept_mb -= substeps * flow_mb
-        if self._kept_mb + needed_mb > self._memory_mb:
+                self.memory_mb -= substeps * flow_mb
+        if self.memory_mb + needed_mb > self._most_mb:
             raise PlantError(
                 f"the tape holds {len(self._periods)} periods, and one more of {needed_mb:.3g} MB does not fit into "
-                f"{self._memory_mb:g} MB: end the window here, or allow more memory"
+                f"{self._most_mb:g} MB: end the window here, or allow more memory"
             )
 
 
