@@ -71,6 +71,7 @@ def pairs(solver: FlowSolver) -> dict[str, tuple[Change, Callable[[Flow, Flow], 
     }
 
 
+@pytest.mark.slow  # numba compiles the adjoint
 @pytest.mark.parametrize("name", ["walls", "edges", "rates", "projection"])
 def test_the_transpose_of_a_kernel_gives_the_tangents_dot_product(solver, name):
     change, transpose = pairs(solver)[name]

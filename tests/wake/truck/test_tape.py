@@ -39,6 +39,7 @@ def weights_of(plant: TruckWake, seed: int) -> list[Sample]:
     ]
 
 
+@pytest.mark.slow  # numba compiles the adjoint
 def test_gradients_by_actions_and_start_are_those_of_differences(plant):
     """Of a sum of all that a sample has, at each period with other weights; with memory for all and for one period."""
     start, weights = plant.state(), weights_of(plant, 3)
