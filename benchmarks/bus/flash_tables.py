@@ -21,7 +21,7 @@ def tables(results: Path) -> dict[str, str]:
     return {
         "flash_proof": proof(found, read(results / "flash_memory.json")["figures"]),
         "flash_fuzz": fuzz(found["figures"]),
-        "flash_times": times(found["figures"]),
+        "flash_times": times(read(results / "flash_times.json")),
     }
 
 
@@ -56,8 +56,9 @@ def fuzz(of: dict[str, Any]) -> str:
     return table(("", "figure"), rows)
 
 
-def times(of: dict[str, Any]) -> str:
-    """The shipped release over the simulated bus."""
+def times(found: dict[str, Any]) -> str:
+    """The shipped release over the simulated bus, as it was last timed."""
+    of = found["figures"]
     rows = [
         (
             "CAN FD, 500 kbit/s and 2 Mbit/s" if row["frames"] == "fd" else "classic CAN, 500 kbit/s",
@@ -73,4 +74,5 @@ def times(of: dict[str, Any]) -> str:
     return f"""{table(heads, rows)}
 
 {of["flash_times"][0]["bytes"]} bytes, from the first request to the confirmation, in virtual time, beside the control
-traffic of an ECU that is not in control; a restart of the ECU takes 0.3 s of it."""
+traffic of an ECU that is not in control; a restart of the ECU takes 0.3 s of it. Measured on {found["date"]} with
+commit {found["facts"]["commit"]}, which has the bench."""

@@ -3,7 +3,7 @@
     python -m tests.proofs.flash --json results/flash.json
     python -m tests.proofs.flash --replay folder-0123+0045
 
-With it: hostile requests to the UDS server, and the time that the shipped release takes over a simulated bus.
+With it: hostile requests to the UDS server.
 
 The tester's own steps drive the UDS server, the store and a simulated memory, with the shipped release. Each operation
 of the memory is torn in its middle once; in the recovery from each, some are torn again. After every power-on the image
@@ -12,35 +12,20 @@ then the same release is flashed again.
 """
 
 from collections import Counter
-from itertools import product
 from random import Random
 from time import perf_counter
 from typing import Annotated, Any, Final, NamedTuple
 
 import typer
 
-from can_bridge.bus.faults.loss import Drop
-from contract.config.tree import Config
-from contract.config.vehicle import BusConfig
 from contract.errors import StillwakeError
-from contract.release.signing import public_key
-from firmware_sim.ecu.flashable.equipment import Equipment
-from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
-from tests.can_bridge.flashing.releases import HARDWARE, ROOT, provision
-from tests.can_bridge.flashing.store_ecu import KEY, Counted
 from tests.proofs.command_line import JsonFile, console, in_parts, report, spread, track
-from tests.proofs.flash.cuts import KINDS, NEW, OLD, Case, Tally, both_bad, shipped, walk
-from tests.proofs.flash.flash_bench import FlashBench, flash_on
+from tests.proofs.flash.cuts import KINDS, Case, Tally, both_bad, walk
 from tests.proofs.flash.fuzz import FuzzFigures, fuzz
-from tests.proofs.flash.places import FolderPlace
 
 PIECE: Final = 100
 """Cuts that a process makes in one go; it repeats the sequence for them."""
 FUZZ_PIECE: Final = 25_000
-LOSSES: Final = (0.0, 0.01)
-"""Shares of the tester's frames that are lost each way."""
-BOOT_NS: Final = 300_000_000
-"""Time that the ECU takes to boot after a reset."""
 
 
 class ProofError(StillwakeError):
@@ -83,14 +68,13 @@ def main(
     for tally in track(spread(run_piece, pieces, workers), "cuts", "parts", len(pieces)):
         total.add(tally)
     fuzzed = list(in_parts(run_fuzz, fuzz_requests, FUZZ_PIECE, workers, "requests"))
-    times = list(spread(run_time, product(("fd", "classic"), LOSSES), workers))
-    figures = figures_of(total, fuzzed, times) | {"seconds_proof": perf_counter() - began}
+    figures = figures_of(total, fuzzed) | {"seconds_proof": perf_counter() - began}
     report(
         json_file,
         "flash",
         figures,
         packages=("stillwake", "onnxruntime", "cryptography", "udsoncan"),
-        shown=[name for name in figures if name != "flash_times"],
+        shown=list(figures),
         every=every,
         seeds=seeds,
         second_cuts=second_cuts,
@@ -115,30 +99,7 @@ def run_fuzz(requests: range) -> FuzzFigures:
     return fuzz(len(requests), requests.start)
 
 
-def run_time(frames_and_lost: tuple[str, float]) -> dict[str, Any]:
-    """How long the shipped release takes over a bus, next to the vehicle's control traffic, in virtual time."""
-    frames, lost = frames_and_lost
-    config = Config(bus=BusConfig(frames=frames))  # type: ignore[arg-type]
-    equipment = Equipment(root=public_key(ROOT), access=KEY, random_bytes=Counted(), hardware=HARDWARE)
-    memory = provision(FolderPlace(0).backing(), shipped(OLD))
-    ecu = FlashableEcu(memory, config, equipment, boot_ns=BOOT_NS)
-    faults = [Drop(probability=lost, at=end) for end in ("send", "receive")] if lost else []
-    bench = FlashBench(ecu, config, losses=faults, seed=1)
-    flashed = flash_on(bench, shipped(NEW), key=KEY.answer)
-    return {
-        "frames": frames,
-        "lost": lost,
-        "end": flashed.end.name,
-        "bytes": len(shipped(NEW)),
-        "seconds": flashed.seconds,
-        "diagnostic_frames": bench.diagnostic_frames,
-        "load": bench.bus.activity().load,
-        "unanswered": flashed.unanswered,
-        "attempts": 0 if flashed.transferred is None else flashed.transferred.attempts,
-    }
-
-
-def figures_of(total: Tally, fuzzed: list[FuzzFigures], times: list[dict[str, Any]]) -> dict[str, Any]:
+def figures_of(total: Tally, fuzzed: list[FuzzFigures]) -> dict[str, Any]:
     """What was counted."""
     lost = Counter(finding.kind for finding in total.findings)
     wrong = ("exceptions", "unlocked_without_key", "activated_unsigned")
@@ -152,8 +113,6 @@ def figures_of(total: Tally, fuzzed: list[FuzzFigures], times: list[dict[str, An
         "cases_lost": [str(finding.case) for finding in total.findings][:20],
         "fuzz_requests": sum(piece.requests for piece in fuzzed),
         **{name.replace("exc", "fuzz_exc"): sum(piece.violations[name] for piece in fuzzed) for name in wrong},
-        "seconds_flash": next(row["seconds"] for row in times if (row["frames"], row["lost"]) == ("fd", 0.0)),
-        "flash_times": times,
     }
 
 
