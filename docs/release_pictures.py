@@ -12,19 +12,13 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from contract.config.loading import load_config
 from contract.errors import StillwakeError
 from contract.release import bundle
 from contract.shipped import BUNDLE
+from examples.film_of_a_run import story_of, write_film
 from firmware_sim.runs import run_log
-from firmware_sim.runs.film import story_of
 from firmware_sim.runs.run_folder import RunFolder
-from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.run_page.report import write_picture
-from wake.pictures.animation import animate
-from wake.pictures.film import HOLD, Film
-from wake.truck.state import developed_state
-from wake.truck.truck_wake import TruckWake
 
 DOCS: Final = Path(__file__).resolve().parent
 OVERVIEW: Final = DOCS / "demo.png"
@@ -39,7 +33,7 @@ def main(folder: RunFolder) -> None:
     if log.metadata.digest != shipped:
         raise StillwakeError(f"{folder.path}: a run of bundle {log.metadata.digest[:12]}, shipped is {shipped[:12]}")
     write_picture(folder, OVERVIEW)
-    _animate(log)
+    write_film(ANIMATION, log, story_of(log))
     pictures = {str(path.relative_to(DOCS.parent)): sha256(path) for path in (OVERVIEW, ANIMATION)}
     content = {"bundle": shipped, "run": log.metadata.origin.day, "summary": sha256(folder.summary), "files": pictures}
     PROVENANCE.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
@@ -48,17 +42,6 @@ def main(folder: RunFolder) -> None:
 def sha256(path: Path) -> str:
     """SHA-256 of a file, in hex."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _animate(log: RunLog) -> None:
-    config = load_config()
-    wake = TruckWake(config.flow)
-    wake.reset(developed_state())
-    period, story = config.flow.control_period, story_of(log)
-    # Row k holds the action reached at t_k.
-    actions = log.series["action"][1 : round(story.end / period) + 1]
-    film = Film(wake, story, log.metadata.sensors)
-    animate(ANIMATION, film, wake, actions, skip=round(story.begin / period), every=2, fps=20, hold=HOLD)
 
 
 if __name__ == "__main__":

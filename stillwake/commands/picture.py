@@ -16,7 +16,6 @@ from stillwake.console.settings import settings
 from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
 
 if TYPE_CHECKING:
-    from wake.pictures.film import Story
     from wake.truck.truck_wake import TruckWake
 
 USUAL_DURATION: Final = 25.0
@@ -128,13 +127,7 @@ def animate(
     ],
     state: StateFile = None,
     duration: Duration = None,
-    skip: Annotated[
-        float | None,
-        typer.Option(help="Run before the first frame, t_c; default: 0, a film's 11 before control.", min=0.0),
-    ] = None,
-    film: Annotated[
-        bool, typer.Option("--film", help="Of --run: on dark, with drag and action as they come, from before control.")
-    ] = False,
+    skip: Annotated[float, typer.Option(help="Run before the first frame, t_c.", min=0.0)] = 0.0,
     field: Annotated[Field, typer.Option(help="What colours the flow.")] = "vorticity",
     forcing: ForcingName = "none",
     amplitude: Amplitude = None,
@@ -144,41 +137,29 @@ def animate(
     dataset: DatasetFile = None,
     episode: EpisodeName = None,
     sensors: SensorNames = "",
-    every: Annotated[
-        int | None, typer.Option(help="Control steps between frames; default: 1, in a film 2.", min=1)
-    ] = None,
-    fps: Annotated[int | None, typer.Option(help="Frames per second; default: 10, in a film 20.")] = None,
-    width: Annotated[int | None, typer.Option(help="Pixels; default: 800, in a film 960.", min=400, max=4000)] = None,
+    every: Annotated[int, typer.Option(help="Control steps between frames.", min=1)] = 1,
+    fps: Annotated[int, typer.Option(help="Frames per second.")] = 10,
+    width: Annotated[int, typer.Option(help="Pixels.", min=400, max=4000)] = 800,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Run the wake and write it as a moving picture: without control, forced, or replaying recorded actions."""
-    from wake.pictures.animation import MovingPicture, check_target
     from wake.pictures.animation import animate as write_animation
+    from wake.pictures.animation import check_target
     from wake.pictures.drawing import WakePicture
-    from wake.pictures.film import HOLD, Film
 
     check_target(output)
     check_writable(output)
     config = settings("animate", config_file, overrides, uses=MOVING).config
-    story = _story(run, skip, duration) if film else None
-    if story is not None:
-        skip, duration = story.begin, story.end
-    left_out = steps_of("--skip", skip or 0.0, config.flow.control_period, least=0)
+    left_out = steps_of("--skip", skip, config.flow.control_period, least=0)
     actions = _actions(config, duration, forcing, amplitude, frequency, seed, run, dataset, episode)
     wake = _start(config, state)
     coloured = _run_sensors(run) if run is not None and not sensors else _names(sensors)
-    drawn: MovingPicture = (
-        WakePicture(wake, field, coloured, width or 800)
-        if story is None
-        else Film(wake, story, coloured or wake.layout.names, width or 960)
-    )
-    usual = (1, 10, 0.0) if story is None else (2, 20, HOLD)
+    drawn = WakePicture(wake, field, coloured, width)
     with progress_bar("steps") as bar:
         task = bar.add_task("animation", total=len(actions), note="")
         frames = write_animation(
-            output, drawn, wake, actions,
-            skip=left_out, every=every or usual[0], fps=usual[1] if fps is None else fps, hold=usual[2],
+            output, drawn, wake, actions, skip=left_out, every=every, fps=fps,
             progress=lambda done, _: bar.update(task, completed=done),
         )  # fmt: skip
     console.print(f"wrote {output}: {frames} frames, {output.stat().st_size / 1e6:.2f} MB", soft_wrap=True)
@@ -264,17 +245,6 @@ def _run_actions(folder: Path) -> npt.NDArray[np.float64]:
 
     # Row k holds the action reached at t_k, and the plant is to ramp there from the one before.
     return load(RunFolder(folder).series).series["action"][1:]
-
-
-def _story(folder: Path | None, begin: float | None, end: float | None) -> "Story":
-    """What the film of a run shows, in the times asked for or the usual ones."""
-    from firmware_sim.runs.film import story_of
-    from firmware_sim.runs.run_folder import RunFolder
-    from firmware_sim.runs.run_log import load
-
-    if folder is None:
-        raise ConfigError("--film: needs --run FOLDER, a run under control")
-    return story_of(load(RunFolder(folder).series), begin, end)
 
 
 def _run_sensors(folder: Path) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 import pytest
 
 from contract.errors import ConfigError
-from firmware_sim.runs.film import story_of
+from examples.film_of_a_run import story_of
 
 
 def test_it_begins_before_control_and_counts_from_the_drag_there(shedding) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from wake.pictures.film import BLOWING, CALM, SUCKING, Film, Story
+from examples.film_of_a_run import BLOWING, CALM, SUCKING, Film, Story
 from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # figures are drawn

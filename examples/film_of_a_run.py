@@ -1,16 +1,21 @@
-"""The film of a run: vorticity as light on dark, the jets, the sensors, and drag and action as they come.
+"""A film of a run: vorticity as light on dark, the jets, the sensors, and drag and action as they come.
+
+    python -m examples.film_of_a_run runs/demo film.webp
 
 One figure of fixed size, drawn again and again. Scales, places and texts' widths stay, so that nothing moves but the
 flow. It is made for a README: a few words name when control begins and what that is worth.
 """
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from pathlib import Path
+from typing import Annotated, Any, Final
 
 import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
+import typer
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
@@ -18,9 +23,16 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from contract.arrays import Array
+from contract.config.loading import load_config
+from contract.errors import ConfigError, StillwakeError
+from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.run_log import RunLog, load
+from wake.pictures.animation import animate, check_target
 from wake.pictures.drawing import jet_arrow, outline
 from wake.pictures.fields import Raster, View
 from wake.plant.protocol import Drawable
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
 
 NIGHT: Final = "#0a0d14"
 """Background."""
@@ -251,3 +263,63 @@ class Film:
         else:
             traces["number"].set_text("")
             traces["unit"].set_text("")
+
+
+def story_of(log: RunLog, begin: float | None = None, end: float | None = None) -> Story:
+    """From some cycles before control began to when it has calmed the wake, or between the times given, in t_c.
+
+    Raises:
+        ConfigError: if the run has no time without control before time with it, or the film would not show the change.
+    """
+    t, first = log.series["t"], log.enabled_at
+    if not 0 < first < len(t):
+        raise ConfigError("film: the run has no time without control before time with it")
+    control = float(t[first])
+    story = Story(
+        begin=max(0.0, control - BEFORE) if begin is None else begin,
+        end=min(float(t[-1]), control + AFTER) if end is None else end,
+        control=control,
+        drag_before=float(log.series["Cd"][:first].mean()),
+    )
+    if not story.begin < control < story.end:
+        raise ConfigError(
+            f"film: {story.begin:g} to {story.end:g} t_c does not show the beginning of control at {control:g} t_c"
+        )
+    return story
+
+
+def write_film(path: Path, log: RunLog, story: Story, width: int = 960) -> int:
+    """Replay a run that began at the shipped start and write its film; the number of frames.
+
+    Raises:
+        ConfigError: if no film of that name can be written.
+    """
+    config = load_config()
+    wake = TruckWake(config.flow)
+    wake.reset(developed_state())
+    period = config.flow.control_period
+    # Row k holds the action reached at t_k.
+    actions = log.series["action"][1 : round(story.end / period) + 1]
+    film = Film(wake, story, log.metadata.sensors, width)
+    return animate(path, film, wake, actions, skip=round(story.begin / period), every=2, fps=20, hold=HOLD)
+
+
+def main(
+    run: Annotated[Path, typer.Argument(help="Folder written by `stillwake run`.")],
+    output: Annotated[Path, typer.Argument(help="Film to write: .webp or .gif, or .mp4 where ffmpeg is installed.")],
+    begin: Annotated[float | None, typer.Option(help="In t_c; default: 11 before control begins.")] = None,
+    end: Annotated[float | None, typer.Option(help="In t_c; default: 50 after control begins.")] = None,
+    width: Annotated[int, typer.Option(help="Pixels.", min=400, max=4000)] = 960,
+) -> None:
+    """Write the film of a run under control."""
+    try:
+        check_target(output)
+        log = load(RunFolder(run).series)
+        frames = write_film(output, log, story_of(log, begin, end), width)
+    except StillwakeError as error:
+        sys.exit(f"error: {error}")
+    typer.echo(f"wrote {output}: {frames} frames")
+
+
+if __name__ == "__main__":
+    typer.run(main)
