@@ -13,6 +13,7 @@ ROADS: Final = {
     "bang-bang": "baselines",
     "ppo": "rl",
     "sac": "rl",
+    "through-flow": "through_flow",
     "release": "release",
     "calm-tuned": "calm_tuned",
     "mpc-90": "mpc_90",
