@@ -15,10 +15,10 @@ import typer
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.c_folder import COMPILE_FLAGS, EXPECTED, RECORDED, rows_text, write_folder
+from examples.random_programs import random_linear_program, random_program
 from export.int8.activation_ranges import activation_ranges
 from export.int8.calibrate import rounded_on
-from export.program.random_linear_program import random_linear_program
-from export.program.random_program import random_program, random_windows
+from export.program.random_windows import random_windows
 from export.to_c.folder_files import documents, replay
 from export.to_c.library import c_library
 from export.to_c.linear_library import linear_c_library

@@ -103,9 +103,10 @@ def short_release(tmp_path_factory) -> Path:
 
 def _random_release(path: Path, window: int) -> Path:
     from contract.model.model_folder import Provenance
+    from examples.random_programs import random_program
     from export.gates.quantisation import QuantisationLimits
     from export.int8.rounded_program import rounded_to_nearest
-    from export.program.random_program import random_program, random_windows
+    from export.program.random_windows import random_windows
     from export.release.bundle import Vehicle, write_release
     from export.release.gated import gate
     from export.release.lowering import lower

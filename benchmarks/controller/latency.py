@@ -24,11 +24,12 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.results import versions
 from contract.runtime.onnx_session import OnnxController
+from examples.random_programs import random_program
 from export.gates.parity import control_cases
 from export.int8.rounded_program import Program, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
 from export.program.matrices import matrices
-from export.program.random_program import random_program, random_window
+from export.program.random_windows import random_window
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller

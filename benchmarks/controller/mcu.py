@@ -34,8 +34,9 @@ from contract.recording import dataset
 from contract.release.bundle import load as load_bundle
 from contract.results import versions
 from contract.shipped import BUNDLE, RECORDING
+from examples.random_programs import random_program
 from export.program.from_training import program_of
-from export.program.random_program import random_program, random_window
+from export.program.random_windows import random_window
 from export.program.recorded_windows import recorded_windows
 from export.release.lowering import int8_library
 from export.to_c.library import c_library

@@ -16,7 +16,7 @@ from contract.controller.interface import Controller
 from contract.errors import ExportError
 from contract.runtime.onnx_session import OnnxController
 from export.program.linear_program import LinearProgram
-from export.program.random_program import random_window
+from export.program.random_windows import random_window
 from export.reference.specification import AnyProgram, specified_step
 
 

@@ -8,7 +8,8 @@ import pytest
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import McuError
-from export.program.random_program import random_program, random_window
+from examples.random_programs import random_program
+from export.program.random_windows import random_window
 from export.release.lowering import int8_library
 
 pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")

@@ -18,9 +18,10 @@ from contract.controller.c_folder import ECU_SETTINGS
 from contract.model.model_folder import Provenance
 from contract.release import bundle as bundles
 from contract.release.checks import Bundle
+from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
-from export.program.random_program import random_program, random_window
+from export.program.random_windows import random_window
 from export.release.bundle import Vehicle, write_release
 from export.release.c_folder import write_c_release
 from export.release.gated import gate

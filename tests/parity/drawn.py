@@ -4,8 +4,8 @@ import numpy as np
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
+from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
-from export.program.random_program import random_program
 
 NAMES = ("upper_39", "lower_39", "base_0", "base_9", "upper_07", "lower_07")
 

@@ -14,9 +14,10 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.interface import ControllerError
 from contract.errors import LibraryError
+from examples.random_programs import random_program
 from export.gates.parity import check_lowering, control_cases
 from export.program.controller_program import ControllerProgram
-from export.program.random_program import random_program, random_window, random_windows
+from export.program.random_windows import random_window, random_windows
 from export.reference.mpc import shift
 from export.to_c.library import c_library
 from firmware_sim.in_c.compiler import host_compiler

@@ -8,10 +8,10 @@ import pytest
 from contract.config.controller import MpcConfig
 from contract.controller.interface import ControllerError
 from contract.errors import ExportError, LibraryError
+from examples.random_programs import random_linear_program
 from export.gates.parity import check_lowering, check_parity
 from export.program.linear_program import LinearProgram
-from export.program.random_linear_program import random_linear_program
-from export.program.random_program import random_windows
+from export.program.random_windows import random_windows
 from export.release.judged import check_model
 from export.to_c.linear_library import linear_c_library
 from export.to_onnx.linear_step import build_linear_controller

@@ -11,9 +11,10 @@ from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from contract.runtime.onnx_session import OnnxController
+from examples.random_programs import random_program
 from export.gates.parity import check_parity
 from export.int8.rounded_program import effective, rounded_to_nearest
-from export.program.random_program import random_program, random_window, random_windows
+from export.program.random_windows import random_window, random_windows
 from export.reference.mpc import control_step
 from export.to_onnx.control_step import build_controller
 from tests.each import each

@@ -13,9 +13,9 @@ import torch
 
 from benchmarks.controller.eager import EagerController
 from contract.config.controller import MpcConfig
+from examples.random_programs import random_program
 from export.gates.parity import ControlCase, control_cases
 from export.program.controller_program import ControllerProgram
-from export.program.random_program import random_program
 from export.reference.cost import cost_gradient
 from export.reference.model import decode, decode_adjoint, step, step_adjoint
 from export.reference.mpc import control_step, gradient

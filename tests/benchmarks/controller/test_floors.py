@@ -4,7 +4,7 @@ from benchmarks.controller.floors import CoreLimits, Work
 from benchmarks.controller.latency import over_floors
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from export.program.random_program import random_program
+from examples.random_programs import random_program
 
 
 def test_the_work_of_a_small_program_is_what_counting_gives():

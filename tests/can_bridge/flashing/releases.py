@@ -36,7 +36,7 @@ Key = Ed25519PrivateKey | PublicKey
 @cache
 def untrained() -> tuple[Manifest, bytes]:
     """The shipped release's facts around a small graph that nobody trained: manifest and graph."""
-    from export.program.random_program import random_program
+    from examples.random_programs import random_program
     from export.to_onnx.control_step import build_controller
 
     model = ModelConfig(window=4, latent=2, lstm_width=4, dynamics_width=8, decoder_width=4)

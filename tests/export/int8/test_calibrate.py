@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from examples.random_programs import random_program
 from export.int8.calibrate import rounded_on
 from export.int8.layer_inputs import layer_inputs
 from export.int8.rounded_program import rounded_to_nearest
-from export.program.random_program import random_program
 from export.reference.model import decode, encode, step
 
 pytestmark = pytest.mark.slow  # a network is calibrated

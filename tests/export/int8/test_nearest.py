@@ -9,10 +9,11 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import ExportError
+from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits, check_quantisation, compare_quantised
 from export.int8.nearest import quantise_matrix
 from export.int8.rounded_program import rounded_to_nearest
-from export.program.random_program import random_program, random_window
+from export.program.random_windows import random_window
 
 SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
 matrices = arrays(np.float64, array_shapes(min_dims=2, max_dims=2, max_side=6), elements=st.floats(-1e6, 1e6, width=32))

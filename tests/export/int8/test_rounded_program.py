@@ -5,10 +5,11 @@ import pytest
 from onnx import numpy_helper
 
 from contract.config.learning import ModelConfig
+from examples.random_programs import random_program
 from export.int8.calibrate import rounded_on
 from export.int8.rounded_program import rounded_to_nearest
 from export.program.matrices import matrices
-from export.program.random_program import random_program, random_windows
+from export.program.random_windows import random_windows
 from export.to_onnx.control_step import build_controller
 
 PROGRAM = random_program(0, model=ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8))

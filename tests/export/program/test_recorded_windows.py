@@ -10,7 +10,7 @@ from contract.arrays import Array
 from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from contract.recording.dataset import UNITS, Episode
-from export.program.random_program import random_program
+from examples.random_programs import random_program
 from export.program.recorded_windows import recorded_windows
 
 PROGRAM = random_program(0, model=ModelConfig(window=3, lstm_width=2, dynamics_width=4, decoder_width=4))

@@ -14,8 +14,9 @@ from hypothesis.extra.numpy import array_shapes
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
+from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
-from export.program.random_program import random_program, random_window
+from export.program.random_windows import random_window
 from export.reference.model import encode, encoder_layers
 from export.reference.mpc import adam, evaluate, gradient, optimise, plan_cost, predict, rollout
 from tests.examples import examples

@@ -7,9 +7,9 @@ import pytest
 
 from contract.config.controller import MpcConfig
 from contract.errors import ExportError
+from examples.random_programs import random_linear_program
 from export.program.program_hash import program_sha256
-from export.program.random_linear_program import random_linear_program
-from export.program.random_program import random_window
+from export.program.random_windows import random_window
 from export.reference.linear import history_of, linear_control_step
 
 H = 6

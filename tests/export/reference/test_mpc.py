@@ -11,8 +11,9 @@ from scipy.optimize import minimize
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
+from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
-from export.program.random_program import random_program, random_window
+from export.program.random_windows import random_window
 from export.reference.model import encode
 from export.reference.mpc import control_step, evaluate, gradient, optimise, project, rollout, shift
 from tests.examples import examples

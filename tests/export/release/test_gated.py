@@ -7,9 +7,10 @@ import pytest
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import ExportError, LibraryError
+from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
-from export.program.random_program import random_program, random_windows
+from export.program.random_windows import random_windows
 from export.release.gated import gate
 from export.release.lowering import library_of, lower
 from firmware_sim.in_c.compiler import host_compiler

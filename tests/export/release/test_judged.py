@@ -14,8 +14,8 @@ from contract.errors import BundleControllerError
 from contract.release import bundle
 from contract.release.checks import CONTROLLER
 from contract.shipped import BUNDLE
+from examples.random_programs import random_program
 from export.int8.rounded_program import rounded_to_nearest
-from export.program.random_program import random_program
 from export.release.judged import OPERATORS, check_model, judge
 from export.to_onnx.control_step import build_controller
 from tests.contract.controller.graphs import edited, endless, graph_of, value

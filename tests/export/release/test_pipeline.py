@@ -24,7 +24,7 @@ from contract.recording.facts import PlantFacts
 from contract.release import bundle
 from contract.runtime.onnx_session import OnnxController
 from contract.sensor_layout import SensorLayout
-from export.program.random_program import random_program
+from examples.random_programs import random_program
 from export.release import pipeline
 from export.release.gated import Gated
 from export.release.lowering import Lowered, library_of, lower

@@ -10,9 +10,10 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.c_folder import library_sources
 from contract.errors import ExportError, LibraryError
+from examples.random_programs import random_program
 from export.int8.activation_ranges import activation_ranges
 from export.int8.rounded_program import rounded_to_nearest
-from export.program.random_program import random_program, random_windows
+from export.program.random_windows import random_windows
 from export.to_c.int8_format import (
     AHEAD,
     ELU_ARGUMENT_ONE,

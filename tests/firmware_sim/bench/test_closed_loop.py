@@ -19,7 +19,7 @@ from contract.config.vehicle import BackgroundConfig, BusConfig, VehicleConfig
 from contract.errors import StillwakeError
 from contract.release import bundle
 from contract.release.checks import Bundle
-from export.program.random_program import random_program
+from examples.random_programs import random_program
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs import wake_stills
 from firmware_sim.runs.run_folder import RunFolder

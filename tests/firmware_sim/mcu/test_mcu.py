@@ -9,8 +9,9 @@ import pytest
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import LibraryError, McuError
+from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
-from export.program.random_program import random_program, random_window
+from export.program.random_windows import random_window
 from export.release.c_folder import recorded_rows
 from export.release.lowering import int8_library
 from export.to_c.library import c_library

@@ -14,7 +14,8 @@ import pytest
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from export.program.random_program import random_program, random_window
+from examples.random_programs import random_program
+from export.program.random_windows import random_window
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
 

@@ -31,7 +31,7 @@ from contract.release.checks import CONTROLLER, Bundle
 from contract.release.manifest import MANIFEST, Manifest
 from contract.runtime.onnx_session import OnnxController
 from contract.shipped import BUNDLE
-from export.program.random_program import random_program
+from examples.random_programs import random_program
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, max_rss_kib, report

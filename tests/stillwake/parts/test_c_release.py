@@ -13,7 +13,8 @@ from contract.errors import LibraryError
 from contract.release.bundle import load
 from contract.shipped import BUNDLE
 from examples.c_samples import MODEL, MPC
-from export.program.random_program import random_program, random_windows
+from examples.random_programs import random_program
+from export.program.random_windows import random_windows
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from firmware_sim.in_c.compiler import host_compiler

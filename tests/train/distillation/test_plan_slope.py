@@ -7,8 +7,8 @@ import torch
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
+from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
-from export.program.random_program import random_program
 from export.program.weights import DecoderWeights, DynamicsWeights
 from export.reference.mpc import gradient
 from train.distillation.plan_slope import force_slope, plan_slope, predict

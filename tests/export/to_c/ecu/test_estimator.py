@@ -20,10 +20,11 @@ from contract.release.bundle import load
 from contract.runtime.onnx_estimator import OnnxEstimator
 from contract.shipped import BUNDLE
 from examples.c_samples import MODEL, MPC
+from examples.random_programs import random_program
 from export.int8.activation_ranges import activation_ranges
 from export.int8.calibrate import rounded_on
 from export.int8.rounded_estimator import rounded_estimator
-from export.program.random_program import random_program, random_windows
+from export.program.random_windows import random_windows
 from export.to_c.estimator import estimator_files
 from export.to_c.library import c_library
 from export.to_onnx.sensor_estimator import build_estimator

@@ -11,7 +11,8 @@ from contract.config.learning import ModelConfig
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig, SensorCheckConfig
 from contract.release.bundle import load
-from export.program.random_program import random_program, random_windows
+from examples.random_programs import random_program
+from export.program.random_windows import random_windows
 from export.release.lowering import int8_library
 from export.to_c.folder_files import documents
 from export.to_c.library import ecu_sources, example_sources

@@ -1,6 +1,6 @@
-"""Programs with random weights of a trained net's size, for parity tests, budgets and benchmarks.
+"""Programs with random weights of a trained model's size, where no model is at hand.
 
-The time and memory of a control step depend on the shapes only, so these stand in where no model is at hand.
+The time and memory of a control step depend on the shapes only, so that budgets can be measured with them.
 """
 
 import numpy as np
@@ -65,23 +65,46 @@ def random_program(
     )
 
 
-def random_window(program: ControllerProgram | LinearProgram, rng: np.random.Generator) -> Array:
-    """A window (L, S+1) with the roughness of recorded ones: each column a few slow random sines.
+def random_linear_program(
+    seed: int,
+    *,
+    window: int = 16,
+    mpc: MpcConfig | None = None,
+    action_limit: float = 0.075,
+    sensors: tuple[str, ...] = SENSORS,
+) -> LinearProgram:
+    """A program whose differences die out slowly and whose feedback reaches the limit now and then.
 
-    Pressures have the mean and spread of the program's scaling, actions stay within its limit.
+    Args:
+        seed: of the draw.
+        window: L.
+        mpc: horizon and weights; the paper's if None.
+        sensors: pairs.
     """
-    columns = len(program.sensors) + 1
-    t = np.arange(program.window)[:, None, None]
-    frequency = rng.uniform(0.01, 0.1, (1, columns, 3))
-    waves = np.sin(2 * np.pi * (frequency * t + rng.random((1, columns, 3)))).mean(axis=-1)
-    pressure = np.array(program.scaling.pressure_mean) + 2.0 * waves[:, :-1] * program.scaling.pressure_std
-    return np.column_stack([pressure, waves[:, -1] * program.action_limit])
-
-
-def random_windows(program: ControllerProgram | LinearProgram, count: int, *, seed: int = 0) -> list[Array]:
-    """So many windows, each by itself: not consecutive ones."""
     rng = np.random.default_rng(seed)
-    return [random_window(program, rng) for _ in range(count)]
+    columns = len(sensors) // 2 + 1
+    model = rng.normal(0.0, 0.3 / np.sqrt(window), (columns, window, columns))
+    # Each difference mostly follows its own last value.
+    for pair in range(columns - 1):
+        model[pair, -1, pair] += 0.7
+    gain = rng.normal(0.0, 0.1 / np.sqrt(window), (window, columns))
+    gain[-1, -1] = 0.0
+    mean = np.repeat(rng.normal(-0.5, 0.2, columns - 1), 2)
+    std = np.repeat(rng.uniform(0.05, 0.3, columns - 1), 2)
+    return LinearProgram(
+        model=model,
+        gain=gain,
+        scaling=Scaling(
+            pressure_mean=tuple(mean.tolist()),
+            pressure_std=tuple(std.tolist()),
+            action_std=0.6 * action_limit,
+            force_mean=(0.8, 0.0),
+            force_std=(0.1, 0.5),
+        ),
+        mpc=MpcConfig() if mpc is None else mpc,
+        action_limit=action_limit,
+        sensors=sensors,
+    )
 
 
 def _uniform(rng: np.random.Generator, shape: tuple[int, ...], fan_in: int) -> Array:
