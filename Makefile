@@ -111,6 +111,7 @@ release: $(VENV)/dev.stamp
 # Everything slow: all figures in results/, and the tables made of them.
 full: test
 	$(BIN)/python -m pytest -m pages tests/docs/blocks
+	$(BIN)/python -m pytest -m "hypothesis and not proofs" --hypothesis-profile=drawn
 	$(BIN)/python -m pytest -m proofs
 	$(BIN)/stillwake run runs/demo --overwrite --json results/demo.json
 	$(BIN)/python -m benchmarks release-loop --json results/release_loop.json

@@ -35,6 +35,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple, Self, TypeVar
 
 from can_bridge.bus.faults.clocks import ClockDrift
+from can_bridge.bus.faults.content import StuckAt
 from can_bridge.bus.faults.fault import NS
 from can_bridge.bus.faults.lateness import Delay
 from can_bridge.e2e.profiles import profile_of
@@ -56,6 +57,8 @@ WANTED: Final = DRIVING | {Mode.WARMUP}
 
 AGE_TOLERANCE: Final = 0.01
 """Share of a period. Two clocks 200 ppm apart, and the wait until the bus is read, cost far less."""
+_LONGEST_S: Final = 1e6
+"""Of a span that has no end."""
 ROUNDING: Final = 1e-9
 """Tolerance for the rounding of floating-point numbers that are compared with a limit."""
 
@@ -254,11 +257,14 @@ class Invariants:
         """For a run with these disturbances.
 
         A gateway that stamps frames again, and a clock that stamps them wrong, hide their age from the ECU: by so much
-        may a command rest on older pressures. What the vehicle lets its jets do is judged by their true age.
+        may a command rest on older pressures. So does a buffer that is sent again unfilled, where a copy reaches the
+        ECU before the first of them. What the vehicle lets its jets do is judged by their true age.
         """
         hidden_s = 0.0
         for one in disturbances.items:
-            if isinstance(one, NodeFault) and one.node == "ecu":
+            if isinstance(one, NodeFault) and isinstance(one.fault, StuckAt) and not one.fault.counter_runs:
+                hidden_s += min(one.fault.end_s - one.fault.start_s, _LONGEST_S)
+            elif isinstance(one, NodeFault) and one.node == "ecu":
                 if isinstance(one.fault, Delay) and one.fault.restamp:
                     hidden_s += one.fault.delay_s + one.fault.jitter_s
                 elif isinstance(one.fault, ClockDrift):

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from can_bridge.e2e.profiles import profile_of
@@ -112,6 +112,7 @@ HARM = (
     st.sampled_from([config for name, config in CONFIGS.items() if name != "busy"]),
     st.integers(0, 1000),
 )
+@example(["ecu:reorder:window=3", "vehicle:stuck_at@0.6..0.8"], DEFAULT, 0)
 def test_nothing_is_broken_whatever_disturbs_the_run(texts, config, seed):
     broken, _ = violations(*texts, config=config, seed=seed)
     assert broken == []
