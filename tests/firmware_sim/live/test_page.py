@@ -276,6 +276,7 @@ def test_an_hour_leaves_the_page_as_large_as_it_was(live, opened):
     """Five times as many periods as it keeps, by the page's own way."""
     second = opened()
     wait_for_settings(second, START)
+    until(lambda: second.page.evaluate("stillwake.page.stream.now !== null"))
     feed = """count => {
         const {page} = stillwake;
         page.channel.on = () => {};
