@@ -20,6 +20,10 @@ OPERATORS: Final = frozenset(
         *("Transpose", "Unsqueeze", "Where"),
     )
 )
+SHAPING: Final = frozenset(
+    ("ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Reshape", "Slice", "Split", "Squeeze", "Unsqueeze")
+)
+"""Those whose further inputs decide the shape of what they give, and so what a step takes."""
 
 
 def judge(bundle: Bundle) -> None:
@@ -48,9 +52,13 @@ def check_model(content: bytes) -> int:
     if model.functions or model.training_info:
         raise ValueError("it brings functions of its own, or training information")
     nodes = list(_nodes(model.graph))
+    constants = {one.name for one in model.graph.initializer}
     for node in nodes:
         if node.domain or node.op_type not in OPERATORS:
             raise ValueError(f"operator {node.op_type!r} of domain {node.domain!r}: no controller computes with it")
+        for name in node.input[1:] if node.op_type in SHAPING else ():
+            if name and name not in constants:
+                raise ValueError(f"{node.op_type} takes {name!r}, which is computed: must be a constant")
     return len(nodes)
 
 

@@ -42,6 +42,10 @@ def node(kind: str, **attributes: Any) -> bytes:
 
 def test_what_no_controller_needs_is_refused_by_name():
     short = TensorProto(name="c", data_type=1, dims=[2], raw_data=b"\0" * 4)
+    cut = [
+        helper.make_node("Cast", ["plan"], ["count"], to=TensorProto.INT64),
+        helper.make_node("Slice", ["zero_forces", "count", "count"], ["few"]),
+    ]
     for content, named in (
         (endless(), "operator 'Loop'"),
         (node("RandomNormalLike"), "operator 'RandomNormalLike'"),
@@ -49,6 +53,7 @@ def test_what_no_controller_needs_is_refused_by_name():
         (node("Relu", alpha=1.0), "alpha"),
         (node("Concat", axis=1.5), "axis"),
         (node("Nonsense"), "Nonsense"),
+        (graph_of(cut).SerializeToString(), "Slice takes 'count', which is computed"),
         (graph_of((), [short]).SerializeToString(), "onnx refuses it"),
         (edited(lambda m: m.functions.add(name="f", domain="d")), "function|refuses"),
         (b"not really ONNX", "onnx refuses it"),
