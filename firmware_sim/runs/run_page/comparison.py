@@ -92,7 +92,7 @@ def _made_with(log: RunLog) -> Mapping[str, str]:
     control_period = run.config.flow.control_period
     return {
         "bundle": run.controller,
-        "signed by": run.signer or "no one",
+        "signed by": "no one" if run.signer is None else run.signer[:12],
         "plant": run.plant,
         "began from": run.origin.flow,
         "time without control / t_c": f"{log.enabled_at * control_period:g}",

@@ -9,7 +9,7 @@ import pytest
 
 from can_bridge.wire.messages import Mode
 from contract.arrays import Array
-from firmware_sim.runs import pages, wake_stills
+from firmware_sim.runs import pages, run_log, wake_stills
 from firmware_sim.runs.metadata import InjectedFault
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import WALL
@@ -134,12 +134,17 @@ def test_the_slider_moves_wake_words_and_cursor_and_plays(browser, runs):
     assert not seen.troubles
 
 
-def test_runs_are_compared_at_one_time_since_the_request(browser, comparison):
+def test_runs_are_compared_at_one_time_since_the_request(browser, runs, comparison):
     url = comparison.as_uri()
     seen = visit(browser, url, home=url)
+    slider = seen.page.get_by_role("slider", name="Time in the run")
+    # It opens where the last run's drag leaves that of the others.
+    drags = [run_log.load(folder.series).series["Cd"].round(5) for folder in runs]
+    assert int(slider.input_value()) == np.flatnonzero(drags[0] != drags[2])[0]
+    seen.page.get_by_role("button", name="Control requested").click()
     for number in (1, 2):
         stands_at(seen, f"#wake-{number} canvas", 60)
-    seen.page.get_by_role("slider", name="Time in the run").focus()
+    slider.focus()
     for _ in range(3):
         seen.page.keyboard.press("ArrowRight")
     for number in (1, 2):

@@ -26,6 +26,13 @@
   const count = Math.round((last - first) / period) + 1;
   const times = Array.from({length: count}, (_, i) => first + i * period);
 
+  const value = ({run, at}, column, time) => run.columns[column][at(time)] ?? null;
+  /** Where two of them part; at the request where they never do. */
+  const asked = Math.round(-first / period);
+  const apart = times.findIndex((time) =>
+    CHARTS.some(([, column]) => lined.some((one) => value(one, column, time) !== value(lined[0], column, time))),
+  );
+
   document.documentElement.classList.add('scripted');
   const pick = (time) => player.go((time - first) / period);
   const views = lined.map(({run}, i) => new stillwake.RunView(place(`wake-${i + 1}`), run));
@@ -40,8 +47,7 @@
       title, height: 150, x: i === CHARTS.length - 1, sync: 'runs', onPick: pick, ...how,
       series: runs.map((run, n) => ({label: i ? '' : run.name, colour: COLOURS[n]})),
     });
-    const values = ({run, at}) => times.map((time) => run.columns[column][at(time)] ?? null);
-    chart.data([times, ...lined.map(values)]);
+    chart.data([times, ...lined.map((one) => times.map((time) => value(one, column, time)))]);
     chart.window(first, last + period);
     return chart;
   });
@@ -57,7 +63,7 @@
   const player = new stillwake.Player(place('player'), {
     count,
     period,
-    marks: [['Start', 0], ['Control requested', Math.round(-first / period)], ['End', count - 1]],
+    marks: [['Start', 0], ['Control requested', asked], ...(apart < 0 ? [] : [['First difference', apart]]), ['End', count - 1]],
     words: (i) => {
       const time = `t = ${format.signed(times[i], 1)} W/U∞`;
       return [time, ...lined.map((one, n) => `${one.run.name}: ${words(one, views[n], times[i])}`)].join('; ');
@@ -72,5 +78,5 @@
       charts.forEach((chart) => chart.cursor(times[i]));
     },
   });
-  player.go(Math.round(-first / period));
+  player.go(apart < 0 ? asked : apart);
 })();
