@@ -112,7 +112,7 @@ def conduct(
     """
     stages = _Stages(campaign, folder, starting_states(folder, campaign.config, campaign.phases), progress)
     scenarios = campaign.scenarios
-    stages.run(scenarios, workers, scheduler)
+    stages.run(scenarios, workers, scheduler, later=campaign.phases if campaign.combine else 0)
     rows = stages.rows(scenarios)
     combined = two_worst(rows) if campaign.combine else None
     if combined is not None:
@@ -141,8 +141,8 @@ class _Stages:
         self.made = 0
         self.kept = 0
 
-    def run(self, scenarios: Sequence[Scenario], workers: int, scheduler: str | None) -> None:
-        """Compute what is missing of these."""
+    def run(self, scenarios: Sequence[Scenario], workers: int, scheduler: str | None, *, later: int = 0) -> None:
+        """Compute what is missing of these; so many more runs are to come."""
         tasks = {task.name: task for scenario in scenarios for task in self._tasks(scenario)}
         missing = []
         for name, task in tasks.items():
@@ -154,7 +154,7 @@ class _Stages:
             else:
                 self._outcomes[name] = outcome
                 self.kept += 1
-        self._total = len(self._outcomes) + len(missing)
+        self._total = len(self._outcomes) + len(missing) + later
         self._progress(len(self._outcomes), self._total, "")
         execute(
             missing, self._campaign.bundle, self._starts, workers=workers, scheduler=scheduler, finished=self._finished

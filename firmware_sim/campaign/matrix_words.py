@@ -8,6 +8,7 @@ from typing import Final
 
 from contract.atomic import replacing
 from firmware_sim.campaign.judgement import Row, Spread
+from firmware_sim.campaign.scenario import UNDISTURBED
 
 HEADS: Final = ("scenario", "safe", "use", "less drag, %", "mean |Cl|", "in control, %", "latched")
 """Heads of `cells`."""
@@ -45,10 +46,13 @@ def number(value: float, style: str) -> str:
 def headline(rows: Sequence[Row]) -> str:
     """The campaign in a sentence."""
     safe = sum(row.safe for row in rows)
-    uses = [sum(row.use == use for row in rows) for use in ("useful", "marginal", "none")]
+    disturbed = [row for row in rows if row.scenario.name != UNDISTURBED]
+    uses = [sum(row.use == use for row in disturbed) for use in ("useful", "marginal", "none")]
+    look = " One start: a look, not a figure." if rows and all(len(row.phases) == 1 for row in rows) else ""
     unsafe = ", ".join(row.scenario.name for row in rows if not row.safe)
     ending = f"; UNSAFE: {unsafe}" if unsafe else ""
-    return f"{safe} of {len(rows)} scenarios safe; {uses[0]} useful, {uses[1]} marginal, {uses[2]} of no use{ending}."
+    use = f"under disturbance {uses[0]} useful, {uses[1]} marginal, {uses[2]} of no use"
+    return f"{safe} of {len(rows)} scenarios safe; {use}{ending}.{look}"
 
 
 def write_csv(path: Path, rows: Sequence[Row]) -> None:

@@ -18,19 +18,20 @@ from firmware_sim.campaign.listing import criteria_text
 from firmware_sim.campaign.scenario import Criteria
 from firmware_sim.runs import pages
 
+_BARS: Final = "Bars: least and most of the starts, where there are several."
 _CURVES: Final = {
     "noise": (
         "Sensor noise",
-        f"Bars: least and most of the starting phases. Star: the paper's loop without noise; of noise it gives "
+        f"{_BARS} Star: the paper's loop without noise; of noise it gives "
         f"{paper.NOISE!r}, and shows a picture without numbers.",
     ),
     "delay": (
         "Actuator delay",
-        f"Bars: least and most of the starting phases. Stars: the paper's loop with compensation, mean Cd "
+        f"{_BARS} Stars: the paper's loop with compensation, mean Cd "
         f"{paper.DELAYED_CD[0]:.3f} without delay and {paper.DELAYED_CD[12]:.3f} at 12 periods against "
         f"{paper.UNCONTROLLED_CD:.3f} without control (appendix B); it gives no side force in numbers.",
     ),
-    "overview": ("All at a glance", "Bars: least and most of the starting phases."),
+    "overview": ("All at a glance", _BARS),
 }
 """Title and words under each figure."""
 _USED: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")

@@ -72,7 +72,8 @@ def test_a_campaign_writes_page_table_figures_and_results(cli, executor, plan, t
     call = ("campaign", folder, "--scenarios", plan, "--only", "mine", "--phases", 2, "--json", file)
     outcome = cli(*call)
     assert (outcome.code, outcome.err) == (0, "")
-    assert outcome.out.rstrip().splitlines()[-2] == "2 of 2 scenarios safe; 2 useful, 0 marginal, 0 of no use."
+    found = "2 of 2 scenarios safe; under disturbance 1 useful, 0 marginal, 0 of no use."
+    assert outcome.out.rstrip().splitlines()[-2] == found
     assert {path.name for path in folder.iterdir()} >= {"report.html", "table.csv", "figures", "runs", "starts"}
     result = json.loads(file.read_text())
     assert [row["name"] for row in result["figures"]] == ["undisturbed", "mine"]
