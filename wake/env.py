@@ -1,6 +1,8 @@
 """The wake as a Gymnasium environment, registered as `stillwake/TruckWake-v0`."""
 
+import sys
 from collections.abc import Mapping, Sequence
+from threading import Timer
 from typing import Any, Final
 
 import gymnasium
@@ -21,6 +23,8 @@ Observation = npt.NDArray[np.float32]
 
 LEDGER: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action", "Cd_slot", "Cd_net")
 """What `info` holds of a `wake.plant.sample.Sample`: all but the pressures."""
+_SILENCE_S: Final = 3.0
+"""After which a reset reports what it is doing; a compiled one takes less."""
 
 
 class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
@@ -109,7 +113,14 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
             PlantError: for a start of another plant, or inside a control period.
         """
         super().reset(seed=seed)
-        sample = self.plant.reset(self._start({} if options is None else options))
+        # The solver is compiled here, once after an installation.
+        notice = Timer(_SILENCE_S, print, ["compiling the flow solver, once: up to a minute"], {"file": sys.stderr})
+        notice.daemon = True
+        notice.start()
+        try:
+            sample = self.plant.reset(self._start({} if options is None else options))
+        finally:
+            notice.cancel()
         self._step_count, self._clipped_count = 0, 0
         info = self._info(sample, clipped=False) | {"gradients": "wake.truck.tape.Tape(env.unwrapped.plant)"}
         return self._observe(sample), info

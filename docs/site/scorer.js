@@ -1,6 +1,6 @@
-// Sphinx's scores, but pages that were written for readers come before the API, which has every word many times.
+// Sphinx's scores, but pages that were written for readers come before the API and the changes, which have every word.
 var Scorer = {
-  score: (result) => result[4] * (result[0].startsWith("generated/api/") ? 0.2 : 1),
+  score: (result) => result[4] * (/^generated\/api\/|CHANGELOG/.test(result[0]) ? 0.2 : 1),
   objNameMatch: 11,
   objPartialMatch: 6,
   objPrio: { 0: 15, 1: 5, 2: -5 },

@@ -120,6 +120,13 @@ def export(
     signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
     console.print(f"wrote {output}: {done.lowered.precision}, {size}, {signed}", soft_wrap=True)
+    point = config.operating_point
+    console.print(
+        f"for a body {point.width:g} m wide at {point.speed:g} m/s, a control period of {config.period_ns / 1e6:g} ms: "
+        f"--set operating_point.width and operating_point.speed make it another",
+        soft_wrap=True,
+        highlight=False,
+    )
     count = len(done.lowered.effective.sensors)
     if count != SENSORS:
         console.print(

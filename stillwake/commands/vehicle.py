@@ -136,7 +136,7 @@ def vehicle(
             )
             bar.update(task, completed=figures.periods, note=note_of(figures))
         was_cut_short = is_stopped() and periods is not None and figures.periods < periods
-    _print_figures(figures)
+    _print_figures(figures, "a live wake, which answers the jets" if live else "recorded (open loop)")
     if json_file is not None:
         facts = {
             "bundle": release.digest,
@@ -235,7 +235,7 @@ def _live(stack: ExitStack, config: Config, start: Path | None) -> "Pressures":
     return wake
 
 
-def _print_figures(figures: "Figures") -> None:
+def _print_figures(figures: "Figures", pressures: str) -> None:
     table = Table("vehicle", "")
     modes = ", ".join(f"{mode.name} {count}" for mode, count in sorted(figures.modes.items())) or "none"
 
@@ -245,6 +245,7 @@ def _print_figures(figures: "Figures") -> None:
         return " / ".join(f"{times.quantile_ms(share):.2f}" for share in (0.5, 0.99, 1.0)) + " ms"
 
     for label, value in (
+        ("pressures", pressures),
         ("periods", str(figures.periods)),
         ("of these left out: the vehicle itself was late", str(figures.left_out)),
         ("of these without pressures: the live wake was late", str(figures.unsampled)),
