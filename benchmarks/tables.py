@@ -9,7 +9,7 @@ from pathlib import Path
 from benchmarks.bus import flash_tables, latency_tables, load_tables
 from benchmarks.bus import tables as bus_tables
 from benchmarks.common.commands import ROOT
-from benchmarks.common.markdown import fill, names
+from benchmarks.common.markdown import fill, names, read
 from benchmarks.controller import tables as controller_tables
 from benchmarks.ecu import tables as ecu_tables
 from benchmarks.model import tables as model_tables
@@ -34,6 +34,18 @@ FOLDERS = (
     roads_tables,
 )
 
+SOURCES = {
+    "adjoint": "adjoint", "authentication": "bus", "bus_faults": "bus_loss_05", "bus_runs": "bus_secured",
+    "campaign_paper": "campaign", "can_load": "can_load_fd", "codec": "bus_studies", "controller": "controller",
+    "controller_loop": "controller_loop", "controller_narrow": "controller_narrow", "environment": "roads",
+    "flash_fuzz": "flash", "flips": "bus_studies", "limits": "limit_latency", "live": "live_speed",
+    "mcu_release": "mcu", "plants": "openfoam", "release_distributions": "release_figures", "roads": "roads",
+    "sensor_check_alarms": "sensor_check", "sensor_check_faults": "sensor_check", "square": "square",
+    "steady_response": "steady_response", "steps": "wake_speed", "summary": "demo", "training": "training",
+    "tune_settings": "tune", "two_nodes": "two_nodes",
+}  # fmt: skip
+"""The results file that dates a table, where its own text does not: of several, the one most of its rows are of."""
+
 
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker.
@@ -47,7 +59,18 @@ def tables(results: Path) -> dict[str, str]:
         if twice := sorted(made.keys() & of_folder.keys()):
             raise ValueError(f"{folder.__name__}: the table {twice[0]!r} is another folder's: rename one of them")
         made |= of_folder
-    return made
+    return made | {name: f"{made[name]}\n\n{_origin(results / f'{file}.json')}" for name, file in SOURCES.items()}
+
+
+def _origin(path: Path) -> str:
+    """When a table was measured, with which version, and of which release, as far as its file has them."""
+    found = read(path)
+    facts = found["facts"]
+    bundle = facts.get("bundle_name") or facts.get("bundle") or facts.get("controller") or ""
+    release = str(bundle["name"] if isinstance(bundle, dict) else bundle).partition(" (")[0]
+    version = facts.get("versions", {}).get("stillwake")
+    parts = (f"Measured on {found['date']}", version and f"with {version}", "-" in release and f"release {release}")
+    return f"*{', '.join(part for part in parts if part)}.*"
 
 
 def pages() -> list[Path]:
