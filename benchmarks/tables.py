@@ -59,7 +59,9 @@ def tables(results: Path) -> dict[str, str]:
         if twice := sorted(made.keys() & of_folder.keys()):
             raise ValueError(f"{folder.__name__}: the table {twice[0]!r} is another folder's: rename one of them")
         made |= of_folder
-    return made | {name: f"{made[name]}\n\n{_origin(results / f'{file}.json')}" for name, file in SOURCES.items()}
+    return made | {
+        name: f"{made[name].rstrip()}\n\n{_origin(results / f'{file}.json')}" for name, file in SOURCES.items()
+    }
 
 
 def _origin(path: Path) -> str:
