@@ -1,5 +1,6 @@
 """The folder of an ECU on a computer: made whole or not at all, never over something, run by one process."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -63,6 +64,10 @@ def test_one_process_runs_it_and_another_identity_or_folder_is_no_ecu(tmp_path: 
     with held(tmp_path / "ecu"), pytest.raises(ConfigError, match="another process"), held(tmp_path / "ecu"):
         pass
     with held(tmp_path / "ecu"):
+        pass
+    (tmp_path / "ecu" / "lock").unlink()
+    os.mkfifo(tmp_path / "ecu" / "lock")
+    with pytest.raises(ConfigError, match="lock: "), held(tmp_path / "ecu"):
         pass
     for raw in (b"", b"{}", b'{"schema": "stillwake-ecu/2", "hardware": "a", "serial": "b"}', b"\xff"):
         (tmp_path / "ecu" / IDENTITY).write_bytes(raw)
