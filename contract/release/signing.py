@@ -14,6 +14,7 @@ elsewhere makes a signature trusted.
 import hashlib
 import os
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -104,6 +105,7 @@ def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
     )
     public = key.public_key().public_bytes(serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo)
     written: list[Path] = []
+    is_new = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content, mode in ((PRIVATE_KEY, secret, _OWNER_ONLY), (PUBLIC_KEY, public, _ALL_READ)):
@@ -116,6 +118,9 @@ def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
         raise KeyFileError(f"{error.filename or folder}: is there already; keys are never overwritten") from error
     except OSError as error:
         _remove(written)
+        if is_new:
+            with suppress(OSError):
+                folder.rmdir()
         raise KeyFileError(f"cannot write keys into {folder}: {error.strerror or error}") from error
     return public_key(key)
 

@@ -28,7 +28,7 @@ def keys(cli, tmp_path):
     return tmp_path / "keys" / "release.key"
 
 
-def test_keys_are_made_once_and_readable_by_their_owner_alone(cli, tmp_path):
+def test_keys_are_made_once_and_readable_by_their_owner_alone(cli, tmp_path, monkeypatch):
     made = cli("bundle", "keygen", tmp_path / "keys")
     secret, public = tmp_path / "keys" / "release.key", tmp_path / "keys" / "release.pub"
     assert signing.read_public_key(public).fingerprint in made.out
@@ -41,6 +41,9 @@ def test_keys_are_made_once_and_readable_by_their_owner_alone(cli, tmp_path):
     # A private key without its public half is not left behind either.
     secret.unlink()
     assert cli("bundle", "keygen", tmp_path / "keys").code == 1
+    monkeypatch.setattr("contract.release.signing.PUBLIC_KEY", 300 * "k")
+    assert "too long" in cli("bundle", "keygen", tmp_path / "others").err
+    assert not (tmp_path / "others").exists()
     assert not secret.exists()
 
 
