@@ -262,9 +262,13 @@ class Invariants:
         """
         hidden_s = 0.0
         for one in disturbances.items:
-            if isinstance(one, NodeFault) and isinstance(one.fault, StuckAt) and not one.fault.counter_runs:
-                hidden_s += min(one.fault.end_s - one.fault.start_s, _LONGEST_S)
-            elif isinstance(one, NodeFault) and one.node == "ecu":
+            if not isinstance(one, NodeFault):
+                continue
+            if isinstance(one.fault, StuckAt) and not one.fault.counter_runs:
+                # Of the pressures alone: on their way out of the vehicle, or into the ECU.
+                if (one.node == "vehicle") == (one.fault.at == "send"):
+                    hidden_s += min(one.fault.end_s - one.fault.start_s, _LONGEST_S)
+            elif one.node == "ecu":
                 if isinstance(one.fault, Delay) and one.fault.restamp:
                     hidden_s += one.fault.delay_s + one.fault.jitter_s
                 elif isinstance(one.fault, ClockDrift):

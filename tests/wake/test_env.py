@@ -1,4 +1,5 @@
 import dataclasses
+import time
 import warnings
 from typing import Any
 
@@ -70,6 +71,16 @@ def test_what_lies_beyond_the_bound_is_clipped_and_counted(env):
         seen.append((info["clipped"], info["clipped_count"], info["action"]))
     assert seen == [(False, 0, 0.0), (True, 1, 0.075), (False, 1, 0.0), (True, 2, -0.075), (False, 2, 0.075)]
     assert env.reset(seed=1)[1]["clipped_count"] == 0
+
+
+def test_a_reset_that_takes_long_reports_that_it_compiles(env, monkeypatch, capsys):
+    reset, notice = env.unwrapped.plant.reset, "compiling the flow solver"
+    env.reset(seed=1)
+    assert notice not in capsys.readouterr().err
+    monkeypatch.setattr("wake.env._SILENCE_S", 0.0)
+    monkeypatch.setattr(env.unwrapped.plant, "reset", lambda state: (time.sleep(0.2), reset(state))[1])
+    env.reset(seed=1)
+    assert notice in capsys.readouterr().err
 
 
 def test_seeds_choose_the_phase_and_phases_are_the_uncontrolled_wake(env, wake):

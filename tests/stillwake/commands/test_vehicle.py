@@ -45,6 +45,7 @@ def test_without_an_ecu_the_status_says_so_and_the_figures_are_written(cli, tmp_
     outcome = cli("vehicle", *VIRTUAL, *ORDINARY, "--periods", "5", "--json", tmp_path / "f.json")
     assert outcome.code == 3
     said = " ".join(outcome.out.split())
+    assert "recorded (open loop)" in said
     assert "vehicle at 25 m/s, control period 20 ms, on virtual test-stillwake-vehicle" in said
     assert "the pressures do not answer the jets" in said
     assert "done: the request for control is withdrawn" in said
