@@ -98,13 +98,15 @@ retrain: $(VENV)/dev.stamp
 
 # The shipped release anew: make release KEY=release.key NAME=truck-wake-5. A model in runs/release is taken as it is.
 # The sensors are those that the vehicle has; without them, training chooses (tens of minutes).
-SENSORS := lower_36,base_7,upper_39,base_0
-TRAIN := stillwake train runs/release --sensors $(SENSORS)
+SENSORS := upper_39,lower_39,base_0,base_9
+TRAIN := stillwake train runs/trained --sensors $(SENSORS)
+REFINE := stillwake refine runs/release --model runs/trained --json results/refine.json
 release: $(VENV)/dev.stamp
 	@test -f "$(KEY)" -a -n "$(NAME)" || { echo "make release KEY=FILE NAME=NAME: the private key, the name" >&2; exit 2; }
-	test -f runs/release/model.json || $(BIN)/$(TRAIN)
+	test -f runs/release/model.json || test -f runs/trained/model.json || $(BIN)/$(TRAIN)
+	test -f runs/release/model.json || $(BIN)/$(REFINE)
 	$(BIN)/stillwake export runs/release runs/release_bundle --sensors --name $(NAME) --key $(KEY) --overwrite
-	$(BIN)/python -m benchmarks.release.ship runs/release runs/release_bundle --command "$(TRAIN)"
+	$(BIN)/python -m benchmarks.release.ship runs/release runs/release_bundle --command "$(TRAIN); $(REFINE)"
 	$(BIN)/stillwake bundle verify
 	@echo "in place; to check: stillwake run runs/demo --overwrite, stillwake mcu, make test"
 
@@ -115,8 +117,10 @@ full: test
 	$(BIN)/python -m pytest -m proofs
 	$(BIN)/stillwake run runs/demo --overwrite --json results/demo.json
 	$(BIN)/python -m benchmarks release-loop --json results/release_loop.json
-	$(BIN)/stillwake tune runs/tune --hours 0.38 --phases 2 --seed 1 --try drag_fluctuation=0 \
-		--try lift_mean=0.6,horizon=30 --try learning_rate=0.0024 --json results/tune.json
+	$(BIN)/python -m benchmarks roads --json results/roads.json
+	$(BIN)/python -m benchmarks weights --json results/weights.json
+	$(BIN)/stillwake campaign runs/robustness --overwrite --phases 1 --controlled 100 --settle 40 --only noise_0.9 \
+		--only delay_12 --only 'dead_*' --only frames_lost_0.2 --only undisturbed --json results/robustness.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --json results/limit_late_start.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --set ecu.compute_time_ms=0.0 \
 		--json results/limit_latency.json
@@ -126,7 +130,6 @@ full: test
 	$(BIN)/python -m benchmarks controller --dynamics-width 128 --decoder-width 64 --iterations 5 \
 		--json results/controller_narrow.json
 	$(BIN)/python -m benchmarks controller-loop --json results/controller_loop.json
-	$(BIN)/python -m benchmarks roads --json results/roads.json
 	$(BIN)/python -m benchmarks mcu --windows 10000 --json results/mcu.json
 	$(BIN)/python -m tests.proofs.ecu_in_c ecu-c --steps 1000000 --json results/ecu_c.json
 	$(BIN)/python -m benchmarks ecu-loop --lead-in 10 --controlled 70 --settle 30 \
@@ -197,9 +200,9 @@ docs: $(VENV)/dev.stamp
 # The pictures of the closed loop in README.md and docs/, from the release that is shipped.
 pictures: $(VENV)/dev.stamp
 	$(BIN)/stillwake run runs/demo --overwrite
-	$(BIN)/python docs/release_pictures.py runs/demo
+	$(BIN)/python -m docs.release_pictures runs/demo
 	$(BIN)/python -m docs.page_pictures
-	$(BIN)/stillwake run runs/dead --disturb dead:sensor=base_7@6.5.. --overwrite
+	$(BIN)/stillwake run runs/dead --disturb dead:sensor=base_9@6.5.. --overwrite
 	$(BIN)/python -m docs.run_page_pictures runs/demo runs/dead
 
 # What is too old is refused before pip looks for packages that it could install.

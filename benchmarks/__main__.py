@@ -48,7 +48,8 @@ MEASUREMENTS: Final = {
     "openfoam": Measurement("wake.openfoam_study", "the same wake by OpenFOAM's icoFoam, forced, controlled", "hours"),
     "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C"),
     "controller-loop": Measurement("controller.loop", "drag with ONNX and C, in float32 and int8, in the closed loop"),
-    "roads": Measurement("roads.measure", "roads to less drag, each with what it costs, in one table", "hours"),
+    "weights": Measurement("release.weights", "what a weight of the cost changes, in the closed loop", "minutes"),
+    "roads": Measurement("release.roads", "the release's rows in the table of roads to less drag", "minutes"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7"),
     "release-figures": Measurement(
         "release.release_figures", "the paper's figures of control: forecasts, distributions, mean fields", "a minute"

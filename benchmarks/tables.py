@@ -13,9 +13,8 @@ from benchmarks.common.markdown import fill, names, read
 from benchmarks.controller import tables as controller_tables
 from benchmarks.ecu import tables as ecu_tables
 from benchmarks.model import tables as model_tables
-from benchmarks.release import campaign_tables, loop_tables
+from benchmarks.release import campaign_tables, loop_tables, roads_tables
 from benchmarks.release import tables as release_tables
-from benchmarks.roads import tables as roads_tables
 from benchmarks.wake import tables as wake_tables
 from contract.atomic import replacing
 

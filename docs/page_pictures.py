@@ -39,7 +39,7 @@ PICTURES: Final[dict[Path, tuple[tuple[int, int], Scheme]]] = {
 """Window, and what its viewer prefers."""
 QUALITY: Final = 82
 MOST_BYTES: Final = 300_000
-DEAD: Final = "base_7"
+DEAD: Final = "base_9"
 DIES, TAKEN = 42.0, 59.2
 """t_c: the wake is calm; what the ECU does about the dead sensor has shown, and its jets are far open."""
 PATIENCE_S: Final = 1800.0

@@ -1,6 +1,6 @@
 """Draw `docs/demo.png` and `docs/pictures/closed_loop.webp` from a run of the shipped release: `make pictures`.
 
-    python docs/release_pictures.py RUN_FOLDER
+    python -m docs.release_pictures RUN_FOLDER
 
 `docs/pictures/provenance.json` names their bundle and their run; a test fails when another bundle is
 shipped.

@@ -22,6 +22,7 @@ def random_program(
     mpc: MpcConfig | None = None,
     action_limit: float = 0.075,
     sensors: tuple[str, ...] = SENSORS,
+    prior_memory: int = 0,
 ) -> ControllerProgram:
     """A program with weights drawn as PyTorch initialises them, norms perturbed so that none is the identity.
 
@@ -29,6 +30,7 @@ def random_program(
         seed: of the draw.
         model: widths and window; the paper's if None.
         mpc: optimiser settings; the paper's if None.
+        prior_memory: of a prior with five units; 0 for none.
     """
     rng = np.random.default_rng(seed)
     model = ModelConfig() if model is None else model
@@ -61,7 +63,8 @@ def random_program(
         mpc=MpcConfig() if mpc is None else mpc,
         action_limit=action_limit,
         sensors=sensors,
-        window=model.window,
+        encoder_rows=model.window,
+        prior=_prior(rng, len(sensors) // 2, prior_memory) if prior_memory else None,
     )
 
 
@@ -105,6 +108,14 @@ def random_linear_program(
         action_limit=action_limit,
         sensors=sensors,
     )
+
+
+def _prior(rng: np.random.Generator, pairs: int, memory: int) -> dict[str, Array]:
+    """Units of some size, and differences that die out slowly."""
+    predictor = rng.normal(0.0, 0.3 / np.sqrt(memory), (pairs, memory, pairs + 1))
+    predictor[np.arange(pairs), -1, np.arange(pairs)] += 0.7
+    hidden = rng.normal(0.0, 3.0 / np.sqrt(memory), (5, memory, pairs + 1))
+    return {"hidden": hidden, "output": rng.normal(0.0, 0.5, 5), "predictor": predictor}
 
 
 def _uniform(rng: np.random.Generator, shape: tuple[int, ...], fan_in: int) -> Array:

@@ -31,9 +31,9 @@ from stillwake.commands.identify import identify
 from stillwake.commands.picture import animate, picture
 from stillwake.commands.plant import develop, steady
 from stillwake.commands.record import record
+from stillwake.commands.refine import refine
 from stillwake.commands.run import report, run
 from stillwake.commands.train import train
-from stillwake.commands.tune import tune
 from stillwake.commands.vehicle import vehicle
 from stillwake.console.endings import status_of
 from stillwake.console.stopping import ends_like_ctrl_c
@@ -77,7 +77,7 @@ SETTINGS: Final = "Settings of every command"
 
 PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
     CONTROL: (run, report, campaign, vehicle, flash, flash_keys, calibrate, mcu),
-    MODEL: (record, train, identify, export, tune),
+    MODEL: (record, train, refine, identify, export),
     WAKE: (develop, steady, animate),
     SETTINGS: (config,),
 }

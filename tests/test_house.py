@@ -10,9 +10,8 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ("contract", "wake", "train", "export", "can_bridge", "firmware_sim", "stillwake")
 MOST_MODULES = 15
 """In a folder: more is a listing that nobody reads."""
-MOST_LINES = {"source": 62_000, "benchmarks": 7_400, "tests": 50_000}
-"""Of Python; a ratchet, lowered with every line that goes. It is to reach 62,000, 5,000 (when the folder `roads` is
-finished) and 50,000."""
+MOST_LINES = {"source": 62_000, "benchmarks": 5_600, "tests": 50_000}
+"""Of Python; a ratchet, lowered with every line that goes. Benchmarks are to reach 5,000."""
 
 
 def _sources(*folders: str) -> list[Path]:

@@ -5,14 +5,18 @@ import json
 import shutil
 import subprocess
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from contract.config.loading import load_config
 from contract.model import model_folder
 from contract.recording import dataset
 from contract.release import bundle, signing
+from contract.runtime.onnx_session import OnnxController
+from contract.sensors import TRUCK
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "data" / "stillwake_data"
@@ -58,7 +62,37 @@ def test_the_shipped_model_is_the_releases_and_recorded() -> None:
         assert digest == hashlib.sha256((DATA / "model" / name).read_bytes()).hexdigest()
     assert set(record["sha256"]) == {item.name for item in (DATA / "model").iterdir()}
     assert record["recording_sha256"] == model.description.dataset_sha256
-    assert record["command"].startswith("stillwake train ")
+    assert record["command"].startswith("stillwake ")
+
+
+@pytest.mark.slow  # runs the graph on a hundred windows
+def test_the_weights_of_the_release_mean_what_they_are_called() -> None:
+    """Predicted |Cl| and the plan's size, over windows of the test episode, under other weights.
+
+    `tests/benchmarks/release/test_weights.py` has the closed loop.
+    """
+    release = bundle.load(RELEASE)
+    controller, sizes = OnnxController.of(release), release.manifest.sizes
+    (episode,) = (item for item in dataset.read(DATA / "recording.h5").episodes if item.name == "controlled_1_1")
+    columns = TRUCK.indices(release.manifest.sensors)
+    rows = np.column_stack([episode.series["Cp"][:, columns], episode.previous_action])
+    free = np.append(0.0, np.ones(sizes.horizon - 1))
+
+    def means(**changes: float) -> tuple[float, float]:
+        weights = np.array(replace(release.manifest.mpc.weights, **changes).as_tuple())
+        found = []
+        for start in range(0, len(rows) - sizes.window - 1, len(rows) // 50):
+            window, plan = rows[start : start + sizes.window], np.zeros(sizes.horizon)
+            plan[1] = rows[start + sizes.window, -1]
+            step = controller.control_step(window, plan, free, weights)
+            found.append((np.abs(step.forces[:, 1]).mean(), (step.plan**2).mean()))
+        lift, effort = np.mean(found, axis=0)
+        return float(lift), float(effort)
+
+    lifts = [means(lift=value)[0] for value in (0.0, 0.5, 2.0)]
+    efforts = [means(effort=value)[1] for value in (0.0, 20.0, 100.0)]
+    assert lifts == sorted(lifts, reverse=True) and lifts[2] < 0.97 * lifts[0]
+    assert efforts == sorted(efforts, reverse=True) and efforts[2] < 0.97 * efforts[0]
 
 
 def test_the_release_is_the_projects() -> None:

@@ -7,10 +7,11 @@ from pathlib import Path
 import torch
 from torch import nn
 
+from contract.arrays import Array
 from contract.config.tree import Config
 from contract.errors import ConfigError, ModelError
 from contract.model import model_folder
-from contract.model.model_folder import DESCRIPTION, WEIGHTS, Description, Tensors
+from contract.model.model_folder import DESCRIPTION, PRIOR, WEIGHTS, Description, Tensors
 from contract.release.manifest import Scaling
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
@@ -33,6 +34,7 @@ class TrainedModel:
         metrics: on the test episodes.
         ranking: how the sensors were chosen.
         layout: of all sensors, in the order of the scaling and of the teacher's inputs.
+        prior: tensors of the plan's prior by name (`train.refinement`); None before the refinement.
     """
 
     config: Config
@@ -46,6 +48,7 @@ class TrainedModel:
     ranking: SensorChoice
     versions: Mapping[str, str]
     layout: SensorLayout = TRUCK
+    prior: Mapping[str, Array] | None = None
 
     @property
     def deployed(self) -> Predictor | WakeModel:
@@ -84,7 +87,9 @@ def load(path: Path) -> TrainedModel:
     config = about.config
     teacher, slim = WakeModel(len(about.layout), config.model), Encoder(len(about.sensors), config.model)
     predictor = Predictor(config.model.slim) if config.model.is_slimmed else None
-    _fill(path, _parts(teacher, slim, predictor), folder.tensors)
+    prior = folder.network(PRIOR)
+    networks = {name: value for name, value in folder.tensors.items() if not name.startswith(f"{PRIOR}.")}
+    _fill(path, _parts(teacher, slim, predictor), networks)
     try:
         metrics, ranking = ModelMetrics.from_tree(about.metrics), SensorChoice.from_tree(about.ranking)
     except ConfigError as error:
@@ -101,6 +106,7 @@ def load(path: Path) -> TrainedModel:
         ranking=ranking,
         versions=about.versions,
         layout=about.layout,
+        prior=prior or None,
     )
 
 
@@ -119,7 +125,7 @@ def _tensors(model: TrainedModel) -> Tensors:
         f"{name}.{key}": value.detach().cpu().numpy()
         for name, network in parts.items()
         for key, value in network.state_dict().items()
-    }
+    } | {f"{PRIOR}.{key}": value for key, value in (model.prior or {}).items()}
 
 
 def _fill(path: Path, parts: Mapping[str, nn.Module], tensors: Tensors) -> None:

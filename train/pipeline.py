@@ -14,6 +14,7 @@ from contract.config.tree import Config
 from contract.model import model_folder
 from contract.recording import dataset
 from contract.recording.findings import findings, left_out, refuse_unfit, trainable
+from contract.release.manifest import Scaling
 from contract.sensor_layout import SensorLayout
 from train import model_store
 from train.distillation.distil import distil, encode_all
@@ -26,7 +27,7 @@ from train.fitting.progress import Phase, Progress, silent
 from train.fitting.threads import torch_threads
 from train.fitting.unfinished import Identity
 from train.model_store import TrainedModel
-from train.networks.model import Encoder
+from train.networks.model import Encoder, Predictor, WakeModel
 from train.samples.rows import Rows, prepare
 from train.samples.scaling import fit_scaling
 from train.selection.budget import check_count
@@ -107,18 +108,8 @@ def train_all(
             names, choice = _choice(teacher.encoder, rows, config, checkpoints, progress)
         else:
             names, choice = tuple(chosen), SensorChoice(method=GIVEN, order=tuple(chosen))
-        indices = layout.indices(names)
-        slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
-        predictor = None
-        if config.model.is_slimmed:
-            # From the latents that the vehicle's encoder gives, not from the teacher's.
-            latents = encode_all(slim, rows.with_sensors(indices))
-            lessons = teach(teacher, latents, rows, scaling, config, progress=progress)
-            predictor = distil_predictor(
-                lessons, config.model, config.train, progress=progress, checkpoints=checkpoints
-            ).cpu()
-
-        teacher, slim = teacher.cpu(), slim.cpu()
+        slim, predictor = deployed(teacher, names, rows, scaling, config, progress=progress, checkpoints=checkpoints)
+        teacher = teacher.cpu()
         trained = TrainedModel(
             config=config,
             scaling=scaling,
@@ -127,7 +118,7 @@ def train_all(
             predictor=predictor,
             sensors=names,
             dataset_sha256=digest,
-            metrics=evaluate_model(teacher, slim, predictor, test_rows, indices),
+            metrics=evaluate_model(teacher, slim, predictor, test_rows, layout.indices(names)),
             ranking=choice,
             versions={**_versions(), THREADS: _listed(used)},
             layout=layout,
@@ -135,6 +126,32 @@ def train_all(
         model_store.save(output, trained)
         shutil.rmtree(checkpoints.folder, ignore_errors=True)
         return trained
+
+
+def deployed(
+    teacher: WakeModel,
+    names: Sequence[str],
+    rows: Rows,
+    scaling: Scaling,
+    config: Config,
+    *,
+    progress: Progress = silent,
+    checkpoints: Checkpoints | None = None,
+) -> tuple[Encoder, Predictor | None]:
+    """What goes on the vehicle, on the CPU: an encoder of these sensors, and dynamics and decoder if they are slimmed.
+
+    Args:
+        rows: for training, with all sensors' columns.
+    """
+    indices = rows.layout.indices(names)
+    slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
+    if not config.model.is_slimmed:
+        return slim.cpu(), None
+    # From the latents that the vehicle's encoder gives, not from the teacher's.
+    latents = encode_all(slim, rows.with_sensors(indices))
+    lessons = teach(teacher, latents, rows, scaling, config, progress=progress)
+    predictor = distil_predictor(lessons, config.model, config.train, progress=progress, checkpoints=checkpoints)
+    return slim.cpu(), predictor.cpu()
 
 
 def _check_selection(config: Config, layout: SensorLayout, chosen: Sequence[str] | None) -> None:

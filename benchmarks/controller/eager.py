@@ -53,7 +53,8 @@ class EagerController:
         """Latent state (n_z,) of a window (L, S+1)."""
         scaling = self._program.scaling
         mean, std = self._tensor(scaling.window_mean), self._tensor(scaling.window_std)
-        _, (hidden, _) = self._lstm(((self._tensor(window) - mean) / std)[None])
+        rows = self._tensor(window)[-self._program.encoder_rows :]
+        _, (hidden, _) = self._lstm(((rows - mean) / std)[None])
         z: Tensor = self._encoder_head(hidden[-1, 0])
         return z
 
@@ -69,8 +70,28 @@ class EagerController:
         forces: Tensor = self._decoder_output(x) * self._force_std + self._force_mean
         return forces
 
-    def terms(self, forces: Tensor, plan: Tensor, previous_action: Tensor) -> Tensor:
-        """The unweighted cost terms (7,)."""
+    def start(self, window: Array, committed: Tensor, chosen: Tensor) -> Tensor:
+        """The plan (H,) that the optimiser starts from: the prior as two products with the flattened past."""
+        prior = self._program.prior
+        if prior is None:
+            return committed
+        values, memory = self._tensor(window), prior.memory
+        pairs = values[:, :-1].reshape(len(values), -1, 2).diff(dim=2).squeeze(2).neg()
+        actions, plan = values[:, -1].roll(-1), list[Tensor]()
+        rows = torch.column_stack([pairs, actions])[-memory:]
+        hidden, output, predictor = map(self._tensor, (prior.hidden, prior.output, prior.predictor))
+        for action, is_free in zip(committed, chosen, strict=True):
+            # The present row's action is not known yet: the past ends before it.
+            past = torch.cat([rows[: 1 if len(plan) == 0 else 0], rows[:-1]])[-memory:]
+            units = torch.tanh(nn.functional.linear(past.flatten(), hidden.flatten(1)))
+            plan.append(self._program.action_limit * torch.tanh(units @ output) if is_free else action)
+            rows = torch.cat([past[-memory:], torch.cat([rows[-1, :-1], plan[-1][None]])[None]])
+            following = nn.functional.linear(rows[-memory:].flatten(), predictor.flatten(1))
+            rows = torch.cat([rows, torch.cat([following, following.new_zeros(1)])[None]])
+        return torch.stack(plan)
+
+    def terms(self, forces: Tensor, plan: Tensor, previous_action: Tensor, start: Tensor | None = None) -> Tensor:
+        """The unweighted cost terms (8,); without `start` the plan is where it started."""
         cd, cl = forces.unbind(dim=-1)
         return torch.stack(
             [
@@ -81,6 +102,7 @@ class EagerController:
                 plan.diff().square().mean(),
                 plan.square().mean(),
                 (plan[0] - previous_action).square(),
+                (plan - (plan if start is None else start)).square().mean(),
             ]
         )
 
@@ -96,13 +118,15 @@ class EagerController:
             z = self.encode(window)
         committed = torch.roll(self._tensor(plan), -1)
         committed[-1] = float(plan[-1])
+        start = committed = self.start(window, committed, chosen)
         # Only the free actions are parameters, so the optimiser cannot know the committed ones.
         free_actions = committed[chosen].clone().requires_grad_(True)
-        optimiser = torch.optim.Adam([free_actions], lr=self._program.mpc.learning_rate)
-        for _ in range(self._program.mpc.iterations if chosen.any() else 0):
+        mpc = self._program.mpc
+        optimiser = torch.optim.Adam([free_actions], lr=mpc.learning_rate, eps=mpc.epsilon)
+        for _ in range(mpc.iterations if chosen.any() else 0):
             optimiser.zero_grad()
             whole = committed.masked_scatter(chosen, free_actions)
-            cost = w @ self.terms(self.predict(z, whole), whole, previous_action)
+            cost = w @ self.terms(self.predict(z, whole), whole, previous_action, start)
             torch.autograd.backward(cost)
             optimiser.step()
             with torch.no_grad():
@@ -110,7 +134,7 @@ class EagerController:
         with torch.no_grad():
             whole = committed.masked_scatter(chosen, free_actions)
             forces = self.predict(z, whole)
-            terms = self.terms(forces, whole, previous_action)
+            terms = self.terms(forces, whole, previous_action, start)
         return _array(whole), _array(forces), _array(terms), float(w @ terms)
 
     def _tensor(self, values: object) -> Tensor:

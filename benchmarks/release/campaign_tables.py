@@ -14,11 +14,12 @@ MISSING: Final = "Not measured yet: the command above writes the file that this 
 
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker; a note in its place while there is no campaign among the results."""
-    path = results / FILE
+    path, short = results / FILE, results / "robustness.json"
+    disturbed = {"robustness": campaign(read(short)) if short.is_file() else MISSING}
     if not path.is_file():
-        return {"campaign": MISSING, "campaign_paper": MISSING}
+        return {"campaign": MISSING, "campaign_paper": MISSING, **disturbed}
     found = read(path)
-    return {"campaign": campaign(found), "campaign_paper": beside_the_paper(found["figures"])}
+    return {"campaign": campaign(found), "campaign_paper": beside_the_paper(found["figures"]), **disturbed}
 
 
 def campaign(found: Mapping[str, Any]) -> str:

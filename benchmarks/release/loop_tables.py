@@ -1,11 +1,10 @@
 """The tables of the shipped release from several phases, and of what a search found."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from benchmarks.common.markdown import read, table
-from firmware_sim.tuning.space import is_weight
 
 _HEADS = ("", "less drag, %", "mean abs Cl", "mean Cl", "rms action", "jet power", "less Cd_net, %", "less power, %")
 _NAMES = (
@@ -44,15 +43,9 @@ def tune(results: Path) -> str:
     figures, facts = found["figures"], found["facts"]
     given_up = sum(trial["given_up"] for trial in figures["trials"])
     scores = [trial["score"] for trial in figures["trials"] if trial["score"] is not None]
-    text = f"""Measured on {found["date"]}: {len(figures["trials"])} trials of {facts["phases"]} starts in
+    return f"""Measured on {found["date"]}: {len(figures["trials"])} trials of {facts["phases"]} starts in
 {figures["search_hours"]:.2f} h on a busy machine, {given_up} of them given up early, seed {facts["seed"]}. On the
 coarse mesh the release scores {scores[0]:.2f} points, the best trial {max(scores):.2f}."""
-    if not figures["judged"]:
-        return text
-    heads = ("", "less drag, %", "least .. most", "mean abs Cl", "largest", "less Cd_net, %", "rms action", "jet power")
-    return f"""{text} Judged from {len(figures["judged"][0]["runs"])} starts: {figures["verdict"]}.
-
-{table(heads, [_judged(one) for one in figures["judged"]])}"""
 
 
 def tune_settings(results: Path) -> str:
@@ -67,29 +60,9 @@ def tune_settings(results: Path) -> str:
     return table(("setting", "release", "best trial", "share in the variance of the score"), rows)
 
 
-def _judged(one: Mapping[str, Any]) -> tuple[object, ...]:
-    runs = one["runs"]
-    drag, lift = [run["reduction_percent"] for run in runs], [run["abs_Cl"] for run in runs]
-    if None in drag or None in lift:
-        return (one["name"], *[None] * 7)
-    others = (_mean(runs, name) for name in ("Cd_net_reduction_percent", "rms_action", "jet_power"))
-    return (
-        one["name"],
-        sum(drag) / len(drag),
-        f"{min(drag):.4g} .. {max(drag):.4g}",
-        sum(lift) / len(lift),
-        max(lift),
-        *others,
-    )
-
-
-def _mean(runs: Sequence[Mapping[str, float]], name: str) -> float:
-    return sum(run[name] for run in runs) / len(runs)
-
-
 def _value(mpc: Mapping[str, Any], name: str) -> object:
     word = name.rpartition(".")[2]
-    return mpc.get("weights", {}).get(word) if is_weight(name) else mpc.get(word)
+    return mpc.get("weights", {}).get(word, mpc.get(word))
 
 
 def _share(importances: Mapping[str, float], name: str) -> object:

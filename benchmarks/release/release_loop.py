@@ -20,7 +20,10 @@ from benchmarks.common.commands import LOOP
 from benchmarks.common.parts import part
 from benchmarks.common.workers import process_pool
 from contract.config.loading import load_config
+from contract.config.tree import Config
+from contract.controller.calibration import Calibration
 from contract.release import bundle as bundles
+from contract.release.checks import Bundle
 from contract.results import versions
 from contract.shipped import BUNDLE
 from firmware_sim.bench.simulation import simulate
@@ -53,10 +56,8 @@ def main(
 ) -> None:
     """Close the loop from every phase and print a table."""
     release, config = bundles.load(BUNDLE), load_config()
-    kept = CampaignFolder(parts / f"{release.digest[:12]}_{phases}")
-    kept.start(0).parent.mkdir(parents=True, exist_ok=True)
-    keep_states(kept, starting_states(kept, config, phases))
-    rows = [with_net(row) for row in track(_runs(kept, phases, workers), "release", "runs", total=phases)]
+    kept = kept_starts(parts, release, phases)
+    rows = list(track(_runs(kept, phases, workers), "release", "runs", total=phases))
     over_phases = spread(rows)
     _print(rows, over_phases)
     facts = {
@@ -70,6 +71,14 @@ def main(
         "versions": versions("stillwake", "onnxruntime", "numpy", "numba"),
     }
     save(json_file, figures={"phases": rows, "over_phases": over_phases}, facts=facts)
+
+
+def kept_starts(parts: Path, release: Bundle, phases: int) -> CampaignFolder:
+    """A folder of the release with its starts in so many phases of the shedding cycle."""
+    kept = CampaignFolder(parts / f"{release.digest[:12]}_{phases}")
+    kept.start(0).parent.mkdir(parents=True, exist_ok=True)
+    keep_states(kept, starting_states(kept, load_config(), phases))
+    return kept
 
 
 def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -113,11 +122,16 @@ def _kept_run(file: Path, start: Path) -> dict[str, Any]:
 
 def _run(start: Path) -> dict[str, Any]:
     """One run of the shipped release from there."""
-    config, release = load_config(), bundles.load(BUNDLE)
+    release = bundles.load(BUNDLE)
+    return measured(release, replace(load_config(), mpc=release.manifest.mpc), start)
+
+
+def measured(release: Bundle, config: Config, start: Path, calibration: Calibration | None = None) -> dict[str, Any]:
+    """One run from there, with what is left of its reduction when the jets are paid for."""
     wake = TruckWake(config.flow, body=config.body)
     wake.reset(load_state(start))
-    found = summary(simulate(release, replace(config, mpc=release.manifest.mpc), spans=SPANS, wake=wake))
-    return {name: found[name] for name in _MEASURED}
+    found = summary(simulate(release, config, spans=SPANS, wake=wake, calibration=calibration))
+    return with_net({name: found[name] for name in _MEASURED})
 
 
 def _print(rows: Sequence[Mapping[str, Any]], over_phases: Mapping[str, Mapping[str, float]]) -> None:

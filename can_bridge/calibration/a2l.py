@@ -16,6 +16,7 @@ _DESCRIPTIONS: Final = {
     "lift": "Weight of the mean square of the lift over the horizon",
     "lift_mean": "Weight of the square of the mean lift over the horizon",
     "smoothness": "Weight of the squared steps between planned actions",
+    "prior": "Weight of the squared distance from the plan that the optimiser starts from",
     "effort": "Weight of the squared actions",
     "rate": "Weight of the squared step from the action in force to the first planned one",
     "action_limit": "Largest jet flow rate in either direction",

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, fields
 from typing import Annotated
 
 from contract.config.rules import AtLeastOne, Finite, NonNegative, Positive, Settings, at_least
-from contract.config.sources import paper
+from contract.config.sources import ours, paper
 from contract.config.units import STEPS
 
 
@@ -27,6 +27,9 @@ class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")
     """On the plan's mean squared action."""
     rate: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
     """On the squared step from the action in force to the first planned one."""
+    prior: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
+    """On the plan's mean squared distance from where the optimiser starts: the prior's plan, or where a model has no
+    prior the shifted previous one."""
 
     def as_tuple(self) -> tuple[float, ...]:
         """Weights in declaration order, the order of the controller's `weights` input."""
@@ -43,6 +46,9 @@ class MpcConfig(Settings, source=paper("section 2.4.2")):
     """Steps of Adam on the plan in each control step."""
     learning_rate: Positive[float] = 1e-3
     """Learning rate of these steps of Adam."""
+    epsilon: Annotated[Positive[float], ours("Kingma and Ba's; the paper gives none")] = 1e-8
+    """What Adam adds to the root of the second moment. Far below the gradients a first step is a whole learning
+    rate, far above them it is the gradient times `mpc.learning_rate` over this."""
     drag_reference: Annotated[Finite[float], paper("section 2.4.1")] = 1.051
     """C_d,ref: mean drag without control. It shifts the cost, and changes no plan."""
     weights: CostWeights = field(default_factory=CostWeights)

@@ -143,3 +143,44 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     def __post_init__(self) -> None:
         super().__post_init__()
         require(self.segment <= self.batch_size, self, "segment", "at most batch_size")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefineConfig(Settings, source=ours("the paper has no prior", page="explanation/through-the-flow.md")):
+    """Training of the plan's prior through the flow, in closed loop."""
+
+    memory: Annotated[int, at_least(2), STEPS] = 64
+    """Rows of sensor differences and actions that the prior reads."""
+    units: AtLeastOne[int] = 24
+    """Of its hidden layer."""
+    updates: AtLeastOne[int] = 450
+    """Updates of its weights, one a stretch of closed loop."""
+    shortest: Annotated[int, at_least(2), STEPS] = 75
+    """Length of a stretch in the first updates; it grows to `longest` over the first half of them. The flow takes 65
+    control periods from the jets to the far end of the bubble."""
+    longest: Annotated[int, at_least(2), STEPS] = 125
+    """Length of a stretch in the second half."""
+    streams: AtLeastOne[int] = 4
+    """Flows under the prior that stretches are cut from in turn."""
+    stretches: AtLeastOne[int] = 10
+    """Stretches after which a stream begins again in the developed wake; 2 more for each further stream."""
+    learning_rate: Positive[float] = 5e-3
+    """Of Adam, at the start."""
+    last_rate: Positive[float] = 0.1
+    """What is left of it at the end."""
+    lift_price: NonNegative[float] = 0.1
+    """Of the squared lift coefficient, in units of the drag coefficient."""
+    motion_price: NonNegative[float] = 0.2
+    """Of the squared transverse velocity at the wake probe, which foretells drag beyond a stretch."""
+    sensor_noise: NonNegative[float] = 0.3
+    """Largest standard deviation of noise on the sensors, in global deviations of pressure; mostly it is far less."""
+    refinement: Positive[float] = 0.75
+    """Of the mesh that it is trained on, as `flow.refinement`: a quarter of the default one's cost, and the coarsest on
+    which a controller does what it does on the default one."""
+    substeps: AtLeastOne[int] = 15
+    """Time steps a control period on that mesh."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.shortest > self.memory, self, "shortest", "more than memory")
+        require(self.longest >= self.shortest, self, "longest", "at least shortest")

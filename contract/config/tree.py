@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from contract.config.body import BodyConfig
 from contract.config.controller import MpcConfig
-from contract.config.learning import ModelConfig, TrainConfig
+from contract.config.learning import ModelConfig, RefineConfig, TrainConfig
 from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig, ForcingConfig, OpenFoamConfig
 from contract.config.vehicle import BusConfig, EcuConfig, VehicleConfig
@@ -26,6 +26,7 @@ class Config:
     forcing: ForcingConfig = field(default_factory=ForcingConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
     train: TrainConfig = field(default_factory=TrainConfig)
+    refine: RefineConfig = field(default_factory=RefineConfig)
     mpc: MpcConfig = field(default_factory=MpcConfig)
     bus: BusConfig = field(default_factory=BusConfig)
     ecu: EcuConfig = field(default_factory=EcuConfig)

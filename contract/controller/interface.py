@@ -9,7 +9,7 @@ input      shape     meaning
 window     (L, S+1)  oldest row first; row k is (Cp_k at the manifest's sensors, a_{k-1})
 plan       (H,)      the previous step's plan, as it came out; the controller shifts it by one step
 free       (H,)      1 where the optimiser may change the shifted plan, 0 where it is committed (delay)
-weights    (7,)      cost weights in the order of `CostWeights`; optional, defaults to the manifest's
+weights    (8,)      cost weights in the order of `CostWeights`; optional, defaults to the manifest's
 =========  ========  =====================================================================================
 
 =========  ========  =====================================================================================
@@ -17,7 +17,7 @@ output     shape     meaning
 =========  ========  =====================================================================================
 new_plan   (H,)      optimised actions a_t .. a_{t+H-1}
 forces     (H, 2)    predicted (Cd, Cl) at t+1 .. t+H under `new_plan`
-terms      (7,)      unweighted cost terms of `new_plan`, in the order of the weights
+terms      (8,)      unweighted cost terms of `new_plan`, in the order of the weights
 cost       ()        J of `new_plan`
 =========  ========  =====================================================================================
 """
@@ -64,7 +64,7 @@ class ControlStep:
     Attributes:
         plan: (H,) actions a_t .. a_{t+H-1} in U_inf W; the first one is commanded.
         forces: (H, 2) predicted (Cd, Cl) at t+1 .. t+H under the plan.
-        terms: (7,) unweighted cost terms of the plan.
+        terms: (8,) unweighted cost terms of the plan.
         cost: J of the plan.
     """
 

@@ -38,10 +38,12 @@ SCHEMA_1: Final = "stillwake-model/1"
 DESCRIPTION: Final = "model.json"
 TEACHER: Final = "encoder"
 SLIM: Final = "slim"
+PRIOR: Final = "prior"
+"""What the controller's plan starts from, where a model was refined (`train.refinement`)."""
 PREDICTOR: Final = ("dynamics", "decoder")
 """Networks that a model may hold a second time, narrower, with `SLIM` in front of the name."""
 
-_NETWORKS: Final = (TEACHER, SLIM, *PREDICTOR, *(f"{SLIM}_{name}" for name in PREDICTOR))
+_NETWORKS: Final = (TEACHER, SLIM, PRIOR, *PREDICTOR, *(f"{SLIM}_{name}" for name in PREDICTOR))
 
 KIND: Final = FolderKind(
     noun="a model directory",

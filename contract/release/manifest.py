@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from datetime import date
 from math import isfinite
 from pathlib import Path
@@ -21,14 +21,8 @@ from contract.release.strict_json import digest_of
 from contract.sensor_layout import SensorLayout
 from contract.typed import typed
 
-SCHEMA: Final = "stillwake-bundle/5"
-NEW_FIELDS: Final[Mapping[str, tuple[str, ...]]] = {
-    SCHEMA: (),
-    "stillwake-bundle/4": ("security_version", "hardware"),
-    "stillwake-bundle/3": ("security_version", "hardware", "sensor_estimator"),
-    "stillwake-bundle/2": ("security_version", "hardware", "sensor_estimator", "sensor_positions"),
-}
-"""The schemas that are read, and the fields that came after each; a bundle of that schema has the default there."""
+SCHEMA: Final = "stillwake-bundle/6"
+"""The one that is read: the graphs of older ones take seven cost weights."""
 FIRST_SECURITY_VERSION: Final = 1
 """Security version of a release that nothing was raised for: the least that an ECU with a store takes."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
@@ -114,7 +108,7 @@ class Manifest:
         sensor_positions: (x, y) of every sensor in the body's reference length W; None where no one stated them.
         sensor_estimator: of `sensors.onnx`; None without that file.
         security_version: an ECU on which a release with a greater one was confirmed refuses this one; raised when an
-            older release must not come back. 0 in older schemas, which no ECU with a store takes.
+            older release must not come back.
         hardware: name of the ECU hardware that it may be flashed to; None for any.
     """
 
@@ -219,9 +213,6 @@ def _check_positive(what: str, *values: float) -> None:
             raise BundleManifestError(f"{what} {value!r}: must be positive and finite")
 
 
-_DEFAULTS: Final = {item.name: item.default for item in fields(Manifest)}
-
-
 class Opened(NamedTuple):
     """A manifest whose own hash is right, taken apart: schema, fields, hashes of every file and of the DBC, its own."""
 
@@ -263,10 +254,9 @@ def open_manifest(path: Path, raw: bytes) -> Opened:
         found = digest_of({"schema": schema, **body, "files": hashes, "dbc_sha256": dbc})
     except (ValueError, KeyError, TypeError) as error:
         raise BundleManifestError(f"bundle {path}: {MANIFEST} is damaged ({shown(error)})") from error
-    if not isinstance(schema, str) or schema not in NEW_FIELDS:
-        *most, last = map(repr, NEW_FIELDS)
+    if schema != SCHEMA:
         raise BundleManifestError(
-            f"bundle {path}: schema {quoted(schema)}, this version reads {', '.join(most)} and {last}"
+            f"bundle {path}: schema {quoted(schema)}, this version reads {SCHEMA!r}: export its model again"
         )
     if found != digest:
         raise BundleManifestError(f"bundle {path}: {MANIFEST} was altered (its own hash does not match)")
@@ -284,13 +274,8 @@ def open_manifest(path: Path, raw: bytes) -> Opened:
 
 def parse(path: Path, opened: Opened) -> Manifest:
     """Its fields; raises BundleManifestError for one that is missing, unknown or makes no sense."""
-    body = dict(opened.body)
-    for name in NEW_FIELDS[opened.schema]:
-        if name in body:
-            raise BundleManifestError(f"bundle {path}: {MANIFEST}: {name}: unknown in schema {opened.schema!r}")
-        body[name] = _DEFAULTS[name]
     try:
         # The bundle was built with its maker's defaults, not with those of this version: every field must be there.
-        return typed(body, Manifest, complete=True)
+        return typed(dict(opened.body), Manifest, complete=True)
     except (ConfigError, BundleManifestError) as error:
         raise BundleManifestError(f"bundle {path}: {MANIFEST}: {shown(error)}") from error

@@ -75,7 +75,7 @@ def control_cases(
         window = random_window(program, rng) if windows is None else windows[i]
         free = np.ones(h)
         free[: rng.integers(0, h // 4 + 1)] = 0.0
-        weights = rng.uniform(0.5, 2.0, 7) * [1.0, 0.1, 0.05, 0.2, 4.0, 1.0, 4.0] if i % 2 else None
+        weights = rng.uniform(0.5, 2.0, 8) * [1.0, 0.1, 0.05, 0.2, 4.0, 1.0, 4.0, 2.0] if i % 2 else None
         # Just inside the limit, since rounding to float32 may go up.
         plan = 0.999 * limit * rng.uniform(-1.0, 1.0, h)
         yield ControlCase(

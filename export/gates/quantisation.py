@@ -15,7 +15,7 @@ from contract.controller.interface import ControlStep
 from contract.errors import ExportError
 from export.program.controller_program import ControllerProgram
 from export.reference.model import encode
-from export.reference.mpc import control_step, evaluate
+from export.reference.mpc import control_step, evaluate, starting_plan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,8 @@ def compare_answers(program: ControllerProgram, answer: Answer, windows: Iterabl
     for window in windows:
         exact = control_step(program, window, plan, free)
         rounded = answer(window, plan, free)
-        priced = evaluate(program, encode(program, window), rounded.plan, float(window[-1, -1]), weights)
+        start = starting_plan(program, window, plan, free)
+        priced = evaluate(program, encode(program, window), rounded.plan, float(window[-1, -1]), weights, start)
         errors.append(rounded.plan - exact.plan)
         gaps.append(priced.cost - exact.cost)
         plan = exact.plan

@@ -8,7 +8,7 @@ from contract.config.controller import MpcConfig
 from contract.controller.interface import FORCES, Sizes
 from contract.errors import ExportError
 from contract.release.manifest import Scaling
-from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, State
+from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, PriorWeights, State
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,7 +23,8 @@ class ControllerProgram:
         mpc: horizon H, iterations, learning rate, default cost weights.
         action_limit: bound on |a|, in U_inf W.
         sensors: names in the order of the window's columns.
-        window: L, control steps of history.
+        encoder_rows: how many of the window's newest rows the encoder reads.
+        prior: where the plan comes from that the optimiser starts at; None takes the previous one.
     """
 
     encoder: EncoderWeights
@@ -33,7 +34,8 @@ class ControllerProgram:
     mpc: MpcConfig
     action_limit: float
     sensors: tuple[str, ...]
-    window: int
+    encoder_rows: int
+    prior: PriorWeights | None = None
 
     def __post_init__(self) -> None:
         _check_sensors(self)
@@ -46,8 +48,14 @@ class ControllerProgram:
                 f"encoder.lstm.weight_ih_l0: {self.encoder.inputs} inputs, must be {len(self.sensors) + 1} "
                 f"(the sensors and the action)"
             )
-        if self.window < 1:
-            raise ExportError(f"window = {self.window}: must be at least 1")
+        if self.encoder_rows < 1:
+            raise ExportError(f"window = {self.encoder_rows}: must be at least 1")
+        if self.prior is not None and self.prior.memory < 2:
+            raise ExportError(f"prior.hidden: a memory of {self.prior.memory} rows, must be at least 2")
+        if self.prior is not None and 2 * self.prior.pairs != len(self.sensors):
+            raise ExportError(
+                f"prior.hidden: {self.prior.pairs} differences, must be {len(self.sensors)} / 2 (the sensors' pairs)"
+            )
         if not (np.isfinite(self.action_limit) and self.action_limit > 0):
             raise ExportError(f"action_limit = {self.action_limit}: must be positive and finite")
 
@@ -62,9 +70,10 @@ class ControllerProgram:
         mpc: MpcConfig,
         action_limit: float,
         sensors: tuple[str, ...],
-        window: int,
+        encoder_rows: int,
+        prior: State | None = None,
     ) -> "ControllerProgram":
-        """Build a program from the tensors of the three trained networks, named as in their state dicts.
+        """Build a program from the tensors of the trained networks, named as in their state dicts.
 
         Raises:
             ExportError: a tensor is missing, unknown, not finite or of the wrong shape, or the parts do not
@@ -78,8 +87,14 @@ class ControllerProgram:
             mpc=mpc,
             action_limit=action_limit,
             sensors=sensors,
-            window=window,
+            encoder_rows=encoder_rows,
+            prior=PriorWeights.from_state(prior) if prior else None,
         )
+
+    @property
+    def window(self) -> int:
+        """L, control steps of history: what the encoder or the prior reads, whichever is longer."""
+        return max(self.encoder_rows, 0 if self.prior is None else self.prior.memory)
 
     @property
     def latent(self) -> int:

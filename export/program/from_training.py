@@ -10,7 +10,7 @@ import numpy as np
 
 from contract.arrays import Index
 from contract.config.controller import MpcConfig
-from contract.model.model_folder import SLIM, ModelFolder
+from contract.model.model_folder import PRIOR, SLIM, ModelFolder
 from contract.release.manifest import Scaling
 from export.program.controller_program import ControllerProgram
 
@@ -26,7 +26,8 @@ def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
         mpc=mpc,
         action_limit=about.config.flow.action_limit,
         sensors=about.sensors,
-        window=about.config.model.window,
+        encoder_rows=about.config.model.window,
+        prior=model.network(PRIOR),
     )
 
 

@@ -18,7 +18,8 @@ def program_sha256(program: ControllerProgram | LinearProgram) -> str:
     if isinstance(program, LinearProgram):
         tree |= {"linear": {"model": program.model, "gain": program.gain}}
     else:
-        tree |= {name: asdict(getattr(program, name)) for name in ("encoder", "dynamics", "decoder")}
+        parts = ("encoder", "dynamics", "decoder", *(() if program.prior is None else ("prior",)))
+        tree |= {name: asdict(getattr(program, name)) for name in parts} | {"encoder_rows": program.encoder_rows}
     settings = {
         **tree,
         "action_limit": program.action_limit,

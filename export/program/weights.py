@@ -168,6 +168,47 @@ class DecoderWeights:
         return int(self.input.weight.shape[1])
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PriorWeights:
+    """The prior of the plan (`export.reference.prior`): a feedback on M past rows, and what predicts the next row.
+
+    A row is (y, a): the differences of the sensors' pairs in Cp, first minus second, and the action in U_inf W. No
+    layer has a bias, so a mirrored wake gets the mirrored plan where the pairs are mirror images.
+
+    Attributes:
+        hidden: (n, M, p + 1), oldest row first; units are tanh of its products with the past.
+        output: (n,), the action is limit tanh(output . units).
+        predictor: (p, M, p + 1), the next differences from the past that ends with the present row.
+    """
+
+    hidden: Array
+    output: Array
+    predictor: Array
+
+    @classmethod
+    def from_state(cls, state: State) -> "PriorWeights":
+        """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit."""
+        tensors = _Tensors("prior", state)
+        units, memory, columns = tensors.shape("hidden", 3)
+        weights = cls(
+            hidden=tensors.take("hidden", (units, memory, columns)),
+            output=tensors.take("output", (units,)),
+            predictor=tensors.take("predictor", (columns - 1, memory, columns)),
+        )
+        tensors.refuse_leftovers()
+        return weights
+
+    @property
+    def memory(self) -> int:
+        """M, rows of the past."""
+        return int(self.hidden.shape[1])
+
+    @property
+    def pairs(self) -> int:
+        """p, differences."""
+        return int(self.hidden.shape[2]) - 1
+
+
 class _Tensors:
     """Hands out the tensors of one network once each, checked, and remembers what is left."""
 
@@ -177,10 +218,13 @@ class _Tensors:
         self._left = set(state)
 
     def size(self, name: str, *, axis: int) -> int:
+        return self.shape(name, 2)[axis]
+
+    def shape(self, name: str, axes: int) -> tuple[int, ...]:
         shape = self._find(name).shape
-        if len(shape) != 2 or 0 in shape:
-            raise ExportError(f"{self._network}.{name}: shape {shape}, must be a matrix with no empty side")
-        return int(shape[axis])
+        if len(shape) != axes or 0 in shape:
+            raise ExportError(f"{self._network}.{name}: shape {shape}, must have {axes} axes and no empty side")
+        return tuple(map(int, shape))
 
     def take(self, name: str, shape: tuple[int, ...]) -> Array:
         array = np.array(self._find(name), dtype=np.float64)

@@ -1,8 +1,8 @@
 """The MPC's cost as separate, named terms with hand-written gradients (paper, equations 12-15), in float64.
 
 J = sum over terms of weight * term, everything in physical units. The terms depend on the predicted forces
-(Cd_k, Cl_k) at t+1 .. t+H, shape (..., H, 2), on the plan a_0 .. a_{H-1}, shape (..., H), and on the previous
-action a_{-1}, shape (...,) or one for all:
+(Cd_k, Cl_k) at t+1 .. t+H, shape (..., H, 2), on the plan a_0 .. a_{H-1}, shape (..., H), on the plan p that the
+optimiser started from, and on the previous action a_{-1}, shape (...,) or one for all:
 
 ================  =======================================================
 drag_mean         mean Cd - Cd_ref
@@ -12,6 +12,7 @@ lift_mean         (mean Cl)^2
 smoothness        sum over k = 0 .. H-2 of (a_{k+1} - a_k)^2 / (H - 1)
 effort            mean a^2
 rate              (a_0 - a_{-1})^2
+prior             mean (a - p)^2
 ================  =======================================================
 
 Where a term has a kink, its gradient is the subgradient that PyTorch takes: ties of the maximum or minimum
@@ -34,8 +35,10 @@ class CostGradient:
     plan: Array
 
 
-def cost_terms(forces: Array, plan: Array, previous_action: Array | float, drag_reference: float) -> Array:
-    """The unweighted terms, shape (..., 7), in the order of `TERMS`."""
+def cost_terms(
+    forces: Array, plan: Array, previous_action: Array | float, drag_reference: float, start: Array | None = None
+) -> Array:
+    """The unweighted terms, shape (..., 8), in the order of `TERMS`; without `start` the plan is where it started."""
     cd, cl = forces[..., 0], forces[..., 1]
     terms = {
         "drag_mean": cd.mean(axis=-1) - drag_reference,
@@ -45,12 +48,15 @@ def cost_terms(forces: Array, plan: Array, previous_action: Array | float, drag_
         "smoothness": (np.diff(plan) ** 2).mean(axis=-1),
         "effort": (plan**2).mean(axis=-1),
         "rate": (plan[..., 0] - previous_action) ** 2,
+        "prior": ((plan - (plan if start is None else start)) ** 2).mean(axis=-1),
     }
     return np.stack([terms[name] for name in TERMS], axis=-1)
 
 
-def cost_gradient(forces: Array, plan: Array, previous_action: Array | float, weights: Array) -> CostGradient:
-    """Gradient of J = weights . terms; `weights` is (7,) in the order of `TERMS`."""
+def cost_gradient(
+    forces: Array, plan: Array, previous_action: Array | float, weights: Array, start: Array | None = None
+) -> CostGradient:
+    """Gradient of J = weights . terms; `weights` is (8,) in the order of `TERMS`, `start` as of `cost_terms`."""
     weight = dict(zip(TERMS, weights, strict=True))
     horizon = plan.shape[-1]
     cd, cl = forces[..., 0], forces[..., 1]
@@ -63,6 +69,8 @@ def cost_gradient(forces: Array, plan: Array, previous_action: Array | float, we
     d_cl += weight["lift_mean"] * 2.0 * cl.mean(axis=-1, keepdims=True) / horizon
 
     d_plan = weight["effort"] * 2.0 * plan / horizon
+    if start is not None:
+        d_plan += weight["prior"] * 2.0 * (plan - start) / horizon
     increments = np.diff(plan)
     d_plan[..., 1:] += weight["smoothness"] * 2.0 * increments / (horizon - 1)
     d_plan[..., :-1] -= weight["smoothness"] * 2.0 * increments / (horizon - 1)

@@ -27,7 +27,7 @@ def linear_control_step(
         window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first.
         plan: (H,) the previous step's plan as it came out.
         free: (H,) 1 where the shifted plan may be changed, 0 where it is committed.
-        weights: (7,) cost weights, the program's if None: of the cost that is reported, on which no action depends.
+        weights: (8,) cost weights, the program's if None: of the cost that is reported, on which no action depends.
     """
     history = history_of(window)
     committed = shift(plan)

@@ -91,7 +91,8 @@ def encode(program: ControllerProgram, window: Array) -> Array:
     Then z = W_2 ELU(W_1 LayerNorm(h) + b_1) + b_2.
 
     Args:
-        window: (..., L, S+1), oldest row first; row k is (Cp_k, a_{k-1}), unscaled.
+        window: (..., L, S+1), oldest row first; row k is (Cp_k, a_{k-1}), unscaled. The encoder reads its newest
+            `encoder_rows`.
 
     Returns:
         The latent state, (..., n_z).
@@ -102,7 +103,7 @@ def encode(program: ControllerProgram, window: Array) -> Array:
 def encoder_layers(program: ControllerProgram, window: Array) -> EncoderLayers:
     """The way to z; arguments as of `encode`."""
     weights, scaling = program.encoder, program.scaling
-    rows = np.asarray((window - scaling.window_mean) / scaling.window_std)
+    rows = np.asarray((window[..., -program.encoder_rows :, :] - scaling.window_mean) / scaling.window_std)
     h = _lstm(weights.lstm, rows)
     head = layer_norm(weights.norm, h[..., -1, :])
     latent = elu(linear(weights.hidden, head))

@@ -1,11 +1,12 @@
-"""One control step in NumPy float64 (paper, section 2.4): shift, predict, adjoint, projected Adam.
+"""One control step in NumPy float64 (paper, section 2.4): start, predict, adjoint, projected Adam.
 
 The plan is a_t .. a_{t+H-1}. Adam runs a fixed number of iterations from zero moments, so a control step depends on
 the window and the previous plan only, and always takes the same time.
 
 `control_step` and `evaluate` take one plan (H,). The other functions take any number of plans at once, (..., H). The
 latent state z (..., n_z), the previous action a_{t-1} (...,) and the mask of free actions (..., H) are each plan's own,
-or one for all. Cost weights are (7,), the program's if None.
+or one for all. Cost weights are (8,), the program's if None. `start` is the plan that the cost's term `prior` measures
+from; without it that term is zero.
 """
 
 from collections.abc import Iterable, Iterator
@@ -18,9 +19,9 @@ from contract.controller.interface import ControlStep
 from export.program.controller_program import ControllerProgram
 from export.reference.cost import cost_gradient, cost_terms
 from export.reference.model import decode, decode_adjoint, encode, step, step_adjoint
+from export.reference.prior import prior_plan
 
 ADAM_BETAS: Final = (0.9, 0.999)
-ADAM_EPSILON: Final = 1e-8
 """Kingma and Ba's constants, which are also PyTorch's defaults."""
 
 
@@ -33,16 +34,25 @@ def control_step(
         window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first.
         plan: (H,) the previous step's plan as it came out.
         free: (H,) 1 where the shifted plan may be changed, 0 where it is committed.
-        weights: (7,) cost weights; the program's if None.
+        weights: (8,) cost weights; the program's if None.
     """
     previous_action = float(window[-1, -1])
     z = encode(program, window)
-    optimised = optimise(program, z, shift(plan), previous_action, free, weights)
-    return evaluate(program, z, optimised, previous_action, weights)
+    start = starting_plan(program, window, plan, free)
+    optimised = optimise(program, z, start, previous_action, free, weights)
+    return evaluate(program, z, optimised, previous_action, weights, start)
+
+
+def starting_plan(program: ControllerProgram, window: Array, plan: Array, free: Array) -> Array:
+    """Where the optimiser starts, (H,): the prior's plan, or without a prior the shifted previous one."""
+    shifted = shift(plan)
+    if program.prior is None:
+        return shifted
+    return prior_plan(program.prior, window, shifted, free, program.action_limit)
 
 
 def shift(plan: Array) -> Array:
-    """Warm start: the previous plan one step later, its last action repeated."""
+    """The previous plan one step later, its last action repeated."""
     return np.concatenate([plan[..., 1:], plan[..., -1:]], axis=-1)
 
 
@@ -60,24 +70,39 @@ def predict(program: ControllerProgram, z: Array, plan: Array) -> Array:
 
 
 def plan_cost(
-    program: ControllerProgram, z: Array, plan: Array, previous_action: Array | float, weights: Array | None = None
+    program: ControllerProgram,
+    z: Array,
+    plan: Array,
+    previous_action: Array | float,
+    weights: Array | None = None,
+    start: Array | None = None,
 ) -> Array:
     """J of the plan from latent state z, shape (...,)."""
-    terms = cost_terms(predict(program, z, plan), plan, previous_action, program.mpc.drag_reference)
+    terms = cost_terms(predict(program, z, plan), plan, previous_action, program.mpc.drag_reference, start)
     return np.asarray(terms @ _weights(program, weights))
 
 
 def evaluate(
-    program: ControllerProgram, z: Array, plan: Array, previous_action: float, weights: Array | None = None
+    program: ControllerProgram,
+    z: Array,
+    plan: Array,
+    previous_action: float,
+    weights: Array | None = None,
+    start: Array | None = None,
 ) -> ControlStep:
     """Predicted forces, cost terms and cost of one plan (H,) from latent state z (n_z,)."""
     forces = predict(program, z, plan)
-    terms = cost_terms(forces, plan, previous_action, program.mpc.drag_reference)
+    terms = cost_terms(forces, plan, previous_action, program.mpc.drag_reference, start)
     return ControlStep(plan=plan, forces=forces, terms=terms, cost=float(terms @ _weights(program, weights)))
 
 
 def gradient(
-    program: ControllerProgram, z: Array, plan: Array, previous_action: Array | float, weights: Array | None = None
+    program: ControllerProgram,
+    z: Array,
+    plan: Array,
+    previous_action: Array | float,
+    weights: Array | None = None,
+    start: Array | None = None,
 ) -> Array:
     """dJ/da_k, shape (..., H), by the discrete adjoint.
 
@@ -86,7 +111,7 @@ def gradient(
     """
     latents = rollout(program, z, plan)
     forces = decode(program, latents[..., 1:, :])
-    local = cost_gradient(forces, plan, previous_action, _weights(program, weights))
+    local = cost_gradient(forces, plan, previous_action, _weights(program, weights), start)
     through_forces = decode_adjoint(program, latents[..., 1:, :], local.forces)
 
     total = local.plan.copy()
@@ -123,7 +148,7 @@ def adam(
     free_mask: Array | float = 1.0,
     weights: Array | None = None,
 ) -> Iterator[Array]:
-    """Projected Adam on the free actions, from `plan`: yields the plan after each iteration.
+    """Projected Adam on the free actions, from `plan` as its start: yields the plan after each iteration.
 
     For i = 1, 2, ..: m <- b1 m + (1 - b1) g, v <- b2 v + (1 - b2) g^2,
     a <- project(a - lr (m / (1 - b1^i)) / (sqrt(v / (1 - b2^i)) + eps)).
@@ -134,13 +159,14 @@ def adam(
     """
     beta1, beta2 = ADAM_BETAS
     is_free = np.asarray(free_mask) > 0.5
+    start = plan
     m = np.zeros_like(plan)
     v = np.zeros_like(plan)
     for i, learning_rate in enumerate(learning_rates, start=1):
-        g = gradient(program, z, plan, previous_action, weights)
+        g = gradient(program, z, plan, previous_action, weights, start)
         m = beta1 * m + (1.0 - beta1) * g
         v = beta2 * v + (1.0 - beta2) * g**2
-        direction = (m / (1.0 - beta1**i)) / (np.sqrt(v / (1.0 - beta2**i)) + ADAM_EPSILON)
+        direction = (m / (1.0 - beta1**i)) / (np.sqrt(v / (1.0 - beta2**i)) + program.mpc.epsilon)
         moved = project(plan - np.asarray(learning_rate)[..., None] * direction, program.action_limit)
         plan = np.where(is_free, moved, plan)
         yield plan

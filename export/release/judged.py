@@ -17,7 +17,7 @@ OPERATORS: Final = frozenset(
         *("Abs", "Add", "Cast", "Clip", "Concat", "CumSum", "DequantizeLinear", "Div", "Elu", "Equal", "Exp", "Gemm"),
         *("Greater", "Identity", "LSTM", "LayerNormalization", "MatMul", "Min", "Mul", "ReduceMax", "ReduceMean"),
         *("ReduceMin", "ReduceSum", "Relu", "Reshape", "Scan", "Sign", "Slice", "Split", "Sqrt", "Squeeze", "Sub"),
-        *("Transpose", "Unsqueeze", "Where"),
+        *("Sum", "Tanh", "Transpose", "Unsqueeze", "Where"),
     )
 )
 SHAPING: Final = frozenset(

@@ -14,6 +14,9 @@ from export.reference.mpc import ADAM_BETAS
 LANES = 16
 """float32 numbers in the widest vector register that compilers are to fill; narrower ones take two or more."""
 
+PRIOR_OUTPUTS_AT_A_TIME = 4
+"""As `sw_prior.c` computes them."""
+
 
 def float_arrays(program: ControllerProgram) -> dict[str, Array]:
     """Every array of `sw_weights.h` by its C name, in float64.
@@ -27,6 +30,7 @@ def float_arrays(program: ControllerProgram) -> dict[str, Array]:
         **_dynamics(program),
         **_decoder(program),
         **optimiser_arrays(program),
+        **prior_arrays(program),
     }
 
 
@@ -116,3 +120,13 @@ def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
         "sw_adam_unbias": 1.0 / np.sqrt(1.0 - beta2**number),
         "sw_default_weights": np.array(program.mpc.weights.as_tuple()),
     }
+
+
+def prior_arrays(program: ControllerProgram) -> dict[str, Array]:
+    """The prior's products with a past, units first, filled up to whole fours; nothing where there is no prior."""
+    if program.prior is None:
+        return {}
+    prior, length = program.prior, program.prior.hidden[0].size
+    products = np.concatenate([prior.hidden.reshape(-1, length), prior.predictor.reshape(-1, length)])
+    filled = np.pad(products, [(0, -len(products) % PRIOR_OUTPUTS_AT_A_TIME), (0, 0)])
+    return {"sw_prior_weight": filled.T, "sw_prior_output": prior.output}

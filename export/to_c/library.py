@@ -19,7 +19,7 @@ from export.program.controller_program import ControllerProgram
 from export.program.float32 import as_float32, float32_within
 from export.program.program_hash import program_sha256
 from export.program.weights import LAYER_NORM_EPSILON
-from export.reference.mpc import ADAM_BETAS, ADAM_EPSILON
+from export.reference.mpc import ADAM_BETAS
 from export.reference.specification import AnyProgram
 from export.to_c.float32_arrays import LANES, float_arrays
 from export.to_c.int8_arrays import Values, int8_arrays
@@ -102,7 +102,10 @@ def settings(program: ControllerProgram, precision: Precision) -> dict[str, int 
         "SW_NORM_EPSILON": np.float32(LAYER_NORM_EPSILON),
         "SW_ADAM_BETA1": np.float32(beta1),
         "SW_ADAM_BETA2": np.float32(beta2),
-        "SW_ADAM_EPSILON": np.float32(ADAM_EPSILON),
+        "SW_ADAM_EPSILON": np.float32(as_float32(mpc.epsilon, "mpc.epsilon")),
+        "SW_ENCODER_ROWS": program.encoder_rows,
+        "SW_PRIOR_UNITS": 0 if program.prior is None else len(program.prior.output),
+        "SW_PRIOR_MEMORY": 1 if program.prior is None else program.prior.memory,
         **({"SW_LANES": LANES} if precision == "float32" else c_constants()),
     }
 

@@ -15,14 +15,14 @@ import numpy as np
 
 from export.program.controller_program import ControllerProgram
 from export.program.float32 import float32_within
-from export.reference.mpc import ADAM_BETAS, ADAM_EPSILON
+from export.reference.mpc import ADAM_BETAS
 from export.to_onnx.graph_builder import Graph
 
 
 def lower_adam(
     graph: Graph, program: ControllerProgram, plan: str, free_mask: str, gradient: Callable[[Graph, str], str]
 ) -> str:
-    """The optimised plan (1, H), from the shifted plan (1, H) and the mask of free actions (H,).
+    """The optimised plan (1, H), from the plan (1, H) to start at and the mask of free actions (H,).
 
     Args:
         gradient: writes dJ/da (1, H) at a plan (1, H) into the body it is given.
@@ -34,7 +34,7 @@ def lower_adam(
     spread_scale = np.sqrt((1.0 - beta2) / (1.0 - beta2**number))
     mean_scale = (1.0 - beta1) / (1.0 - beta1**number)
     rates = graph.constant(mpc.learning_rate * mean_scale / spread_scale, "adam_rate")
-    floors = graph.constant(ADAM_EPSILON / spread_scale, "adam_floor")
+    floors = graph.constant(mpc.epsilon / spread_scale, "adam_floor")
     is_free = graph.op("Greater", free_mask, graph.constant(0.5))
     limit = float32_within(program.action_limit)
     low, high = graph.constant(-limit), graph.constant(limit)

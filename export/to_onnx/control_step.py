@@ -15,6 +15,7 @@ from export.to_onnx.decoder import Decoder
 from export.to_onnx.dynamics import Dynamics
 from export.to_onnx.encoder import lower_encoder
 from export.to_onnx.graph_builder import Graph
+from export.to_onnx.prior import lower_prior
 from export.to_onnx.weights import store_for
 
 
@@ -31,7 +32,10 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
     weights = graph.default("weights", program.mpc.weights.as_tuple())
 
     dynamics, decoder = Dynamics(graph, program, store), Decoder(graph, program, store)
-    cost = Cost(graph, program.mpc, weights, previous_action(graph, program.sizes, window))
+    start = shifted(graph, plan, program.mpc.horizon)
+    if program.prior is not None:
+        start = lower_prior(graph, program.prior, program.sizes, program.action_limit, window, start, free)
+    cost = Cost(graph, program.mpc, weights, previous_action(graph, program.sizes, window), start)
     z = lower_encoder(graph, program, window, store)
 
     def gradient(body: Graph, candidate: str) -> str:
@@ -41,7 +45,7 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
         through_forces = decoder.adjoint(body, tapes, local.signed_forces)
         return dynamics.adjoint(body, rollout, through_forces, local.plan)
 
-    optimised = lower_adam(graph, program, shifted(graph, plan, program.mpc.horizon), free, gradient)
+    optimised = lower_adam(graph, program, start, free, gradient)
     forces = decoder.forces(graph, dynamics.rollout(graph, z, optimised).latents)
     new_plan = graph.op("Squeeze", optimised, graph.index([0]))
     terms = cost.terms(graph, forces, new_plan)

@@ -18,27 +18,28 @@ class CostGradientNames:
 
 
 class Cost:
-    """J for given weights (7,) and previous action (1,); both are values of the outermost graph.
+    """J for given weights (8,) and previous action (1,); both are values of the outermost graph.
 
     Args:
-        with_gradient: whether `gradient` is to be called, which needs values of its own.
+        start: the plan (1, H) that the optimiser starts from; None where none runs, and `gradient` is not called.
     """
 
     def __init__(
-        self, graph: Graph, mpc: MpcConfig, weights: str, previous_action: str, *, with_gradient: bool = True
+        self, graph: Graph, mpc: MpcConfig, weights: str, previous_action: str, start: str | None = None
     ) -> None:
         self._horizon = mpc.horizon
         self._previous_action = previous_action
         self._weights = weights
+        self._start = start
         # One value of shape (1,) per term.
         pieces = graph.ops("Split", weights, graph.index([1] * len(TERMS)), outputs=len(TERMS))
         self._weight = dict(zip(TERMS, pieces, strict=True))
         self._drag_reference = graph.constant([mpc.drag_reference], "drag_reference")
-        if with_gradient:
-            self._prepare(graph)
+        if start is not None:
+            self._prepare(graph, start)
 
     def terms(self, graph: Graph, forces: str, plan: str) -> str:
-        """The unweighted terms, (7,)."""
+        """The unweighted terms, (8,)."""
         cd, cl = self._drag_and_lift(graph, forces)
         mean_lift = _reduce(graph, "ReduceMean", cl)
         first = graph.op("Slice", plan, graph.index([0]), graph.index([1]))
@@ -50,6 +51,7 @@ class Cost:
             "smoothness": _reduce(graph, "ReduceMean", _square(graph, self._increments(graph, plan))),
             "effort": _reduce(graph, "ReduceMean", _square(graph, plan)),
             "rate": _square(graph, graph.op("Sub", first, self._previous_action)),
+            "prior": graph.constant([0.0]) if self._start is None else self._distance(graph, plan, self._start),
         }
         return graph.op("Concat", *(terms[name] for name in TERMS), axis=0)
 
@@ -73,13 +75,14 @@ class Cost:
         through_plan = graph.op("Gemm", plan, self._curvature, self._minus_pull)
         return CostGradientNames(signed_forces=through_forces, plan=through_plan)
 
-    def _prepare(self, graph: Graph) -> None:
-        """What the gradient needs of the weights and of the previous action, once a control step.
+    def _prepare(self, graph: Graph, start: str) -> None:
+        """What the gradient needs of the weights, the previous action and the start p, once a control step.
 
         The terms in the actions are quadratic: their gradient is Q a - q, with D the matrix of increments and e_0 the
         first unit vector,
 
-            Q = 2 w_smoothness D^T D / (H - 1) + 2 w_effort I / H + 2 w_rate e_0 e_0^T,    q = 2 w_rate a_{-1} e_0.
+            Q = 2 w_smoothness D^T D / (H - 1) + 2 (w_effort + w_prior) I / H + 2 w_rate e_0 e_0^T,
+            q = 2 w_rate a_{-1} e_0 + 2 w_prior p / H.
         """
         h = self._horizon
         increments = np.diff(np.eye(h), axis=0)
@@ -88,19 +91,29 @@ class Cost:
             "smoothness": 2.0 / (h - 1) * increments.T @ increments,
             "effort": 2.0 / h * np.eye(h),
             "rate": 2.0 * np.outer(first, first),
+            "prior": 2.0 / h * np.eye(h),
         }
         weighted = [
             graph.op("Mul", graph.constant(matrix, f"curvature.{name}"), self._weight[name])
             for name, matrix in quadratic.items()
         ]
-        self._curvature = graph.op("Add", graph.op("Add", weighted[0], weighted[1]), weighted[2])
+        self._curvature = graph.op("Sum", *weighted)
         rate = graph.op("Mul", self._weight["rate"], self._previous_action)
-        self._minus_pull = graph.op("Mul", graph.constant(-2.0 * first, "first"), rate)
+        to_previous = graph.op("Mul", graph.constant(-2.0 * first, "first"), rate)
+        prior = graph.op("Mul", self._weight["prior"], graph.constant([-2.0 / h]))
+        self._minus_pull = graph.op("Add", to_previous, graph.op("Mul", start, prior))
         # Rows (3,), for Cd, -Cd and Cl.
         self._by_maximum = graph.op("Mul", self._weight["drag_fluctuation"], graph.constant([1.0, 1.0, 0.0]))
         self._by_drag = graph.op("Mul", self._weight["drag_mean"], graph.constant([1.0 / h, 0.0, 0.0]))
         self._by_sign = graph.op("Mul", self._weight["lift"], graph.constant([0.0, 0.0, 1.0 / h]))
         self._by_mean = graph.op("Mul", self._weight["lift_mean"], graph.constant([0.0, 0.0, 2.0 / h]))
+
+    def _distance(self, graph: Graph, plan: str, start: str) -> str:
+        return _reduce(
+            graph,
+            "ReduceMean",
+            _square(graph, graph.op("Sub", plan, graph.op("Reshape", start, graph.index([self._horizon])))),
+        )
 
     def _increments(self, graph: Graph, plan: str) -> str:
         h = self._horizon

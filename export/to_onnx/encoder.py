@@ -16,7 +16,11 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
     mean = graph.constant(scaling.window_mean, "window_mean")
     # As a factor, a deviation too small for float32 is refused where a divisor would round to zero.
     std = np.array(scaling.window_std)
-    scaled = graph.op("Mul", graph.op("Sub", window, mean), graph.constant(1.0 / std, "1 / window_std"))
+    rows = window
+    if program.encoder_rows < program.window:
+        ends = graph.index([program.window - program.encoder_rows]), graph.index([program.window])
+        rows = graph.op("Slice", window, *ends, graph.index([0]))
+    scaled = graph.op("Mul", graph.op("Sub", rows, mean), graph.constant(1.0 / std, "1 / window_std"))
 
     # The operator has a direction axis in front of everything, and a batch axis of one in the sequence.
     _, hidden = graph.ops(

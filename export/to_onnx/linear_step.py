@@ -26,7 +26,7 @@ def build_linear_controller(program: LinearProgram) -> onnx.ModelProto:
     graph = Graph()
     window, plan, free = (graph.input(name, shapes[name]) for name in ("window", "plan", "free"))
     weights = graph.default("weights", program.mpc.weights.as_tuple())
-    cost = Cost(graph, program.mpc, weights, previous_action(graph, program.sizes, window), with_gradient=False)
+    cost = Cost(graph, program.mpc, weights, previous_action(graph, program.sizes, window))
 
     length = program.window * columns
     rows = np.concatenate([program.model.reshape(columns, length), program.gain.reshape(1, length)])

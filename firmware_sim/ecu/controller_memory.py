@@ -148,7 +148,7 @@ class ControllerMemory:
 
         Args:
             controller: computes it.
-            weights: of the cost, (7,) in the order of `CostWeights`; the controller's own without.
+            weights: of the cost, (8,) in the order of `CostWeights`; the controller's own without.
 
         Raises:
             ControllerError: if there is no answer, or it is not a control step of this horizon in finite numbers,

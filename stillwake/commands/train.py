@@ -1,14 +1,12 @@
 """The command that trains the model offline."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from datetime import date
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
-from rich.progress import TaskID
 from rich.table import Table
 
 from contract.atomic import check_writable
@@ -20,10 +18,9 @@ from contract.results import write_result
 from contract.shipped import recording as shipped_recording
 from stillwake.console.outputs import Overwrite, check_json, check_output
 from stillwake.console.settings import settings
-from stillwake.console.stopping import go_on_with
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, Threads, console, progress_bar
+from stillwake.parts.training_progress import PhaseBars, continued
 from train.fitting import unfinished
-from train.fitting.progress import Phase, Stopwatch
 
 if TYPE_CHECKING:
     # Loading torch takes seconds, HDF5 is no part of a vehicle: the other commands do without.
@@ -86,18 +83,9 @@ def train(
 
     from train.pipeline import train_all
 
-    watch = Stopwatch()
     # Ten iterations of the longer unroll may take half a minute while other work runs.
-    with _continued(checkpoints), progress_bar("iterations", estimate_over=300.0) as bar:
-        tasks: dict[Phase, TaskID] = {}
-
-        def show(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
-            if phase not in tasks:
-                tasks[phase] = bar.add_task(phase.label, total=total, note="")
-            watch(phase, step, total, terms)
-            note = "  ".join(f"{name} {value:.4f}" for name, value in terms.items())
-            bar.update(tasks[phase], completed=step, note=note)
-
+    with continued(checkpoints), progress_bar("iterations", estimate_over=300.0) as bar:
+        show = PhaseBars(bar)
         trained = train_all(
             recording,
             config,
@@ -118,13 +106,13 @@ def train(
                 "metrics": trained.metrics.as_tree(),
                 "sensors": trained.sensors,
                 "stable": stable,
-                "phases": watch.figures(),
+                "phases": show.watch.figures(),
             },
             facts={
                 "dataset_sha256": trained.dataset_sha256,
                 "config": to_tree(config),
                 "versions": trained.versions,
-                "minutes": sum(one.wall_s for one in watch.spent.values()) / 60.0,
+                "minutes": sum(one.wall_s for one in show.watch.spent.values()) / 60.0,
                 "resumed": resumed,
             },
             on=date.today(),
@@ -142,18 +130,6 @@ def _check_recording(recording: "Dataset", path: Path, config: Config, chosen: S
     if chosen is not None:
         recording.layout.indices(chosen)
     refuse_unfit(findings(recording, config, choosing=chosen is None), str(path))
-
-
-@contextmanager
-def _continued(checkpoints: Path) -> Iterator[None]:
-    """When the training is stopped, report how to go on."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        reached = unfinished.reached(checkpoints)
-        place = f"from {reached}" if reached else "from the beginning: there is no checkpoint yet"
-        with go_on_with(f"the same command goes on {place}"):
-            raise
 
 
 def _metrics_table(metrics: "ModelMetrics") -> Table:

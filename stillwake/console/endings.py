@@ -19,7 +19,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
         *("h5py", "numba", "scipy", "gymnasium", "matplotlib", "PIL", "threadpoolctl", "distributed", "dask"),
         *("jinja2", "llvmlite", "tornado"),
     ),
-    "train": ("torch", "shap", "onnx", "safetensors", "optuna", "h5py", "scipy"),
+    "train": ("torch", "shap", "onnx", "safetensors", "h5py", "scipy"),
     "bus": ("serial", "msgpack", "cantools"),
     "mf4": ("asammdf",),
     "flash": ("udsoncan", "isotp"),

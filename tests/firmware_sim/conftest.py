@@ -34,7 +34,7 @@ class RecordingController:
         # As the graph does: the shifted plan where it is committed, new actions elsewhere.
         new = np.array([self.plan(i) for i in range(len(plan))])
         shifted = np.append(plan[1:], plan[-1])
-        forces, terms = np.full((len(plan), 2), 0.5), np.zeros(7)
+        forces, terms = np.full((len(plan), 2), 0.5), np.zeros(8)
         return ControlStep(plan=np.where(free > 0.5, new, shifted), forces=forces, terms=terms, cost=1.0)
 
 

@@ -113,7 +113,7 @@ CALLS = (
     call("identify linear", needs=["train"]),
     call("export --c library", needs=["train"]),
     call("mcu", needs=["train", "mcu"]),
-    call("tune tuned --hours 0.01", needs=["sim", "train"]),
+    call("refine refined --set refine.updates=1", needs=["sim", "train"]),
     call("bench serve --port 8769 --plant recording", needs=["sim"]),
 )
 

@@ -12,7 +12,7 @@ NAMES = ("upper_39", "lower_39", "base_0", "base_9", "upper_07", "lower_07")
 
 def drawn_program(seed: int) -> ControllerProgram:
     """Sizes that are mostly no multiple of any padding, and solver settings off their defaults."""
-    rng = np.random.default_rng([seed, 3])
+    rng, of_prior = np.random.default_rng([seed, 3]), np.random.default_rng([seed, 4])
     model = ModelConfig(
         window=int(rng.integers(1, 12)),
         latent=int(rng.integers(1, 11)),
@@ -26,7 +26,11 @@ def drawn_program(seed: int) -> ControllerProgram:
         iterations=int(rng.integers(1, 10)),
         learning_rate=float(10.0 ** rng.uniform(-4, -2)),
         drag_reference=float(rng.uniform(0.5, 1.5)),
-        weights=CostWeights(**dict(zip(vars(CostWeights()), rng.uniform(0.0, 3.0, 7).tolist(), strict=True))),
+        epsilon=float(10.0 ** of_prior.uniform(-8, -2)),
+        weights=CostWeights(
+            **dict(zip(vars(CostWeights()), [*rng.uniform(0.0, 3.0, 7), of_prior.uniform(0.0, 3.0)], strict=True))
+        ),
     )
     limit, sensors = float(rng.uniform(0.02, 0.2)), NAMES[: int(rng.integers(1, 7))]
-    return random_program(seed, model=model, mpc=mpc, action_limit=limit, sensors=sensors)
+    memory = 0 if len(sensors) % 2 else int(of_prior.integers(2, 18))
+    return random_program(seed, model=model, mpc=mpc, action_limit=limit, sensors=sensors, prior_memory=memory)

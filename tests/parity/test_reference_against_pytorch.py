@@ -66,14 +66,17 @@ def test_gradient_matches_autograd(seed):
     rng = np.random.default_rng(seed)
     h = program.mpc.horizon
     z, plan = rng.normal(size=program.latent), rng.uniform(-0.1, 0.1, h)
-    weights, previous_action = rng.uniform(0.1, 2.0, 7), 0.03
+    weights, previous_action, start = rng.uniform(0.1, 2.0, 8), 0.03, rng.uniform(-0.1, 0.1, h)
     eager = EagerController(program, torch.float64)
     actions = torch.tensor(plan, requires_grad=True)
     terms = eager.terms(
-        eager.predict(torch.tensor(z), actions), actions, torch.tensor(previous_action, dtype=torch.float64)
+        eager.predict(torch.tensor(z), actions),
+        actions,
+        torch.tensor(previous_action, dtype=torch.float64),
+        torch.tensor(start),
     )
     (expected,) = torch.autograd.grad(torch.tensor(weights) @ terms, actions)
-    found = gradient(program, z, plan, previous_action, weights)
+    found = gradient(program, z, plan, previous_action, weights, start)
     np.testing.assert_allclose(found, expected.numpy(), rtol=1e-11, atol=1e-13)
 
 
@@ -97,7 +100,7 @@ def test_adjoints_match_central_differences():
 def test_ties_and_kinks_take_pytorchs_subgradients():
     program = random_program(0, mpc=MpcConfig(horizon=5))
     forces = np.array([[1.0, 0.0], [2.0, 0.5], [2.0, -0.5], [1.0, 0.0], [1.0, 0.3]])
-    plan, weights = np.zeros(5), np.arange(1.0, 8.0)
+    plan, weights = np.zeros(5), np.arange(1.0, 9.0)
     values, actions = torch.tensor(forces, requires_grad=True), torch.tensor(plan, requires_grad=True)
     terms = EagerController(program, torch.float64).terms(values, actions, torch.tensor(0.01, dtype=torch.float64))
     torch.autograd.backward(torch.tensor(weights) @ terms)

@@ -41,7 +41,7 @@ BEGINNINGS = (
     "firmware_sim.mcu.measure.compile_for_cortex_m7",
     "wake.recording.parallel.run_parallel",
     "firmware_sim.campaign.conduct.execute",
-    "firmware_sim.tuning.starts.starts_at",
+    "train.refinement.pipeline.refine",
     "wake.pictures.drawing.save_figure",
     "can_bridge.tools.raw_bus.open_bus",
     "can_bridge.tester.transport.open_client",

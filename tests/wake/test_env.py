@@ -78,7 +78,12 @@ def test_a_reset_that_takes_long_reports_that_it_compiles(env, monkeypatch, caps
     env.reset(seed=1)
     assert notice not in capsys.readouterr().err
     monkeypatch.setattr("wake.env._SILENCE_S", 0.0)
-    monkeypatch.setattr(env.unwrapped.plant, "reset", lambda state: (time.sleep(0.2), reset(state))[1])
+
+    def late(state):
+        time.sleep(0.2)
+        return reset(state)
+
+    monkeypatch.setattr(env.unwrapped.plant, "reset", late)
     env.reset(seed=1)
     assert notice in capsys.readouterr().err
 

@@ -21,6 +21,7 @@ class Phase(StrEnum):
     DISTIL = "distil", "distil, windows"
     LESSONS = "lessons", "roll out the teacher"
     PREDICTOR = "predictor", "distil predictor"
+    REFINE = "refine", "through the flow"
 
     def __new__(cls, value: str, label: str) -> "Phase":
         phase = str.__new__(cls, value)

@@ -54,6 +54,15 @@ class Identity:
         }
         return cls(settings=json.dumps(settings, sort_keys=True), dataset_sha256=dataset_sha256, threads=threads)
 
+    @classmethod
+    def of_refinement(cls, config: Config, dataset_sha256: str, sensors: Sequence[str], threads: int = 1) -> "Identity":
+        """The identity of a refinement (`train.refinement`) of a model that was trained with these settings."""
+        settings = {
+            **json.loads(cls.of(config, dataset_sha256, "cpu", sensors).settings),
+            "refine": asdict(config.refine),
+        }
+        return cls(settings=json.dumps(settings, sort_keys=True), dataset_sha256=dataset_sha256, threads=threads)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Reached:

@@ -32,6 +32,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     smoothness: 'Smooth plan',
     effort: 'Jet effort',
     rate: 'First step of the jets',
+    prior: 'Distance from the learned plan',
   };
 
   stillwake.Controls = class {

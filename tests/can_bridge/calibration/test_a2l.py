@@ -98,8 +98,8 @@ def test_every_value_is_where_the_file_says_with_its_limits_and_unit(module):
 
 def test_the_segment_and_how_a_tool_reaches_it(module, slave, segment):
     memory = module.one("MOD_PAR").one("MEMORY_SEGMENT")
-    assert memory.words[2:] == ["DATA", "RAM", "INTERN", "0x20000000", "0x28", *["-1"] * 5]
-    assert len(REFERENCE.pack()) == 0x28
+    assert memory.words[2:] == ["DATA", "RAM", "INTERN", "0x20000000", "0x2c", *["-1"] * 5]
+    assert len(REFERENCE.pack()) == 0x2C
     described = memory.one("IF_DATA").one("SEGMENT")
     assert described.words == ["0", "2", "0", "0", "0"]
     access = {Page.WORKING: "XCP_WRITE_ACCESS_DONT_CARE", Page.REFERENCE: "XCP_WRITE_ACCESS_NOT_ALLOWED"}

@@ -50,7 +50,7 @@ def test_half_of_a_value_waits_for_the_rest_or_is_dropped():
     segment = begun()
     with pytest.raises(ConfigError, match="effort = -2"):
         segment.write(end, float_bytes(-2.0)[3:])
-    assert segment.read(Page.WORKING, 0, 40) == REFERENCE.pack()
+    assert segment.read(Page.WORKING, 0, 44) == REFERENCE.pack()
     for drop in (
         lambda one: one.revert(),
         lambda one: one.copy_reference(),
@@ -58,20 +58,20 @@ def test_half_of_a_value_waits_for_the_rest_or_is_dropped():
     ):
         segment = begun()
         drop(segment)
-        assert segment.read(Page.WORKING, 0, 40) == REFERENCE.pack()
+        assert segment.read(Page.WORKING, 0, 44) == REFERENCE.pack()
         with pytest.raises(ConfigError, match=f"write from byte {end}: must begin with a value"):
             segment.write(end, second)
 
 
 @examples(100)
 @given(
-    weights=st.lists(st.just(0.0) | st.floats(2**-39, 1000, width=32), min_size=7, max_size=7),
+    weights=st.lists(st.just(0.0) | st.floats(2**-39, 1000, width=32), min_size=8, max_size=8),
     delay=st.integers(0, 6),
-    cuts=st.lists(st.integers(1, 39), unique=True).map(sorted),
+    cuts=st.lists(st.integers(1, 43), unique=True).map(sorted),
 )
 def test_the_whole_set_may_come_in_pieces_and_only_whole_values_are_taken(weights, delay, cuts):
     segment = Segment(REFERENCE, LIMITS)
-    raw = struct.pack("<9fI", *weights, 0.05, 0.02, delay)
+    raw = struct.pack("<10fI", *weights, 0.05, 0.02, delay)
     old = REFERENCE.pack()
     bounds = [0, *cuts, len(raw)]
     for begin, end in pairwise(bounds):
@@ -94,11 +94,11 @@ def test_what_is_not_allowed_is_refused_as_a_whole(segment):
         with pytest.raises(ConfigError):
             segment.write(OFFSETS["effort"], float_bytes(1.0) + float_bytes(value))
         assert segment.working == REFERENCE, value
-    for offset, length in ((-1, 1), (40, 1), (37, 4), (0, 41), (0, -1)):
-        with pytest.raises(ConfigError, match=r"must lie in 0\.\.40"):
+    for offset, length in ((-1, 1), (44, 1), (41, 4), (0, 45), (0, -1)):
+        with pytest.raises(ConfigError, match=r"must lie in 0\.\.44"):
             segment.read(Page.WORKING, offset, length)
         if length > 0:
-            with pytest.raises(ConfigError, match=r"must lie in 0\.\.40"):
+            with pytest.raises(ConfigError, match=r"must lie in 0\.\.44"):
                 segment.write(offset, bytes(length))
     with pytest.raises(ConfigError, match=r"action_limit = 0\.08"):
         Segment(changed(action_limit=0.08), LIMITS)
@@ -139,13 +139,13 @@ def test_the_page_in_force_is_selected(segment):
     segment.select(Page.WORKING)
     taken = segment.take()
     assert (taken.weights.effort, taken.weights.rate) == (0.5, 0.5)
-    assert segment.read(Page.REFERENCE, 0, 40) == REFERENCE.pack()
+    assert segment.read(Page.REFERENCE, 0, 44) == REFERENCE.pack()
 
 
 @examples(200)
 @given(
     writes=st.lists(
-        st.tuples(st.integers(0, 40), st.binary(max_size=8) | st.just(bytes(4)) | st.just(bytes.fromhex("0000803F"))),
+        st.tuples(st.integers(0, 44), st.binary(max_size=8) | st.just(bytes(4)) | st.just(bytes.fromhex("0000803F"))),
         max_size=30,
     )
 )

@@ -13,7 +13,7 @@ from can_bridge.uds.services import Did, Nrc
 from tests.can_bridge.calibration.conftest import LIMITS
 from tests.can_bridge.calibration.conftest import REFERENCE as OWN
 
-WIRE = struct.Struct("<9fI")
+WIRE = struct.Struct("<10fI")
 """As a tool reads it that knows nothing of us."""
 
 
@@ -50,7 +50,7 @@ def refused(service: CalibrationService, did: Did, value: bytes) -> Nrc:
 def values(**changes: float) -> bytes:
     own = {
         **{"drag_mean": 1.0, "drag_fluctuation": 0.1, "lift": 0.01, "lift_mean": 0.0, "smoothness": 8.0},
-        **{"effort": 0.0, "rate": 0.0, "action_limit": 0.075, "command_step": 0.0375, "delay_steps": 1},
+        **{"effort": 0.0, "rate": 0.0, "prior": 0.0, "action_limit": 0.075, "command_step": 0.0375, "delay_steps": 1},
         **changes,
     }
     *floats, delay_steps = own.values()
@@ -61,17 +61,17 @@ def test_the_limits_come_with_the_releases_own_values():
     service, _ = service_of(Kept())
     write(service, Did.CALIBRATION, values(lift=0.5))
     raw = service.read(Did.CALIBRATION_LIMITS)
-    least, greatest, own = (WIRE.unpack(raw[start : start + WIRE.size]) for start in (0, 40, 80))
-    assert len(raw) == 120
-    np.testing.assert_array_equal(least, np.zeros(10))
-    np.testing.assert_array_equal(greatest, np.array([1000.0] * 7 + [0.075, 0.0375, 6.0], dtype=np.float32))
+    least, greatest, own = (WIRE.unpack(raw[start : start + WIRE.size]) for start in (0, 44, 88))
+    assert len(raw) == 132
+    np.testing.assert_array_equal(least, np.zeros(11))
+    np.testing.assert_array_equal(greatest, np.array([1000.0] * 8 + [0.075, 0.0375, 6.0], dtype=np.float32))
     assert WIRE.pack(*own) == values()
 
 
 def test_values_that_are_not_allowed_are_refused_whole():
     service, segment = service_of(Kept())
     nan = values(lift=float("nan"))
-    for value in (values(lift=-0.1), nan, values(action_limit=0.0751), values(delay_steps=7), b"", bytes(39)):
+    for value in (values(lift=-0.1), nan, values(action_limit=0.0751), values(delay_steps=7), b"", bytes(43)):
         assert refused(service, Did.CALIBRATION, value) is Nrc.OUT_OF_RANGE, value
         assert service.read(Did.CALIBRATION) == values()
         assert segment.take() is None
@@ -100,7 +100,7 @@ def test_what_is_stored():
         assert refused(service, Did.CALIBRATION_STORED, value) is Nrc.PROGRAMMING_FAILURE
     assert service.read(Did.CALIBRATION) == values(lift=0.5)
     # A record that this vehicle does not allow is not used.
-    for raw in (b"", bytes(41), values(action_limit=0.08), values(lift=float("inf"))):
+    for raw in (b"", bytes(45), values(action_limit=0.08), values(lift=float("inf"))):
         service, segment = service_of(kept := Kept(raw))
         assert "calibration" in str(service.restore())
         assert (segment.take(), kept.raw) == (None, raw)
@@ -109,7 +109,7 @@ def test_what_is_stored():
 def test_other_identifiers_are_not_its_own():
     service, _ = service_of(Kept())
     for did in set(Did) - DIDS:
-        assert refused(service, did, bytes(40)) is Nrc.OUT_OF_RANGE
+        assert refused(service, did, bytes(44)) is Nrc.OUT_OF_RANGE
         with pytest.raises(Refused):
             service.read(did)
     assert refused(service, Did.CALIBRATION_LIMITS, bytes(120)) is Nrc.OUT_OF_RANGE

@@ -63,7 +63,7 @@ def test_a_master_connects_reads_writes_and_stores(master, slave, segment):
     assert master.getStatus().resourceProtectionStatus.calpag
 
     master.setMta(ADDRESS)
-    assert master.fetch(40) == REFERENCE.pack()
+    assert master.fetch(44) == REFERENCE.pack()
     with pytest.raises(types.XcpResponseError, match="ACCESS_LOCKED"):
         master.transport.request(types.Command.SET_REQUEST, 1, 0, 0)
     master.cond_unlock()
@@ -72,15 +72,15 @@ def test_a_master_connects_reads_writes_and_stores(master, slave, segment):
     master.setMta(EFFORT)
     master.download(struct.pack("<f", 0.25))
     assert segment.take().weights.effort == 0.25
-    whole = struct.pack("<9fI", 1, 2, 3, 4, 5, 6, 7, 0.05, 0.025, 2)
+    whole = struct.pack("<10fI", 1, 2, 3, 4, 5, 6, 7, 8, 0.05, 0.025, 2)
     assert not master.getCommModeInfo().commModeOptional.masterBlockMode
     # Its `push` does not wait for answers, even without block mode (0.29).
     master.setMta(ADDRESS)
-    for begin in range(0, 40, 6):
+    for begin in range(0, 44, 6):
         master.download(whole[begin : begin + 6])
-    assert segment.take().weights.as_tuple() == (1, 2, 3, 4, 5, 6, 7)
+    assert segment.take().weights.as_tuple() == (1, 2, 3, 4, 5, 6, 7, 8)
     master.setMta(ADDRESS)
-    answer = master.buildChecksum(40)
+    answer = master.buildChecksum(44)
     assert answer.checksum == checksum.check(whole, "XCP_CRC_32")
 
     assert master.getCalPage(1, 0) == 0

@@ -89,18 +89,18 @@ def test_what_a_tool_reads(slave):
         FA 04 > FF 00 00 00 00 00 00 00
         FA 01 + F6 00 00 00 02 00 00 20 + F5 02 > FF 80 3F
         FA 01 + F4 02 00 00 00 00 00 20 + F5 02 > FF 80 3F
-        F4 04 00 00 24 00 00 20 > FF 01 00 00 00
+        F4 04 00 00 28 00 00 20 > FF 01 00 00 00
         START + F5 07 > FF {first}
         F5 07 > FF {second}
-        F4 01 00 00 28 00 00 20 > DENIED
+        F4 01 00 00 2C 00 00 20 > DENIED
         F4 01 00 00 FF FF FF 1F > DENIED
-        F4 04 00 00 25 00 00 20 > DENIED
+        F4 04 00 00 29 00 00 20 > DENIED
         F4 00 00 00 00 00 00 20 > RANGE
         F5 08 > RANGE
         F6 00 00 01 00 00 00 20 > RANGE
         E9 > FF 01 00
         E8 00 00 00 00 > FF 00 00 00 00 00 00 20
-        E8 00 00 01 00 > FF 00 00 00 28 00 00 00
+        E8 00 00 01 00 > FF 00 00 00 2C 00 00 00
         E8 01 00 00 00 > FF 02 00 00 00 00
         E8 02 00 00 00 > RANGE
         E8 00 01 00 00 > NO_SEGMENT
@@ -181,23 +181,23 @@ def test_what_is_written(unlocked, segment):
         F0 00 00 > RANGE
         F0 07 00 00 00 00 00 00 > RANGE
         F0 04 00 00 80 > SYNTAX
-        F6 00 00 00 28 00 00 20 + ONE > DENIED
+        F6 00 00 00 2C 00 00 20 + ONE > DENIED
         F6 00 00 00 16 00 00 20 + ONE > RANGE
         """,
     )
     assert segment.take() is None
-    raw = struct.pack("<9fI", 1, 2, 3, 4, 5, 6, 7, 0.05, 0.025, 2)
+    raw = struct.pack("<10fI", 1, 2, 3, 4, 5, 6, 7, 8, 0.05, 0.025, 2)
     ask(unlocked, START)
-    for begin in range(0, 40, 6):
+    for begin in range(0, 44, 6):
         piece = raw[begin : begin + 6]
         assert ask(unlocked, f"F0 {len(piece):02X} {piece.hex()}") == "FF"
-    assert segment.take().weights.as_tuple() == (1, 2, 3, 4, 5, 6, 7)
+    assert segment.take().weights.as_tuple() == (1, 2, 3, 4, 5, 6, 7, 8)
     talk(
         unlocked,
         f"""
-        START + F3 00 00 00 28 00 00 00 > FF 09 00 00 {zlib.crc32(raw).to_bytes(4, "little").hex(" ").upper()}
+        START + F3 00 00 00 2C 00 00 00 > FF 09 00 00 {zlib.crc32(raw).to_bytes(4, "little").hex(" ").upper()}
         F5 01 > DENIED
-        START + F3 00 00 00 29 00 00 00 > DENIED
+        START + F3 00 00 00 2D 00 00 00 > DENIED
         """,
     )
 

@@ -62,7 +62,7 @@ def test_wrong_lengths_and_sub_functions(bench):
 
 def test_a_request_longer_than_iso_tp_carries(bench):
     bench.unlock()
-    bench.talk("2E FD 02 00x4092 > 6E FD 02\n2E FD 02 00x4093 > INCORRECT_LENGTH")
+    bench.talk("2E FD 02 00x4092 > 6E FD 02\n2E FD 02 00x4493 > INCORRECT_LENGTH")
 
 
 def test_every_change_of_session_locks_and_leaves(bench):
@@ -201,9 +201,9 @@ def test_reading_and_writing(bench):
     bench.unlock(Level.CALIBRATION)
     bench.talk("2E FD 12 01 > 6E FD 12")
     assert bench.ecu.calls[-1] == ("write", Did.CALIBRATION_STORED, b"\x01")
-    bench.talk("2E FD 10 00x39 > INCORRECT_LENGTH\n2E FD 10 00x41 > INCORRECT_LENGTH\n2E FD 10 00x40 > 6E FD 10")
+    bench.talk("2E FD 10 00x43 > INCORRECT_LENGTH\n2E FD 10 00x45 > INCORRECT_LENGTH\n2E FD 10 00x44 > 6E FD 10")
     bench.ecu.refusals["write"] = Nrc.OUT_OF_RANGE
-    bench.talk("2E FD 10 00x40 > OUT_OF_RANGE")
+    bench.talk("2E FD 10 00x44 > OUT_OF_RANGE")
 
 
 def test_identifiers_are_written_in_their_sessions_with_their_keys(bench):

@@ -35,7 +35,7 @@ def graph_of(nodes: Sequence[onnx.NodeProto] = (), constants: Sequence[onnx.Tens
         "planted",
         [value(name, SHAPES[name]) for name in names[:4]],
         [value(name, SHAPES[name]) for name in names[4:]],
-        [constant("weights", np.ones(7)), constant("zero_forces", np.zeros((3, 2))), *constants],
+        [constant("weights", np.ones(8)), constant("zero_forces", np.zeros((3, 2))), *constants],
     )
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=8)
 

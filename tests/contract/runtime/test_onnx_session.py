@@ -66,7 +66,7 @@ def test_weights_are_optional_and_their_default_is_the_manifests(release):
     np.testing.assert_array_equal(given.plan, default.plan)
     # J is the weights times the terms, summed in float32.
     assert default.cost == pytest.approx(float(np.array(mpc.weights.as_tuple()) @ default.terms), rel=1e-5)
-    assert (controller.control_step(window, plan, free, np.eye(7)[5]).plan != default.plan).any()
+    assert (controller.control_step(window, plan, free, np.eye(8)[5]).plan != default.plan).any()
 
 
 def test_a_graph_without_end_is_stopped(monkeypatch, release):

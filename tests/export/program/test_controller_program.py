@@ -44,7 +44,8 @@ def parts():
         "mpc": MpcConfig(),
         "action_limit": 0.075,
         "sensors": ("base_0", "base_9"),
-        "window": 4,
+        "encoder_rows": 4,
+        "prior": {"hidden": np.ones((3, 6, 2)), "output": np.ones(3), "predictor": np.ones((1, 6, 2))},
     }
 
 
@@ -57,7 +58,8 @@ def test_every_tensor_is_needed_and_checked():
     with pytest.raises(ValueError, match="read-only"):
         program.dynamics.output.bias[0] = 2.0
     # Every tensor is needed and checked.
-    for network in ("encoder", "dynamics", "decoder"):
+    assert program.window == 6
+    for network in ("encoder", "dynamics", "decoder", "prior"):
         for name, tensor in parts()[network].items():
             missing = parts()
             del missing[network][name]
@@ -84,7 +86,8 @@ def test_what_does_not_fit_is_refused_by_its_name():
         ({"sensors": ("base_0", "base_8", "base_9")}, r"scaling\.pressure_mean: 2 values, must be 3"),
         ({"sensors": ("base_0", "base_0")}, "'base_0' is named twice"),
         ({"sensors": ()}, "at least one"),
-        ({"window": 0}, "window = 0"),
+        ({"encoder_rows": 0}, "window = 0"),
+        (tensor("prior", "hidden", 3, 6, 3), r"prior\.predictor: shape"),
         ({"action_limit": float("inf")}, "action_limit = inf"),
         ({"action_limit": -0.075}, r"action_limit = -0\.075"),
         (scaled(pressure_std=(1.0, 0.0)), r"scaling\.pressure_std"),

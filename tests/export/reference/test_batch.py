@@ -50,7 +50,7 @@ def test_every_function_acts_on_the_last_axes(shape, seed):
     free = rng.integers(0, 2, (*shape, HORIZON)).astype(float)
     rates = rng.uniform(1e-4, 1e-2, (4, *shape))
     windows = np.array([random_window(program, rng) for _ in range(int(np.prod(shape)))]).reshape(*shape, 5, -1)
-    weights = rng.uniform(0.1, 2.0, 7)
+    weights = rng.uniform(0.1, 2.0, 8)
 
     encoded = encode(program, windows)
     latents = rollout(program, z, plan)

@@ -60,7 +60,7 @@ def test_committed_actions_come_back_to_the_bit_and_the_rest_answers_them():
 
 
 def test_the_weights_change_the_cost_and_no_action():
-    weights = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0])
+    weights = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0])
     found = linear_control_step(PROGRAM, WINDOW, np.zeros(H), np.ones(H), weights)
     np.testing.assert_array_equal(found.plan, answer().plan)
     assert found.cost == pytest.approx(3.0 * np.mean(found.plan**2))

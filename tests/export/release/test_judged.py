@@ -28,7 +28,7 @@ def nodes_of(graph: onnx.GraphProto) -> list[onnx.NodeProto]:
 
 def test_the_operators_are_those_that_the_export_writes():
     model = ModelConfig(window=4, latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
-    program = random_program(1, model=model, mpc=MpcConfig(horizon=5))
+    program = random_program(1, model=model, mpc=MpcConfig(horizon=5), prior_memory=6)
     graphs = [build_controller(program), build_controller(rounded_to_nearest(program))]
     graphs.append(onnx.load_from_string((BUNDLE / CONTROLLER).read_bytes()))
     for graph in graphs:

@@ -44,8 +44,8 @@ def paper_model(request):
 
 
 def test_interface_and_operators_are_those_of_the_bundle(paper_model):
-    assert shapes(paper_model.graph.input) == {"window": (32, 5), "plan": (25,), "free": (25,), "weights": (7,)}
-    assert shapes(paper_model.graph.output) == {"new_plan": (25,), "forces": (25, 2), "terms": (7,), "cost": ()}
+    assert shapes(paper_model.graph.input) == {"window": (32, 5), "plan": (25,), "free": (25,), "weights": (8,)}
+    assert shapes(paper_model.graph.output) == {"new_plan": (25,), "forces": (25, 2), "terms": (8,), "cost": ()}
     assert "weights" in {initializer.name for initializer in paper_model.graph.initializer}
     # Only standard operators of an opset that ONNX Runtime 1.20 knows.
     assert [(entry.domain, entry.version) for entry in paper_model.opset_import] == [("", 18)]

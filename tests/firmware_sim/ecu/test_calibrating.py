@@ -67,9 +67,19 @@ def test_the_weights_are_those_of_the_period_in_the_order_of_the_controllers_inp
     bench = bench_of(Weighed())
     bench.into_control()
     own = bench.bundle.manifest.mpc.weights.as_tuple()
-    calibrate(bench, drag_mean=1.0, drag_fluctuation=2.0, lift=3.0, lift_mean=4.0, smoothness=5.0, effort=6.0, rate=7.0)
+    calibrate(
+        bench,
+        drag_mean=1.0,
+        drag_fluctuation=2.0,
+        lift=3.0,
+        lift_mean=4.0,
+        smoothness=5.0,
+        effort=6.0,
+        rate=7.0,
+        prior=8.0,
+    )
     bench.good(2)
-    assert given == [own, *[(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)] * 2]
+    assert given == [own, *[(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)] * 2]
 
 
 bounds = st.fixed_dictionaries(
@@ -132,11 +142,11 @@ def test_what_the_segment_takes_the_ecu_takes(data, limit, step):
     ecu = Ecu(made, RecordingController(), config)
     rows = zip(segment.limits.least.values, segment.limits.greatest.values, strict=True)
     *values, delay_steps = (data.draw(st.one_of(st.sampled_from(row), st.floats(*row))) for row in rows)
-    wanted = struct.pack("<9fI", *values, int(delay_steps))
+    wanted = struct.pack("<10fI", *values, int(delay_steps))
     segment.set(Calibration.unpack(wanted))
     ecu.calibrate(segment.in_force)
     assert ecu.state.memory.sizes[-1] == int(delay_steps) + config.ecu.plan_ahead
-    assert segment.read(Page.WORKING, 0, 40) == wanted
+    assert segment.read(Page.WORKING, 0, 44) == wanted
 
 
 def test_limits_are_the_vehicles_and_a_release_may_weigh_more(bundle_of):

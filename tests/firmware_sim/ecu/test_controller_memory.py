@@ -48,7 +48,7 @@ class Answering:
 
 
 def answer_of(**changes: Any) -> ControlStep:
-    sound: dict[str, Any] = {"plan": np.zeros(4), "forces": np.zeros((4, 2)), "terms": np.zeros(7), "cost": 0.0}
+    sound: dict[str, Any] = {"plan": np.zeros(4), "forces": np.zeros((4, 2)), "terms": np.zeros(8), "cost": 0.0}
     return ControlStep(**{**sound, **changes})
 
 

@@ -29,7 +29,7 @@ class Mixing:
             raise ControllerError("too much pressure")
         new = np.where(free > 0.5, 0.5 * shifted + drive, shifted)
         forces = np.outer(new, [1.0, -1.0])
-        return ControlStep(plan=new, forces=forces, terms=np.zeros(7), cost=float(np.sum(new**2)))
+        return ControlStep(plan=new, forces=forces, terms=np.zeros(8), cost=float(np.sum(new**2)))
 
 
 class Period(NamedTuple):

@@ -39,7 +39,7 @@ class HostileController:
         level = {"small": 0.2 * self._value, "huge": huge, "nan": np.nan, "inf": np.inf, "overflow": 1.7e308}
         values, forces = np.full(len(plan), level.get(deed, self._value)), np.zeros((len(plan), FORCES))
         wrong = {"short": values[:-1], "flat": np.zeros((len(plan), 2)), "object": values.astype(object)}
-        answer: Any = ControlStep(plan=wrong.get(deed, values), forces=forces, terms=np.zeros(7), cost=0.0)
+        answer: Any = ControlStep(plan=wrong.get(deed, values), forces=forces, terms=np.zeros(8), cost=0.0)
         plan[:] = 7.0
         if deed == "forces":
             forces[-1, -1] = np.nan

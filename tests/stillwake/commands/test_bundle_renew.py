@@ -66,11 +66,11 @@ def test_a_sensor_estimator_can_be_fitted_to_a_recording_that_does(cli, refused,
     recording = tmp_path / "short.h5"
     dataset.write(recording, Dataset(episodes=(episode("a", "train", 20),)))
     words = ("bundle", "renew", old, tmp_path / "new", "--name", "renewed", "--key", keys, "--sensors", recording)
-    assert "no training episode is longer than the window of 32" in refused(*words)
+    assert "no training episode is longer than the window of 64" in refused(*words)
     dataset.write(recording, Dataset(episodes=(episode("a", "train", 100),)))
     done = cli(*words)
     assert done.code == 0, done.err
-    assert "R2 of each sensor by the others, on train: lower_36" in done.out
+    assert "R2 of each sensor by the others, on train: upper_39" in done.out
     fitted = bundle.load(tmp_path / "new")
     assert fitted.files[ESTIMATOR] != (old / ESTIMATOR).read_bytes()
     assert fitted.files[CONTROLLER] == (old / CONTROLLER).read_bytes()

@@ -57,8 +57,8 @@ def test_the_plan_is_listed_and_nothing_is_run(cli, executor, plan, tmp_path) ->
     assert (outcome.code, outcome.err) == (0, "")
     assert "  undisturbed: " in outcome.out
     assert "  mine: Something of my own.\n      noise:level=0.3\n" in outcome.out
-    # Times in the texts are of the run: control is requested after the window of 32 periods and two more.
-    assert "dead:sensor=base_7@2.68.." in outcome.out
+    # Times in the texts are of the run: control is requested after the window of 64 periods and two more.
+    assert "dead:sensor=base_0@3.32.." in outcome.out
     few = cli("campaign", tmp_path / "out", "--list", "--only", "delay_1*")
     assert "noise" not in few.out
     assert "delay_12_uncompensated" in few.out

@@ -77,7 +77,8 @@ def test_the_whole_ecu_compiles_without_a_warning(release, frames, random_releas
     config = load_config()
     config = replace(config, bus=replace(config.bus, frames=frames))
     found = ecu_files(bundle, ROWS, config=config, notice=lambda line: None)
-    program = random_program(0, model=MODEL, mpc=MPC)
+    memory = load(bundle).manifest.window
+    program = random_program(0, model=MODEL, mpc=MPC, prior_memory=memory)
     library = int8_library(program, random_windows(program, 4)) | found
     flags = ("-shared", "-fPIC", "-O1", "-ffp-contract=off", "-Wl,--no-undefined")
     shared_builds.compile_c(library_sources(library), tmp_path / "ecu.so", compiler=compiler, flags=flags)

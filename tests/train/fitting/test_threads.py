@@ -61,7 +61,7 @@ def seen_by(threads: dict[Phase, set[int]]) -> Progress:
 def test_every_phase_has_one_unless_more_are_asked_for(recording, brief, tmp_path):
     seen: dict[Phase, set[int]] = {}
     train_all(recording, brief, tmp_path / "model", chosen=CHOSEN, progress=seen_by(seen))
-    assert set(seen) == set(Phase) - {Phase.RANK, Phase.SELECT}
+    assert set(seen) == set(Phase) - {Phase.RANK, Phase.SELECT, Phase.REFINE}
     assert set().union(*seen.values()) == {1}
     assert torch.get_num_threads() == 3
     assert model_store.load(tmp_path / "model").versions["torch_threads"] == "1"

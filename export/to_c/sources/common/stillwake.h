@@ -29,6 +29,7 @@ extern "C" {
  *     SW_SMOOTHNESS        mean (a[k+1] - a[k])^2
  *     SW_EFFORT            mean a^2
  *     SW_RATE              (a[0] - previous action)^2
+ *     SW_PRIOR             mean (a[k] - where the optimiser started)^2
  */
 
 /* What a control step needs to know. Actions are jet flow rates in U_inf W, pressures are Cp. */

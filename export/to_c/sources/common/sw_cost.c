@@ -5,10 +5,12 @@ void sw_cost_terms(const sw_workspace *work, float previous_action, float terms[
 {
     const sw_statistics drag = sw_over_horizon(work->forces[0]), lift = sw_over_horizon(work->forces[1]);
     const float step = work->plan[0] - previous_action;
-    float lift_size = 0.0f, effort = 0.0f, steps = 0.0f;
+    float lift_size = 0.0f, effort = 0.0f, steps = 0.0f, distance = 0.0f;
     for (int k = 0; k < SW_HORIZON; k++) {
         lift_size += sw_abs(work->forces[1][k]);
+        const float apart = work->plan[k] - work->start[k];
         effort += work->plan[k] * work->plan[k];
+        distance += apart * apart;
     }
     for (int k = 0; k + 1 < SW_HORIZON; k++) {
         const float change = work->plan[k + 1] - work->plan[k];
@@ -21,4 +23,5 @@ void sw_cost_terms(const sw_workspace *work, float previous_action, float terms[
     terms[SW_SMOOTHNESS] = steps / (float)(SW_HORIZON - 1);
     terms[SW_EFFORT] = effort / (float)SW_HORIZON;
     terms[SW_RATE] = step * step;
+    terms[SW_PRIOR] = distance / (float)SW_HORIZON;
 }

@@ -39,7 +39,7 @@ void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS])
     sw_encoder_scratch *e = &work->phase.encoder;
     for (int k = 0; k < SW_COLUMNS + SW_LSTM; k++) e->hidden[k] = 0.0f;
     for (int k = 0; k < SW_LSTM_P; k++) e->cell[k] = 0.0f;
-    for (int row = 0; row < SW_WINDOW; row++) {
+    for (int row = SW_WINDOW - SW_ENCODER_ROWS; row < SW_WINDOW; row++) {
         for (int c = 0; c < SW_COLUMNS; c++) {
             e->hidden[c] = (window[row][c] - sw_window_mean[c]) * sw_window_factor[c];
         }

@@ -2,6 +2,7 @@
 #ifndef SW_WORKSPACE_H
 #define SW_WORKSPACE_H
 
+#include "sw_prior.h"
 #include "sw_settings.h"
 
 #ifdef __cplusplus
@@ -57,10 +58,12 @@ typedef struct {
     float d_forces[2][SW_HORIZON_P];          /* dJ/d(Cd, Cl) */
     float d_latents[SW_LATENT][SW_HORIZON_P]; /* dJ/dz through the forces alone */
     float plan[SW_HORIZON];
+    float start[SW_HORIZON];    /* of the optimiser */
     float gradient[SW_HORIZON]; /* dJ/da */
     float moment1[SW_HORIZON];  /* Adam's m and v */
     float moment2[SW_HORIZON];
     union {
+        sw_prior_scratch prior;
         sw_encoder_scratch encoder;
         struct {
             sw_dynamics_tape dynamics;

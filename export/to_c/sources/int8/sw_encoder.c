@@ -54,7 +54,7 @@ void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS])
         e->hidden[k] = 0;
         e->cell[k] = 0.0f;
     }
-    for (int row = 0; row < SW_WINDOW; row++) {
+    for (int row = SW_WINDOW - SW_ENCODER_ROWS; row < SW_WINDOW; row++) {
         for (int c = 0; c < SW_COLUMNS; c++) {
             const float scaled = (window[row][c] - sw_window_mean[c]) * sw_window_factor[c];
             e->row[c] = sw_saturated(scaled * sw_row_inverse_scale, row_qmax);

@@ -4,6 +4,7 @@
 
 #include <stdint.h>
 
+#include "sw_prior.h"
 #include "sw_settings.h"
 
 #ifdef __cplusplus
@@ -93,12 +94,14 @@ typedef struct {
     float d_forces[2][SW_HORIZON_P];          /* dJ/d(Cd, Cl) */
     float d_latents[SW_HORIZON_P][SW_LATENT]; /* dJ/dz through the forces alone */
     float plan[SW_HORIZON];
+    float start[SW_HORIZON];    /* of the optimiser */
     float gradient[SW_HORIZON]; /* dJ/da */
     float moment1[SW_HORIZON];  /* Adam's m and v */
     float moment2[SW_HORIZON];
     sw_dynamics_tape dynamics;
     sw_decoder_tape decoder;
     union {
+        sw_prior_scratch prior;
         sw_encoder_scratch encoder;
         sw_dynamics_scratch dynamics;
         sw_decoder_scratch decoder;

@@ -45,6 +45,7 @@ static void roll_out(sw_workspace *work, const sw_input *input)
         const float action = input->free[k] > 0.5f ? held : committed;
         for (int row = 0; row < SW_ROW; row++) outputs[row] += sw_by_action[row] * action;
         work->plan[k] = action;
+        work->start[k] = action;
         work->history[SW_WINDOW - 1 + k][SW_DIFFERENCES] = action;
         for (int p = 0; p < SW_DIFFERENCES; p++) work->history[SW_WINDOW + k][p] = outputs[p];
         work->forces[0][k] = sw_force_mean[0];

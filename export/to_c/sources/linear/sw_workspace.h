@@ -15,6 +15,7 @@ typedef struct {
     float history[SW_WINDOW + SW_HORIZON][SW_ROW]; /* oldest first: what was, then what is predicted */
     float forces[2][SW_HORIZON];                   /* Cd, then Cl */
     float plan[SW_HORIZON];
+    float start[SW_HORIZON]; /* of an optimiser; none runs, so it is the plan */
 } sw_workspace;
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* A control step: encode, shift the plan, optimise it, predict what it does. */
+/* A control step: start the plan, encode, optimise the plan, predict what it does. */
 #include "sw_cost.h"
 #include "sw_math.h"
 #include "sw_parts.h"
@@ -21,9 +21,10 @@ void sw_adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], int 
 sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output)
 {
     const float previous_action = input->window[SW_WINDOW - 1][SW_SENSORS];
+    sw_start_plan(work, input);
     sw_encode(work, input->window);
     for (int k = 0; k < SW_HORIZON; k++) {
-        work->plan[k] = input->plan[k + 1 < SW_HORIZON ? k + 1 : k];
+        work->start[k] = work->plan[k];
         work->moment1[k] = 0.0f;
         work->moment2[k] = 0.0f;
     }

@@ -20,6 +20,7 @@ void sw_cost_gradient(sw_workspace *work, float previous_action, const float wei
     const float per_lift = weights[SW_LIFT] / (float)SW_HORIZON;
     const float by_mean_lift = weights[SW_LIFT_MEAN] * 2.0f * lift.mean / (float)SW_HORIZON;
     const float per_action = weights[SW_EFFORT] * 2.0f / (float)SW_HORIZON;
+    const float per_distance = weights[SW_PRIOR] * 2.0f / (float)SW_HORIZON;
     const float per_step = weights[SW_SMOOTHNESS] * 2.0f / (float)(SW_HORIZON - 1);
     for (int k = 0; k < SW_HORIZON; k++) {
         float d_drag = weights[SW_DRAG_MEAN] / (float)SW_HORIZON, d_lift = by_mean_lift;
@@ -29,7 +30,7 @@ void sw_cost_gradient(sw_workspace *work, float previous_action, const float wei
         if (cl[k] < 0.0f) d_lift -= per_lift;
         work->d_forces[0][k] = d_drag;
         work->d_forces[1][k] = d_lift;
-        work->gradient[k] = per_action * plan[k];
+        work->gradient[k] = per_action * plan[k] + per_distance * (plan[k] - work->start[k]);
         if (k > 0) work->gradient[k] += per_step * (plan[k] - plan[k - 1]);
         if (k + 1 < SW_HORIZON) work->gradient[k] -= per_step * (plan[k + 1] - plan[k]);
     }

@@ -10,6 +10,9 @@
 extern "C" {
 #endif
 
+/* Where the optimiser starts, work->plan: the prior's plan, or without a prior the shifted previous one. */
+void sw_start_plan(sw_workspace *work, const sw_input *input);
+
 /* Latent state, work->z, from a window. */
 void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS]);
 

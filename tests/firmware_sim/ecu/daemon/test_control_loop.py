@@ -33,7 +33,7 @@ class Slow:
 
     def control_step(self, window, plan, free, weights=None) -> ControlStep:
         self.rig.now += self.takes_ns
-        return ControlStep(plan=np.full(len(plan), 0.01), forces=np.zeros((len(plan), 2)), terms=np.zeros(7), cost=0.0)
+        return ControlStep(plan=np.full(len(plan), 0.01), forces=np.zeros((len(plan), 2)), terms=np.zeros(8), cost=0.0)
 
 
 @pytest.fixture

@@ -29,7 +29,7 @@ from tests.firmware_sim.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, 
 from tests.firmware_sim.ecu_in_c import CONFIG as IN_C
 from tests.firmware_sim.ecu_in_c import exported
 
-VALUES = struct.Struct("<9fI")
+VALUES = struct.Struct("<10fI")
 READ, READ_STORED = b"\x22\xfd\x10", b"\x22\xfd\x12"
 WRITE, STORE, DROP = b"\x2e\xfd\x10", b"\x2e\xfd\x12\x01", b"\x2e\xfd\x12\x00"
 XCP_STORE, STORED_EVENT = b"\xf9\x01\x00\x00", b"\xfd\x03"

@@ -34,7 +34,7 @@ class Planning:
     def control_step(self, window, plan, free, weights=None) -> ControlStep:
         length = len(plan) if self.length is None else self.length
         forces = np.full((len(plan), 2), self.forces)
-        return ControlStep(plan=np.full(length, self.value), forces=forces, terms=np.zeros(7), cost=0.0)
+        return ControlStep(plan=np.full(length, self.value), forces=forces, terms=np.zeros(8), cost=0.0)
 
 
 class Failing:

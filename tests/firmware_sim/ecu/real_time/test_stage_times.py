@@ -63,7 +63,7 @@ class Planning:
         if not window.any():
             raise ControllerError("none")
         forces = np.array([window[0], free[0], weights[0]])
-        return ControlStep(plan=plan, forces=forces, terms=np.zeros(7), cost=0.0)
+        return ControlStep(plan=plan, forces=forces, terms=np.zeros(8), cost=0.0)
 
 
 def test_a_timed_controller_passes_everything_on_and_notes_before_and_after_a_failure_too():

@@ -1,1 +1,0 @@
-"""Roads to less drag: every controller that was tried, a module each, in one table."""

@@ -1,0 +1,64 @@
+"""The prior of the plan as ONNX nodes: one Scan over the horizon (`export.reference.prior`).
+
+The past is one row, oldest differences first. Its weights are float32 in either precision: there are 5,000 of them, and
+integers would save a thirtieth of the graph.
+"""
+
+import numpy as np
+
+from contract.controller.interface import Sizes
+from export.program.float32 import float32_within
+from export.program.weights import PriorWeights
+from export.to_onnx.graph_builder import Graph
+
+
+def lower_prior(
+    graph: Graph, prior: PriorWeights, sizes: Sizes, limit: float, window: str, committed: str, free: str
+) -> str:
+    """The plan (1, H) that the optimiser starts from.
+
+    Args:
+        limit: bound on |a|.
+        window, committed, free: (L, S+1); (1, H) actions where they are not free; (H,).
+    """
+    columns, length = prior.pairs + 1, prior.memory * (prior.pairs + 1)
+    bound = graph.constant(float32_within(limit))
+    past, y = _past(graph, prior, sizes, window)
+
+    body = graph.body()
+    rows, now = body.input("past", (1, length)), body.input("y", (1, prior.pairs))
+    held, chosen = body.input("committed", (1,)), body.input("free", (1,))
+    units = body.op("Tanh", body.op("MatMul", rows, graph.constant(prior.hidden.reshape(-1, length).T, "prior.hidden")))
+    wanted = body.op("Tanh", body.op("MatMul", units, graph.constant(prior.output[:, None], "prior.output")))
+    decide = body.op("Greater", chosen, body.constant(0.5))
+    action = body.op("Where", decide, body.op("Mul", wanted, bound), held)
+    kept = body.op("Slice", rows, body.index([columns]), body.index([length]), body.index([1]))
+    after = body.op("Concat", kept, now, action, axis=1)
+    predictor = graph.constant(prior.predictor.reshape(-1, length).T, "prior.predictor")
+    body.output(after, (1, length))
+    body.output(body.op("MatMul", after, predictor), (1, prior.pairs))
+    body.output(action, (1, 1))
+
+    column = graph.index([sizes.horizon, 1])
+    by_step = [graph.op("Reshape", value, column) for value in (committed, free)]
+    _, _, actions = graph.scan(body, states=[past, y], sequences=by_step)
+    return graph.op("Reshape", actions, graph.index([1, sizes.horizon]))
+
+
+def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple[str, str]:
+    """Rows (y, a) before the present one, (1, M (p + 1)), and the differences now, (1, p)."""
+    memory, pairs = prior.memory, prior.pairs
+    signs = np.zeros((2 * pairs + 1, pairs + 1))
+    for pair in range(pairs):
+        signs[2 * pair, pair + 1], signs[2 * pair + 1, pair + 1] = 1.0, -1.0
+    signs[-1, 0] = 1.0
+    first, last = graph.index([sizes.window - memory]), graph.index([sizes.window])
+    newest = graph.op("Slice", window, first, last, graph.index([0]))
+    turned = graph.op("MatMul", newest, graph.constant(signs, "differences"))
+    # Rows (a_{k-1}, y_k), one after the other: without the first number and the last differences they are rows (y, a).
+    row = graph.op("Reshape", turned, graph.index([1, memory * (pairs + 1)]))
+    size, axis = memory * (pairs + 1), graph.index([1])
+    known = graph.op("Slice", row, graph.index([1]), graph.index([size - pairs]), axis)
+    oldest = graph.op("Slice", row, graph.index([1]), graph.index([pairs + 2]), axis)
+    now = graph.op("Slice", row, graph.index([size - pairs]), graph.index([size]), axis)
+    return graph.op("Concat", oldest, known, axis=1), now

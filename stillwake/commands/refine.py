@@ -1,0 +1,97 @@
+"""The command that trains a model's prior through the flow."""
+
+from datetime import date
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from contract.atomic import check_writable
+from contract.config.loading import to_tree
+from contract.model.model_folder import check_free
+from contract.results import versions, write_result
+from contract.shipped import model as shipped_model
+from contract.shipped import recording as shipped_recording
+from stillwake.console.outputs import Overwrite, check_json, check_output
+from stillwake.console.settings import settings
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, Threads, console, progress_bar
+from stillwake.parts.training_progress import PhaseBars, continued
+from train.fitting import unfinished
+
+SENSORS: Final = "upper_39,lower_39,base_0,base_9"
+USES: Final = ("refine", "mpc")
+
+
+def refine(
+    output: Annotated[Path, typer.Argument(help="Model directory to write.")],
+    model: Annotated[Path | None, typer.Option(help="Model directory to refine. Default: the shipped one.")] = None,
+    sensors: Annotated[str, typer.Option(help="Comma-separated sensors, in pairs of mirror images.")] = SENSORS,
+    dataset: Annotated[
+        Path | None, typer.Option(help="Data set that the model was trained on. Default: the shipped recording.")
+    ] = None,
+    start: Annotated[
+        Path | None, typer.Option(help="Developed wake (.npz) on the default mesh. Default: the shipped one.")
+    ] = None,
+    threads: Threads = 1,
+    restart: Annotated[
+        bool, typer.Option("--restart", help="Delete the checkpoints of a run that was stopped, and start over.")
+    ] = False,
+    overwrite: Overwrite = False,
+    json_file: JsonFile = None,
+    config_file: ConfigFile = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Train through the flow where a model's controller starts from.
+
+    In closed loop with the flow solver, a small feedback learns by the exact
+    gradient of drag. In the controller it gives the plan that the optimiser
+    starts from. It can be stopped at any time; the same command goes on.
+    docs/explanation/through-the-flow.md describes it.
+    """
+    from train import model_store
+    from train.refinement.pipeline import refine_model
+
+    check_writable(output, folder=True)
+    check_free(output)
+    check_output(output, overwrite=overwrite, folder=True, occupant="there is a model already")
+    folder = unfinished.folder_of(output)
+    check_writable(folder, folder=True)
+    check_json(json_file)
+    trained = model_store.load(shipped_model() if model is None else model)
+    config = settings("refine", config_file, overrides, uses=USES, base=trained.config).config
+
+    from stillwake.parts.differentiable_wake import differentiable_wake
+
+    with continued(folder), progress_bar("steps", estimate_over=600.0) as bar:
+        show = PhaseBars(bar)
+        settling = bar.add_task("wake on its mesh", total=1.0, note="")
+        refined, periods = refine_model(
+            trained,
+            shipped_recording() if dataset is None else dataset,
+            config,
+            output,
+            sensors=tuple(name.strip() for name in sensors.split(",")),
+            flow=partial(
+                differentiable_wake,
+                config,
+                start=start,
+                progress=lambda t, total: bar.update(settling, completed=t / total),
+            ),
+            progress=show,
+            resume=not restart,
+            threads=threads,
+        )
+    if json_file is not None:
+        write_result(
+            json_file,
+            figures={"phases": show.watch.figures(), "periods": periods, "sensors": refined.sensors},
+            facts={
+                "dataset_sha256": refined.dataset_sha256,
+                "config": to_tree(refined.config),
+                "versions": versions("stillwake", "torch", "numpy", "numba"),
+            },
+            on=date.today(),
+        )
+    console.print(f"{periods} control periods of the plant")
+    console.print(f"wrote {output}", soft_wrap=True)

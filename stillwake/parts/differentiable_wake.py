@@ -1,0 +1,86 @@
+"""The truck's wake and its tape as the refinement takes them (`train.refinement.flow`)."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from contract.arrays import Index
+from contract.config.body_sensors import layout_of
+from contract.config.tree import Config
+from train.refinement.flow import FlowState, Seen
+from wake.solver.grid import box_grid
+from wake.truck.regrid import SETTLE_TIME, moved
+from wake.truck.state import State, developed_state, load_state
+from wake.truck.tape import Tape, no_weights
+from wake.truck.truck_wake import TruckWake
+
+CYCLE: Final = 26
+"""Control periods of a shedding cycle: the streams begin in phases that share it."""
+MEMORY_MB: Final = 7000.0
+"""Bound of the tape, in 10^6 bytes: 125 control periods take 2000 on the mesh of the refinement, 6900 on the default
+one; beyond it the tape computes again."""
+
+
+class DifferentiableWake:
+    """A plant at the beginning of control periods, with the differences of some of its sensors.
+
+    Args:
+        columns: (2 p,) of the sensors among the plant's, in pairs.
+    """
+
+    def __init__(self, plant: TruckWake, columns: Index) -> None:
+        self._plant, self._columns = plant, columns
+        self._tape = Tape(plant, MEMORY_MB)
+
+    def begin(self, state: FlowState) -> Seen:
+        """Go on from there with an empty tape."""
+        self._plant.reset(State(flat=state.flat, substep=0, action=state.action))
+        self._tape.restart()
+        return self._seen()
+
+    def advance(self, action: float) -> Seen:
+        """A control period, kept for the way back; raises PlantError as `Tape.advance`."""
+        self._tape.advance(action)
+        return self._seen()
+
+    def back(self, weights: Seen) -> float:
+        """Go back by a period; the sensitivity to the action commanded in it."""
+        whole = no_weights(len(self._plant.layout))
+        whole.Cp[self._columns[::2]] = weights.differences
+        whole.Cp[self._columns[1::2]] = -weights.differences
+        return self._tape.back(replace(whole, Cd=weights.Cd, Cl=weights.Cl, Uy_probe=weights.Uy))
+
+    def state(self) -> FlowState:
+        """Where the flow is."""
+        return FlowState(flat=self._plant.flow.flat.copy(), action=self._plant.action)
+
+    def _seen(self) -> Seen:
+        sample = self._plant.sample()
+        pressures = sample.Cp[self._columns]
+        return Seen(differences=pressures[::2] - pressures[1::2], Cd=sample.Cd, Cl=sample.Cl, Uy=sample.Uy_probe)
+
+
+def differentiable_wake(
+    config: Config, sensors: Sequence[str], start: Path | None, progress: Callable[[float, float], None]
+) -> tuple[DifferentiableWake, list[FlowState]]:
+    """The plant of a refinement on its mesh, and developed wakes in as many phases as it has streams.
+
+    Args:
+        start: a developed wake on the default mesh; None takes the shipped one.
+        progress: called with (time, duration) while the wake settles on the mesh.
+
+    Raises:
+        PlantError: the start is of another body or Reynolds number, or the flow diverges.
+    """
+    flow = replace(config.flow, refinement=config.refine.refinement, substeps=config.refine.substeps)
+    plant = TruckWake(flow, body=config.body)
+    state = developed_state() if start is None else load_state(start)
+    moved(state, box_grid(config.body.length), plant, SETTLE_TIME, progress)
+    wake = DifferentiableWake(plant, layout_of(config.body).indices(sensors))
+    streams, starts = config.refine.streams, list[FlowState]()
+    for number in range(streams):
+        starts.append(wake.state())
+        for _ in range(CYCLE * (number + 1) // streams - CYCLE * number // streams):
+            plant.advance(0.0)
+    return wake, starts

@@ -1,0 +1,77 @@
+"""`refine` on a coarse mesh, and its model through `export`: what it learned is where the controller starts."""
+
+import hashlib
+
+import numpy as np
+import pytest
+import torch
+
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
+from contract.config.tree import Config
+from contract.model import model_folder
+from contract.recording import dataset
+from contract.shipped import RECORDING
+from export.program.from_training import program_of
+from export.reference.mpc import starting_plan
+from train import model_store
+from train.distillation.evaluate import EncoderMetrics, ForceError, ModelMetrics, RolloutError
+from train.networks.model import Encoder, WakeModel
+from train.samples.scaling import fit_scaling
+from train.selection.choice import GIVEN, SensorChoice
+
+pytestmark = pytest.mark.slow  # numba compiles the adjoint
+
+SENSORS = ("upper_39", "lower_39", "base_0", "base_9")
+MODEL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
+SMALL = tuple(
+    word
+    for setting in (
+        *("memory=8", "units=3", "updates=4", "shortest=16", "longest=16", "streams=1", "refinement=0.4"),
+        "substeps=10",
+    )
+    for word in ("--set", f"refine.{setting}")
+)
+
+
+@pytest.fixture
+def model(tmp_path):
+    """Untrained, but for that as `train` writes it, with the sensors of the refinement."""
+    torch.manual_seed(0)
+    force = ForceError(r2=0.9, l1_over_sigma=0.2)
+    one = EncoderMetrics(drag=force, lift=force, rollout=(RolloutError(horizon=5, latent=0.1, drag=0.2, lift=0.3),))
+    recording = dataset.read(RECORDING)
+    made = model_store.TrainedModel(
+        config=Config(model=MODEL, mpc=MpcConfig(horizon=6)),
+        scaling=fit_scaling(recording.episodes[:1], recording.layout),
+        teacher=WakeModel(len(recording.layout), MODEL).eval(),
+        slim=Encoder(len(SENSORS), MODEL).eval(),
+        predictor=None,
+        sensors=SENSORS,
+        dataset_sha256=hashlib.sha256(RECORDING.read_bytes()).hexdigest(),
+        metrics=ModelMetrics(teacher=one, slim=one, slim_latent=0.1),
+        ranking=SensorChoice(method=GIVEN, order=SENSORS),
+        versions={},
+    )
+    model_store.save(tmp_path / "model", made)
+    return tmp_path / "model"
+
+
+def test_a_refined_model_is_exported_and_its_prior_acts(cli, tmp_path, model):
+    odd = cli("refine", tmp_path / "odd", "--model", model, "--sensors", "upper_39,base_0", *SMALL)
+    assert odd.code == 1 and "upper_39 and base_0 are no pair" in odd.err
+    done = cli("refine", tmp_path / "refined", "--model", model, *SMALL, "--json", tmp_path / "refined.json")
+    assert done.code == 0, done.err
+    assert "64 control periods of the plant" in done.out
+    assert not (tmp_path / "refined.checkpoints").exists()
+    folder = model_folder.read(tmp_path / "refined")
+    assert folder.description.config.refine.memory == 8
+    program = program_of(folder, folder.description.config.mpc)
+    assert program.prior is not None and (program.window, program.encoder_rows) == (8, 6)
+    window = np.random.default_rng(0).normal(-0.3, 0.2, (8, 5))
+    start = starting_plan(program, window, np.zeros(6), np.array([0.0, *np.ones(5)]))
+    assert start[0] == 0.0 and 0.0 < np.abs(start[1:]).max() < 0.075
+    again = model_store.load(tmp_path / "refined")
+    assert again.prior is not None and set(again.prior) == {"hidden", "output", "predictor"}
+    bundled = cli("export", tmp_path / "refined", tmp_path / "bundle", "--precision", "float32")
+    assert bundled.code == 0, bundled.err

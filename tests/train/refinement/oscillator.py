@@ -1,0 +1,55 @@
+"""A flow that anyone can check: a growing oscillator whose drag is its energy, differentiated by torch."""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from train.refinement.flow import FlowState, Seen
+
+GROWTH, TURN = 1.01, 0.6
+"""A period's: the oscillator grows by the first and turns by the second, rad."""
+DRAG = 0.6
+"""Without motion."""
+
+
+class Oscillator:
+    """x' = tanh(R x + (0, 4 a)), Cd = 0.6 + x.x, Cl = x_0, one difference x_0 + 0.1 x_1 and a second x_1, Uy = x_1."""
+
+    def __init__(self) -> None:
+        turn = GROWTH * np.array([[np.cos(TURN), -np.sin(TURN)], [np.sin(TURN), np.cos(TURN)]])
+        self._turn, self._see = torch.from_numpy(turn), torch.tensor([[1.0, 0.1], [0.0, 1.0]], dtype=torch.float64)
+        self._x = torch.zeros(2, dtype=torch.float64)
+        self._bar = torch.zeros(2, dtype=torch.float64)
+        self._tape: list[tuple[Tensor, Tensor, Tensor]] = []
+        self._action = 0.0
+
+    def begin(self, state: FlowState) -> Seen:
+        self._x, self._action, self._tape = torch.from_numpy(state.flat.copy()), state.action, []
+        self._bar = torch.zeros(2, dtype=torch.float64)
+        return self._seen(self._x)
+
+    def advance(self, action: float) -> Seen:
+        before = self._x.clone().requires_grad_(True)
+        acted = torch.tensor(action, dtype=torch.float64, requires_grad=True)
+        after = torch.tanh(self._turn @ before + torch.stack([torch.zeros_like(acted), 4.0 * acted]))
+        self._tape.append((before, acted, after))
+        self._x, self._action = after.detach(), action
+        return self._seen(self._x)
+
+    def back(self, weights: Seen) -> float:
+        before, acted, after = self._tape.pop()
+        x = after.detach().requires_grad_(True)
+        value = weights.Cd * (x @ x) + weights.Cl * x[0] + weights.Uy * x[1]
+        value = value + torch.from_numpy(weights.differences) @ (self._see @ x)
+        (own,) = torch.autograd.grad(value, x)
+        self._bar, to_action = torch.autograd.grad(after, (before, acted), own + self._bar)
+        return float(to_action)
+
+    def state(self) -> FlowState:
+        return FlowState(flat=self._x.numpy().copy(), action=self._action)
+
+    def _seen(self, x: Tensor) -> Seen:
+        return Seen(differences=(self._see @ x).numpy(), Cd=DRAG + float(x @ x), Cl=float(x[0]), Uy=float(x[1]))
+
+
+START = FlowState(flat=np.array([0.3, -0.2]))

@@ -1,0 +1,111 @@
+"""Training through a flow: its gradient against differences, what it learns, and a stop that costs nothing."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from contract.config.learning import RefineConfig
+from contract.errors import ConfigError
+from tests.train.refinement.oscillator import DRAG, START, Oscillator
+from train.fitting.fit import Checkpoints
+from train.fitting.progress import Phase
+from train.fitting.unfinished import Identity
+from train.refinement.feedback import Feedback
+from train.refinement.pipeline import predictor
+from train.refinement.refine import Refined, refine
+from train.refinement.windows import Price, Stream, differentiate
+
+MEMORY, LIMIT = 6, 0.075
+PRICE = Price(lift=0.3, motion=0.2)
+SETTINGS = RefineConfig(
+    memory=MEMORY, units=4, updates=60, shortest=12, longest=20, streams=2, stretches=3, learning_rate=0.05
+)
+
+
+def feedback() -> Feedback:
+    return Feedback(MEMORY, 4, (0.3, 0.3, 0.05), LIMIT, 0)
+
+
+def test_the_gradient_is_that_of_flow_and_feedback_together():
+    policy, noise = feedback(), 0.01 * np.random.default_rng(0).normal(size=(9, 2))
+    torch.nn.init.normal_(policy.output, 0.0, 0.5, generator=torch.Generator().manual_seed(1))
+
+    def cost() -> float:
+        flow, committed, costs = Oscillator(), 0.0, []
+        rows, seen = [np.zeros(3)] * (MEMORY - 1), flow.begin(START)
+        for k in range(len(noise)):
+            rows.append(np.append(seen.differences + noise[k], committed))
+            command = float(policy(torch.from_numpy(np.array(rows[-MEMORY:]))))
+            seen, committed = flow.advance(committed), command
+            costs.append(seen.Cd + PRICE.lift * seen.Cl**2 + PRICE.motion * seen.Uy**2)
+        return float(np.mean(costs))
+
+    stretch = differentiate(Oscillator(), policy, Stream.begun(START, MEMORY, 3), PRICE, noise)
+    assert stretch.rows.shape == (9, 3)
+    for weights, index in ((policy.output, (3,)), (policy.first, (2, 1)), (policy.first, (17, 0))):
+        assert weights.grad is not None
+        costs = []
+        for step in (1e-5, -2e-5):
+            with torch.no_grad():
+                weights[index] += step
+            costs.append(cost())
+        with torch.no_grad():
+            weights[index] += 1e-5
+        assert float(weights.grad[index]) == pytest.approx((costs[0] - costs[1]) / 2e-5, rel=1e-5)
+
+
+def trained(folder: Path | None = None, stop_at: int = 0) -> Refined:
+    identity = Identity(settings="{}", dataset_sha256="")
+    kept = None if folder is None else Checkpoints(folder=folder, identity=identity, resume=True)
+
+    def stop(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
+        if step == stop_at:
+            raise KeyboardInterrupt
+
+    return refine(
+        feedback, Oscillator(), [START] * 2, SETTINGS, np.full(2, 0.1), seed=3, progress=stop, checkpoints=kept
+    )
+
+
+def drag(policy: Feedback) -> float:
+    """Mean over the last half of 60 periods."""
+    flow, committed, found = Oscillator(), 0.0, []
+    rows, seen = [np.zeros(3)] * (MEMORY - 1), flow.begin(START)
+    for _ in range(60):
+        rows.append(np.append(seen.differences, committed))
+        with torch.no_grad():
+            command = float(policy(torch.from_numpy(np.array(rows[-MEMORY:]))))
+        seen, committed = flow.advance(committed), command
+        found.append(seen.Cd)
+    return float(np.mean(found[30:]))
+
+
+@pytest.mark.slow
+def test_it_learns_to_calm_the_oscillator_and_goes_on_after_a_stop(tmp_path):
+    done = trained()
+    before, after = drag(feedback()) - DRAG, drag(done.feedback) - DRAG
+    assert after < 0.5 * before, (before, after)
+    assert done.periods == sum(round(12 + 8 * min(1.0, k / 30)) for k in range(60))
+    with pytest.raises(KeyboardInterrupt):
+        trained(tmp_path / "kept", stop_at=33)
+    again = trained(tmp_path / "kept")
+    for kept, whole in zip(again.feedback.parameters(), done.feedback.parameters(), strict=True):
+        np.testing.assert_array_equal(kept.detach().numpy(), whole.detach().numpy())
+    assert again.periods == done.periods
+
+
+def test_the_predictor_finds_a_linear_system_and_needs_stretches_longer_than_its_memory():
+    """y_{k+1} = 0.9 y_k - 0.5 y_{k-1} + 2 a_k, driven at random: a memory of two rows holds all of it."""
+    rng = np.random.default_rng(0)
+    stretches = []
+    for _ in range(3):
+        y, actions = np.zeros(80), rng.normal(0.0, 0.1, 80)
+        for k in range(1, 79):
+            y[k + 1] = 0.9 * y[k] - 0.5 * y[k - 1] + 2.0 * actions[k]
+        stretches.append(np.column_stack([y, actions]))
+    np.testing.assert_allclose(predictor(stretches, 2), [[[-0.5, 0.0], [0.9, 2.0]]], atol=1e-4)
+    with pytest.raises(ConfigError, match=r"refine\.shortest = 60: must be more than memory"):
+        RefineConfig(shortest=60)

@@ -1,0 +1,1 @@
+"""The prior of the plan, trained through the flow in closed loop."""

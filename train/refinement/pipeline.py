@@ -1,0 +1,153 @@
+"""From a trained model to one with a prior: encoder of the prior's sensors, training through the flow, prediction."""
+
+import hashlib
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.config.tree import Config
+from contract.errors import DatasetError
+from contract.model import model_folder
+from contract.recording import dataset
+from contract.recording.findings import trainable
+from train import model_store
+from train.distillation.evaluate import evaluate_model
+from train.fitting import unfinished
+from train.fitting.fit import Checkpoints
+from train.fitting.progress import Progress, silent
+from train.fitting.threads import torch_threads
+from train.fitting.unfinished import Identity
+from train.linear.differences import Series, check_pairs
+from train.linear.identification import fit
+from train.model_store import TrainedModel
+from train.pipeline import deployed
+from train.refinement.feedback import SCALES, Feedback
+from train.refinement.flow import DifferentiableFlow, FlowState
+from train.refinement.refine import refine
+from train.samples.rows import prepare
+from train.selection.choice import GIVEN, SensorChoice
+
+RIDGE: Final = 1e-6
+"""Of the regression that predicts the next differences, as part of the regressors' mean squares."""
+
+
+def refine_model(
+    model: TrainedModel,
+    dataset_path: Path,
+    config: Config,
+    output: Path,
+    *,
+    sensors: Sequence[str],
+    flow: Callable[[Sequence[str]], tuple[DifferentiableFlow, Sequence[FlowState]]],
+    progress: Progress = silent,
+    resume: bool = True,
+    threads: int = 1,
+) -> tuple[TrainedModel, int]:
+    """Give a model a prior of the plan, and store it at `output`.
+
+    A prior that the model has already, of these sizes and sensors, is where the training begins.
+
+    Where the model has other sensors, its slim encoder is distilled for these first, and the slim dynamics and decoder
+    for that encoder; the teacher stays. State is kept in `<output>.checkpoints` while it lasts.
+
+    Args:
+        model: trained, whose other settings the result keeps.
+        dataset_path: the recording that it was fitted to.
+        config: with the settings of the refinement, and those of the controller that the result is exported with.
+        sensors: pairs of mirror images.
+        flow: from these sensors to the plant and to developed wakes without jets, one for each stream.
+        resume: continue an interrupted run; if False, start over.
+        threads: of torch.
+
+    Returns:
+        The stored model, and the control periods that the plant was run for.
+
+    Raises:
+        DatasetError: the recording is another one, or the sensors are no pairs of mirror images.
+        PlantError: the flow diverged.
+        StillwakeError: a place cannot be written.
+    """
+    check_pairs(model.layout, sensors)
+    model_folder.check_free(output)
+    settings = replace(model.config, refine=config.refine, mpc=config.mpc)
+    folder = unfinished.folder_of(output)
+    if not resume:
+        unfinished.clear(folder)
+    identity = Identity.of_refinement(settings, model.dataset_sha256, sensors, threads)
+    unfinished.check(folder, identity)
+    checkpoints = Checkpoints(folder=folder, identity=identity, resume=True)
+    with torch_threads(threads):
+        if tuple(sensors) != model.sensors:
+            model = _with_sensors(model, dataset_path, settings, sensors, progress, checkpoints)
+            model = replace(model, prior=None)
+        plant, starts = flow(sensors)
+        limit, chosen = settings.flow.action_limit, model.layout.indices(sensors)
+        scales = (*SCALES[:1], *[SCALES[1]] * (len(sensors) // 2 - 1), SCALES[2])
+        deviation = np.array(model.scaling.pressure_std)[chosen]
+        refined = refine(
+            partial(_begun, settings, scales, limit, model.prior),
+            plant,
+            starts,
+            settings.refine,
+            np.hypot(deviation[::2], deviation[1::2]),
+            seed=settings.train.seed,
+            progress=progress,
+            checkpoints=checkpoints,
+        )
+        prior = {
+            "hidden": refined.feedback.hidden().numpy(),
+            "output": refined.feedback.output.detach().numpy(),
+            "predictor": predictor(refined.stretches, settings.refine.memory),
+        }
+        model = replace(model, config=settings, prior=prior)
+        model_store.save(output, model)
+    shutil.rmtree(folder, ignore_errors=True)
+    return model, refined.periods
+
+
+def _begun(settings: Config, scales: tuple[float, ...], limit: float, prior: Mapping[str, Array] | None) -> Feedback:
+    """The feedback as it begins: as the model's prior if that has its sizes, else as no control."""
+    size = settings.refine
+    made = Feedback(size.memory, size.units, scales, limit, settings.train.seed)
+    if prior is not None and prior["hidden"].shape == (size.units, size.memory, len(scales)):
+        made.begin_with(prior["hidden"], prior["output"])
+    return made
+
+
+def predictor(stretches: Sequence[Array], memory: int) -> Array:
+    """(p, M, p + 1): the next differences from M rows (differences, action), by regression on what was seen."""
+    series = [Series(rows=rows, responses=np.empty((len(rows), 0))) for rows in stretches]
+    return fit(series, memory, RIDGE).coefficients
+
+
+def _with_sensors(
+    model: TrainedModel,
+    dataset_path: Path,
+    settings: Config,
+    sensors: Sequence[str],
+    progress: Progress,
+    checkpoints: Checkpoints,
+) -> TrainedModel:
+    recording = dataset.read(dataset_path)
+    if hashlib.sha256(dataset_path.read_bytes()).hexdigest() != model.dataset_sha256:
+        raise DatasetError(f"{dataset_path} is not the recording that the model was fitted to: name that one")
+    layout = recording.layout
+    rows = prepare(trainable(recording, settings), model.scaling, mirrored=layout.mirror is not None, layout=layout)
+    slim, narrow = deployed(
+        model.teacher, sensors, rows, model.scaling, settings, progress=progress, checkpoints=checkpoints
+    )
+    test_rows = prepare(recording.with_role("test"), model.scaling, mirrored=False, layout=layout)
+    return replace(
+        model,
+        slim=slim,
+        predictor=narrow,
+        sensors=tuple(sensors),
+        metrics=evaluate_model(model.teacher, slim, narrow, test_rows, layout.indices(sensors)),
+        ranking=SensorChoice(method=GIVEN, order=tuple(sensors)),
+    )

@@ -1,0 +1,174 @@
+"""Train the feedback through the flow: one stretch at a time from streams that go on under it, Adam, averaged weights.
+
+A stretch is about as long as the flow takes from the jets to the far end of the bubble and back to the base. Its
+gradient is exact; what lies beyond it is left out, and the price of motion in the far wake stands for that. Streams
+begin in the developed wake and begin again after some stretches, not all at once, so that the feedback keeps meeting
+both the way down and where it leads.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import torch
+
+from contract.arrays import Array
+from contract.config.learning import RefineConfig
+from train.fitting import checkpoint, unfinished
+from train.fitting.fit import Checkpoints
+from train.fitting.progress import Phase, Progress, silent
+from train.fitting.unfinished import Reached
+from train.refinement.feedback import Feedback
+from train.refinement.flow import DifferentiableFlow, FlowState
+from train.refinement.windows import Price, Stream, differentiate
+
+LARGEST_GRADIENT: Final = 0.5
+"""Norm to which a gradient is cut: single stretches have some that are ten times the others'."""
+MEAN_OVER: Final = 30
+"""Updates over which weights are averaged and keep a share of 1 / e."""
+KEEP_EVERY: Final = 5
+LAST_ROWS: Final = 20_000
+"""Control periods that the predictor of differences is fitted to, the newest."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Refined:
+    """What came of it.
+
+    Attributes:
+        feedback: with averaged weights.
+        stretches: rows (n, p + 1) of differences and actions of the last stretches, each by itself.
+        periods: control periods with the plant.
+    """
+
+    feedback: Feedback
+    stretches: tuple[Array, ...]
+    periods: int
+
+
+@dataclass(kw_only=True, eq=False)
+class _Training:
+    feedback: Feedback
+    mean: Feedback
+    optimiser: torch.optim.Adam
+    streams: list[Stream] = field(default_factory=list)
+    stretches: list[Array] = field(default_factory=list)
+    done: int = 0
+    periods: int = 0
+
+    def as_tree(self) -> dict[str, Any]:
+        return {
+            "feedback": self.feedback.state_dict(),
+            "mean": self.mean.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "streams": [
+                {
+                    "flat": torch.from_numpy(one.state.flat),
+                    "action": one.state.action,
+                    "rows": torch.from_numpy(one.rows),
+                    "committed": one.committed,
+                    "stretches": one.stretches,
+                }
+                for one in self.streams
+            ],
+            "rows": [torch.from_numpy(one) for one in self.stretches],
+            "done": self.done,
+            "periods": self.periods,
+        }
+
+    def take(self, tree: dict[str, Any]) -> None:
+        self.feedback.load_state_dict(tree["feedback"])
+        self.mean.load_state_dict(tree["mean"])
+        self.optimiser.load_state_dict(tree["optimiser"])
+        self.streams = [
+            Stream(
+                state=FlowState(flat=one["flat"].numpy(), action=one["action"]),
+                rows=one["rows"].numpy(),
+                committed=one["committed"],
+                stretches=one["stretches"],
+            )
+            for one in tree["streams"]
+        ]
+        self.stretches = [one.numpy() for one in tree["rows"]]
+        self.done, self.periods = tree["done"], tree["periods"]
+
+
+def refine(
+    make: Callable[[], Feedback],
+    flow: DifferentiableFlow,
+    starts: Sequence[FlowState],
+    settings: RefineConfig,
+    deviations: Array,
+    *,
+    seed: int,
+    progress: Progress = silent,
+    checkpoints: Checkpoints | None = None,
+) -> Refined:
+    """Train, or go on with a training that was stopped.
+
+    Args:
+        make: the feedback as it begins.
+        starts: developed wakes without jets, one for each stream.
+        deviations: (p,) of the differences in Cp under sensor noise of one global deviation.
+        seed: of noise and starts. An update draws by its number, so that a resumed training draws the same.
+
+    Raises:
+        PlantError: the flow diverged, or a stretch is too long for the tape's memory.
+        StillwakeError: a checkpoint cannot be written, or is damaged.
+    """
+    feedback, mean = make(), make()
+    run = _Training(
+        feedback=feedback,
+        mean=mean,
+        optimiser=torch.optim.Adam(feedback.parameters(), lr=settings.learning_rate),
+        streams=[_begun(start, feedback) for start in starts],
+    )
+    if checkpoints is not None and (tree := checkpoint.load(checkpoints.path(Phase.REFINE), checkpoints.identity)):
+        run.take(tree)
+    while run.done < settings.updates:
+        _update(run, flow, starts, settings, deviations, np.random.default_rng([seed, run.done]), progress)
+        if checkpoints is not None and (run.done % KEEP_EVERY == 0 or run.done == settings.updates):
+            checkpoint.save(checkpoints.path(Phase.REFINE), checkpoints.identity, run.as_tree())
+            reached = Reached(phase=Phase.REFINE, step=run.done, total=settings.updates)
+            unfinished.note(checkpoints.folder, checkpoints.identity, reached)
+    return Refined(feedback=run.mean, stretches=tuple(run.stretches), periods=run.periods)
+
+
+def _update(
+    run: _Training,
+    flow: DifferentiableFlow,
+    starts: Sequence[FlowState],
+    settings: RefineConfig,
+    deviations: Array,
+    rng: np.random.Generator,
+    progress: Progress,
+) -> None:
+    number = run.done % len(run.streams)
+    if run.streams[number].stretches >= settings.stretches + 2 * number:
+        run.streams[number] = _begun(starts[int(rng.integers(len(starts)))], run.feedback)
+    course = run.done / settings.updates
+    for group in run.optimiser.param_groups:
+        group["lr"] = settings.learning_rate * settings.last_rate**course
+    periods = round(settings.shortest + (settings.longest - settings.shortest) * min(1.0, 2.0 * course))
+    # Squares of uniform draws make little noise frequent.
+    noise = settings.sensor_noise * rng.random() ** 2 * deviations * rng.standard_normal((periods, len(deviations)))
+    run.optimiser.zero_grad()
+    price = Price(lift=settings.lift_price, motion=settings.motion_price)
+    stretch = differentiate(flow, run.feedback, run.streams[number], price, noise)
+    torch.nn.utils.clip_grad_norm_(run.feedback.parameters(), LARGEST_GRADIENT)
+    run.optimiser.step()
+    run.done += 1
+    run.periods += periods
+    run.stretches.append(stretch.rows)
+    while sum(map(len, run.stretches)) > LAST_ROWS:
+        run.stretches.pop(0)
+    with torch.no_grad():
+        share = 1.0 / MEAN_OVER if run.done > MEAN_OVER else 1.0
+        for kept, new in zip(run.mean.parameters(), run.feedback.parameters(), strict=True):
+            kept.lerp_(new, share)
+    progress(Phase.REFINE, run.done, settings.updates, {"Cd": stretch.Cd, "abs Cl": stretch.abs_Cl})
+
+
+def _begun(state: FlowState, feedback: Feedback) -> Stream:
+    return Stream.begun(state, feedback.memory, feedback.columns)

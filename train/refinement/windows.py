@@ -1,0 +1,108 @@
+"""The gradient of a stretch of closed loop, feedback and flow together, and the streams that stretches are cut from."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from contract.arrays import Array
+from train.refinement.feedback import Feedback
+from train.refinement.flow import DifferentiableFlow, FlowState, Seen
+
+
+@dataclass(frozen=True, kw_only=True)
+class Price:
+    """What a period costs: Cd + lift Cl^2 + motion Uy^2.
+
+    Attributes:
+        lift: of the squared lift coefficient.
+        motion: of the squared transverse velocity at the wake probe, which foretells drag that lies beyond the stretch.
+    """
+
+    lift: float
+    motion: float
+
+
+@dataclass(kw_only=True, eq=False)
+class Stream:
+    """A flow under the feedback, from stretch to stretch.
+
+    Attributes:
+        state: where it stands.
+        rows: (M, p + 1) as the feedback has read them, oldest first; the present row is still to come.
+        committed: the action of the period that begins.
+        stretches: that it has run.
+    """
+
+    state: FlowState
+    rows: Array
+    committed: float = 0.0
+    stretches: int = 0
+
+    @classmethod
+    def begun(cls, state: FlowState, memory: int, columns: int) -> "Stream":
+        """From a flow without jets."""
+        return cls(state=state, rows=np.zeros((memory, columns)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stretch:
+    """What a stretch was: mean coefficients, and its rows (n, p + 1) of true differences and actions."""
+
+    Cd: float
+    abs_Cl: float
+    rows: Array
+
+
+def differentiate(flow: DifferentiableFlow, feedback: Feedback, stream: Stream, price: Price, noise: Array) -> Stretch:
+    """Add the gradient of the stretch's mean cost to that of the feedback's parameters; the stream goes on.
+
+    The timing is the vehicle's: the command made from the sample of t_k is in force at the end of period k + 1.
+
+    Args:
+        noise: (n, p), what is added to the differences that the feedback reads, one row a period.
+
+    Raises:
+        PlantError: the flow diverged, or the stretch is too long for the tape's memory.
+    """
+    periods = len(noise)
+    rows: list[Tensor] = list(torch.from_numpy(stream.rows[1:]))
+    leaves, commands, true_rows = list[Tensor](), list[Tensor](), list[list[float]]()
+    seen = [flow.begin(stream.state)]
+    for k in range(periods):
+        read = seen[-1].differences + noise[k]
+        leaves.append(torch.tensor([*read, stream.committed], dtype=torch.float64, requires_grad=True))
+        true_rows.append([*seen[-1].differences, stream.committed])
+        rows.append(leaves[-1])
+        commands.append(feedback(torch.stack(rows[-feedback.memory :])))
+        seen.append(flow.advance(stream.committed))
+        stream.committed = float(commands[-1].detach())
+    stream.rows = torch.stack(rows[-feedback.memory :]).detach().numpy()
+    stream.state, stream.stretches = flow.state(), stream.stretches + 1
+    _go_back(flow, seen, leaves, commands, price)
+    return Stretch(
+        Cd=float(np.mean([one.Cd for one in seen[1:]])),
+        abs_Cl=float(np.mean([abs(one.Cl) for one in seen[1:]])),
+        rows=np.array(true_rows),
+    )
+
+
+def _go_back(
+    flow: DifferentiableFlow, seen: list[Seen], leaves: list[Tensor], commands: list[Tensor], price: Price
+) -> None:
+    periods = len(leaves)
+    for k in reversed(range(periods)):
+        after, later = seen[k + 1], leaves[k + 1].grad if k + 1 < periods else None
+        to_command = flow.back(
+            Seen(
+                differences=np.zeros_like(after.differences) if later is None else later[:-1].numpy(),
+                Cd=1.0 / periods,
+                Cl=2.0 * price.lift * after.Cl / periods,
+                Uy=2.0 * price.motion * after.Uy / periods,
+            )
+        )
+        if k > 0:
+            own = leaves[k].grad
+            total = to_command + (0.0 if own is None else float(own[-1]))
+            torch.autograd.backward(commands[k - 1], torch.tensor(total, dtype=torch.float64))
