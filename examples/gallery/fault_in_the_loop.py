@@ -40,7 +40,7 @@ print(wake.description)
 # --------
 # A run is a function of release, settings, start and disturbances, all in virtual time: the same on any machine. The
 # vehicle sends the pressures over a simulated CAN FD bus every 20 ms, the ECU answers with a command and with its
-# status, and the jets follow. Control is requested from 0.7 s on. A disturbance is a line of text, with its times in
+# status, and the jets follow. Control is requested from 1.3 s on. A disturbance is a line of text, with its times in
 # s:
 #
 # - one sensor on the base reads Cp 0 from 2.5 s on,
@@ -54,8 +54,8 @@ from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.runs.run_log import RunLog
 
-FAULTS = ("dead:sensor=base_7@2.5..", "vehicle:drop:probability=0.5@3.8..")
-spans = Spans(lead_in=7.0, controlled=41.0, settle=0.0, averages=False)
+FAULTS = ("dead:sensor=base_9@2.5..", "vehicle:drop:probability=0.5@3.8..")
+spans = Spans(lead_in=13.0, controlled=35.0, settle=0.0, averages=False)
 
 
 def run(disturbances: tuple[str, ...]) -> tuple[RunLog, list[tuple[float, int]]]:
@@ -149,7 +149,7 @@ print(f"sensor set aside: {'never' if noticed is None else f'at {noticed:.2f} s,
 # ---------------------
 # The runs are of 4.8 s, from one start, on a mesh that is coarser than the default. The side force takes about 4 s to
 # calm down, so the drag here is not the release's figure: ``stillwake run runs/demo`` has that. For one fault on the
-# default mesh, with a report: ``stillwake run runs/dead --disturb dead:sensor=base_7@10..``. For every fault, from
+# default mesh, with a report: ``stillwake run runs/dead --disturb dead:sensor=base_9@10..``. For every fault, from
 # several starts, judged by limits that you set: ``stillwake campaign``. The page :doc:`Disturbances of a run
 # </reference/disturbances>` lists all kinds, and :doc:`States of the ECU </reference/states>` has the table that the
 # ECU follows.
