@@ -87,8 +87,8 @@ def test_the_shipped_controller_drives_it_over_the_bus(plant, monkeypatch, capsy
     exec(compile(blocks("add-a-plant.md")[1], "page", "exec"), names)
     log = names["log"]
     assert log.bus.lost == log.bus.rejected == 0
-    assert set(log.series["mode"][60:]) == {log.series["mode"][-1]}
-    assert np.abs(log.series["command"][60:]).max() > 0.01
+    assert set(log.series["mode"][70:]) == {log.series["mode"][-1]}
+    assert np.abs(log.series["command"][70:]).max() > 0.01
     assert "sent=" in capsys.readouterr().out
 
 

@@ -99,7 +99,7 @@ def test_every_kind_of_disturbance_has_a_row_with_its_parameters():
     assert f"{GLOBAL_DEVIATION} in Cp" in page
     texts = re.findall(r"--disturb (\S+=\S+)", page)
     assert len(texts) >= 2
-    Disturbances.parse(texts).check(Config(), ("lower_36", "base_7", "upper_39", "base_0"), duration_s=12.5)
+    Disturbances.parse(texts).check(Config(), ("upper_39", "lower_39", "base_0", "base_9"), duration_s=12.5)
 
 
 def test_states_and_their_picture_have_every_state_and_transition():
