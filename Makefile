@@ -28,7 +28,7 @@ fast: lint
 
 # Side by side, since coverage and the site are one process each, and the linters wait for each other.
 test: $(VENV)/dev.stamp
-	$(BIN)/python tests/measured.py --cpu-minutes 20 $(MAKE) --no-print-directory everything
+	$(BIN)/python tests/measured.py --cpu-minutes 14 $(MAKE) --no-print-directory everything
 
 everything:
 	$(MAKE) --no-print-directory --jobs 2 --output-sync lint coverage docs

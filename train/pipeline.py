@@ -120,7 +120,7 @@ def train_all(
             dataset_sha256=digest,
             metrics=evaluate_model(teacher, slim, predictor, test_rows, layout.indices(names)),
             ranking=choice,
-            versions={**_versions(), THREADS: _listed(used)},
+            versions={**versions(), THREADS: _listed(used)},
             layout=layout,
         )
         model_store.save(output, trained)
@@ -205,6 +205,7 @@ def _listed(numbers: Iterable[int]) -> str:
     return ", ".join(map(str, numbers))
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Of what a training computes with."""
     packages = {name: version(name) for name in ("stillwake", "torch", "numpy", "shap")}
     return {"python": platform.python_version(), **packages}

@@ -21,7 +21,7 @@ from rich.table import Table
 from torch import Tensor, nn
 
 from benchmarks.common.command_line import JsonFile, console, save, track
-from contract.config.loading import load_config
+from contract.config.loading import training as training_settings
 from contract.config.tree import Config
 from contract.recording import dataset
 from contract.results import versions
@@ -44,7 +44,7 @@ def main(
 ) -> None:
     """Time the steps in turn, print medians."""
     torch.set_num_threads(threads)
-    config = load_config()
+    config = training_settings()
     episodes = dataset.read(RECORDING).with_role("train")[:2]
     rows = prepare(episodes, fit_scaling(episodes), mirrored=False)
     alone = replace(config, train=replace(config.train, segment=1))

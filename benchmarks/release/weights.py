@@ -17,7 +17,6 @@ from rich.table import Table
 from benchmarks.common.command_line import JsonFile, console, save, track
 from benchmarks.common.commands import LOOP
 from contract.config.loading import load_config
-from contract.config.tree import Config
 from contract.release import bundle as bundles
 from contract.results import versions
 from contract.shipped import BUNDLE
@@ -25,6 +24,7 @@ from firmware_sim.bench.simulation import simulate
 from firmware_sim.bench.spans import Spans
 from firmware_sim.ecu.calibrating import release_calibration
 from firmware_sim.runs.summary import summary
+from stillwake.parts.differentiable_wake import mesh_of
 from wake.solver.grid import box_grid
 from wake.truck.regrid import SETTLE_TIME, moved
 from wake.truck.state import State, developed_state
@@ -49,7 +49,7 @@ def main(json_file: JsonFile = None) -> None:
         "bundle": release.manifest.name,
         "digest": release.digest,
         **{name: getattr(SPANS, name) for name in ("lead_in", "controlled", "settle")},
-        "mesh": coarse(load_config()).flow.refinement,
+        "mesh": mesh_of(load_config()).flow.refinement,
         "versions": versions("stillwake", "onnxruntime", "numpy", "numba"),
     }
     save(json_file, figures=rows, facts=facts)
@@ -57,25 +57,18 @@ def main(json_file: JsonFile = None) -> None:
 
 def outcome(name: str, value: float, spans: Spans = SPANS) -> dict[str, Any]:
     """Figures of a run with another value of a weight."""
-    release, config = bundles.load(BUNDLE), coarse(load_config())
+    release, config = bundles.load(BUNDLE), mesh_of(load_config())
     own = release_calibration(release, config)
     other = replace(own, weights=replace(own.weights, **{name: value}))
     wake = TruckWake(config.flow, body=config.body)
-    wake.reset(_start(config.flow.refinement))
+    wake.reset(_start())
     found = summary(simulate(release, config, spans=spans, wake=wake, calibration=other))
     return {key: found[key] for key in (*LOOP, "Cd_uncontrolled")}
 
 
-def coarse(config: Config) -> Config:
-    """The vehicle with the mesh of the refinement."""
-    flow = replace(config.flow, refinement=config.refine.refinement, substeps=config.refine.substeps)
-    return replace(config, flow=flow)
-
-
 @cache
-def _start(refinement: float) -> State:
-    config = coarse(load_config())
-    assert config.flow.refinement == refinement
+def _start() -> State:
+    config = mesh_of(load_config())
     wake = TruckWake(config.flow, body=config.body)
     return moved(developed_state(), box_grid(config.body.length), wake, SETTLE_TIME)
 

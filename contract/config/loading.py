@@ -76,10 +76,11 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
     return Loaded(config=from_tree(tree), in_file=frozenset(_leaves(asked)), in_overrides=frozenset(_leaves(changes)))
 
 
-def quick() -> Config:
-    """The release's settings with those of a quicker training on top."""
+def training(*, quick: bool = False) -> Config:
+    """The release's settings with those of a model without a prior on top, and then those of a quicker training."""
     tree = _packaged(RELEASE)
-    _merge(tree, _packaged("quick"))
+    for name in ("trained", "quick") if quick else ("trained",):
+        _merge(tree, _packaged(name))
     return from_tree(tree)
 
 

@@ -49,7 +49,7 @@ class ControllerProgram:
                 f"(the sensors and the action)"
             )
         if self.encoder_rows < 1:
-            raise ExportError(f"window = {self.encoder_rows}: must be at least 1")
+            raise ExportError(f"encoder_rows = {self.encoder_rows}: must be at least 1")
         if self.prior is not None and self.prior.memory < 2:
             raise ExportError(f"prior.hidden: a memory of {self.prior.memory} rows, must be at least 2")
         if self.prior is not None and 2 * self.prior.pairs != len(self.sensors):

@@ -15,6 +15,7 @@ from contract.arrays import Array
 from contract.controller.interface import ControlStep
 from export.program.linear_program import LinearProgram
 from export.reference.cost import cost_terms
+from export.reference.history import history_of
 from export.reference.mpc import shift
 
 
@@ -46,9 +47,3 @@ def linear_control_step(
     terms = cost_terms(forces, new_plan, float(window[-1, -1]), program.mpc.drag_reference)
     used = np.array(program.mpc.weights.as_tuple()) if weights is None else weights
     return ControlStep(plan=new_plan, forces=forces, terms=terms, cost=float(terms @ used))
-
-
-def history_of(window: Array) -> Array:
-    """Rows (y_k, a_k), (L, p + 1), of a window of rows (Cp_k, a_{k-1}); the last action is 0, as it is not decided."""
-    y = window[:, :-1:2] - window[:, 1:-1:2]
-    return np.column_stack([y, np.append(window[1:, -1], 0.0)])

@@ -14,6 +14,7 @@ import numpy as np
 
 from contract.arrays import Array
 from export.program.weights import PriorWeights
+from export.reference.history import history_of
 
 
 def prior_plan(prior: PriorWeights, window: Array, committed: Array, free: Array, limit: float) -> Array:
@@ -42,7 +43,5 @@ def past_of(window: Array, memory: int) -> tuple[Array, Array]:
 
     The window does not hold the oldest of them, which is taken to be like the one after it.
     """
-    rows = window[-memory:]
-    y = rows[:, :-1:2] - rows[:, 1:-1:2]
-    known = np.column_stack([y[:-1], rows[1:, -1]])
-    return np.vstack([known[:1], known]), y[-1]
+    rows = history_of(window[-memory:])
+    return np.vstack([rows[:1], rows[:-1]]), rows[-1, :-1]

@@ -14,6 +14,7 @@ from export.program.linear_program import LinearProgram
 from export.to_onnx.control_step import previous_action, shifted
 from export.to_onnx.cost import Cost
 from export.to_onnx.graph_builder import Graph
+from export.to_onnx.history import lower_history
 
 
 def build_linear_controller(program: LinearProgram) -> onnx.ModelProto:
@@ -51,7 +52,9 @@ def build_linear_controller(program: LinearProgram) -> onnx.ModelProto:
     body.output(lift, (1, 1))
 
     by_step = [_column(graph, value, h) for value in (shifted(graph, plan, h), free)]
-    _, actions, lifts = graph.scan(body, states=[_history(graph, program, window)], sequences=by_step)
+    _, actions, lifts = graph.scan(
+        body, states=[lower_history(graph, window, program.window, program.pairs)], sequences=by_step
+    )
     new_plan = graph.op("Reshape", actions, graph.index([h]))
     drag = graph.constant(np.full((h, 1), program.scaling.force_mean[0]), "mean drag")
     forces = graph.op("Concat", drag, graph.op("Reshape", lifts, graph.index([h, 1])), axis=1)
@@ -59,22 +62,6 @@ def build_linear_controller(program: LinearProgram) -> onnx.ModelProto:
     for name, value in zip(OUTPUTS, (new_plan, forces, terms, cost.total(graph, terms)), strict=True):
         graph.output(value, shapes[name], name)
     return graph.model("stillwake_controller", "linear state feedback control step, float32")
-
-
-def _history(graph: Graph, program: LinearProgram, window: str) -> str:
-    """The window's rows (Cp_k, a_{k-1}) as (1, L (p + 1) - 1): y_k and a_k in turn, without the last action.
-
-    The first row's action is older than the memory: it is dropped, and the others move up by a row.
-    """
-    length, pairs = program.window, program.pairs
-    signs = np.zeros((2 * pairs + 1, pairs + 1))
-    for pair in range(pairs):
-        signs[2 * pair, pair + 1], signs[2 * pair + 1, pair + 1] = 1.0, -1.0
-    signs[-1, 0] = 1.0
-    # Rows (a_{k-1}, y_k), one after the other: without the first number it is the history.
-    turned = graph.op("MatMul", window, graph.constant(signs, "differences"))
-    row = graph.op("Reshape", turned, graph.index([1, length * (pairs + 1)]))
-    return graph.op("Slice", row, graph.index([1]), graph.index([length * (pairs + 1)]), graph.index([1]))
 
 
 def _column(graph: Graph, values: str, horizon: int) -> str:

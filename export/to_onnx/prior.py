@@ -1,15 +1,13 @@
 """The prior of the plan as ONNX nodes: one Scan over the horizon (`export.reference.prior`).
 
-The past is one row, oldest differences first. Its weights are float32 in either precision: there are 5,000 of them, and
-integers would save a thirtieth of the graph.
+The past is one row, oldest differences first. Its weights are float32 in either precision: there are 5,000 of them.
 """
-
-import numpy as np
 
 from contract.controller.interface import Sizes
 from export.program.float32 import float32_within
 from export.program.weights import PriorWeights
 from export.to_onnx.graph_builder import Graph
+from export.to_onnx.history import lower_history
 
 
 def lower_prior(
@@ -47,18 +45,12 @@ def lower_prior(
 
 def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple[str, str]:
     """Rows (y, a) before the present one, (1, M (p + 1)), and the differences now, (1, p)."""
-    memory, pairs = prior.memory, prior.pairs
-    signs = np.zeros((2 * pairs + 1, pairs + 1))
-    for pair in range(pairs):
-        signs[2 * pair, pair + 1], signs[2 * pair + 1, pair + 1] = 1.0, -1.0
-    signs[-1, 0] = 1.0
-    first, last = graph.index([sizes.window - memory]), graph.index([sizes.window])
-    newest = graph.op("Slice", window, first, last, graph.index([0]))
-    turned = graph.op("MatMul", newest, graph.constant(signs, "differences"))
-    # Rows (a_{k-1}, y_k), one after the other: without the first number and the last differences they are rows (y, a).
-    row = graph.op("Reshape", turned, graph.index([1, memory * (pairs + 1)]))
-    size, axis = memory * (pairs + 1), graph.index([1])
-    known = graph.op("Slice", row, graph.index([1]), graph.index([size - pairs]), axis)
-    oldest = graph.op("Slice", row, graph.index([1]), graph.index([pairs + 2]), axis)
+    memory, pairs, axis = prior.memory, prior.pairs, graph.index([1])
+    newest = graph.op(
+        "Slice", window, graph.index([sizes.window - memory]), graph.index([sizes.window]), graph.index([0])
+    )
+    row, size = lower_history(graph, newest, memory, pairs), memory * (pairs + 1) - 1
+    known = graph.op("Slice", row, graph.index([0]), graph.index([size - pairs]), axis)
+    oldest = graph.op("Slice", row, graph.index([0]), graph.index([pairs + 1]), axis)
     now = graph.op("Slice", row, graph.index([size - pairs]), graph.index([size]), axis)
     return graph.op("Concat", oldest, known, axis=1), now

@@ -1,5 +1,6 @@
 """The command that trains a model's prior through the flow."""
 
+from dataclasses import replace
 from datetime import date
 from functools import partial
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Annotated, Final
 import typer
 
 from contract.atomic import check_writable
-from contract.config.loading import to_tree
+from contract.config.loading import load_config, to_tree
 from contract.model.model_folder import check_free
 from contract.results import versions, write_result
 from contract.shipped import model as shipped_model
@@ -59,7 +60,13 @@ def refine(
     check_writable(folder, folder=True)
     check_json(json_file)
     trained = model_store.load(shipped_model() if model is None else model)
-    config = settings("refine", config_file, overrides, uses=USES, base=trained.config).config
+    own = trained.config
+    if trained.prior is None:
+        # What its optimiser was set to moves a plan from period to period; from a prior it has less to do.
+        kept = own.mpc
+        mpc = replace(load_config().mpc, horizon=kept.horizon, drag_reference=kept.drag_reference)
+        own = replace(own, mpc=mpc)
+    config = settings("refine", config_file, overrides, uses=USES, base=own).config
 
     from stillwake.parts.differentiable_wake import differentiable_wake
 

@@ -10,8 +10,8 @@ import typer
 from rich.table import Table
 
 from contract.atomic import check_writable
-from contract.config.loading import quick as quick_settings
 from contract.config.loading import to_tree
+from contract.config.loading import training as training_settings
 from contract.config.tree import Config
 from contract.model.model_folder import check_free
 from contract.results import write_result
@@ -62,8 +62,7 @@ def train(
     # A missing extra is reported before missing data; a vehicle has no HDF5.
     from contract.recording.dataset import read
 
-    base = quick_settings() if quick else None
-    config = settings("train", config_file, overrides, uses=USES, base=base).config
+    config = settings("train", config_file, overrides, uses=USES, base=training_settings(quick=quick)).config
     recording = shipped_recording() if dataset is None else dataset
     chosen = tuple(name.strip() for name in sensors.split(",")) if sensors else None
     check_writable(output, folder=True)

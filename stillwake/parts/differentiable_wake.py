@@ -8,6 +8,7 @@ from typing import Final
 from contract.arrays import Index
 from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
+from firmware_sim.campaign.starts import phases_apart
 from train.refinement.flow import FlowState, Seen
 from wake.solver.grid import box_grid
 from wake.truck.regrid import SETTLE_TIME, moved
@@ -15,8 +16,6 @@ from wake.truck.state import State, developed_state, load_state
 from wake.truck.tape import Tape, no_weights
 from wake.truck.truck_wake import TruckWake
 
-CYCLE: Final = 26
-"""Control periods of a shedding cycle: the streams begin in phases that share it."""
 MEMORY_MB: Final = 7000.0
 """Bound of the tape, in 10^6 bytes: 125 control periods take 2000 on the mesh of the refinement, 6900 on the default
 one; beyond it the tape computes again."""
@@ -73,14 +72,21 @@ def differentiable_wake(
     Raises:
         PlantError: the start is of another body or Reynolds number, or the flow diverges.
     """
-    flow = replace(config.flow, refinement=config.refine.refinement, substeps=config.refine.substeps)
-    plant = TruckWake(flow, body=config.body)
+    plant = TruckWake(mesh_of(config).flow, body=config.body)
     state = developed_state() if start is None else load_state(start)
     moved(state, box_grid(config.body.length), plant, SETTLE_TIME, progress)
     wake = DifferentiableWake(plant, layout_of(config.body).indices(sensors))
-    streams, starts = config.refine.streams, list[FlowState]()
-    for number in range(streams):
-        starts.append(wake.state())
-        for _ in range(CYCLE * (number + 1) // streams - CYCLE * number // streams):
+    starts = list[FlowState]()
+    reached = 0
+    for apart in phases_apart(config.refine.streams, config.flow.control_period):
+        for _ in range(apart - reached):
             plant.advance(0.0)
+        reached = apart
+        starts.append(wake.state())
     return wake, starts
+
+
+def mesh_of(config: Config) -> Config:
+    """The settings with the mesh of the refinement."""
+    flow = replace(config.flow, refinement=config.refine.refinement, substeps=config.refine.substeps)
+    return replace(config, flow=flow)

@@ -17,6 +17,7 @@ NEEDED = (
     "contract/release/release.pub",
     "contract/config/quick.toml",
     "contract/config/release.toml",
+    "contract/config/trained.toml",
     "firmware_sim/data/bundle/controller.onnx",
     "firmware_sim/data/bundle/manifest.json",
     "firmware_sim/data/bundle/manifest.sig",

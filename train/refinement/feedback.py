@@ -17,8 +17,13 @@ NEWEST: Final = 10
 """Rows that count each by itself: two convective times."""
 BUMPS: Final = 10
 """Means over what is older."""
-SCALES: Final = (0.4, 0.15, 0.05)
-"""Of the first pair's difference in Cp, of each other pair's, and of the action: roughly their deviations."""
+FIRST_PAIR, OTHER_PAIRS, ACTION = 0.4, 0.15, 0.05
+"""Scales of the first pair's difference in Cp, of each other pair's, and of the action: roughly their deviations."""
+
+
+def scales_of(pairs: int) -> tuple[float, ...]:
+    """A scale for each column of a row: p differences, then the action."""
+    return (FIRST_PAIR, *[OTHER_PAIRS] * (pairs - 1), ACTION)
 
 
 def filters(memory: int) -> Tensor:

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-
 from contract.arrays import Array
 
 
@@ -54,8 +52,3 @@ class DifferentiableFlow(Protocol):
     def state(self) -> FlowState:
         """Where the flow is, for a later `begin`."""
         ...
-
-
-def nothing(pairs: int) -> Seen:
-    """Weights of zero."""
-    return Seen(differences=np.zeros(pairs), Cd=0.0, Cl=0.0, Uy=0.0)

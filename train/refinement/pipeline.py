@@ -26,8 +26,8 @@ from train.fitting.unfinished import Identity
 from train.linear.differences import Series, check_pairs
 from train.linear.identification import fit
 from train.model_store import TrainedModel
-from train.pipeline import deployed
-from train.refinement.feedback import SCALES, Feedback
+from train.pipeline import deployed, versions
+from train.refinement.feedback import Feedback, scales_of
 from train.refinement.flow import DifferentiableFlow, FlowState
 from train.refinement.refine import refine
 from train.samples.rows import prepare
@@ -87,11 +87,9 @@ def refine_model(
             model = _with_sensors(model, dataset_path, settings, sensors, progress, checkpoints)
             model = replace(model, prior=None)
         plant, starts = flow(sensors)
-        limit, chosen = settings.flow.action_limit, model.layout.indices(sensors)
-        scales = (*SCALES[:1], *[SCALES[1]] * (len(sensors) // 2 - 1), SCALES[2])
-        deviation = np.array(model.scaling.pressure_std)[chosen]
+        deviation = np.array(model.scaling.pressure_std)[model.layout.indices(sensors)]
         refined = refine(
-            partial(_begun, settings, scales, limit, model.prior),
+            partial(_begun, settings, len(sensors) // 2, model.prior),
             plant,
             starts,
             settings.refine,
@@ -105,16 +103,16 @@ def refine_model(
             "output": refined.feedback.output.detach().numpy(),
             "predictor": predictor(refined.stretches, settings.refine.memory),
         }
-        model = replace(model, config=settings, prior=prior)
+        model = replace(model, config=settings, prior=prior, versions={**model.versions, **versions()})
         model_store.save(output, model)
     shutil.rmtree(folder, ignore_errors=True)
     return model, refined.periods
 
 
-def _begun(settings: Config, scales: tuple[float, ...], limit: float, prior: Mapping[str, Array] | None) -> Feedback:
+def _begun(settings: Config, pairs: int, prior: Mapping[str, Array] | None) -> Feedback:
     """The feedback as it begins: as the model's prior if that has its sizes, else as no control."""
-    size = settings.refine
-    made = Feedback(size.memory, size.units, scales, limit, settings.train.seed)
+    size, scales = settings.refine, scales_of(pairs)
+    made = Feedback(size.memory, size.units, scales, settings.flow.action_limit, settings.train.seed)
     if prior is not None and prior["hidden"].shape == (size.units, size.memory, len(scales)):
         made.begin_with(prior["hidden"], prior["output"])
     return made

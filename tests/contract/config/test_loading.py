@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contract.config.loading import load, load_config, quick
+from contract.config.loading import load, load_config, training
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from tests.examples import examples
@@ -102,7 +102,7 @@ def test_a_bad_file_is_refused_with_its_name(tmp_path):
 
 
 def test_the_quick_training_differs_from_the_release_in_training_alone():
-    fast, usual = quick(), load_config()
+    fast, usual = training(quick=True), training()
     assert fast.train != usual.train
     assert replace(fast, train=usual.train) == usual
     assert fast.train.streamed and fast.train.finish.epochs > 0, "its encoder must have read windows in the end"

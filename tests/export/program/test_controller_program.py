@@ -86,7 +86,7 @@ def test_what_does_not_fit_is_refused_by_its_name():
         ({"sensors": ("base_0", "base_8", "base_9")}, r"scaling\.pressure_mean: 2 values, must be 3"),
         ({"sensors": ("base_0", "base_0")}, "'base_0' is named twice"),
         ({"sensors": ()}, "at least one"),
-        ({"encoder_rows": 0}, "window = 0"),
+        ({"encoder_rows": 0}, "encoder_rows = 0"),
         (tensor("prior", "hidden", 3, 6, 3), r"prior\.predictor: shape"),
         ({"action_limit": float("inf")}, "action_limit = inf"),
         ({"action_limit": -0.075}, r"action_limit = -0\.075"),

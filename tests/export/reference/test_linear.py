@@ -10,7 +10,8 @@ from contract.errors import ExportError
 from examples.random_programs import random_linear_program
 from export.program.program_hash import program_sha256
 from export.program.random_windows import random_window
-from export.reference.linear import history_of, linear_control_step
+from export.reference.history import history_of
+from export.reference.linear import linear_control_step
 
 H = 6
 PROGRAM = random_linear_program(3, window=4, mpc=MpcConfig(horizon=H))

@@ -8,6 +8,7 @@ import torch
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
+from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.model import model_folder
 from contract.recording import dataset
@@ -65,8 +66,11 @@ def test_a_refined_model_is_exported_and_its_prior_acts(cli, tmp_path, model):
     assert "64 control periods of the plant" in done.out
     assert not (tmp_path / "refined.checkpoints").exists()
     folder = model_folder.read(tmp_path / "refined")
-    assert folder.description.config.refine.memory == 8
-    program = program_of(folder, folder.description.config.mpc)
+    config = folder.description.config
+    assert config.refine.memory == 8
+    # The optimiser's steps are those of a plan that starts from a prior; the horizon is the model's.
+    assert (config.mpc.epsilon, config.mpc.horizon) == (load_config().mpc.epsilon, 6)
+    program = program_of(folder, config.mpc)
     assert program.prior is not None and (program.window, program.encoder_rows) == (8, 6)
     window = np.random.default_rng(0).normal(-0.3, 0.2, (8, 5))
     start = starting_plan(program, window, np.zeros(6), np.array([0.0, *np.ones(5)]))

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from contract.config.loading import load_config
+from contract.config.loading import training
 from contract.shipped import RECORDING
 from tests.stillwake.test_stops import SMALL
 from train.fitting import unfinished
@@ -34,7 +34,7 @@ def called(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
 def stopped(tmp_path: Path) -> Path:
     """The output of a training with the default settings that was stopped after a checkpoint."""
     output = tmp_path / "model"
-    identity = Identity.of(load_config(), hashlib.sha256(RECORDING.read_bytes()).hexdigest(), "cpu", None)
+    identity = Identity.of(training(), hashlib.sha256(RECORDING.read_bytes()).hexdigest(), "cpu", None)
     folder = unfinished.folder_of(output)
     unfinished.note(folder, identity, Reached(phase=Phase.FIT, step=300, total=4000))
     (folder / "fit.pt").write_bytes(b"")

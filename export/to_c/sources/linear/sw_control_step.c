@@ -3,28 +3,8 @@
  */
 #include "sw_cost.h"
 #include "sw_math.h"
+#include "sw_products.h"
 #include "sw_weights.h"
-
-/* What the model predicts and the feedback wants of a history without its last number, the action that is to be decided.
- * Four outputs at a time share the loads of the history, and their sums do not wait for each other.
- */
-static void outputs_of(float outputs[SW_OUTPUTS], const float *history)
-{
-    for (int first = 0; first < SW_OUTPUTS; first += 4) {
-        float s0 = 0.0f, s1 = 0.0f, s2 = 0.0f, s3 = 0.0f;
-        for (int i = 0; i < SW_HISTORY; i++) {
-            const float *weights = &sw_by_history[i][first], value = history[i];
-            s0 += weights[0] * value;
-            s1 += weights[1] * value;
-            s2 += weights[2] * value;
-            s3 += weights[3] * value;
-        }
-        outputs[first] = s0;
-        outputs[first + 1] = s1;
-        outputs[first + 2] = s2;
-        outputs[first + 3] = s3;
-    }
-}
 
 /* Rows (y, a) of the window's rows (Cp, action one step before). The last row's action is not decided yet. */
 static void take_history(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS])
@@ -40,7 +20,7 @@ static void roll_out(sw_workspace *work, const sw_input *input)
     float outputs[SW_OUTPUTS];
     for (int k = 0; k < SW_HORIZON; k++) {
         const float committed = input->plan[k + 1 < SW_HORIZON ? k + 1 : k];
-        outputs_of(outputs, &work->history[k][0]);
+        sw_products(outputs, &sw_by_history[0][0], SW_OUTPUTS, &work->history[k][0], SW_HISTORY);
         const float held = sw_min(sw_max(outputs[SW_ROW], -SW_ACTION_LIMIT), SW_ACTION_LIMIT);
         const float action = input->free[k] > 0.5f ? held : committed;
         for (int row = 0; row < SW_ROW; row++) outputs[row] += sw_by_action[row] * action;

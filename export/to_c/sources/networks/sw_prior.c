@@ -1,28 +1,10 @@
 /* The plan that the optimiser starts from: a feedback on the past, followed over the horizon on predicted differences. */
 #include "sw_math.h"
 #include "sw_parts.h"
+#include "sw_products.h"
 #include "sw_weights.h"
 
 #if SW_PRIOR_UNITS > 0
-
-/* Four outputs at a time share the loads of the past, and their sums do not wait for each other. */
-static void multiply(float outputs[SW_PRIOR_OUTPUTS], const float *past)
-{
-    for (int first = 0; first < SW_PRIOR_OUTPUTS; first += 4) {
-        float s0 = 0.0f, s1 = 0.0f, s2 = 0.0f, s3 = 0.0f;
-        for (int i = 0; i < SW_PRIOR_PAST; i++) {
-            const float *weights = &sw_prior_weight[i][first], value = past[i];
-            s0 += weights[0] * value;
-            s1 += weights[1] * value;
-            s2 += weights[2] * value;
-            s3 += weights[3] * value;
-        }
-        outputs[first] = s0;
-        outputs[first + 1] = s1;
-        outputs[first + 2] = s2;
-        outputs[first + 3] = s3;
-    }
-}
 
 /* Rows before the present one, and the differences of the present one. The window does not hold the oldest, which is taken
  * to be like the one after it.
@@ -45,7 +27,7 @@ void sw_start_plan(sw_workspace *work, const sw_input *input)
     take_past(prior, input->window);
     for (int k = 0; k < SW_HORIZON; k++) {
         float wanted = 0.0f, *now = prior->rows[SW_PRIOR_MEMORY + k];
-        multiply(prior->outputs, prior->rows[k]);
+        sw_products(prior->outputs, &sw_prior_weight[0][0], SW_PRIOR_OUTPUTS, prior->rows[k], SW_PRIOR_PAST);
         for (int u = 0; u < SW_PRIOR_UNITS; u++) wanted += sw_prior_output[u] * sw_tanh(prior->outputs[u]);
         wanted = SW_ACTION_LIMIT * sw_tanh(wanted);
         for (int p = 0; k > 0 && p < SW_PRIOR_ROW - 1; p++) now[p] = prior->outputs[SW_PRIOR_UNITS + p];

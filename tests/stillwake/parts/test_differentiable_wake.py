@@ -1,0 +1,37 @@
+"""The truck's wake as the refinement takes it: its slopes are those of differences of whole runs."""
+
+import numpy as np
+import pytest
+
+from contract.config.plant import FlowConfig
+from stillwake.parts.differentiable_wake import DifferentiableWake
+from train.refinement.flow import FlowState, Seen
+from wake.truck.truck_wake import TruckWake
+
+SENSORS = ("upper_39", "lower_39", "base_0", "base_9")
+ACTIONS = np.array([0.03, -0.02, 0.05, 0.01])
+
+
+@pytest.mark.slow  # numba compiles the adjoint
+def test_slopes_of_all_that_is_seen_are_those_of_differences():
+    plant = TruckWake(FlowConfig(refinement=0.4, substeps=12))
+    plant.advance(0.03)
+    wake = DifferentiableWake(plant, plant.layout.indices(SENSORS))
+    start, rng = FlowState(flat=plant.flow.flat.copy(), action=0.03), np.random.default_rng(0)
+    weights = [Seen(differences=rng.normal(size=2), Cd=rng.normal(), Cl=rng.normal(), Uy=rng.normal()) for _ in ACTIONS]
+
+    def value(actions: np.ndarray) -> float:
+        total = 0.0
+        wake.begin(start)
+        for action, weight in zip(actions, weights, strict=True):
+            seen = wake.advance(float(action))
+            total += float(weight.differences @ seen.differences)
+            total += weight.Cd * seen.Cd + weight.Cl * seen.Cl + weight.Uy * seen.Uy
+        return total
+
+    value(ACTIONS)
+    slopes = [wake.back(weight) for weight in reversed(weights)][::-1]
+    for k, slope in enumerate(slopes):
+        step = np.where(np.arange(len(ACTIONS)) == k, 1e-5, 0.0)
+        # Differences of second order; the flow's own rounding is below that.
+        assert slope == pytest.approx((value(ACTIONS + step) - value(ACTIONS - step)) / 2e-5, rel=1e-5)
