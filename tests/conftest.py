@@ -5,6 +5,7 @@ import shutil
 import sys
 from base64 import b64decode
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import date
 from functools import cache
@@ -18,12 +19,15 @@ from hypothesis import HealthCheck, settings
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
+from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from tests.c_builds import MODULES, SharedBuilds
 
 if TYPE_CHECKING:
     import typer
 
+    from wake.truck.state import State
+    from wake.truck.surface import Surface
     from wake.truck.truck_wake import TruckWake
 
 pytest_plugins = ["tests.budget"]
@@ -129,19 +133,69 @@ def _random_release(path: Path, window: int) -> Path:
 
 
 @pytest.fixture(scope="session")
-def shared_wake(tmp_path_factory: pytest.TempPathFactory) -> "TruckWake":
+def shared_wake(tmp_path_factory: pytest.TempPathFactory) -> Iterator["TruckWake"]:
     """Of one test process; built before any other plant, so that only one of the processes compiles the kernels.
 
     The others wait, and load from numba's cache what it compiled. Folders whose tests run the plant, also in processes
-    of their own, ask for it in their `conftest.py`.
+    of their own, ask for it in their `conftest.py`. From then on, wakes of the same grid and body share what measures
+    on them, which is most of the time that one takes to make, and never changes.
     """
     from wake.truck.truck_wake import TruckWake
 
-    with FileLock(tmp_path_factory.getbasetemp().parent / "kernels.lock"):
-        wake = TruckWake()
-        wake.solver.start()
-        wake.advance(0.0)
-    return wake
+    surfaces: dict[object, Surface] = {}
+    make = TruckWake._surface
+
+    def shared(wake: TruckWake) -> "Surface":
+        key = (wake.config.reynolds, wake.config.refinement, wake.body)
+        if key not in surfaces:
+            surfaces[key] = make(wake)
+        return surfaces[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TruckWake, "_surface", shared)
+        with FileLock(tmp_path_factory.getbasetemp().parent / "kernels.lock"):
+            wake = TruckWake()
+            wake.solver.start()
+            wake.advance(0.0)
+        yield wake
+
+
+@dataclass(frozen=True)
+class Coarse:
+    """The developed wake on a grid with a sixth of the cells, whose control period costs a fifteenth.
+
+    Attributes:
+        words: options of commands that run the plant.
+        flow: the settings.
+        start: the state.
+    """
+
+    words: tuple[str, ...]
+    flow: FlowConfig
+    start: "State"
+
+    @contextmanager
+    def plant(self) -> Iterator["TruckWake"]:
+        """In that state."""
+        from wake.truck.truck_wake import TruckWake
+
+        wake = TruckWake(self.flow)
+        wake.reset(self.start)
+        yield wake
+
+
+@pytest.fixture(scope="session")
+def coarse(shared_wake, tmp_path_factory) -> Coarse:
+    from wake.truck.regrid import moved
+    from wake.truck.state import developed_state, save_state
+    from wake.truck.truck_wake import TruckWake
+
+    flow = FlowConfig(refinement=0.4, substeps=12)
+    start = moved(developed_state(), shared_wake.grid, TruckWake(flow), 0.4)
+    path = tmp_path_factory.mktemp("coarse") / "start.npz"
+    save_state(path, start)
+    settings = ("--set", f"flow.refinement={flow.refinement}", "--set", f"flow.substeps={flow.substeps}")
+    return Coarse(words=("--start", str(path), *settings), flow=flow, start=start)
 
 
 @pytest.fixture(scope="session")
@@ -172,10 +226,11 @@ def public_key_file(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def no_pictures(monkeypatch) -> None:
-    """Closed loops draw one grey point in place of the wake: of a short run, the drawing is half the time."""
+    """Closed loops and reports draw one grey point in place of each picture: of a short run, that is half the time."""
     point = b64decode("iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg==")
     draw = "firmware_sim.bench.closed_loop._draw"
     monkeypatch.setattr(draw, lambda _wake, _bundle, _state, target: target.write_bytes(point))
+    monkeypatch.setattr("firmware_sim.runs.pages.png_of", lambda _figure: point)
 
 
 @pytest.fixture(scope="session")

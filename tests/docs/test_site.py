@@ -55,15 +55,22 @@ def test_formulas_and_links_to_the_code_show(browser):
     assert found.troubles == []
 
 
-@pytest.mark.parametrize("page", ["index.html", API, "reference/results.html"])
-def test_everyone_can_read_it(browser, page):
-    for dark in (False, True):
+LOOKS = ((API, True), ("index.html", False))
+ALL_LOOKS = [(page, dark) for page in ("index.html", API, "reference/results.html") for dark in (False, True)]
+
+
+@pytest.mark.parametrize("looks", [LOOKS, pytest.param(ALL_LOOKS, marks=pytest.mark.proofs)], ids=["some", "all"])
+def test_everyone_can_read_it(browser, looks):
+    for page, dark in looks:
         opened = _open(browser, page, dark=dark)
-        assert opened.troubles == [], f"dark: {dark}"
+        assert opened.troubles == [], (page, dark)
         # axe asks for the style sheets by requests that a browser refuses for files: troubles of its own.
-        assert opened.violations() == [], f"dark: {dark}"
+        assert opened.violations() == [], (page, dark)
+        opened.page.context.close()
 
 
 def test_no_page_is_wider_than_a_phone(browser):
-    for page in ("index.html", API, "reference/settings.html", "reference/equations.html"):
-        assert not _open(browser, page, width=PHONE, height=800).is_wider_than_its_window, page
+    opened = _open(browser, "index.html", width=PHONE, height=800)
+    for page in ("index.html", API, "reference/equations.html"):
+        opened.page.goto(f"{opened.home}/{page}")
+        assert not opened.is_wider_than_its_window, page

@@ -25,12 +25,12 @@ from firmware_sim.runs import wake_stills
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_page.report import write_report
 from wake.pictures.level_picture import LevelPicture
-from wake.truck.state import developed_state
 
 # Whole runs of the loop; the one that is shared has its pictures, since it is made before.
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_pictures")]
 
 LEAD_IN, CONTROLLED = 50, 52  # periods
+PERIODS = LEAD_IN + CONTROLLED
 FIGURES = (
     *("Cd_uncontrolled", "Cd_controlled", "reduction_percent", "base_Cp_uncontrolled", "base_Cp_controlled"),
     *("abs_Cl_uncontrolled", "abs_Cl_controlled", "mean_Cl_controlled", "mpc_ms_p50", "mpc_ms_p99", "mpc_ms_max"),
@@ -43,19 +43,19 @@ def release(random_release) -> Bundle:
 
 
 @pytest.fixture(scope="module")
-def run(release, tmp_path_factory):
+def run(release, coarse, tmp_path_factory):
     folder = tmp_path_factory.mktemp("run") / "new"
     seen = []
     log = run_closed_loop(
         folder,
         release,
-        Config(),
+        Config(flow=coarse.flow),
+        plant=coarse.plant(),
         lead_in=10.0,
         controlled=10.4,
         settle=0.4,
         progress=lambda row, done, total: seen.append((row, done, total)),
     )
-    write_report(RunFolder(folder))
     return folder, log, seen
 
 
@@ -66,7 +66,8 @@ def logged(folder) -> list[can.Message]:
 
 def test_the_folder_holds_the_run_and_its_page_can_be_written_again_from_it(run):
     folder, _, seen = run
-    assert [(done, total) for _, done, total in seen] == [(k + 1, 102) for k in range(102)]
+    write_report(RunFolder(folder))
+    assert [(done, total) for _, done, total in seen] == [(k + 1, PERIODS) for k in range(PERIODS)]
     names = ("frames.log", "report.html", "series.npz", "summary.json")
     pictures = ("vorticity_controlled.png", "vorticity_uncontrolled.png", "wake.npz")
     assert sorted(path.name for path in folder.iterdir()) == [*names, *pictures]
@@ -76,24 +77,24 @@ def test_the_folder_holds_the_run_and_its_page_can_be_written_again_from_it(run)
     assert (folder / "report.html").read_text() == first
     messages = logged(folder)
     # A pressure frame, a command and a status in every period.
-    assert [message.arbitration_id for message in messages] == [0x120, 0x130, 0x140] * (LEAD_IN + CONTROLLED)
+    assert [message.arbitration_id for message in messages] == [0x120, 0x130, 0x140] * PERIODS
     assert all(message.is_fd for message in messages)
     times = [message.timestamp for message in messages]
     assert times == sorted(times)
     assert times[3] - times[0] == pytest.approx(0.02, abs=2e-6)
 
 
-def test_the_recorded_wake_is_the_flow_at_the_start_of_each_period(run, shared_wake):
+def test_the_recorded_wake_is_the_flow_at_the_start_of_each_period(run, coarse):
     folder, log, _ = run
     stills = wake_stills.load(RunFolder(folder).wake, log)
-    assert stills.k.tolist() == list(range(LEAD_IN + CONTROLLED))
+    assert stills.k.tolist() == list(range(PERIODS))
     # Without control the loop's wake is the solver's own, advanced by hand.
-    shared_wake.reset(developed_state())
-    for k in range(4):
-        error = stills.levels(k).astype(int) - LevelPicture(shared_wake).levels()
-        # The codec's loss; a period off, the far vortices alone differ by five times as much.
-        assert np.sqrt(np.mean(error**2)) < 2.5, k
-        shared_wake.advance(0.0)
+    with coarse.plant() as wake:
+        for k in range(4):
+            error = stills.levels(k).astype(int) - LevelPicture(wake).levels()
+            # The codec's loss; a period off, the far vortices alone differ by five times as much.
+            assert np.sqrt(np.mean(error**2)) < 2.5, k
+            wake.advance(0.0)
 
 
 def test_the_summary_has_every_figure(run):
@@ -101,7 +102,7 @@ def test_the_summary_has_every_figure(run):
     summary = json.loads((folder / "summary.json").read_text())
     for name in FIGURES:
         assert isinstance(summary[name], float), name
-    assert [summary[f"frames_{name}"] for name in ("sent", "lost", "rejected")] == [2 * (LEAD_IN + CONTROLLED), 0, 0]
+    assert [summary[f"frames_{name}"] for name in ("sent", "lost", "rejected")] == [2 * PERIODS, 0, 0]
     assert summary["sensors"] == list(random_program(1).sensors)
     assert "random" in summary["controller"] and "int8" in summary["controller"]
     # One cycle each, on the straight lines between the samples, finely divided: the last one under control, and without
@@ -140,14 +141,14 @@ def test_control_starts_when_it_is_requested_and_moves_the_jets(run):
     assert np.diff(log.series["t"]) == pytest.approx(0.2)
 
 
-def short_run(release, folder, *, lead_in=1.0, controlled=1.0, progress=lambda *_: None, report=str, **bus):
+def short_run(release, coarse, folder, *, lead_in=1.0, controlled=1.0, progress=lambda *_: None, report=str, **bus):
     spans: dict[str, Any] = {"lead_in": lead_in, "controlled": controlled, "settle": 0.0, "averages": False}
-    config = Config(bus=BusConfig(**bus))
-    log = run_closed_loop(folder, release, config, progress=progress, report=report, **spans)
+    config = Config(flow=coarse.flow, bus=BusConfig(**bus))
+    log = run_closed_loop(folder, release, config, plant=coarse.plant(), progress=progress, report=report, **spans)
     return log, (folder / "frames.log").read_bytes(), json.loads((folder / "summary.json").read_text())
 
 
-def test_a_stopped_run_leaves_nothing_behind_and_an_old_one_alone(release, tmp_path):
+def test_a_stopped_run_leaves_nothing_behind_and_an_old_one_alone(release, coarse, tmp_path):
     class Stopped(BaseException):
         """Stands for a signal."""
 
@@ -166,15 +167,15 @@ def test_a_stopped_run_leaves_nothing_behind_and_an_old_one_alone(release, tmp_p
             (folder / "series.npz").write_text("old")
         # Nor does one stay whose page could not be written.
         with pytest.raises((Stopped, StillwakeError), match="No space left" if old else None):
-            short_run(release, folder, **({"report": full} if old else {"progress": stop}))
+            short_run(release, coarse, folder, **({"report": full} if old else {"progress": stop}))
         assert [path.name for path in tmp_path.rglob("*")] == old
     assert (folder / "series.npz").read_text() == "old"
 
 
-def test_the_same_run_has_the_same_frames_to_the_byte_also_with_other_traffic(release, tmp_path):
+def test_the_same_run_has_the_same_frames_to_the_byte_also_with_other_traffic(release, coarse, tmp_path):
     busy = BackgroundConfig(load=0.5, seed=1)
-    first, frames, summary = short_run(release, tmp_path / "a", background=busy)
-    again, same, _ = short_run(release, tmp_path / "b", background=busy)
+    first, frames, summary = short_run(release, coarse, tmp_path / "a", background=busy)
+    again, same, _ = short_run(release, coarse, tmp_path / "b", background=busy)
     assert frames == same
     for name, values in first.series.items():
         if name != "step_ms":
@@ -192,19 +193,19 @@ def test_the_same_run_has_the_same_frames_to_the_byte_also_with_other_traffic(re
     waits = summary["bus"]["longest_wait_ms"]
     assert set(waits) == {"Pressure", "JetCommand", "EcuStatus"}
     assert max(waits.values()) > 0.1
-    quiet, _, _ = short_run(release, tmp_path / "c")
+    quiet, _, _ = short_run(release, coarse, tmp_path / "c")
     # Alone on the bus only the status waits, for the command.
     assert quiet.traffic.longest_wait_ms["Pressure"] == quiet.traffic.longest_wait_ms["JetCommand"] == 0.0
     assert 0.01 < quiet.traffic.load < 0.04
     assert np.nanmax(first.series["age_ms"]) > np.nanmax(quiet.series["age_ms"]) + 0.1
 
 
-def test_one_setting_authenticates_both_nodes_and_the_key_stays_where_it_is(short_release, tmp_path):
+def test_one_setting_authenticates_both_nodes_and_the_key_stays_where_it_is(short_release, coarse, tmp_path):
     secret = secrets.token_bytes(16)
     write_key(tmp_path / "key", secret)
     folder = tmp_path / "run"
     release = bundle.load(short_release)
-    log, _, summary = short_run(release, folder, key=str(tmp_path / "key"), lead_in=2.0, controlled=2.0)
+    log, _, summary = short_run(release, coarse, folder, key=str(tmp_path / "key"), lead_in=2.0, controlled=2.0)
     write_report(RunFolder(folder))
     assert set(log.series["mode"][-5:]) == {Mode.CONTROL}
     assert (log.bus.lost, log.bus.rejected, log.metadata.status.not_authentic) == (0, 0, 0)

@@ -21,41 +21,51 @@ PERIODS = 1_200
 LONG_WINDOWS = "late actuator, long windows"
 
 
-@pytest.fixture(scope="module")
-def recordings():
-    """Hostile periods of each variant, most of them near an edge."""
-    layouts = {name: Layout(sources(VARIANTS[name])) for name in VARIANTS}
-    return {
-        name: [campaign.recording(name, seed, PERIODS, layout) for seed in "13"] for name, layout in layouts.items()
-    }
+def recorded(name, seeds, periods=PERIODS):
+    """Hostile periods of a variant, most of them near an edge."""
+    layout = Layout(sources(VARIANTS[name]))
+    return [campaign.recording(name, seed, periods, layout) for seed in seeds]
 
 
-def sanitised(name, recordings, folder, contents=None):
+def sanitised(name, recording, folder, contents=None):
     """The end of a replay under sanitisers."""
     folder.mkdir()
     program, compared = branch_coverage.replay_program(name, folder, SANITISERS, contents)
     periods = folder / "periods"
-    periods.write_bytes(recordings[name][0])
+    periods.write_bytes(recording)
     return subprocess.run([program, compared, periods], capture_output=True, text=True, check=False)
 
 
-def test_sanitisers_find_what_is_planted_and_nothing_else(recordings, tmp_path):
-    for name in ("quick to doubt", LONG_WINDOWS, "classic, impatient"):
-        done = sanitised(name, recordings, tmp_path / name)
-        assert (done.returncode, done.stderr, done.stdout) == (0, "", f"{PERIODS} periods\n"), name
-    for file, old, new, complaint in (
-        ("sw_memory.c", "k + 1 < SW_WINDOW; k++", "k < SW_WINDOW; k++", "out of bounds"),
-        ("sw_fail_safe.c", "UINT64_MAX >> (64 - SW_LOSS_WINDOW)", "(1ull << SW_LOSS_WINDOW) - 1u", "shift exponent 64"),
-    ):
+FAULTS = (
+    ("sw_fail_safe.c", "UINT64_MAX >> (64 - SW_LOSS_WINDOW)", "(1ull << SW_LOSS_WINDOW) - 1u", "shift exponent 64"),
+    ("sw_memory.c", "k + 1 < SW_WINDOW; k++", "k < SW_WINDOW; k++", "out of bounds"),
+)
+
+
+@pytest.mark.parametrize(
+    ("names", "faults", "periods"),
+    [
+        ((LONG_WINDOWS,), FAULTS[:1], 300),
+        pytest.param((LONG_WINDOWS, "quick to doubt", "classic, impatient"), FAULTS, PERIODS, marks=pytest.mark.proofs),
+    ],
+    ids=["one", "all"],
+)
+def test_sanitisers_find_what_is_planted_and_nothing_else(names, faults, periods, tmp_path):
+    recordings = {name: recorded(name, "1", periods)[0] for name in names}
+    for name, recording in recordings.items():
+        done = sanitised(name, recording, tmp_path / name)
+        assert (done.returncode, done.stderr, done.stdout) == (0, "", f"{periods} periods\n"), name
+    for file, old, new, complaint in faults:
         contents = sources(VARIANTS[LONG_WINDOWS])
         assert contents[file].count(old.encode()) == 1
         contents[file] = contents[file].replace(old.encode(), new.encode())
-        done = sanitised(LONG_WINDOWS, recordings, tmp_path / file, contents)
+        done = sanitised(LONG_WINDOWS, recordings[LONG_WINDOWS], tmp_path / file, contents)
         assert done.returncode != 0 and complaint in done.stderr, file
 
 
 @pytest.mark.proofs  # six libraries without optimisation, and gcovr
-def test_every_branch_is_taken_and_one_that_is_not_is_seen(recordings, tmp_path):
+def test_every_branch_is_taken_and_one_that_is_not_is_seen(tmp_path):
+    recordings = {name: recorded(name, "13") for name in VARIANTS}
     every, few = tmp_path / "every", tmp_path / "few"
     every.mkdir()
     few.mkdir()

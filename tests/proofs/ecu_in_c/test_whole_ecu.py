@@ -11,7 +11,7 @@ from tests.proofs.ecu_in_c.planted import PLANTED
 from tests.proofs.ecu_in_c.variants import VARIANTS
 
 pytestmark = pytest.mark.compiler
-PERIODS = 600
+PERIODS = 300
 """Of each stretch."""
 
 

@@ -20,7 +20,7 @@ from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.series_csv import write_csv
 from tests.can_bridge.drives.drive_log import FLOW, KEY, PRESSURE, STEP, drive, log_of, write
-from tests.conftest import Outcome
+from tests.conftest import Coarse, Outcome
 
 Cli = Callable[..., Outcome]
 
@@ -84,12 +84,13 @@ def same_forces(episode: dataset.Episode, first: int = 0) -> None:
 
 @pytest.mark.slow  # a run of the loop
 @pytest.mark.usefixtures("no_pictures")
-def test_the_loops_own_capture_is_the_run_within_half_a_step(cli: Cli, tmp_path: Path, short_release: Path) -> None:
+def test_the_loops_own_capture_is_the_run_within_half_a_step(
+    cli: Cli, tmp_path: Path, short_release: Path, coarse: Coarse
+) -> None:
     release = bundle.load(short_release)
-    config = Config(bus=BusConfig(background=BackgroundConfig(load=0.6)))
-    run: RunLog = run_closed_loop(
-        tmp_path / "run", release, config, lead_in=2.0, controlled=4.0, settle=0.0, averages=False
-    )
+    config = Config(flow=coarse.flow, bus=BusConfig(background=BackgroundConfig(load=0.6)))
+    spans: dict[str, Any] = {"lead_in": 2.0, "controlled": 4.0, "settle": 0.0, "averages": False}
+    run: RunLog = run_closed_loop(tmp_path / "run", release, config, plant=coarse.plant(), **spans)
     write_csv(tmp_path / "run.csv", run)
     sensors = write_sensors(tmp_path / "sensors.csv", release.manifest.sensors)
     made = tmp_path / "my.h5"

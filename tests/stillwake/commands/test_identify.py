@@ -26,7 +26,7 @@ from train.linear.pipeline import Design, Identification, identify_all
 
 FACTS = PlantFacts(control_period=0.2, action_limit=0.075, reynolds=500.0)
 OPTIONS = ("--window", "6", "--leave-out", "10")
-SPANS = ("--lead-in", "2", "--controlled", "2", "--no-averages", "--set", "flow.refinement=0.5")
+SPANS = ("--lead-in", "2", "--controlled", "2", "--no-averages")
 
 
 def on_the_truck(name: str, seed: int) -> Episode:
@@ -86,7 +86,7 @@ def test_another_recording_must_be_named(cli, folder, tmp_path):
 @pytest.mark.compiler
 @pytest.mark.slow  # a run of the loop, and builds
 @pytest.mark.usefixtures("no_pictures")
-def test_bundle_and_library_drive_the_loop(cli, folder, tmp_path):
+def test_bundle_and_library_drive_the_loop(cli, folder, tmp_path, coarse):
     """The bundle round trip, graph and library next to the reference, and the ECU in C over the bus."""
     try:
         host_compiler()
@@ -112,7 +112,8 @@ def test_bundle_and_library_drive_the_loop(cli, folder, tmp_path):
         np.testing.assert_allclose(found.plan, expected.plan, atol=1e-6)
         np.testing.assert_allclose(found.forces, expected.forces, atol=1e-5)
 
-    ran = cli("run", tmp_path / "run", "--bundle", tmp_path / "b", "--ecu", "c", "--library", tmp_path / "c", *SPANS)
+    in_c = ("--ecu", "c", "--library", tmp_path / "c")
+    ran = cli("run", tmp_path / "run", "--bundle", tmp_path / "b", *in_c, *SPANS, *coarse.words)
     assert ran.code == 0, ran.err
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["modes"] == {"CONTROL": 10}
     assert np.abs(run_log.load(tmp_path / "run" / "series.npz").series["action"]).max() > 0.0

@@ -103,9 +103,9 @@ def test_a_file_may_name_what_the_bundle_has(release, tmp_path):
 
 
 @pytest.mark.slow
-def test_weights_in_force_are_kept_with_the_run_which_is_reported_again(cli, tmp_path, signed_short):
+def test_weights_in_force_are_kept_with_the_run_which_is_reported_again(cli, tmp_path, signed_short, coarse):
     folder = tmp_path / "run"
-    call = ("run", folder, "--bundle", signed_short, *QUICK)
+    call = ("run", folder, "--bundle", signed_short, *QUICK, *coarse.words)
     ran = cli(*call, "--set", "mpc.weights.lift=9", "--json", tmp_path / "run.json")
     assert (ran.code, ran.err) == (0, "")
     signer = signing.public_key(SIGNING_KEY).fingerprint
@@ -157,9 +157,9 @@ def test_what_cannot_be_reported_is_refused(all_refused, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_fault_comes_first_is_kept_and_ends_with_status_3(cli, tmp_path, short_release):
+def test_a_fault_comes_first_is_kept_and_ends_with_status_3(cli, tmp_path, short_release, coarse):
     late = ["--set", "ecu.compute_time_ms=25"]
-    outcome = cli("run", tmp_path / "run", "--bundle", short_release, *QUICK, *late)
+    outcome = cli("run", tmp_path / "run", "--bundle", short_release, *QUICK, *late, *coarse.words)
     assert (outcome.code, outcome.err) == (3, "")
     # Late in the lead-in already, so it is latched when control is requested.
     assert "ECU FAULT: DEADLINE at t = 1.2 t_c, 0 periods after enable" in outcome.out
@@ -174,9 +174,9 @@ def test_the_help_names_every_fault():
 
 
 @pytest.mark.slow
-def test_a_run_with_faults_on_the_bus_is_known_as_one(cli, tmp_path, short_release):
+def test_a_run_with_faults_on_the_bus_is_known_as_one(cli, tmp_path, short_release, coarse):
     faults = ("vehicle:disconnect@0.14..", "ecu:duplicate")
-    words = [word for one in faults for word in ("--fault", one)]
+    words = [word for one in faults for word in ("--fault", one)] + [*coarse.words]
     outcome = cli("run", tmp_path / "r\udcff", "--bundle", short_release, *QUICK, *words, "--fault-seed", 7)
     assert (outcome.code, outcome.err) == (3, "")
     headline = f"Disturbed ({'; '.join(faults)})."
