@@ -115,9 +115,9 @@ def test_a_core_that_is_too_slow_leaves_periods_out(release, sources):
 
 @pytest.mark.mcu
 @pytest.mark.slow  # a whole run with its report
-def test_the_command_runs_the_core_and_needs_the_library_of_a_bundle_of_ones_own(cli, release, tmp_path):
+def test_the_command_runs_the_core_and_needs_the_library_of_a_bundle_of_ones_own(cli, release, coarse, tmp_path):
     spans = ("--lead-in", 0.2, "--controlled", 2, "--no-averages", "--set", "ecu.sensor_check.enabled=false")
-    used = ("--bundle", release.bundle_path, "--ecu", CORTEX_M7, "--clock-mhz", 240, *spans)
+    used = ("--bundle", release.bundle_path, "--ecu", CORTEX_M7, "--clock-mhz", 240, *spans, *coarse.words)
     done = cli("run", tmp_path / "run", *used, "--library", release.folder, "--json", tmp_path / "run.json")
     assert done.err == ""
     figures = json.loads((tmp_path / "run.json").read_text())["figures"]

@@ -106,7 +106,7 @@ HARM = (
 
 
 @pytest.mark.slow  # many runs
-@examples(40)
+@examples(24)
 @given(
     st.lists(st.sampled_from(HARM), min_size=1, max_size=3, unique=True),
     st.sampled_from([config for name, config in CONFIGS.items() if name != "busy"]),

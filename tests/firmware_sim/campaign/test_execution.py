@@ -20,7 +20,7 @@ pytestmark = pytest.mark.processes  # starts dask workers, which run the real wa
 
 
 @pytest.fixture(scope="module")
-def campaign(short_release, shared_wake) -> Campaign:
+def campaign(short_release, coarse) -> Campaign:
     return Campaign(
         scenarios=(
             scenario_of("undisturbed"),
@@ -29,7 +29,7 @@ def campaign(short_release, shared_wake) -> Campaign:
             ),
         ),
         bundle=bundle.load(short_release),
-        config=Config(),
+        config=Config(flow=coarse.flow),
         timing=Timing(lead_in=0.4, controlled=0.8, settle=0.2),
         phases=1,
         seed=3,
@@ -40,12 +40,13 @@ def files(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*.json"))}
 
 
-def test_a_worker_writes_the_bytes_of_runs_in_this_process(campaign, tmp_path, monkeypatch) -> None:
+def test_a_worker_writes_the_bytes_of_runs_in_this_process(campaign, coarse, tmp_path, monkeypatch) -> None:
     def here(tasks, bundle, starts, *, workers, scheduler, finished) -> None:
         for task in reversed(tasks):
             finished(task, run_task(task, bundle, starts[task.phase]))
 
     campaign.check()
+    monkeypatch.setattr(conducting, "starting_states", lambda folder, config, phases: (coarse.start,) * phases)
     together, alone = tmp_path / "together", tmp_path / "alone"
     by_workers = conduct(campaign, CampaignFolder(together), workers=1)
     monkeypatch.setattr(conducting, "execute", here)

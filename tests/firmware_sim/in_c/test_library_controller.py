@@ -26,7 +26,7 @@ def release(tmp_path_factory) -> Exported:
 
 @pytest.mark.slow  # a whole run with its report
 @pytest.mark.usefixtures("no_pictures")
-def test_the_command_runs_it_and_reports_it(cli, release, tmp_path):
+def test_the_command_runs_it_and_reports_it(cli, release, coarse, tmp_path):
     arguments = ["run", tmp_path / "run", "--bundle", release.bundle_path, "--library"]
     (tmp_path / "empty").mkdir()
     for library, words in (("nothing", "No such file"), ("empty", "sw_settings.h is missing")):
@@ -34,7 +34,7 @@ def test_the_command_runs_it_and_reports_it(cli, release, tmp_path):
         assert (done.code, done.err.count("\n")) == (1, 1), done.err
         assert done.err.startswith(f"error: library {tmp_path / library}: ") and words in done.err
         assert not (tmp_path / "run").exists()
-    done = cli(*arguments, release.folder, "--lead-in", 0.2, "--controlled", 0.2, "--no-averages")
+    done = cli(*arguments, release.folder, "--lead-in", 0.2, "--controlled", 0.2, "--no-averages", *coarse.words)
     assert done.code == 3  # too short for the window: never in control
     version = compiler_version(host_compiler())
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())

@@ -20,7 +20,7 @@ from tests.firmware_sim.latency.tables import COUNTERS, PERIOD
 
 pytestmark = pytest.mark.processes
 
-PERIODS = 280
+PERIODS = 270
 STOPPED_S = 0.2
 READY = """
 import os, signal, socket, sys, time
@@ -28,11 +28,12 @@ socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM).sendto(b"READY=1\\nSTATUS=OFF",
 """
 
 
-def test_an_ecu_that_is_held_up_shows_with_every_period_that_it_cost(tmp_path):
+def test_an_ecu_that_is_held_up_shows_with_every_period_that_it_cost(tmp_path, short_release):
     period_ns = Config().period_ns
     high, low = divmod(os.getpid() % 65536, 256)
     bus = ["--set", "bus.interface=udp_multicast", "--set", f"bus.channel=239.255.{high}.{low}"]
     stillwake = [sys.executable, "-m", "stillwake"]
+    enabled = ("--enable-after", "1")
     done: list[int] = []
 
     def disturb(periods: int) -> None:
@@ -47,8 +48,8 @@ def test_an_ecu_that_is_held_up_shows_with_every_period_that_it_cost(tmp_path):
 
     tables = recorded(
         tmp_path,
-        ecu=[*stillwake, "ecu", *bus],
-        vehicle=[*stillwake, "vehicle", "--periods", str(PERIODS), "--enable-after", "2", *bus],
+        ecu=[*stillwake, "ecu", str(short_release), *bus],
+        vehicle=[*stillwake, "vehicle", "--bundle", str(short_release), "--periods", str(PERIODS), *enabled, *bus],
         periods=PERIODS,
         period_ns=period_ns,
         progress=disturb,

@@ -32,6 +32,7 @@ class Works:
 
     folder: Path
     cli: Callable[..., Any]
+    base: Path
 
     def path(self, name: str) -> str:
         return str(self.folder / name)
@@ -44,7 +45,7 @@ class Works:
     def release(self, name: str, version: int) -> str:
         key = ("--key", self.path("maker/release.key"))
         self.good(
-            *("bundle", "renew", str(BUNDLE), self.path(name), "--name", name, *key),
+            *("bundle", "renew", str(self.base), self.path(name), "--name", name, *key),
             *("--security-version", str(version)),
         )
         return self.path(name)
@@ -55,8 +56,8 @@ class Works:
 
 
 @pytest.fixture
-def works(tmp_path: Path, cli: Callable[..., Any]) -> Works:
-    works = Works(tmp_path, cli)
+def works(tmp_path: Path, cli: Callable[..., Any], short_release: Path) -> Works:
+    works = Works(tmp_path, cli, short_release)
     works.good("bundle", "keygen", works.path("root"))
     works.good("bundle", "keygen", works.path("maker"))
     works.good("can", "keygen", works.path("access.key"))

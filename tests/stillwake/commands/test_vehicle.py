@@ -69,11 +69,14 @@ def test_a_slower_vehicle_has_longer_periods_and_says_what_its_ecu_needs(cli) ->
 
 
 @pytest.mark.processes  # two of them, in real time
-def test_an_ecu_and_its_vehicle_on_one_bus(tmp_path: Path) -> None:
+def test_an_ecu_and_its_vehicle_on_one_bus(tmp_path: Path, short_release: Path) -> None:
     """How far control gets in these seconds depends on what else the computer does; how both end does not."""
     bus = ("--set", "bus.interface=udp_multicast", "--set", "bus.channel=239.74.163.201")
-    ecu = _started("ecu", *bus)
-    vehicle = _started("vehicle", *bus, "--enable-after", "0.5", "--json", str(tmp_path / "v.json"))
+    release = str(short_release)
+    ecu = _started("ecu", release, *bus)
+    vehicle = _started(
+        "vehicle", "--bundle", release, *bus, "--enable-after", "0.5", "--json", str(tmp_path / "v.json")
+    )
     try:
         # The ECU's first line is that it is there; the vehicle's third one is of its first period.
         assert ecu.stderr is not None

@@ -20,7 +20,7 @@ ROUND_NOSE = BodyConfig(length=2.0, leading_edge_radius=0.5, sensors_per_side=3,
 
 @pytest.fixture(scope="module")
 def square_plant() -> TruckWake:
-    return TruckWake(FlowConfig(reynolds=100.0, substeps=15, refinement=0.5), body=SQUARE)
+    return TruckWake(FlowConfig(reynolds=100.0, substeps=12, refinement=0.4), body=SQUARE)
 
 
 @pytest.fixture

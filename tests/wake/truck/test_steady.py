@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow  # the flow settles
 
 @pytest.fixture(scope="module")
 def coarse() -> TruckWake:
-    return TruckWake(FlowConfig(substeps=10, refinement=0.5))
+    return TruckWake(FlowConfig(substeps=8, refinement=0.4))
 
 
 @pytest.fixture(scope="module")

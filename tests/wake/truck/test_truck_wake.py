@@ -39,7 +39,7 @@ def uncontrolled(shared_wake) -> Uncontrolled:
     shared_wake.reset(developed_state())
     inside = int(np.searchsorted(shared_wake.grid.xc, 22.0))
     lift, transverse = [], []
-    for _ in range(80):
+    for _ in range(66):
         lift.append(shared_wake.advance(0.0).Cl)
         transverse.append(np.abs(shared_wake.flow.faces_v[[inside, -1]]).max(axis=1))
     return Uncontrolled(Cl=np.array(lift), transverse=np.array(transverse))
