@@ -23,7 +23,7 @@ SMALL = tuple(
     )
     for word in ("--set", setting)
 )
-COARSE = ("--set", "flow.refinement=0.5")
+COARSE = ("--set", "flow.refinement=0.4", "--set", "flow.substeps=12")
 VIRTUAL = ("--set", "bus.interface=virtual")
 STOPPED = {
     "run out --json out.json": 143,

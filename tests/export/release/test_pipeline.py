@@ -97,7 +97,9 @@ Export = Callable[..., Gated]
 
 
 @pytest.fixture
-def export(model, recording, tmp_path) -> Export:
+def export(model, recording, tmp_path, monkeypatch) -> Export:
+    monkeypatch.setattr(pipeline, "GATE_WINDOWS", 10)
+
     def run(*, library: bool = False, **changes: Any) -> Gated:
         arguments: dict[str, Any] = {
             "precision": "int8",

@@ -137,7 +137,7 @@ def test_lockstep_finds_another_ecu(release, sources):
     other = CEcu(sources, compiler=zig_compiler(), flags=ZIG)
     other.calibrate(replace(other.calibration, weights=replace(other.calibration.weights, lift=9.0)))
     check_ecu(C, 0.0)  # its clock is the host's
-    both = Lockstep(loop_ecu(C, sources).ecu, other)
+    both = Lockstep(host(sources).ecu, other)
     run(release, LoopEcu(ecu=both, kind=C, computed_by="a test"))
     assert both.differing_states > 0
     assert both.differing_frames > 0

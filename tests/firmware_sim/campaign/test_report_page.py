@@ -6,7 +6,7 @@ from tests.browser import PHONE, chromium, visit
 from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
 from tests.firmware_sim.campaign.test_report import written
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.usefixtures("no_pictures")]
 
 
 def test_it_opens_without_a_fault_for_all_readers(tmp_path):

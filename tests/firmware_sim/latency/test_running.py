@@ -28,6 +28,7 @@ socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM).sendto(b"READY=1\\nSTATUS=OFF",
 """
 
 
+@pytest.mark.proofs  # five seconds of three processes
 def test_an_ecu_that_is_held_up_shows_with_every_period_that_it_cost(tmp_path, short_release):
     period_ns = Config().period_ns
     high, low = divmod(os.getpid() % 65536, 256)

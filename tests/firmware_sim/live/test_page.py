@@ -206,7 +206,6 @@ def test_a_refusal_is_shown_and_a_saved_run_can_be_taken_away(live, server):
 
 
 def test_every_viewer_can_use_it_on_a_phone_too(live, opened):
-    assert not live.violations()
     phone = opened("?token=a+b", width=PHONE, height=844, dark=True)
     wait_for_settings(phone, START)
     wait_for(phone, ".states-list .present")
@@ -220,6 +219,11 @@ def test_every_viewer_can_use_it_on_a_phone_too(live, opened):
     urls = phone.page.evaluate("[stillwake.page.channel.url, stillwake.page.requests.channel.url]")
     assert urls == [live.home.replace("http", "ws") + name + "?token=a+b" for name in ("stream", "control")]
     phone.page.context.close()
+
+
+@pytest.mark.proofs  # as the phone's page, in the other colours
+def test_every_viewer_can_use_it_in_a_wide_window(live):
+    assert not live.violations()
 
 
 def test_nothing_is_cut_or_wraps_at_any_width(live):

@@ -17,6 +17,9 @@ disturb = ["noise:level=0.3"]
 """
 
 
+pytestmark = pytest.mark.usefixtures("no_pictures")
+
+
 @pytest.fixture
 def plan(tmp_path):
     path = tmp_path / "plan.toml"

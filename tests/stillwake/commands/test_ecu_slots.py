@@ -112,6 +112,7 @@ def test_what_cannot_run_is_one_line(works: Works, all_refused: Callable[..., No
     )
 
 
+@pytest.mark.proofs  # six processes; `tests/stillwake/test_flash_pages.py` flashes one in `make test`
 @pytest.mark.processes
 def test_flashed_killed_amid_a_transfer_and_flashed_again(works: Works) -> None:
     pytest.importorskip("udsoncan")

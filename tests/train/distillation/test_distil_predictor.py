@@ -18,7 +18,7 @@ def test_the_student_rolls_out_as_the_teacher(fitted, small_config):
     config = replace(
         small_config,
         model=replace(small_config.model, slim_dynamics_width=24, slim_decoder_width=16),
-        train=replace(small_config.train, predictor_lessons=2048, predictor_epochs=5.0),
+        train=replace(small_config.train, predictor_lessons=2048, predictor_epochs=2.5),
         mpc=replace(small_config.mpc, horizon=10),
     )
     before = [parameter.clone() for parameter in teacher.parameters()]

@@ -193,6 +193,7 @@ def screen_of(
     return os.waitstatus_to_exitcode(status), written.decode(errors="replace")
 
 
+@pytest.mark.proofs  # our own monitor meets the same frames below
 def test_cantools_monitor_opens_our_dbc_and_shows_what_is_sent(bus: Bus) -> None:
     monitor = [sys.executable, "-m", "cantools", "monitor", *bus.theirs, "--", str(DBC)]
     with running(*bus.ours, "send", "JetCommand", "Flow=1.5", "--count", "100000", *BUS):
