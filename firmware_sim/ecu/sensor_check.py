@@ -13,9 +13,10 @@ Residuals are averaged over a few periods, which keeps what is slow and drops no
 shedding cycle. Noise changes from one period to the next, as no lie does: what noise is left is measured by the
 residuals' differences, and allowed for. So noise on all sensors, which the controller bears, never takes control away.
 
-Sensors that read the same over a whole window are copies of one, as a broken multiplexer makes them: the jets go to
-zero. A reading that never changes at all is stuck: no transducer in a flow does that. Whether there is a flow, by the
-others: on a vehicle that stands or creeps, all pressures rest or nearly so, and none of them lies.
+Sensors that read the same over a whole window, and move, are copies of one, as a broken multiplexer makes them: the
+jets go to zero. Mirror images that hardly move are none: a calm wake is symmetric. A reading that never changes at all
+is stuck: no transducer in a flow does that. Whether there is a flow, by the others: on a vehicle that stands or creeps,
+all pressures rest or nearly so, and none of them lies.
 """
 
 from dataclasses import dataclass, field, replace
@@ -42,6 +43,10 @@ shipped recording it is 0.015 in Cp; the others' median moves by 0.022 or more i
 
 ALIKE: Final = 0.1
 """The same for copies: the rms difference of two readings over a window. 0.004 in Cp; sound ones have over 0.011."""
+
+COPIED: Final = 2.0
+"""Such deviations by which a reading moves over the window in which another is its copy: 0.08 in Cp. Under control of
+the shipped release all move by over 0.11; on the calm wake, where mirror images are alike, by less than 0.07."""
 
 DRIFT_ALLOWED: Final = 4.0
 """How much more slow means may disagree than fast ones: 64; sound ones reach 7, or 40 without any one sensor."""
@@ -250,11 +255,12 @@ class SensorCheck:
         return bool(np.median(np.delete(moved, resting)) >= MOVING * self._sound)
 
     def _any_alike(self, window: Array, set_aside: int | None) -> bool:
-        """Whether two sensors in use have the same reading over a window."""
+        """Whether two sensors in use have the same reading over a window, and it moves."""
         one, other = np.transpose([pair for pair in pairs(window.shape[1] - 1) if set_aside not in pair])
         # One after the other, as in C: `sum` may add in another order.
         squares = np.square(window[:, one] - window[:, other]).cumsum(axis=0)
-        return bool((squares[-1] <= len(window) * (ALIKE * self._sound) ** 2).any())
+        same = squares[-1] <= len(window) * (ALIKE * self._sound) ** 2
+        return bool((same & (np.ptp(window[:, one], axis=0) >= COPIED * self._sound)).any())
 
     def _verdict(self, state: SensorCheckState, window: Array, *, full: bool) -> dict[str, Any]:
         """What means, resting readings and the window (L, S + 1) amount to, by the names of the state's fields."""

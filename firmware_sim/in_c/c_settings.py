@@ -30,7 +30,7 @@ from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS
 from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.fit import check_vehicle
 from firmware_sim.ecu.other_ecu import SILENCE_NS
-from firmware_sim.ecu.sensor_check import ALIKE, DRIFT_ALLOWED, MOVING, NOISE_ALLOWED, SCORE_PERIODS
+from firmware_sim.ecu.sensor_check import ALIKE, COPIED, DRIFT_ALLOWED, MOVING, NOISE_ALLOWED, SCORE_PERIODS
 from firmware_sim.ecu.timing import LATEST_NS
 
 HEADER: Final = ECU_SETTINGS
@@ -154,6 +154,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         "SW_NOISE_ALLOWED": NOISE_ALLOWED,
         "SW_MOVING": MOVING,
         "SW_ALIKE": ALIKE,
+        "SW_COPIED": COPIED,
         "SW_DRIFT_ALLOWED": DRIFT_ALLOWED,
         **(
             {}

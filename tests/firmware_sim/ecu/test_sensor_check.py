@@ -186,6 +186,24 @@ def test_readings_that_are_copies_of_each_other_shut_the_jets_or_their_sensor_is
         assert drive.fault is None, name
 
 
+def test_a_calm_symmetric_wake_has_no_copies() -> None:
+    """Readings that are the same, and an estimator that expects just them: only how far they move tells copies."""
+
+    class Same(Flow):
+        def estimates(self, window: Array) -> Array:
+            return np.tile(window[-1, :4], (len(views(4)), 1))
+
+    def read(share: float) -> Callable[[Array, int], Array]:
+        return lambda cp, k: np.full(4, LEVELS[0] + share * (cp[0] - LEVELS[0]))
+
+    for share, fault in ((0.04, None), (1.0, Reason.IMPLAUSIBLE)):
+        drive = Drive()
+        drive.check = replace(drive.check, estimator=Same())
+        for _ in range(100):
+            drive.step(read(share))
+        assert drive.fault is fault, share
+
+
 def test_a_second_liar_shuts_the_jets() -> None:
     drive = sound()
     drive.until_seen(with_value(0, lambda value, k: value + 0.4), 30)

@@ -169,14 +169,11 @@ static levels levels_of(const sw_sensors *sensors)
     return found;
 }
 
-/* By how much a column of the window changed in the periods in which a reading rested. Before row `first` the window is
- * taken to have been like it.
- */
+/* By how much a column of the window changed from row `first` on. */
 static double moved(const double window[SW_WINDOW][SW_COLUMNS], int first, int column)
 {
-    const int begin = first > SW_WINDOW - FLAT_ROWS ? first : SW_WINDOW - FLAT_ROWS;
-    double least = window[begin][column], most = least;
-    for (int k = begin + 1; k < SW_WINDOW; k++) {
+    double least = window[first][column], most = least;
+    for (int k = first + 1; k < SW_WINDOW; k++) {
         const double value = window[k][column];
         if (value < least) least = value;
         if (value > most) most = value;
@@ -192,18 +189,21 @@ static double sound_deviation(void)
     return mean_of(sound);
 }
 
-/* Whether the other pressures show a flow in the periods in which this one rested: their median. */
+/* Whether the other pressures show a flow in the periods in which this one rested: their median. Before row `first` the
+ * window is taken to have been like it.
+ */
 static int others_move(int resting, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
+    const int begin = first > SW_WINDOW - FLAT_ROWS ? first : SW_WINDOW - FLAT_ROWS;
     double by[SW_SENSORS - 1];
     for (int s = 0, n = 0; s < SW_SENSORS; s++) {
-        if (s != resting) by[n++] = moved(window, first, s);
+        if (s != resting) by[n++] = moved(window, begin, s);
     }
     const double median = larger(smaller(by[0], by[1]), smaller(larger(by[0], by[1]), by[2]));
     return median >= SW_MOVING * sound_deviation();
 }
 
-/* Whether two sensors in use have the same reading over a window. */
+/* Whether two sensors in use have the same reading over a whole window, and it moves. */
 static int any_alike(const double window[SW_WINDOW][SW_COLUMNS], int set_aside)
 {
     const double most = (double)SW_WINDOW * square(SW_ALIKE * sound_deviation());
@@ -216,7 +216,7 @@ static int any_alike(const double window[SW_WINDOW][SW_COLUMNS], int set_aside)
                 if (sum > most) break; /* it only grows */
                 sum += square(window[k][i] - window[k][j]);
             }
-            if (sum <= most) alike = 1;
+            if (sum <= most && moved(window, 0, i) >= SW_COPIED * sound_deviation()) alike = 1;
         }
     }
     return alike;
