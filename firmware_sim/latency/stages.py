@@ -186,8 +186,9 @@ def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_perio
     """The vehicle's row whose frame bears that counter and was the latest such when it arrived; -1 where none did."""
     own, sampled = sent[:, VehicleStage.PRESSURE_COUNTER], sent[:, VehicleStage.SAMPLED]
     newest = np.searchsorted(sampled, arrived, side="right") - 1
-    row = newest - (own[newest] - counters) % counter_period
-    known = (counters != NOTHING) & (arrived > 0) & (newest >= 0) & (row >= 0)
+    back = newest - (own[newest] - counters) % counter_period
+    known = (counters != NOTHING) & (arrived > 0) & (newest >= 0) & (back >= 0)
+    row = np.where(known, back, 0)
     wrong = known & (own[row] != counters)
     if wrong.any():
         counter = int(counters[np.argmax(wrong)])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contract.errors import StillwakeError
-from firmware_sim.ecu.real_time.stage_times import EcuStage, VehicleStage
+from firmware_sim.ecu.real_time.stage_times import NOTHING, EcuStage, VehicleStage
 from firmware_sim.latency.stages import Stage, joined
 from tests.firmware_sim.latency.tables import COUNTERS, MS, PERIOD, START, TOOK, Tables
 
@@ -68,6 +68,12 @@ def test_a_lost_frame_or_command_is_answered_by_the_next_command():
         assert np.isinf(periods.stages[Stage.ALL][55:]).all()
         assert periods.stages[Stage.ALL][30] == PERIOD + ALL_NS
         assert np.isnan(periods.stages[Stage.PLAN][30]) == (lose is Tables.lose_frame)
+
+
+def test_a_step_without_pressures_answers_none_in_a_run_shorter_than_the_counter():
+    run = Tables(60)
+    run.ecu[1, EcuStage.PRESSURE_COUNTER] = NOTHING
+    assert np.isnan(run.join().stages[Stage.PLAN][1])
 
 
 def test_no_period_of_a_node_that_slept_is_left_out():
