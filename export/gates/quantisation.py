@@ -4,9 +4,8 @@ Bits do not matter here, behaviour does: both programs answer the same windows f
 the quantised one's plan is priced by the float one's model.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -57,22 +56,29 @@ Answer = Callable[[Array, Array, Array], ControlStep]
 """A control step: window (L, S+1), previous plan (H,), mask of free actions (H,)."""
 
 
-def compare_quantised(
-    program: ControllerProgram, quantised: ControllerProgram, windows: Iterable[Array]
+def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[ControlStep]:
+    """The float program's answers to consecutive windows (L, S+1), each plan the warm start of the next."""
+    plan, free = np.zeros(program.mpc.horizon), np.ones(program.mpc.horizon)
+    found = []
+    for window in windows:
+        found.append(control_step(program, window, plan, free))
+        plan = found[-1].plan
+    return found
+
+
+def compare_answers(
+    program: ControllerProgram, answer: Answer, windows: Sequence[Array], exact_steps: Sequence[ControlStep]
 ) -> QuantisationReport:
-    """As `compare_answers`, with the reference on the quantised program."""
-    return compare_answers(program, partial(control_step, quantised), windows)
+    """Answer the windows of `exact_answers` with another lowering; the float plan is the warm start of both.
 
-
-def compare_answers(program: ControllerProgram, answer: Answer, windows: Iterable[Array]) -> QuantisationReport:
-    """Answer consecutive windows (L, S+1) with the float program and the other; the float plan is the warm start of
-    both. Raises ExportError if there are no windows."""
+    Raises:
+        ExportError: there are no windows.
+    """
     h = program.mpc.horizon
     plan, free = np.zeros(h), np.ones(h)
     weights = np.array(program.mpc.weights.as_tuple())
     errors, gaps = [], []
-    for window in windows:
-        exact = control_step(program, window, plan, free)
+    for window, exact in zip(windows, exact_steps, strict=True):
         rounded = answer(window, plan, free)
         start = starting_plan(program, window, plan, free)
         priced = evaluate(program, encode(program, window), rounded.plan, float(window[-1, -1]), weights, start)

@@ -2,18 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from contract.arrays import Array
-from contract.controller.interface import CompileLibrary
+from contract.controller.interface import CompileLibrary, ControlStep
 from export.gates.parity import ParityReport, check_lowering, check_parity
 from export.gates.quantisation import (
     QuantisationLimits,
     QuantisationReport,
     check_quantisation,
     compare_answers,
-    compare_quantised,
+    exact_answers,
 )
 from export.int8.rounded_program import RoundedProgram
+from export.reference.mpc import control_step
 from export.release.lowering import Lowered
 from export.to_c.folder_files import replay
 
@@ -78,31 +80,40 @@ def gate(
         LibraryError: there is no C compiler, or it does not take the library.
     """
     limits = QuantisationLimits() if limits is None else limits
+    # Both lowerings are held to the same answers, which take longest.
+    exact = exact_answers(lowered.program.source, windows) if isinstance(lowered.program, RoundedProgram) else []
     return Gated(
         lowered=lowered,
-        graph=_gate_graph(lowered, windows, limits),
-        library=None if lowered.library is None else _gate_library(lowered, windows, limits, compiled),
+        graph=_gate_graph(lowered, windows, exact, limits),
+        library=None if lowered.library is None else _gate_library(lowered, windows, exact, limits, compiled),
     )
 
 
-def _gate_graph(lowered: Lowered, windows: Sequence[Array], limits: QuantisationLimits) -> GraphReport:
+def _gate_graph(
+    lowered: Lowered, windows: Sequence[Array], exact: Sequence[ControlStep], limits: QuantisationLimits
+) -> GraphReport:
     quantisation = None
     if isinstance(lowered.program, RoundedProgram):
-        quantisation = compare_quantised(lowered.program.source, lowered.program.program, windows)
+        answer = partial(control_step, lowered.program.program)
+        quantisation = compare_answers(lowered.program.source, answer, windows, exact)
         check_quantisation(quantisation, limits)
     parity = check_parity(lowered.effective, lowered.graph, windows)
     return GraphReport(controller_bytes=len(lowered.graph), parity=parity, quantisation=quantisation)
 
 
 def _gate_library(
-    lowered: Lowered, windows: Sequence[Array], limits: QuantisationLimits, compiled: CompileLibrary | None
+    lowered: Lowered,
+    windows: Sequence[Array],
+    exact: Sequence[ControlStep],
+    limits: QuantisationLimits,
+    compiled: CompileLibrary | None,
 ) -> LibraryReport:
     if lowered.library is None or compiled is None:
         raise ValueError("a library without what compiles it: it cannot be checked")
     controller = compiled(lowered.library, lowered.effective.sizes)
     parity, quantisation = None, None
     if isinstance(lowered.program, RoundedProgram):
-        quantisation = compare_answers(lowered.program.source, controller.control_step, windows)
+        quantisation = compare_answers(lowered.program.source, controller.control_step, windows, exact)
         check_quantisation(quantisation, limits, name="int8 C library")
     else:
         parity = check_lowering(lowered.effective, controller, "C library", windows)
