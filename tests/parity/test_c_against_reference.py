@@ -54,6 +54,7 @@ def test_random_nets_of_odd_sizes(seed):
 
 
 @pytest.mark.slow
+@pytest.mark.proofs  # the optimiser takes long; test_export.py runs the shipped library as it is built for speed
 def test_paper_size_as_built_for_speed():
     program = random_program(11)
     report = check_lowering(

@@ -48,6 +48,7 @@ def _command(*arguments: object, scratch: Path | None = None) -> subprocess.Pope
     )  # fmt: skip
 
 
+@pytest.mark.proofs  # three processes; test_stops.py stops every command in one
 def test_a_signal_to_the_group_ends_the_workers_too(tmp_path):
     scratch = tmp_path / "scratch"
     scratch.mkdir()

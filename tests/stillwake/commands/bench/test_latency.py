@@ -75,6 +75,7 @@ def test_a_short_run_on_a_real_bus(cli, tmp_path, short_release):
 
 
 @pytest.mark.processes
+@pytest.mark.proofs  # three more processes; test_serve.py has the same of two
 def test_sigterm_ends_all_of_it_and_leaves_nothing(tmp_path, short_release):
     what = ("--bundle", str(short_release), "--periods", "5000")
     command = [sys.executable, "-m", "stillwake", "bench", "latency", str(tmp_path / "report"), *what]

@@ -136,6 +136,7 @@ def test_record_keeps_all_that_can_player_sends(tmp_path: Path, bus: Bus) -> Non
     assert [path.name for path in output.parent.iterdir()] == [output.name]
 
 
+@pytest.mark.proofs  # the other way round is above
 def test_can_logger_keeps_all_that_replay_sends(tmp_path: Path, bus: Bus) -> None:
     made = write(tmp_path / "sent.blf", PERIODS)
     output = tmp_path / "got.log"
