@@ -31,7 +31,7 @@ test: $(VENV)/dev.stamp
 	$(BIN)/python tests/measured.py --cpu-minutes 14 $(MAKE) --no-print-directory everything
 
 everything:
-	$(MAKE) --no-print-directory --jobs 2 --output-sync lint coverage docs
+	$(MAKE) --no-print-directory --jobs 2 --output-sync lint coverage docs SPHINX="-D plot_gallery=0"
 	$(BIN)/python -m pytest -n 2 --dist loadfile --budget -m "not (openfoam or proofs or pages)"
 
 # Every branch of what stands between the controller and the jets, or decides which release runs, by tests that do not
@@ -111,7 +111,7 @@ release: $(VENV)/dev.stamp
 	@echo "in place; to check: stillwake run runs/demo --overwrite, stillwake mcu, make test"
 
 # Everything slow: all figures in results/, and the tables made of them.
-full: test
+full: test docs
 	$(BIN)/python -m pytest -m pages tests/docs/blocks
 	$(BIN)/python -m pytest -m "hypothesis and not proofs" --hypothesis-profile=drawn
 	$(BIN)/python -m pytest -m proofs
@@ -194,7 +194,8 @@ generated: tables
 
 # These pages as a site, with search and the API; warnings are errors.
 docs: $(VENV)/dev.stamp
-	$(BIN)/python -m sphinx --nitpicky --fail-on-warning --keep-going --quiet --doctree-dir build/doctrees docs build/docs
+	$(BIN)/python -m sphinx --nitpicky --fail-on-warning --keep-going --quiet $(SPHINX) \
+		--doctree-dir build/doctrees docs build/docs
 	@echo "the site: build/docs/index.html"
 
 # The pictures of the closed loop in README.md and docs/, from the release that is shipped.

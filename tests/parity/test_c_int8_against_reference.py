@@ -99,6 +99,7 @@ def test_actions_stay_in_bounds_and_committed_ones_stay_put(small, plan, free, w
     np.testing.assert_array_equal(found[committed], shift(plan).astype(np.float32)[committed])
 
 
+@pytest.mark.proofs  # compiles four libraries; the shipped one is held to the reference as it is built
 @pytest.mark.compiler  # compiles every variant
 @each("dynamics_width", [13, 70])
 def test_avx2_computes_what_plain_c_does(dynamics_width):

@@ -139,6 +139,7 @@ def call(words: list[str]) -> tuple[int, str, str]:
     return stop.value.code, out.getvalue(), err.getvalue()
 
 
+@pytest.mark.proofs  # long; refusals by name stay
 @pytest.mark.slow  # some calls of every verb
 def test_any_call_ends_well(random_release, no_work) -> None:
     for verb in VERBS:

@@ -56,6 +56,7 @@ def host(sources) -> LoopEcu:
     return LoopEcu(ecu=CEcu(sources, compiler=zig_compiler(), flags=ZIG), kind=C, computed_by="a test")
 
 
+@pytest.mark.proofs  # test_c_ecu.py has a short one
 def test_the_ecu_in_c_gives_the_run_of_the_one_in_python(release, sources):
     """Frame by frame, their times included, also through a reset: the control step is the same library's in both."""
     sizes = release.bundle.manifest.sizes

@@ -83,10 +83,9 @@ def agrees(measured: mcu.Measurement) -> bool:
 def test_the_core_computes_what_the_host_does_also_at_odd_sizes(budgeted):
     assert budgeted.steps == 2
     assert agrees(budgeted)
-    for precision in ["float32", "int8"]:
-        measured = mcu.measure(*sources_and_rows(ODD, precision))
-        assert agrees(measured), precision
-        assert measured.precision == precision, precision
+    assert budgeted.precision == "int8"
+    measured = mcu.measure(*sources_and_rows(ODD, "float32"))
+    assert agrees(measured) and measured.precision == "float32"
 
 
 @pytest.mark.mcu

@@ -15,6 +15,7 @@ PERIODS = 300
 """Of each stretch."""
 
 
+@pytest.mark.proofs  # test_c_ecu.py has a short one
 def test_both_ecus_live_through_the_same_periods_alike_in_every_mode(tmp_path):
     modes = Counter[str]()
     for name in VARIANTS:

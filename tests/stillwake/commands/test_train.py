@@ -96,6 +96,7 @@ def test_a_training_that_diverges_is_one_line(refused: Callable[..., str], tmp_p
     assert line.startswith("error: joint fit: the loss is not finite after ")
 
 
+@pytest.mark.proofs  # the parts are tested in tests/train/fitting
 @pytest.mark.slow  # the real fit up to its first checkpoint, twice
 def test_a_training_stopped_after_a_checkpoint_keeps_it_and_goes_on(
     cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

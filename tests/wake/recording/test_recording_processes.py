@@ -67,6 +67,7 @@ def test_a_signal_to_the_group_ends_the_workers_too(tmp_path):
     assert list(tmp_path.rglob("*")) == [scratch]
 
 
+@pytest.mark.proofs  # two workers; a campaign has one in make test
 def test_a_workers_error_comes_back_as_its_own(tmp_path):
     plans = [EpisodePlan(forcing="none", steps=20, seed=seed) for seed in (0, 1)]
     with pytest.raises(PlantError, match=r"^dt = 0\.0667.*\Z"):
