@@ -65,6 +65,7 @@ CORTEX_M4 = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp"
 AARCH64 = ("-target", "aarch64-linux-musl")
 
 
+@pytest.mark.proofs  # ten builds; those of gcc stay, and those of the emulated core
 @pytest.mark.compiler
 @each("target", [(), ("-march=native",), CORTEX_M7, CORTEX_M4, AARCH64])
 def test_clang_takes_it_without_a_warning(compiled, target):

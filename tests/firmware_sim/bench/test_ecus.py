@@ -74,6 +74,7 @@ def test_the_ecu_in_c_gives_the_run_of_the_one_in_python(release, sources):
         assert counters.count(0) == 1 + len(faults)
 
 
+@pytest.mark.proofs  # test_ecu_machine.py has every frame of a shorter one
 @pytest.mark.mcu
 def test_the_core_drives_the_loop_in_its_own_time_and_as_the_host_would(release, sources):
     """Every frame and every number of the state, after every step."""
