@@ -135,7 +135,7 @@ MAKERS: Final[dict[str, Maker]] = {
 GIVEN: Final[tuple[tuple[str, Maker], ...]] = (
     (r"runs/(demo|a|b)", MAKERS["run"]),
     (r"runs/(bundle|long)|bundle|A|B|my_bundle", MAKERS["bundle"]),
-    (r"runs/model", MAKERS["model"]),
+    (r"runs/(model|refined)", MAKERS["model"]),
     (r"(my|data)\.h5", _recording),
     (r"(my_|)vehicle\.dbc|engine\.dbc", lambda path, shared: path.write_text(_DBC, encoding="utf-8")),
     (r"(frames|drive|other|monday|tuesday)\.blf", MAKERS["drive"]),
