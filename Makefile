@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo check fast test everything lint coverage kernels pristine packages c retrain release full openfoam tables generated docs \
+.PHONY: demo check fast test everything lint coverage pristine packages c retrain release full openfoam tables generated docs \
 	pictures clean
 
 # Python keeps what it compiled, also where the environment forbids it: otherwise every process that a test starts would
@@ -31,7 +31,7 @@ test: $(VENV)/dev.stamp
 	$(BIN)/python tests/measured.py --cpu-minutes 14 $(MAKE) --no-print-directory everything
 
 everything:
-	$(MAKE) --no-print-directory --jobs 2 --output-sync lint coverage kernels docs SPHINX="-D plot_gallery=0"
+	$(MAKE) --no-print-directory --jobs 2 --output-sync lint coverage docs SPHINX="-D plot_gallery=0"
 	$(BIN)/python -m pytest -n 2 --dist loadfile --budget -m "not (openfoam or proofs or pages)"
 
 # Every branch of what stands between the controller and the jets, or decides which release runs, by tests that do not
@@ -191,10 +191,6 @@ generated: tables
 	$(BIN)/python docs/can_messages.py
 	$(BIN)/python docs/states.py
 	$(BIN)/python docs/diagnosis.py
-
-# Otherwise each worker of the tests compiles them, and a test is charged with it.
-kernels: $(VENV)/dev.stamp
-	$(BIN)/python -m tests.compile_kernels
 
 # These pages as a site, with search and the API; warnings are errors.
 docs: $(VENV)/dev.stamp

@@ -15,10 +15,9 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 NAMES: Final = ("chromium", "chromium-browser", "google-chrome")
-# Half as many pixels along each side: without a graphics card, painting them takes most of the time.
 _ARGUMENTS: Final = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
-    "--disable-background-networking", "--disable-component-update", "--force-device-scale-factor=0.5",
+    "--disable-background-networking", "--disable-component-update",
 )  # fmt: skip
 PHONE: Final = 390
 """Width in pixels."""

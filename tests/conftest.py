@@ -134,12 +134,14 @@ def _random_release(path: Path, window: int) -> Path:
 
 @pytest.fixture(scope="session")
 def shared_wake(tmp_path_factory: pytest.TempPathFactory) -> Iterator["TruckWake"]:
-    """Of one test process; built before any other plant, so that only one of the processes compiles the kernels.
+    """Of one test process; built before any other plant, so that only one of the processes compiles the kernels and
+    their adjoint.
 
     The others wait, and load from numba's cache what it compiled. Folders whose tests run the plant, also in processes
     of their own, ask for it in their `conftest.py`. From then on, wakes of the same grid and body share what measures
     on them, which is most of the time that one takes to make, and never changes.
     """
+    from wake.truck.tape import Tape, no_weights
     from wake.truck.truck_wake import TruckWake
 
     surfaces: dict[object, Surface] = {}
@@ -156,7 +158,9 @@ def shared_wake(tmp_path_factory: pytest.TempPathFactory) -> Iterator["TruckWake
         with FileLock(tmp_path_factory.getbasetemp().parent / "kernels.lock"):
             wake = TruckWake()
             wake.solver.start()
-            wake.advance(0.0)
+            tape = Tape(wake, 500.0)
+            tape.advance(0.0)
+            tape.back(no_weights(len(wake.layout)))
         yield wake
 
 

@@ -134,7 +134,7 @@ def _write(app: Sphinx, config: Config) -> None:
 
 
 def _collapse(app: Sphinx, page: str, template: str, context: dict[str, Any], tree: object) -> None:
-    """Of the list of pages, show the branch of this one alone: whole on every page, it takes a third of the build."""
+    """Of the list of pages, show the branch of this one alone: whole on every page, it takes a quarter of the build."""
     del app, page, template, tree
     whole = context.get("toctree")
     if whole is not None:

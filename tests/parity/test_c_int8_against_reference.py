@@ -99,9 +99,9 @@ def test_actions_stay_in_bounds_and_committed_ones_stay_put(small, plan, free, w
     np.testing.assert_array_equal(found[committed], shift(plan).astype(np.float32)[committed])
 
 
-@pytest.mark.proofs  # compiles four libraries; the shipped one is held to the reference as it is built
+@pytest.mark.proofs  # compiles six libraries; the shipped one is held to the reference as it is built
 @pytest.mark.compiler  # compiles every variant
-@each("dynamics_width", [13, 70])
+@each("dynamics_width", [3, 13, 70])
 def test_avx2_computes_what_plain_c_does(dynamics_width):
     """Integers, and floats in the same order, so to the bit."""
     processor = Path("/proc/cpuinfo")

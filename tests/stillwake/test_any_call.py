@@ -28,7 +28,7 @@ from tests.stillwake.calls import Verb, calls, verbs_of
 
 VERBS = list(verbs_of(stillwake.__main__.app))
 ASKED = os.environ.get("STILLWAKE_CALLS")
-EXAMPLES, DERANDOMIZE = (2, True) if ASKED is None else (int(ASKED), False)
+EXAMPLES, DERANDOMIZE = (3, True) if ASKED is None else (int(ASKED), False)
 """Calls of each verb. They are the same in every test run; STILLWAKE_CALLS=500 looks at as many others."""
 RUNS = 12
 """Calls of the flow solver until the work counts as begun: a start from rest takes some of them."""

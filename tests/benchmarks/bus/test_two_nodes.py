@@ -57,7 +57,7 @@ def test_udp_multicast(multicast):
         assert sum(refused.values()) == 2 * PERIODS
 
 
-@pytest.mark.proofs
+@pytest.mark.proofs  # two processes, as of the bus above
 def test_serial_adapters():
     counts = exchanged(BusConfig(interface="slcan", channel="pty", frames="classic"), garbage=1)
     assert_complete(counts)
@@ -70,7 +70,7 @@ def test_bus_that_the_other_process_cannot_open_is_told_here():
         exchanged(BusConfig(interface="socketcan", channel="no-such-can"))
 
 
-@pytest.mark.proofs
+@pytest.mark.proofs  # the same
 def test_loss_is_seen(monkeypatch):
     """A planted one: every seventh frame or so is cut on its way."""
     rng = Random(0)

@@ -93,6 +93,7 @@ def test_the_core_computes_what_the_host_does_also_at_odd_sizes(budgeted):
 def test_a_core_that_issues_one_instruction_a_cycle_runs_the_same_ones():
     """But for a few, none of them side by side, and loads take two cycles."""
     faster, slower = (mcu.measure(*sources_and_rows(ODD, "int8"), core=core) for core in (CORTEX_M7, CORTEX_M4F))
+    assert agrees(faster) and faster.precision == "int8"
     assert slower.instructions == pytest.approx(faster.instructions, rel=0.03)
     assert slower.instructions < slower.cycles < 2.2 * faster.cycles
     assert set(slower.modelled_ms) == {"170"}

@@ -11,7 +11,7 @@ from tests.proofs.ecu_in_c.planted import PLANTED
 from tests.proofs.ecu_in_c.variants import VARIANTS
 
 pytestmark = pytest.mark.compiler
-PERIODS = 300
+PERIODS = 600
 """Of each stretch."""
 
 
