@@ -37,6 +37,7 @@ def sources() -> dict[str, bytes]:
     return int8_library(PROGRAM, windows(4))
 
 
+@pytest.mark.proofs  # of a benchmark
 def test_the_work_does_not_depend_on_the_data_and_work_that_does_is_found(sources):
     """What conditions skip counts as run, so that the comparisons of the cost do not show."""
     spread = instruction_spread(sources, windows(10))

@@ -82,6 +82,7 @@ void begin(void)
 """
 
 pytestmark = [
+    pytest.mark.proofs,  # another processor's builds
     pytest.mark.compiler,
     pytest.mark.skipif(COMPILER is None, reason="ziglang (extra mcu) is not installed"),
 ]

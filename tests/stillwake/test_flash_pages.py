@@ -79,6 +79,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.proofs  # the page of flashing stays
 @pytest.mark.processes
 @pytest.mark.usefixtures("checkout")
 def test_the_tour_flashes_and_calibrates_and_so_does_the_page_of_calibration(cli):

@@ -34,6 +34,7 @@ def test_rounding_that_changes_too_much_is_refused():
         gate(lowered, WINDOWS[:3], QuantisationLimits(rms_action_error=1e-15))
 
 
+@pytest.mark.proofs  # gates a release once more
 @pytest.mark.compiler  # compiles two libraries
 def test_an_int8_library_of_another_program_is_refused():
     rounded = rounded_on(PROGRAM, WINDOWS)

@@ -55,6 +55,7 @@ def cpp_compiler() -> list[str]:
     return [*zig[:-1], "c++"]
 
 
+@pytest.mark.proofs  # a build of its own; that of the README stays
 @pytest.mark.compiler
 def test_a_cpp_program_links_to_the_library(folder):
     (folder / "main.cpp").write_text(CPP)
@@ -87,6 +88,7 @@ def test_the_readmes_line_builds_an_example_that_answers_as_expected(folder):
     assert "fewer rows" in done(["./replay", RECORDED, EXPECTED], folder).stderr
 
 
+@pytest.mark.proofs  # a build of its own; that of the README stays
 @pytest.mark.compiler
 def test_cmake_builds_it_and_its_test_passes(samples, tmp_path):
     if shutil.which("cmake") is None:

@@ -9,6 +9,7 @@ from tests.firmware_sim.campaign.test_report import written
 pytestmark = [pytest.mark.browser, pytest.mark.usefixtures("no_pictures")]
 
 
+@pytest.mark.proofs  # a browser; the page of a run has one
 def test_it_opens_without_a_fault_for_all_readers(tmp_path):
     """With every verdict that a scenario can have."""
     rows = rows_of(

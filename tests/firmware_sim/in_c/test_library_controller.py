@@ -24,6 +24,7 @@ def release(tmp_path_factory) -> Exported:
     return exported(tmp_path_factory.mktemp("library"))
 
 
+@pytest.mark.proofs  # test_identify.py runs the loop with a library
 @pytest.mark.slow  # a whole run with its report
 @pytest.mark.usefixtures("no_pictures")
 def test_the_command_runs_it_and_reports_it(cli, release, coarse, tmp_path):

@@ -205,6 +205,7 @@ def test_a_refusal_is_shown_and_a_saved_run_can_be_taken_away(live, server):
     assert download.value.suggested_filename == f"{folder.name}.zip"
 
 
+@pytest.mark.proofs  # of the page in two windows, the wide one stays
 def test_every_viewer_can_use_it_on_a_phone_too(live, opened):
     phone = opened("?token=a+b", width=PHONE, height=844, dark=True)
     wait_for_settings(phone, START)
@@ -226,6 +227,7 @@ def test_every_viewer_can_use_it_in_a_wide_window(live):
     assert not live.violations()
 
 
+@pytest.mark.proofs  # looks at the page at every width
 def test_nothing_is_cut_or_wraps_at_any_width(live):
     release: Any = SimpleNamespace(manifest=SimpleNamespace(is_linear=False, precision="float32"), digest="")
     labels = [choice["label"] for choice in (*controllers(release, Path("any")), *plants())]
@@ -276,6 +278,7 @@ def test_page_and_loop_mean_the_same_numbers(live):
     assert live.page.evaluate(scale, given) == pytest.approx(given, rel=0.075)
 
 
+@pytest.mark.proofs  # a long time for a browser without a graphics card
 def test_an_hour_leaves_the_page_as_large_as_it_was(live, opened):
     """Five times as many periods as it keeps, by the page's own way."""
     second = opened()

@@ -49,6 +49,7 @@ def kinds_found(picked: range) -> set[str]:
     return {finding.kind for finding in tally.findings}
 
 
+@pytest.mark.proofs  # repeats the cuts for each defect
 def test_planted_defects_are_found(monkeypatch, operations):
     """Of the store's own defects those that only the whole sequence shows; `test_store_cuts` has the others."""
     end, all_along = range(operations - 40, operations), range(0, operations, 5)

@@ -27,6 +27,7 @@ def violations(figures: FuzzFigures) -> set[str]:
     return {name for name, count in figures.violations.items() if count}
 
 
+@pytest.mark.proofs  # a campaign of requests
 def test_nothing_is_found_and_requests_reach_every_service_and_phase():
     sound = fuzz(12_000, seed=3)
     assert (sound.failures, violations(sound), sound.requests) == ([], set(), 12_000)

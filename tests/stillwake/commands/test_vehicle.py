@@ -68,6 +68,7 @@ def test_a_slower_vehicle_has_longer_periods_and_says_what_its_ecu_needs(cli) ->
     assert "bundle renew ... --set operating_point.speed=6.25" in said
 
 
+@pytest.mark.proofs  # two processes, as test_latency.py has them
 @pytest.mark.processes  # two of them, in real time
 def test_an_ecu_and_its_vehicle_on_one_bus(tmp_path: Path, short_release: Path) -> None:
     """How far control gets in these seconds depends on what else the computer does; how both end does not."""

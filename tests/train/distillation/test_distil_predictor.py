@@ -12,6 +12,7 @@ from train.distillation.lessons import teach
 from train.networks.model import Predictor
 
 
+@pytest.mark.proofs  # trains for some seconds; test_distil.py stays
 @pytest.mark.slow
 def test_the_student_rolls_out_as_the_teacher(fitted, small_config):
     teacher, scaling, rows, test = fitted.model, fitted.scaling, fitted.rows, fitted.unseen

@@ -71,6 +71,7 @@ def test_it_is_the_solver_to_the_bit_whatever_stops_reach_its_group(wake: TruckW
     assert all(np.array_equal(one, other) for one, other in zip(found, expected, strict=True))
 
 
+@pytest.mark.proofs  # starts the wake's process three times
 def test_a_process_that_dies_or_fails_is_an_error_here(start: Path, tmp_path: Path) -> None:
     with pytest.raises(PlantError, match="not a flow state"):
         LiveWake(COARSE, tmp_path / "missing.npz")
