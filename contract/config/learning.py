@@ -170,6 +170,10 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     """What is left of it at the end."""
     lift_price: NonNegative[float] = 0.1
     """Of the squared lift coefficient, in units of the drag coefficient."""
+    effort_price: NonNegative[float] = 0.0
+    """Of the squared action in force."""
+    iterations: bool = False
+    """Whether the controller's iterations act in the loop of training; the model then needs a prior to begin with."""
     motion_price: NonNegative[float] = 0.2
     """Of the squared transverse velocity at the wake probe, which foretells drag beyond a stretch."""
     sensor_noise: NonNegative[float] = 0.3

@@ -59,7 +59,8 @@ def refine(
     folder = unfinished.folder_of(output)
     check_writable(folder, folder=True)
     check_json(json_file)
-    trained = model_store.load(shipped_model() if model is None else model)
+    folder_read = shipped_model() if model is None else model
+    trained = model_store.load(folder_read)
     own = trained.config
     if trained.prior is None:
         # What its optimiser was set to moves a plan from period to period; from a prior it has less to do.
@@ -68,8 +69,9 @@ def refine(
         own = replace(own, mpc=mpc)
     config = settings("refine", config_file, overrides, uses=USES, base=own).config
 
-    from stillwake.parts.differentiable_wake import differentiable_wake
+    from stillwake.parts.differentiable_wake import differentiable_wake, iterating
 
+    in_the_loop = iterating(folder_read, config) if config.refine.iterations else None
     with continued(folder), progress_bar("steps", estimate_over=600.0) as bar:
         show = PhaseBars(bar)
         settling = bar.add_task("wake on its mesh", total=1.0, note="")
@@ -85,6 +87,7 @@ def refine(
                 start=start,
                 progress=lambda t, total: bar.update(settling, completed=t / total),
             ),
+            iterating=in_the_loop,
             progress=show,
             resume=not restart,
             threads=threads,

@@ -1,15 +1,20 @@
-"""The truck's wake and its tape as the refinement takes them (`train.refinement.flow`)."""
+"""The truck's wake with its tape, and the controller, as the refinement takes them (`train.refinement.flow`)."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from contract.arrays import Index
+from contract.arrays import Array, Index
 from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
+from contract.errors import ConfigError
+from contract.model import model_folder
+from contract.runtime.onnx_session import OnnxController
+from export.program.from_training import program_of
+from export.to_onnx.control_step import build_controller
 from firmware_sim.campaign.starts import phases_apart
-from train.refinement.flow import FlowState, Seen
+from train.refinement.flow import FlowState, Iterating, Seen
 from wake.solver.grid import box_grid
 from wake.truck.regrid import SETTLE_TIME, moved
 from wake.truck.state import State, developed_state, load_state
@@ -46,8 +51,7 @@ class DifferentiableWake:
     def back(self, weights: Seen) -> float:
         """Go back by a period; the sensitivity to the action commanded in it."""
         whole = no_weights(len(self._plant.layout))
-        whole.Cp[self._columns[::2]] = weights.differences
-        whole.Cp[self._columns[1::2]] = -weights.differences
+        whole.Cp[self._columns] = weights.Cp
         return self._tape.back(replace(whole, Cd=weights.Cd, Cl=weights.Cl, Uy_probe=weights.Uy))
 
     def state(self) -> FlowState:
@@ -56,8 +60,7 @@ class DifferentiableWake:
 
     def _seen(self) -> Seen:
         sample = self._plant.sample()
-        pressures = sample.Cp[self._columns]
-        return Seen(differences=pressures[::2] - pressures[1::2], Cd=sample.Cd, Cl=sample.Cl, Uy=sample.Uy_probe)
+        return Seen(Cp=sample.Cp[self._columns], Cd=sample.Cd, Cl=sample.Cl, Uy=sample.Uy_probe)
 
 
 def differentiable_wake(
@@ -90,3 +93,32 @@ def mesh_of(config: Config) -> Config:
     """The settings with the mesh of the refinement."""
     flow = replace(config.flow, refinement=config.refine.refinement, substeps=config.refine.substeps)
     return replace(config, flow=flow)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ControlSteps:
+    """The control step of an ONNX controller as the refinement takes it."""
+
+    controller: OnnxController
+
+    def plan(self, window: Array, plan: Array, free: Array) -> Array:
+        """The plan (H,); raises ControllerError as the controller does."""
+        return self.controller.control_step(window, plan, free, None).plan
+
+
+def iterating(model: Path, config: Config) -> Iterating:
+    """The iterations of a model folder's controller, under the settings, for a prior that changes.
+
+    Raises:
+        ConfigError: the model has no prior yet.
+    """
+    program = program_of(model_folder.read(model), config.mpc)
+    prior = program.prior
+    if prior is None:
+        raise ConfigError(f"refine.iterations = true: {model} has no prior yet; refine it first without")
+
+    def of(weights: Mapping[str, Array]) -> ControlSteps:
+        made = replace(program, prior=replace(prior, hidden=weights["hidden"], output=weights["output"]))
+        return ControlSteps(controller=OnnxController(build_controller(made).SerializeToString(), made.sizes))
+
+    return Iterating(window=program.window, horizon=program.mpc.horizon, of=of)

@@ -83,6 +83,10 @@ class Feedback(nn.Module):
             self.first.copy_(torch.from_numpy(first.reshape(self.first.shape)))
             self.output.copy_(torch.from_numpy(output))
 
+    def as_prior(self) -> dict[str, Array]:
+        """What a prior takes of it: "hidden" (units, M, p + 1) and "output" (units,)."""
+        return {"hidden": self.hidden().numpy(), "output": self.output.detach().numpy()}
+
     def hidden(self) -> Tensor:
         """(units, M, p + 1): filters, scales and the first layer in one."""
         by_filter = self.first.detach().reshape(self._filters.shape[1], len(self._scales), -1)

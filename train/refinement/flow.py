@@ -1,5 +1,6 @@
-"""What the refinement needs of a differentiable plant: `train` knows none, the command line hands one over."""
+"""What the refinement needs of a differentiable plant, and of the controller's iterations: `train` knows neither."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -11,15 +12,20 @@ class Seen:
     """What the refinement reads of a sample; with numbers of the same shapes, what a scalar gains by each of them.
 
     Attributes:
-        differences: (p,) of the pairs of sensors, in Cp.
+        Cp: (2 p,) at the sensors, in pairs of mirror images.
         Cd, Cl: of the body.
         Uy: transverse velocity at the wake probe, in U_inf.
     """
 
-    differences: Array
+    Cp: Array
     Cd: float
     Cl: float
     Uy: float
+
+    @property
+    def differences(self) -> Array:
+        """(p,) of the pairs."""
+        return self.Cp[::2] - self.Cp[1::2]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,3 +58,25 @@ class DifferentiableFlow(Protocol):
     def state(self) -> FlowState:
         """Where the flow is, for a later `begin`."""
         ...
+
+
+class Iterations(Protocol):
+    """The controller's fixed iterations from a prior's plan: its control step."""
+
+    def plan(self, window: Array, plan: Array, free: Array) -> Array:
+        """The plan (H,) from the window (L, 2 p + 1), the last plan (H,) and a mask of free actions (H,)."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Iterating:
+    """Iterations for a prior that changes.
+
+    Attributes:
+        window, horizon: L and H.
+        of: from the prior's "hidden" and "output" (`train.refinement.feedback.Feedback`) to the control step with them.
+    """
+
+    window: int
+    horizon: int
+    of: Callable[[Mapping[str, Array]], Iterations]

@@ -12,7 +12,7 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.config.tree import Config
-from contract.errors import DatasetError
+from contract.errors import ConfigError, DatasetError
 from contract.model import model_folder
 from contract.recording import dataset
 from contract.recording.findings import trainable
@@ -28,7 +28,7 @@ from train.linear.identification import fit
 from train.model_store import TrainedModel
 from train.pipeline import deployed, versions
 from train.refinement.feedback import Feedback, scales_of
-from train.refinement.flow import DifferentiableFlow, FlowState
+from train.refinement.flow import DifferentiableFlow, FlowState, Iterating
 from train.refinement.refine import refine
 from train.samples.rows import prepare
 from train.selection.choice import GIVEN, SensorChoice
@@ -45,6 +45,7 @@ def refine_model(
     *,
     sensors: Sequence[str],
     flow: Callable[[Sequence[str]], tuple[DifferentiableFlow, Sequence[FlowState]]],
+    iterating: Iterating | None = None,
     progress: Progress = silent,
     resume: bool = True,
     threads: int = 1,
@@ -62,6 +63,7 @@ def refine_model(
         config: with the settings of the refinement, and those of the controller that the result is exported with.
         sensors: pairs of mirror images.
         flow: from these sensors to the plant and to developed wakes without jets, one for each stream.
+        iterating: the controller's iterations, where they act in the loop of training; of this model with its prior.
         resume: continue an interrupted run; if False, start over.
         threads: of torch.
 
@@ -69,11 +71,17 @@ def refine_model(
         The stored model, and the control periods that the plant was run for.
 
     Raises:
+        ConfigError: the iterations are of a model with other sensors.
         DatasetError: the recording is another one, or the sensors are no pairs of mirror images.
         PlantError: the flow diverged.
         StillwakeError: a place cannot be written.
     """
     check_pairs(model.layout, sensors)
+    if iterating is not None and tuple(sensors) != model.sensors:
+        raise ConfigError(
+            f"refine.iterations = true: the model's sensors are {', '.join(model.sensors)}; refine it for "
+            f"{', '.join(sensors)} first without"
+        )
     model_folder.check_free(output)
     settings = replace(model.config, refine=config.refine, mpc=config.mpc)
     folder = unfinished.folder_of(output)
@@ -95,12 +103,12 @@ def refine_model(
             settings.refine,
             np.hypot(deviation[::2], deviation[1::2]),
             seed=settings.train.seed,
+            iterating=iterating,
             progress=progress,
             checkpoints=checkpoints,
         )
         prior = {
-            "hidden": refined.feedback.hidden().numpy(),
-            "output": refined.feedback.output.detach().numpy(),
+            **refined.feedback.as_prior(),
             "predictor": predictor(refined.stretches, settings.refine.memory),
         }
         model = replace(model, config=settings, prior=prior, versions={**model.versions, **versions()})

@@ -20,8 +20,8 @@ from train.fitting.fit import Checkpoints
 from train.fitting.progress import Phase, Progress, silent
 from train.fitting.unfinished import Reached
 from train.refinement.feedback import Feedback
-from train.refinement.flow import DifferentiableFlow, FlowState
-from train.refinement.windows import Price, Stream, differentiate
+from train.refinement.flow import DifferentiableFlow, FlowState, Iterating
+from train.refinement.windows import Price, Recalled, Stream, differentiate
 
 LARGEST_GRADIENT: Final = 0.5
 """Norm to which a gradient is cut: single stretches have some that are ten times the others'."""
@@ -69,6 +69,13 @@ class _Training:
                     "rows": torch.from_numpy(one.rows),
                     "committed": one.committed,
                     "stretches": one.stretches,
+                    "recalled": None
+                    if one.recalled is None
+                    else {
+                        "window": torch.from_numpy(one.recalled.window),
+                        "plan": torch.from_numpy(one.recalled.plan),
+                        "in_force": one.recalled.in_force,
+                    },
                 }
                 for one in self.streams
             ],
@@ -87,6 +94,13 @@ class _Training:
                 rows=one["rows"].numpy(),
                 committed=one["committed"],
                 stretches=one["stretches"],
+                recalled=None
+                if one["recalled"] is None
+                else Recalled(
+                    window=one["recalled"]["window"].numpy(),
+                    plan=one["recalled"]["plan"].numpy(),
+                    in_force=one["recalled"]["in_force"],
+                ),
             )
             for one in tree["streams"]
         ]
@@ -102,6 +116,7 @@ def refine(
     deviations: Array,
     *,
     seed: int,
+    iterating: Iterating | None = None,
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> Refined:
@@ -111,6 +126,7 @@ def refine(
         make: the feedback as it begins.
         starts: developed wakes without jets, one for each stream.
         deviations: (p,) of the differences in Cp under sensor noise of one global deviation.
+        iterating: the controller's iterations, where they act in the loop of training.
         seed: of noise and starts. An update draws by its number, so that a resumed training draws the same.
 
     Raises:
@@ -127,7 +143,7 @@ def refine(
     if checkpoints is not None and (tree := checkpoint.load(checkpoints.path(Phase.REFINE), checkpoints.identity)):
         run.take(tree)
     while run.done < settings.updates:
-        _update(run, flow, starts, settings, deviations, np.random.default_rng([seed, run.done]), progress)
+        _update(run, flow, iterating, starts, settings, deviations, np.random.default_rng([seed, run.done]), progress)
         if checkpoints is not None and (run.done % KEEP_EVERY == 0 or run.done == settings.updates):
             checkpoint.save(checkpoints.path(Phase.REFINE), checkpoints.identity, run.as_tree())
             reached = Reached(phase=Phase.REFINE, step=run.done, total=settings.updates)
@@ -138,6 +154,7 @@ def refine(
 def _update(
     run: _Training,
     flow: DifferentiableFlow,
+    iterating: Iterating | None,
     starts: Sequence[FlowState],
     settings: RefineConfig,
     deviations: Array,
@@ -154,8 +171,8 @@ def _update(
     # Squares of uniform draws make little noise frequent.
     noise = settings.sensor_noise * rng.random() ** 2 * deviations * rng.standard_normal((periods, len(deviations)))
     run.optimiser.zero_grad()
-    price = Price(lift=settings.lift_price, motion=settings.motion_price)
-    stretch = differentiate(flow, run.feedback, run.streams[number], price, noise)
+    price = Price(lift=settings.lift_price, motion=settings.motion_price, effort=settings.effort_price)
+    stretch = differentiate(flow, run.feedback, run.streams[number], price, noise, iterating)
     torch.nn.utils.clip_grad_norm_(run.feedback.parameters(), LARGEST_GRADIENT)
     run.optimiser.step()
     run.done += 1

@@ -1,6 +1,7 @@
 """The gradient of a stretch of closed loop, feedback and flow together, and the streams that stretches are cut from."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import torch
@@ -8,20 +9,51 @@ from torch import Tensor
 
 from contract.arrays import Array
 from train.refinement.feedback import Feedback
-from train.refinement.flow import DifferentiableFlow, FlowState, Seen
+from train.refinement.flow import DifferentiableFlow, FlowState, Iterating, Iterations, Seen
 
 
 @dataclass(frozen=True, kw_only=True)
 class Price:
-    """What a period costs: Cd + lift Cl^2 + motion Uy^2.
+    """What a period costs: Cd + lift Cl^2 + motion Uy^2 + effort a^2.
 
     Attributes:
         lift: of the squared lift coefficient.
         motion: of the squared transverse velocity at the wake probe, which foretells drag that lies beyond the stretch.
+        effort: of the squared action in force.
     """
 
     lift: float
     motion: float
+    effort: float = 0.0
+
+
+@dataclass(kw_only=True, eq=False)
+class Recalled:
+    """What the controller's iterations are given again in the next period.
+
+    Attributes:
+        window: (L, 2 p + 1), rows (Cp, action in force), oldest first; its first row is repeated before there is one.
+        plan: (H,), the last one.
+        in_force: the action in force at the next sample.
+    """
+
+    window: Array
+    plan: Array
+    in_force: float = 0.0
+
+    @classmethod
+    def begun(cls, sizes: Iterating, cp: Array) -> Self:
+        """Before the first period, at a wake without jets."""
+        return cls(window=np.tile(np.append(cp, 0.0), (sizes.window, 1)), plan=np.zeros(sizes.horizon))
+
+    def change(self, iterations: Iterations, cp: Array, committed: float, command: float) -> float:
+        """What the iterations add to the prior's command for the next period, with one action under way."""
+        self.window = np.vstack([self.window[1:], np.append(cp, self.in_force)])
+        last, free = self.plan.copy(), np.ones(len(self.plan))
+        # The control step shifts the plan by a step.
+        last[1], free[0] = committed, 0.0
+        self.plan, self.in_force = iterations.plan(self.window, last, free), committed
+        return float(self.plan[1]) - command
 
 
 @dataclass(kw_only=True, eq=False)
@@ -33,12 +65,14 @@ class Stream:
         rows: (M, p + 1) as the feedback has read them, oldest first; the present row is still to come.
         committed: the action of the period that begins.
         stretches: that it has run.
+        recalled: of the controller's iterations; None before the first period, and without them.
     """
 
     state: FlowState
     rows: Array
     committed: float = 0.0
     stretches: int = 0
+    recalled: Recalled | None = None
 
     @classmethod
     def begun(cls, state: FlowState, memory: int, columns: int) -> "Stream":
@@ -55,13 +89,22 @@ class Stretch:
     rows: Array
 
 
-def differentiate(flow: DifferentiableFlow, feedback: Feedback, stream: Stream, price: Price, noise: Array) -> Stretch:
+def differentiate(
+    flow: DifferentiableFlow,
+    feedback: Feedback,
+    stream: Stream,
+    price: Price,
+    noise: Array,
+    iterating: Iterating | None = None,
+) -> Stretch:
     """Add the gradient of the stretch's mean cost to that of the feedback's parameters; the stream goes on.
 
     The timing is the vehicle's: the command made from the sample of t_k is in force at the end of period k + 1.
 
     Args:
         noise: (n, p), what is added to the differences that the feedback reads, one row a period.
+        iterating: the controller's iterations, which change each command; that change is a number on the way back, as
+            if it did not depend on the weights.
 
     Raises:
         PlantError: the flow diverged, or the stretch is too long for the tape's memory.
@@ -69,18 +112,27 @@ def differentiate(flow: DifferentiableFlow, feedback: Feedback, stream: Stream, 
     periods = len(noise)
     rows: list[Tensor] = list(torch.from_numpy(stream.rows[1:]))
     leaves, commands, true_rows = list[Tensor](), list[Tensor](), list[list[float]]()
-    seen = [flow.begin(stream.state)]
+    seen, actions = [flow.begin(stream.state)], list[float]()
+    iterations = None
+    if iterating is not None:
+        iterations = iterating.of(feedback.as_prior())
+        stream.recalled = stream.recalled or Recalled.begun(iterating, seen[0].Cp)
     for k in range(periods):
         read = seen[-1].differences + noise[k]
         leaves.append(torch.tensor([*read, stream.committed], dtype=torch.float64, requires_grad=True))
         true_rows.append([*seen[-1].differences, stream.committed])
         rows.append(leaves[-1])
-        commands.append(feedback(torch.stack(rows[-feedback.memory :])))
+        command = feedback(torch.stack(rows[-feedback.memory :]))
+        if iterations is not None and stream.recalled is not None:
+            cp = seen[-1].Cp + np.column_stack([0.5 * noise[k], -0.5 * noise[k]]).ravel()
+            command = command + stream.recalled.change(iterations, cp, stream.committed, float(command.detach()))
+        commands.append(command)
         seen.append(flow.advance(stream.committed))
+        actions.append(stream.committed)
         stream.committed = float(commands[-1].detach())
     stream.rows = torch.stack(rows[-feedback.memory :]).detach().numpy()
     stream.state, stream.stretches = flow.state(), stream.stretches + 1
-    _go_back(flow, seen, leaves, commands, price)
+    _go_back(flow, seen, actions, leaves, commands, price)
     return Stretch(
         Cd=float(np.mean([one.Cd for one in seen[1:]])),
         abs_Cl=float(np.mean([abs(one.Cl) for one in seen[1:]])),
@@ -89,14 +141,20 @@ def differentiate(flow: DifferentiableFlow, feedback: Feedback, stream: Stream, 
 
 
 def _go_back(
-    flow: DifferentiableFlow, seen: list[Seen], leaves: list[Tensor], commands: list[Tensor], price: Price
+    flow: DifferentiableFlow,
+    seen: list[Seen],
+    actions: list[float],
+    leaves: list[Tensor],
+    commands: list[Tensor],
+    price: Price,
 ) -> None:
     periods = len(leaves)
     for k in reversed(range(periods)):
         after, later = seen[k + 1], leaves[k + 1].grad if k + 1 < periods else None
+        to_read = np.zeros_like(after.differences) if later is None else later[:-1].numpy()
         to_command = flow.back(
             Seen(
-                differences=np.zeros_like(after.differences) if later is None else later[:-1].numpy(),
+                Cp=np.column_stack([to_read, -to_read]).ravel(),
                 Cd=1.0 / periods,
                 Cl=2.0 * price.lift * after.Cl / periods,
                 Uy=2.0 * price.motion * after.Uy / periods,
@@ -104,5 +162,5 @@ def _go_back(
         )
         if k > 0:
             own = leaves[k].grad
-            total = to_command + (0.0 if own is None else float(own[-1]))
+            total = to_command + 2.0 * price.effort * actions[k] / periods + (0.0 if own is None else float(own[-1]))
             torch.autograd.backward(commands[k - 1], torch.tensor(total, dtype=torch.float64))

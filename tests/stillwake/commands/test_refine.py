@@ -77,5 +77,11 @@ def test_a_refined_model_is_exported_and_its_prior_acts(cli, tmp_path, model):
     assert start[0] == 0.0 and 0.0 < np.abs(start[1:]).max() < 0.075
     again = model_store.load(tmp_path / "refined")
     assert again.prior is not None and set(again.prior) == {"hidden", "output", "predictor"}
+    early = cli("refine", tmp_path / "more", "--model", model, *SMALL, "--set", "refine.iterations=true")
+    assert early.code == 1 and "has no prior yet" in early.err
+    more = cli("refine", tmp_path / "more", "--model", tmp_path / "refined", "--set", "refine.iterations=true")
+    assert more.code == 0, more.err
+    changed = model_store.load(tmp_path / "more").prior
+    assert changed is not None and not np.array_equal(changed["output"], again.prior["output"])
     bundled = cli("export", tmp_path / "refined", tmp_path / "bundle", "--precision", "float32")
     assert bundled.code == 0, bundled.err

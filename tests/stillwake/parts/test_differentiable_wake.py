@@ -18,14 +18,14 @@ def test_slopes_of_all_that_is_seen_are_those_of_differences():
     plant.advance(0.03)
     wake = DifferentiableWake(plant, plant.layout.indices(SENSORS))
     start, rng = FlowState(flat=plant.flow.flat.copy(), action=0.03), np.random.default_rng(0)
-    weights = [Seen(differences=rng.normal(size=2), Cd=rng.normal(), Cl=rng.normal(), Uy=rng.normal()) for _ in ACTIONS]
+    weights = [Seen(Cp=rng.normal(size=4), Cd=rng.normal(), Cl=rng.normal(), Uy=rng.normal()) for _ in ACTIONS]
 
     def value(actions: np.ndarray) -> float:
         total = 0.0
         wake.begin(start)
         for action, weight in zip(actions, weights, strict=True):
             seen = wake.advance(float(action))
-            total += float(weight.differences @ seen.differences)
+            total += float(weight.Cp @ seen.Cp)
             total += weight.Cd * seen.Cd + weight.Cl * seen.Cl + weight.Uy * seen.Uy
         return total
 

@@ -8,16 +8,18 @@ from train.refinement.flow import FlowState, Seen
 
 GROWTH, TURN = 1.01, 0.6
 """A period's: the oscillator grows by the first and turns by the second, rad."""
+PRESSURES = ((0.5, 0.05), (-0.5, -0.05), (0.0, 0.5), (0.0, -0.5))
+"""Cp at two pairs of sensors from x."""
 DRAG = 0.6
 """Without motion."""
 
 
 class Oscillator:
-    """x' = tanh(R x + (0, 4 a)), Cd = 0.6 + x.x, Cl = x_0, one difference x_0 + 0.1 x_1 and a second x_1, Uy = x_1."""
+    """x' = tanh(R x + (0, 4 a)), Cd = 0.6 + x.x, Cl = x_0, two pairs, differences x_0 + 0.1 x_1 and x_1, Uy = x_1."""
 
     def __init__(self) -> None:
         turn = GROWTH * np.array([[np.cos(TURN), -np.sin(TURN)], [np.sin(TURN), np.cos(TURN)]])
-        self._turn, self._see = torch.from_numpy(turn), torch.tensor([[1.0, 0.1], [0.0, 1.0]], dtype=torch.float64)
+        self._turn, self._see = torch.from_numpy(turn), torch.tensor(PRESSURES, dtype=torch.float64)
         self._x = torch.zeros(2, dtype=torch.float64)
         self._bar = torch.zeros(2, dtype=torch.float64)
         self._tape: list[tuple[Tensor, Tensor, Tensor]] = []
@@ -40,7 +42,7 @@ class Oscillator:
         before, acted, after = self._tape.pop()
         x = after.detach().requires_grad_(True)
         value = weights.Cd * (x @ x) + weights.Cl * x[0] + weights.Uy * x[1]
-        value = value + torch.from_numpy(weights.differences) @ (self._see @ x)
+        value = value + torch.from_numpy(weights.Cp) @ (self._see @ x)
         (own,) = torch.autograd.grad(value, x)
         self._bar, to_action = torch.autograd.grad(after, (before, acted), own + self._bar)
         return float(to_action)
@@ -49,7 +51,7 @@ class Oscillator:
         return FlowState(flat=self._x.numpy().copy(), action=self._action)
 
     def _seen(self, x: Tensor) -> Seen:
-        return Seen(differences=(self._see @ x).numpy(), Cd=DRAG + float(x @ x), Cl=float(x[0]), Uy=float(x[1]))
+        return Seen(Cp=(self._see @ x).numpy(), Cd=DRAG + float(x @ x), Cl=float(x[0]), Uy=float(x[1]))
 
 
 START = FlowState(flat=np.array([0.3, -0.2]))

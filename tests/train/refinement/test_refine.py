@@ -14,12 +14,13 @@ from train.fitting.fit import Checkpoints
 from train.fitting.progress import Phase
 from train.fitting.unfinished import Identity
 from train.refinement.feedback import Feedback
+from train.refinement.flow import Iterating
 from train.refinement.pipeline import predictor
 from train.refinement.refine import Refined, refine
 from train.refinement.windows import Price, Stream, differentiate
 
 MEMORY, LIMIT = 6, 0.075
-PRICE = Price(lift=0.3, motion=0.2)
+PRICE = Price(lift=0.3, motion=0.2, effort=5.0)
 SETTINGS = RefineConfig(
     memory=MEMORY, units=4, updates=60, shortest=12, longest=20, streams=2, stretches=3, learning_rate=0.05
 )
@@ -39,8 +40,8 @@ def test_the_gradient_is_that_of_flow_and_feedback_together():
         for k in range(len(noise)):
             rows.append(np.append(seen.differences + noise[k], committed))
             command = float(policy(torch.from_numpy(np.array(rows[-MEMORY:]))))
-            seen, committed = flow.advance(committed), command
-            costs.append(seen.Cd + PRICE.lift * seen.Cl**2 + PRICE.motion * seen.Uy**2)
+            seen, acted, committed = flow.advance(committed), committed, command
+            costs.append(seen.Cd + PRICE.lift * seen.Cl**2 + PRICE.motion * seen.Uy**2 + PRICE.effort * acted**2)
         return float(np.mean(costs))
 
     stretch = differentiate(Oscillator(), policy, Stream.begun(START, MEMORY, 3), PRICE, noise)
@@ -55,6 +56,28 @@ def test_the_gradient_is_that_of_flow_and_feedback_together():
         with torch.no_grad():
             weights[index] += 1e-5
         assert float(weights.grad[index]) == pytest.approx((costs[0] - costs[1]) / 2e-5, rel=1e-5)
+
+
+def test_iterations_change_the_command_and_are_given_what_the_vehicle_gives_them():
+    """They find the prior's own command from the vehicle's window, in which an action stands a row after it began."""
+    policy, change = feedback(), 0.01
+    torch.nn.init.normal_(policy.output, 0.0, 0.5, generator=torch.Generator().manual_seed(1))
+
+    class Adding:
+        def plan(self, window: np.ndarray, plan: np.ndarray, free: np.ndarray) -> np.ndarray:
+            assert free.tolist() == [0.0, 1.0, 1.0]
+            actions = np.append(window[1:, -1], plan[1])
+            rows = np.column_stack([window[:, 0] - window[:, 1], window[:, 2] - window[:, 3], actions])
+            command = float(policy(torch.from_numpy(rows)).detach())
+            return np.array([plan[1], command + change, 0.0])
+
+    iterating = Iterating(window=MEMORY, horizon=3, of=lambda prior: Adding())
+    stream = Stream.begun(START, MEMORY, 3)
+    rows = [differentiate(Oscillator(), policy, stream, PRICE, np.zeros((9, 2)), iterating).rows for _ in range(2)]
+    read = np.concatenate(rows)
+    for k in range(MEMORY, 17):
+        command = float(policy(torch.from_numpy(read[k - MEMORY + 1 : k + 1])).detach())
+        assert read[k + 1, -1] == pytest.approx(command + change, abs=1e-12), k
 
 
 def trained(folder: Path | None = None, stop_at: int = 0) -> Refined:
