@@ -53,6 +53,7 @@ class Reason(IntEnum):
     OTHER_ECU = 12
     NO_RELEASE = 13
     UPDATING = 14
+    NOT_HELPING = 15
 
 
 class Pressure(NamedTuple):

@@ -15,6 +15,7 @@ _CAN_FD: Final = standard("SAE J2284-4", "CAN FD in vehicles, 500 kbit/s with da
 _DELAY: Final = within(0, 10_000, "more outlast any horizon")
 _GATE: Final = "explanation/command-gate.md"
 _LIES: Final = "explanation/sensors-that-lie.md"
+_HELPS: Final = "explanation/when-control-does-not-help.md"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,6 +135,34 @@ class SensorCheckConfig(
 
 
 @dataclass(frozen=True, kw_only=True)
+class BenefitCheckConfig(
+    Settings,
+    section="ecu.benefit_check",
+    source=ours("between useful and harmful control", page=_HELPS),
+):
+    """When the ECU no longer believes that control helps (docs/explanation/when-control-does-not-help.md)."""
+
+    enabled: Annotated[bool, ours("off its design a controller can raise drag", page=_HELPS)] = True
+    """Compare the base pressure under control with that before, and shut the jets where control does not help."""
+    mean_periods: Annotated[AtLeastOne[int], PERIODS, ours("two shedding cycles")] = 50
+    """Over which pressures are averaged, with and without control."""
+    wake_periods: Annotated[AtLeastOne[int], PERIODS, ours("until shedding is as before", page=_HELPS)] = 150
+    """With the jets shut, after which the wake is taken to be that without control."""
+    first_period: Annotated[AtLeastOne[int], PERIODS, ours("the wake needs a cycle to answer", page=_HELPS)] = 60
+    """Of control that is judged. Not before, because the wake has to answer first."""
+    least_gain: NonNegative[float] = 0.04
+    """Share of the base's suction that control has to take away."""
+    most_swing: Positive[float] = 1.15
+    """Largest difference of mirrored sensors, as a share of that without control."""
+    doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
+    """Periods without such a gain, less those with it, from which on the jets are shut and the fault latches."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.least_gain < 1.0, self, "least_gain", "below 1")
+
+
+@dataclass(frozen=True, kw_only=True)
 class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)):
     """Timing and fail-safe behaviour of the ECU."""
 
@@ -173,6 +202,7 @@ class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)
     delay_steps: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
     """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
     sensor_check: SensorCheckConfig = field(default_factory=SensorCheckConfig)
+    benefit_check: BenefitCheckConfig = field(default_factory=BenefitCheckConfig)
     command_step: Annotated[Positive[float], FLOW_RATE, ours("half the full range", page=_GATE)] = 0.075
     """Largest change of the jet command in one period that the command gate lets pass, in U_inf W: three times what
     the training waveform does at full amplitude."""

@@ -215,12 +215,20 @@ class ActionLimit(Span, section="action_limit"):
     """Share of `flow.action_limit` that they reach."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class StuckJets(Span, section="stuck_jets"):
+    """The jets' actuator stands still, whatever it is commanded."""
+
+    stuck_jets: Annotated[Finite[float], Rule(wording="between -1 and 1", holds=lambda value: -1 <= value <= 1)]
+    """Of `flow.action_limit` at which it stands; 0 is shut."""
+
+
 KINDS: Final[dict[str, type[Span]]] = {
     kind.section: kind
     for kind in (
         *(Noise, Bias, Drift, Stuck, Dead, Swap, Quantise),
         *(WireNoise, Reset, Clock, NoRequest),
-        *(Reynolds, Gust, VehiclePoint, ActionLimit),
+        *(Reynolds, Gust, VehiclePoint, ActionLimit, StuckJets),
     )
 }
 """By the name that texts use; what begins with the name of a node is a `NodeFault`."""

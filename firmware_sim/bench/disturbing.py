@@ -191,7 +191,11 @@ class Disturbing:
         for place, saturated in self._active(kinds.ActionLimit, now_ns):
             limit = saturated.action_limit * config.flow.action_limit
             self._acted[place] += 1
-        node.operating_point, node.action_limit = point, limit
+        stuck_at = None
+        for place, stuck in self._active(kinds.StuckJets, now_ns):
+            stuck_at = stuck.stuck_jets * config.flow.action_limit
+            self._acted[place] += 1
+        node.operating_point, node.action_limit, node.stuck_at = point, limit, stuck_at
 
     def set_flow(self, now_ns: int) -> None:
         """Give the flow what is its own in the period that begins now."""

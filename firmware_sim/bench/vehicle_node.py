@@ -61,6 +61,7 @@ class VehicleNode:
     Attributes:
         operating_point: of the vehicle itself; `config`'s unless it is set.
         action_limit: what its jets reach, U_inf W; likewise.
+        stuck_at: where their actuator stands still, U_inf W; None for one that moves.
 
     Raises:
         ConfigError: the plant has no sensor of that name, or one is named twice; or `bus.key` without `authentication`,
@@ -80,6 +81,7 @@ class VehicleNode:
         self._read = read
         self.operating_point = config.operating_point
         self.action_limit = config.flow.action_limit
+        self.stuck_at: float | None = None
         self._messages = message_set(config.bus)
         self._sender = E2eSender(self._messages.pressure.spec)
         self._receiver = E2eReceiver(self._messages.command.spec, config.bus.e2e)
@@ -158,7 +160,7 @@ class VehicleNode:
             self._action = self._in_reach_of(self._driven_to, self._action)
         self._driven_to = before if self._next_period else self._action
         return Actuation(
-            action=self._delayed(self._driven_to),
+            action=self._delayed(self._driven_to) if self.stuck_at is None else self.stuck_at,
             command=None if command is None else frame,
             sampled_ns=None if command is None else self._echo.sampled_ns,
             next_period=self._next_period,
@@ -191,6 +193,8 @@ class VehicleNode:
     def foreseen_action(self) -> float:
         """What the jets will have reached at the end of the period whose pressures were sampled last, U_inf W, by the
         commands so far: one for the next period is for this one now."""
+        if self.stuck_at is not None:
+            return self.stuck_at
         return self._commanded.pushed(self._action if self._requested else 0.0).in_force
 
     @property

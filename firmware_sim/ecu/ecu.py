@@ -27,6 +27,7 @@ from contract.controller.calibration import Calibration
 from contract.controller.interface import Controller, ControllerError
 from contract.release.checks import Bundle
 from contract.runtime.onnx_estimator import OnnxEstimator
+from firmware_sim.ecu.benefit_check import BenefitCheck, BenefitCheckState
 from firmware_sim.ecu.calibrating import limits_of, release_calibration, with_calibration
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.ecu_state import EcuState
@@ -130,6 +131,7 @@ class Ecu:
             fresh_age_ns=self._limits.fresh_age_ns,
         )
         self._sensor_check = sensor_check_of(bundle, config)
+        self._benefit_check = BenefitCheck.of(manifest, config.ecu.benefit_check)
         self._longest_gap = config.ecu.hold_periods + config.ecu.decay_periods
         start = EcuState.power_on(
             window=manifest.window,
@@ -232,12 +234,18 @@ class Ecu:
         pressure_counter = received.counter if usable else state.pressure_counter
         memory = self._with_row(self._after_silence(state.memory, timing), received.cp)
         sensors, memory, sensor_fault = self._checked(state.sensors, memory, received.cp, timing.skipped)
+        benefit, no_benefit = self._judged(state, memory, usable=usable)
         inputs = PeriodInputs(
             usable=usable,
             enable_request=received.enable_request,
             unusable_because=received.unusable_because,
             window_full=memory.is_full,
-            fault=timing.fault or _bus_fault(state.health, health) or other_ecu.fault or sensor_fault or fault,
+            fault=timing.fault
+            or _bus_fault(state.health, health)
+            or other_ecu.fault
+            or sensor_fault
+            or no_benefit
+            or fault,
             updating=updating,
         )
         fail_safe = state.fail_safe.next(inputs, config)
@@ -267,6 +275,7 @@ class Ecu:
             overruns=state.overruns + timing.skipped,
             missed=state.missed + (not usable),
             sensors=sensors,
+            benefit=benefit,
             health=health,
             other_ecu=other_ecu,
             verifier=received.verifier,
@@ -320,6 +329,15 @@ class Ecu:
         if after.set_aside is not None:
             memory = memory.with_column(after.set_aside, after.estimates[:, after.set_aside])
         return after, memory, fault
+
+    def _judged(
+        self, state: EcuState, memory: ControllerMemory, *, usable: bool
+    ) -> tuple[BenefitCheckState, Reason | None]:
+        """The benefit check after this period, and why the jets must shut; a sensor set aside has its estimate."""
+        if self._benefit_check is None:
+            return state.benefit, None
+        cp = memory.window[-1, :-1] if usable else None
+        return self._benefit_check.next(state.benefit, cp, drives=state.fail_safe.mode.drives_jets)
 
     def _as_sent(self, flow_m2_per_s: float) -> float:
         """The action that a command leads to, in U_inf W: the nearest step of the wire."""

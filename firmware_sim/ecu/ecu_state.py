@@ -13,6 +13,7 @@ from can_bridge.e2e.sender import SenderState
 from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.receiver import VerifierState
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus
+from firmware_sim.ecu.benefit_check import BenefitCheckState
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.other_ecu import OtherEcu
 from firmware_sim.ecu.sensor_check import SensorCheckState
@@ -39,6 +40,7 @@ class EcuState:
         freshness: of the next JetCommand and the next EcuStatus.
         other_ecu: whether another ECU is on the bus.
         sensors: whether the pressures are to be believed.
+        benefit: whether control helps.
     """
 
     memory: ControllerMemory
@@ -52,6 +54,7 @@ class EcuState:
     overruns: int
     missed: int
     sensors: SensorCheckState
+    benefit: BenefitCheckState = field(default_factory=BenefitCheckState)
     health: BusHealth = HEALTHY
     other_ecu: OtherEcu = field(default_factory=OtherEcu)
     verifier: VerifierState = field(default_factory=VerifierState)

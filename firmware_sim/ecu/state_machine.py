@@ -142,7 +142,7 @@ FIRST: Final = Because("the first one stays", lambda period: period.kept)
 ALWAYS: Final = Condition("in any other case", lambda period: True)
 UPDATING: Final = Condition("a release is to be written", lambda period: period.inputs.updating)
 OWN_FAULT: Final = Condition(
-    "the ECU's own fault: clock, deadline, bus-off, sensors, another ECU, controller",
+    "the ECU's own fault: clock, deadline, bus-off, sensors, another ECU, no benefit, controller",
     lambda period: period.inputs.fault is not None,
 )
 REARMED: Final = Condition(

@@ -27,6 +27,7 @@ from contract.controller.calibration import Calibration
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
 from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS
+from firmware_sim.ecu.benefit_check import BenefitCheck
 from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.fit import check_vehicle
 from firmware_sim.ecu.other_ecu import SILENCE_NS
@@ -44,6 +45,10 @@ _MOST: Final = {
     "ecu.rearm_frames": 2**29,
     "ecu.sensor_check.doubt_periods": 2**29,
     "ecu.sensor_check.flat_periods": 2**29,
+    "ecu.benefit_check.mean_periods": 2**29,
+    "ecu.benefit_check.wake_periods": 2**29,
+    "ecu.benefit_check.first_period": 2**29,
+    "ecu.benefit_check.doubt_periods": 2**29,
 }
 """Most periods that the C ECU's state has room for; those that are added have room in an int together."""
 _LONGEST_PERIOD_NS: Final = 2**53
@@ -141,6 +146,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         "SW_GATE_STEP": limits.step_m2_per_s,
         "SW_FRESH_AGE_NS": f"INT64_C({limits.fresh_age_ns})",
         "SW_HELD_AGE_NS": f"INT64_C({limits.held_age_ns})",
+        **_of_benefit_check(BenefitCheck.of(manifest, ecu.benefit_check)),
         "SW_SENSOR_CHECK": int(estimator is not None),
         "SW_LIAR_LEVEL": check.liar_level,
         "SW_BIAS_LEVEL": check.bias_level,
@@ -164,6 +170,26 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
                 "SW_SLOW_DEVIATIONS": _rows(np.array(estimator.slow)),
             }
         ),
+    }
+
+
+def _of_benefit_check(check: BenefitCheck | None) -> dict[str, int | float | str]:
+    if check is None:
+        return {"SW_BENEFIT_CHECK": 0}
+    config = check.config
+    pairs = ", ".join(f"{{{one}, {other}}}" for one, other in check.pairs)
+    return {
+        "SW_BENEFIT_CHECK": 1,
+        "SW_BASES": len(check.base),
+        "SW_BASE_SENSORS": f"{{{', '.join(map(str, check.base))}}}",
+        "SW_MIRRORED_PAIRS": len(check.pairs),
+        "SW_MIRRORED_SENSORS": f"{{{pairs}}}",
+        "SW_MEAN_PERIODS": f"{config.mean_periods}u",
+        "SW_WAKE_PERIODS": f"{config.wake_periods}u",
+        "SW_FIRST_PERIOD": f"{config.first_period}u",
+        "SW_LEAST_GAIN": config.least_gain,
+        "SW_MOST_SWING": config.most_swing,
+        "SW_BENEFIT_DOUBT": f"{config.doubt_periods}u",
     }
 
 

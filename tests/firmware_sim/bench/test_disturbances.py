@@ -40,6 +40,7 @@ EXAMPLES: dict[str, Disturbance] = {
     "operating_point:speed=30": kinds.VehiclePoint(speed=30.0),
     "operating_point:speed=30,density=1.3@1..": kinds.VehiclePoint(speed=30.0, density=1.3, start_s=1.0),
     "action_limit=0.5": kinds.ActionLimit(action_limit=0.5),
+    "stuck_jets=-0.5": kinds.StuckJets(stuck_jets=-0.5),
     "ecu:drop:probability=0.3@1..": NodeFault(
         text="ecu:drop:probability=0.3@1..", node="ecu", fault=Drop(probability=0.3, start_s=1.0)
     ),
@@ -73,6 +74,7 @@ def test_what_makes_no_sense_or_could_not_act_is_refused_with_the_reason():
         ("wire_errors:bit_error_rate=1,node=both", "node = 'both' must be all or vehicle or ecu"),
         ("reset@1..2", r"'1\.\.2' must be a time in seconds"),
         ("gust:amplitude=0.5,period=20", r"gust\.amplitude = 0\.5: must be above 0 and below 0\.5"),
+        ("stuck_jets=-1.5", r"stuck_jets = -1\.5: must be between -1 and 1"),
         ("action_limit=1.5", r"action_limit = 1\.5: must be above 0 and at most 1"),
         ("ecu:drip", "no fault 'drip'"),
         ("ecu:disconnect:kind=device_gone", "would end the run with an error"),

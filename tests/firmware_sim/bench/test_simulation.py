@@ -91,6 +91,8 @@ def test_the_jets_of_a_faster_vehicle_do_less_and_saturated_ones_reach_their_sha
     action = np.abs(saturated.log.series["action"])
     assert action[32:].max() == pytest.approx(0.4 * 0.075)
     assert min(action[:30].max(), np.abs(calm.log.series["action"][32:]).max()) > 0.06
+    stuck = np.abs(Run("stuck_jets=0.4@0.6..").log.series["action"] - 0.4 * 0.075)
+    assert stuck[32:].max() < 1e-12 < stuck[:30].max()
     # The ECU goes on to ask for more.
     assert max(abs(command.flow_m2_per_s) for command in saturated.commands[32:]) > 4.0
 

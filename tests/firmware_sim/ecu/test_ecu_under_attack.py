@@ -13,7 +13,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason
 from contract.config.tree import Config
-from contract.config.vehicle import BusConfig
+from contract.config.vehicle import BenefitCheckConfig, BusConfig, EcuConfig
 from firmware_sim.ecu.ecu import Ecu
 from tests.firmware_sim.conftest import RecordingController, make_bundle
 
@@ -34,7 +34,9 @@ class Bench:
     recorded: list[Frame] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.config = Config(bus=BusConfig(key="key" if self.authenticated else ""))
+        # Pressures that stay the same show no benefit.
+        ecu = EcuConfig(benefit_check=BenefitCheckConfig(enabled=False))
+        self.config = Config(bus=BusConfig(key="key" if self.authenticated else ""), ecu=ecu)
         self.controller = RecordingController()
         authentication = Authentication(key=self.key, trip=5) if self.authenticated else None
         self.ecu = Ecu(make_bundle(), self.controller, self.config, authentication=authentication)

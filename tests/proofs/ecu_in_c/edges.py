@@ -15,6 +15,7 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
+from firmware_sim.ecu.benefit_check import BenefitCheckState
 from firmware_sim.ecu.delay_line import DelayLine
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.other_ecu import SILENCE_NS, OtherEcu
@@ -51,6 +52,7 @@ class Edges:
             self._pressures,
             self._counts,
             self._company,
+            self._benefit,
         )
         for move in self._rng.sample(moves, self._rng.randrange(1, 4)):
             state = move(state, now_ns)
@@ -113,6 +115,23 @@ class Edges:
         until_ns = max(0, min(LATEST_NS, now_ns)) + self._rng.choice((-1, 0, 1, SILENCE_NS))
         frames = self._rng.choice((1, LARGEST - 1, LARGEST))
         return replace(state, other_ecu=OtherEcu(frames=frames, until_ns=until_ns))
+
+    def _benefit(self, state: EcuState, now_ns: int) -> EcuState:
+        """Means whose difference is about what control has to gain, shortly before a verdict."""
+        del now_ns
+        rng, check = self._rng, self._config.ecu.benefit_check
+        resting = rng.choice((-0.4, 0.3, 0.0))
+        changed = BenefitCheckState(
+            waking=rng.choice((0, 1, 2, check.wake_periods)),
+            rested=min(check.mean_periods, rng.choice((0, 1, self._around(check.mean_periods)))),
+            resting_base=resting,
+            resting_swing=rng.choice((0.0, 0.2)),
+            driven=min(check.first_period, rng.choice((0, self._around(check.first_period)))),
+            base=resting + check.least_gain * abs(resting) + rng.choice((-0.01, 0.0, 0.01, 0.5)),
+            swing=rng.choice((0.0, 0.2 * check.most_swing, 0.4)),
+            doubt=min(check.doubt_periods, rng.choice((0, self._around(check.doubt_periods)))),
+        )
+        return replace(state, benefit=changed)
 
     def _held(self, state: EcuState, now_ns: int) -> EcuState:
         """On time and in control up to now, by pressures at one of their largest ages."""

@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Final
 
 from contract.config.tree import Config
-from contract.config.vehicle import BusConfig, E2eConfig, EcuConfig, SensorCheckConfig
+from contract.config.vehicle import BenefitCheckConfig, BusConfig, E2eConfig, EcuConfig, SensorCheckConfig
 from contract.release.checks import Bundle
 from contract.release.manifest import SensorEstimator
 from tests.proofs.ecu.hostile_world import small_bundle
@@ -14,6 +14,8 @@ QUICK: Final = SensorCheckConfig(
     liar_level=3.0, bias_level=4.0, swap_level=0.5, doubt_level=2.0, doubt_periods=4, flat_periods=3
 )
 """To set sensors aside and to doubt them, so that it often happens."""
+HASTY: Final = BenefitCheckConfig(mean_periods=3, wake_periods=4, first_period=2, doubt_periods=2)
+"""To find that control does not help, likewise."""
 
 VARIANTS: Final = {
     "as shipped": Config(),
@@ -32,8 +34,10 @@ VARIANTS: Final = {
             sensor_check=UNCHECKED,
         ),
     ),
-    "quick to doubt": Config(ecu=EcuConfig(sensor_check=QUICK, deadline_misses=11)),
-    "classic": Config(bus=BusConfig(frames="classic"), ecu=EcuConfig(sensor_check=QUICK, delay_steps=1)),
+    "quick to doubt": Config(ecu=EcuConfig(sensor_check=QUICK, benefit_check=HASTY, deadline_misses=11)),
+    "classic": Config(
+        bus=BusConfig(frames="classic"), ecu=EcuConfig(sensor_check=QUICK, benefit_check=HASTY, delay_steps=1)
+    ),
     "classic, impatient": Config(
         bus=BusConfig(frames="classic", e2e=E2eConfig(window=1, min_ok=1, max_errors=0, max_delta=1)),
         ecu=EcuConfig(
@@ -46,10 +50,11 @@ VARIANTS: Final = {
             pressure_age=1.0,
             plan_ahead=False,
             sensor_check=UNCHECKED,
+            benefit_check=BenefitCheckConfig(enabled=False),
         ),
     ),
 }
-"""Both sets of messages; planning ahead or not; late actuators; with and without the sensor check; windows of one
+"""Both sets of messages; planning ahead or not; late actuators; with and without the checks; windows of one
 period and of as many as the state in C has room for."""
 
 DEVIATION: Final = 0.02

@@ -61,6 +61,20 @@ static uint8_t check_sensors(sw_ecu *ecu, const double *cp)
     return fault;
 }
 
+/* The benefit check after this period, and why the jets must shut; a sensor set aside has its estimate. */
+static uint8_t check_benefit(sw_ecu_state *state, int usable)
+{
+    uint8_t fault = SW_REASON_NONE;
+#if SW_BENEFIT_CHECK
+    const double *cp = usable ? state->memory.window[SW_WINDOW - 1] : NULL;
+    fault = sw_benefit_next(&state->benefit, cp, sw_drives_jets(state->fail_safe.mode));
+#else
+    (void)state;
+    (void)usable;
+#endif
+    return fault;
+}
+
 /* BUS_OFF while the CAN controller is, and in the first step after it was: no node heard what the ECU sent. */
 static uint8_t bus_fault(const sw_bus_health *before, const sw_bus_health *now)
 {
@@ -203,9 +217,10 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
     after_silence(&state->memory, &state->timing);
     with_row(&state->memory, cp);
     const uint8_t sensor_fault = check_sensors(ecu, cp);
+    const uint8_t no_benefit = check_benefit(state, received.usable);
     const uint8_t faults[] = {state->timing.fault, bus_fault(&state->health, &ecu->surroundings.health),
                               (uint8_t)(state->other_ecu.is_there ? SW_REASON_OTHER_ECU : SW_REASON_NONE),
-                              sensor_fault, ecu->surroundings.fault};
+                              sensor_fault, no_benefit, ecu->surroundings.fault};
     inputs->usable = received.usable;
     inputs->has_request = received.has_request;
     inputs->enable_request = received.enable_request;
@@ -258,10 +273,17 @@ static int could_be(const sw_ecu_state *state)
     const sw_memory *memory = &state->memory;
     const int window = memory->rows <= SW_WINDOW && memory->frozen < SW_HORIZON;
     const int sensors = state->sensors.set_aside >= -1 && state->sensors.set_aside < SW_SENSORS;
+#if SW_BENEFIT_CHECK
+    const sw_benefit *counted = &state->benefit;
+    const int benefit = counted->rested <= SW_MEAN_PERIODS && counted->driven <= SW_FIRST_PERIOD &&
+                        counted->doubt <= SW_BENEFIT_DOUBT;
+#else
+    const int benefit = 1;
+#endif
     const int stream = state->pressures.stream <= SW_INVALID && state->pressures.checks <= SW_E2E_WINDOW;
     const int step = state->timing.step_ns >= -1 && state->timing.step_ns <= SW_LATEST_NS;
     const int lag = state->timing.lag_ns >= -SW_PERIOD_NS && state->timing.lag_ns <= SW_PERIOD_NS;
-    return window & sensors & stream & step & lag & (state->fail_safe.mode <= SW_UPDATE);
+    return window & sensors & benefit & stream & step & lag & (state->fail_safe.mode <= SW_UPDATE);
 }
 
 int sw_ecu_restore(sw_ecu *ecu, const sw_ecu_state *state)

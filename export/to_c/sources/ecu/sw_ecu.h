@@ -153,6 +153,18 @@ typedef struct {
     double estimates[SW_WINDOW][SW_SENSORS];
 } sw_sensors;
 
+/* The benefit check; pressures in Cp. */
+typedef struct {
+    uint32_t waking; /* periods with the jets shut until the wake is that without control */
+    uint32_t rested; /* periods that the means without control rest on, up to those of a mean */
+    uint32_t driven; /* the same under control, up to the first that is judged */
+    uint32_t doubt;
+    double resting_base;
+    double resting_swing;
+    double base;
+    double swing;
+} sw_benefit;
+
 /* Whether another ECU is on the bus. */
 typedef struct {
     uint8_t is_there;
@@ -164,6 +176,7 @@ typedef struct {
 typedef struct {
     sw_memory memory;
     sw_sensors sensors;
+    sw_benefit benefit;
     sw_receiver pressures;
     sw_fail_safe fail_safe;
     sw_timing timing;

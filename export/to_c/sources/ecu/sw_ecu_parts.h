@@ -148,6 +148,15 @@ uint8_t sw_sensors_next(sw_sensors *sensors, sw_estimator_work *work, const sw_m
                         int64_t skipped);
 #endif
 
+/* --- sw_benefit.c --- */
+
+#if SW_BENEFIT_CHECK
+/* After a period with these pressures; cp is NULL without any. Whether the jets could run up to now. Returns the
+ * SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
+ */
+uint8_t sw_benefit_next(sw_benefit *benefit, const double *cp, int drives);
+#endif
+
 /* --- sw_fail_safe.c --- */
 
 typedef struct {

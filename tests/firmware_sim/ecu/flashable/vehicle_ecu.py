@@ -20,7 +20,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure
 from contract.config.tree import Config
-from contract.config.vehicle import EcuConfig, SensorCheckConfig
+from contract.config.vehicle import BenefitCheckConfig, EcuConfig, SensorCheckConfig
 from contract.release import bundle as bundles
 from contract.release import signing
 from contract.release.checks import Bundle
@@ -34,8 +34,10 @@ from tests.can_bridge.flashing.store_ecu import KEY, FlashingSteps
 from tests.firmware_sim.conftest import RecordingController
 
 MS = 1_000_000
-# Made-up pressures are no wake: the check of the sensors would shut the jets.
-UNCHECKED = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
+# Made-up pressures are no wake: the checks of the sensors and of the benefit would shut the jets.
+UNCHECKED = Config(
+    ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False), benefit_check=BenefitCheckConfig(enabled=False))
+)
 SELF_TEST, ACTIVATE, CONFIRM_ROUTINE, REVERT = (b"\x31\x01\x02" + bytes([low]) for low in (4, 5, 6, 7))
 
 

@@ -1,0 +1,81 @@
+/* Whether control helps: the pressure on the base, and the differences of mirrored sensors, under control against what
+ * they were with the jets shut. The twin of firmware_sim/ecu/benefit_check.py, which gives the reasons.
+ */
+#include "sw_ecu_parts.h"
+
+#if SW_BENEFIT_CHECK
+
+typedef struct {
+    double base;  /* mean pressure on the base */
+    double swing; /* mean magnitude of the differences of mirrored sensors */
+} measured;
+
+static double magnitude(double value) { return value < 0.0 ? -value : value; }
+
+static measured measure(const double *cp)
+{
+    static const uint8_t base[SW_BASES] = SW_BASE_SENSORS;
+    static const uint8_t pairs[SW_MIRRORED_PAIRS][2] = SW_MIRRORED_SENSORS;
+    measured now = {0.0, 0.0};
+    for (int i = 0; i < SW_BASES; i++) now.base += cp[base[i]];
+    for (int i = 0; i < SW_MIRRORED_PAIRS; i++) now.swing += magnitude(cp[pairs[i][0]] - cp[pairs[i][1]]);
+    now.base /= (double)SW_BASES;
+    now.swing /= (double)SW_MIRRORED_PAIRS;
+    return now;
+}
+
+static uint32_t at_most(uint32_t count, uint32_t most) { return count < most ? count : most; }
+
+static int helps(const sw_benefit *benefit)
+{
+    const double gained = benefit->base - benefit->resting_base;
+    const int less_suction = gained >= SW_LEAST_GAIN * magnitude(benefit->resting_base);
+    const int calm = benefit->swing <= SW_MOST_SWING * benefit->resting_swing;
+    return less_suction & calm;
+}
+
+/* The jets are shut. */
+static void rest(sw_benefit *benefit, const double *cp)
+{
+    if (benefit->waking > 0u) benefit->waking--;
+    benefit->driven = 0;
+    benefit->base = 0.0;
+    benefit->swing = 0.0;
+    benefit->doubt = 0;
+    if (cp == NULL || benefit->waking > 0u) return;
+    const measured now = measure(cp);
+    benefit->rested = at_most(benefit->rested + 1u, SW_MEAN_PERIODS);
+    benefit->resting_base += (now.base - benefit->resting_base) / (double)benefit->rested;
+    benefit->resting_swing += (now.swing - benefit->resting_swing) / (double)benefit->rested;
+}
+
+static void drive(sw_benefit *benefit, const double *cp)
+{
+    benefit->waking = SW_WAKE_PERIODS;
+    if (cp == NULL) return;
+    const measured now = measure(cp);
+    benefit->driven = at_most(benefit->driven + 1u, SW_FIRST_PERIOD);
+    const double over = (double)at_most(benefit->driven, SW_MEAN_PERIODS);
+    benefit->base += (now.base - benefit->base) / over;
+    benefit->swing += (now.swing - benefit->swing) / over;
+}
+
+uint8_t sw_benefit_next(sw_benefit *benefit, const double *cp, int drives)
+{
+    if (!drives) {
+        rest(benefit, cp);
+        return SW_REASON_NONE;
+    }
+    drive(benefit, cp);
+    if (cp == NULL || benefit->driven < SW_FIRST_PERIOD || benefit->rested == 0u) return SW_REASON_NONE;
+    if (!helps(benefit)) {
+        benefit->doubt = at_most(benefit->doubt + 1u, SW_BENEFIT_DOUBT);
+    } else if (benefit->doubt > 0u) {
+        benefit->doubt--;
+    } else {
+        /* No doubt stays none. */
+    }
+    return (uint8_t)(benefit->doubt >= SW_BENEFIT_DOUBT ? SW_REASON_NOT_HELPING : SW_REASON_NONE);
+}
+
+#endif

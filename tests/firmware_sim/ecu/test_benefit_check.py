@@ -1,0 +1,107 @@
+"""Whether control helps: judged against means that are computed here, and in an ECU whose jets do nothing."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from can_bridge.wire.messages import Mode, Reason
+from contract.config.vehicle import BenefitCheckConfig, SensorCheckConfig
+from contract.release.bundle import load
+from contract.shipped import BUNDLE
+from firmware_sim.ecu.benefit_check import BenefitCheck, BenefitCheckState, mirrored_pairs
+from tests.firmware_sim.conftest import RecordingController, make_bench
+
+RELEASE = load(BUNDLE)
+CONFIG = BenefitCheckConfig(mean_periods=8, wake_periods=20, first_period=10, least_gain=0.1, doubt_periods=5)
+CHECK = BenefitCheck(base=(2, 3), pairs=((0, 1), (2, 3)), config=CONFIG)
+WITHOUT = np.array([0.1, -0.3, -0.4, -0.6])
+"""Mean base pressure -0.5, mean difference 0.3."""
+HELPED = np.array([-0.1, -0.2, -0.4, -0.4])
+
+
+def run(state: BenefitCheckState, cp: np.ndarray | None, periods: int, *, drives: bool) -> tuple[Any, list[Any]]:
+    reasons = []
+    for _ in range(periods):
+        state, reason = CHECK.next(state, cp, drives=drives)
+        reasons.append(reason)
+    return state, reasons
+
+
+def test_means_without_control_are_those_of_the_latest_periods_and_none_while_the_wake_still_wakes():
+    rng, state = np.random.default_rng(0), BenefitCheckState()
+    rows = rng.normal(-0.3, 0.2, (30, 4))
+    for k, row in enumerate(rows, 1):
+        state, _ = CHECK.next(state, row, drives=False)
+        # As long as the mean is short it is the plain one.
+        if k <= CONFIG.mean_periods:
+            assert state.resting_base == pytest.approx(rows[:k, 2:].mean())
+            assert state.resting_swing == pytest.approx(np.abs(rows[:k, [0, 2]] - rows[:k, [1, 3]]).mean())
+    weights = (1 - 1 / 8) ** np.arange(22)[::-1] / 8
+    assert state.resting_base == pytest.approx(
+        (1 - 1 / 8) ** 22 * rows[:8, 2:].mean() + weights @ rows[8:, 2:].mean(axis=1)
+    )
+    driven, _ = run(state, WITHOUT, 3, drives=True)
+    waking, _ = run(driven, HELPED, CONFIG.wake_periods - 1, drives=False)
+    assert waking.resting_base == state.resting_base
+    awake, _ = run(waking, HELPED, 1, drives=False)
+    assert awake.resting_base == pytest.approx(state.resting_base + (-0.4 - state.resting_base) / 8)
+
+
+def test_control_that_takes_no_suction_away_is_ended_after_a_cycle_of_doubt_and_useful_control_never():
+    rested, _ = run(BenefitCheckState(), WITHOUT, 30, drives=False)
+    for cp, helps in (
+        (HELPED, True),
+        (WITHOUT, False),
+        (WITHOUT + np.array([0.0, 0.0, 0.04, 0.04]), False),  # 8 % of the suction
+        (WITHOUT + np.array([0.0, 0.0, 0.06, 0.06]), True),
+        (np.array([0.4, -0.4, -0.3, -0.3]), False),  # base pressure up, the wake bent aside
+    ):
+        _, reasons = run(rested, cp, 60, drives=True)
+        first = CONFIG.first_period + CONFIG.doubt_periods - 2
+        ended = [None] * first + [Reason.NOT_HELPING] * (60 - first)
+        assert reasons == ([None] * 60 if helps else ended), cp
+
+
+def test_periods_without_pressures_judge_nothing_and_control_begins_anew_with_no_doubt():
+    rested, _ = run(BenefitCheckState(), WITHOUT, 30, drives=False)
+    doubted, _ = run(rested, WITHOUT, CONFIG.first_period + 2, drives=True)
+    assert doubted.doubt == 3
+    silent, reasons = run(doubted, None, 40, drives=True)
+    assert silent == doubted and not any(reasons)
+    shut, _ = run(doubted, None, 1, drives=False)
+    assert (shut.driven, shut.doubt, shut.waking) == (0, 0, CONFIG.wake_periods - 1)
+    # Nothing to compare with: nothing is judged.
+    assert not any(run(BenefitCheckState(), WITHOUT, 60, drives=True)[1])
+
+
+def test_a_release_names_its_base_and_its_pairs_or_there_is_no_check():
+    manifest = RELEASE.manifest
+    check = BenefitCheck.of(manifest, BenefitCheckConfig())
+    assert check is not None
+    assert [manifest.sensors[place] for place in check.base] == ["base_0", "base_9"]
+    assert check.pairs == ((0, 1), (2, 3))
+    assert mirrored_pairs(replace(manifest, sensor_positions=None)) == check.pairs
+    assert mirrored_pairs(replace(manifest, sensors=("a", "b", "c", "d"), sensor_positions=None)) == ()
+    sides = replace(manifest, sensors=("upper_1", "lower_1", "upper_39", "lower_39"))
+    assert BenefitCheck.of(sides, BenefitCheckConfig()) is None
+    assert BenefitCheck.of(manifest, BenefitCheckConfig(enabled=False)) is None
+
+
+def test_jets_that_change_nothing_are_shut_for_that_reason_and_a_new_request_tries_again():
+    bench = make_bench(
+        RecordingController(lambda i: 0.03), bundle=RELEASE, sensor_check=SensorCheckConfig(enabled=False)
+    )
+
+    def drive(periods: int, *, enable: bool = True) -> list[Mode]:
+        return [bench.step(bench.pressure(WITHOUT, enable=enable)).mode for _ in range(periods)]
+
+    drive(100, enable=False)
+    own = BenefitCheckConfig()
+    modes = drive(own.first_period + own.doubt_periods + 1)
+    assert set(modes[:-3]) == {Mode.CONTROL} and modes[-1] is Mode.FAULT
+    assert bench.status.reason is Reason.NOT_HELPING
+    assert set(drive(20)) == {Mode.FAULT}
+    drive(6, enable=False)
+    assert drive(6)[-1] is Mode.CONTROL
