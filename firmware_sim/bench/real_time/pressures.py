@@ -63,8 +63,10 @@ class Replay:
     @property
     def description(self) -> str:
         """The episode, and what it is not."""
-        found = f"open loop: recorded episode {self._name}, {len(self._cp)} periods"
-        return f"{found}; the pressures do not answer the jets, and an ECU in control may find them IMPLAUSIBLE or NOT_HELPING"
+        found = (
+            f"open loop: recorded episode {self._name}, {len(self._cp)} periods; the pressures do not answer the jets"
+        )
+        return f"{found}, and an ECU in control may find them IMPLAUSIBLE or NOT_HELPING"
 
     def sampled(self) -> Array:
         """The row of this period; after the last one the first."""

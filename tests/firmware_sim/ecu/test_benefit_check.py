@@ -101,7 +101,7 @@ def test_jets_that_change_nothing_are_shut_for_that_reason_and_a_new_request_tri
     own = BenefitCheckConfig()
     modes = drive(own.first_period + own.doubt_periods + 1)
     assert set(modes[:-3]) == {Mode.CONTROL} and modes[-1] is Mode.FAULT
-    assert bench.status.reason is Reason.NOT_HELPING
+    assert bench.status is not None and bench.status.reason is Reason.NOT_HELPING
     assert set(drive(20)) == {Mode.FAULT}
     drive(6, enable=False)
     assert drive(6)[-1] is Mode.CONTROL
