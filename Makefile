@@ -138,7 +138,6 @@ full: test docs
 	$(BIN)/python -m tests.proofs.release --json results/bundle_fuzz.json
 	$(BIN)/python -m benchmarks square --json results/square.json
 	$(BIN)/python -m tests.proofs.bus bus --json results/bus.json
-	$(BIN)/python -m benchmarks isotp --json results/isotp.json
 	$(BIN)/python -m benchmarks two-nodes --json results/two_nodes.json
 	$(BIN)/stillwake run runs/classic --overwrite --set bus.frames=classic --json results/bus_classic.json
 	test -f bus.key || $(BIN)/stillwake can keygen bus.key
@@ -163,8 +162,6 @@ full: test docs
 	-$(BIN)/stillwake can load --set bus.background.load=0.9 --json results/can_load_fd_90.json
 	-$(BIN)/stillwake can load --set bus.frames=classic --set bus.background.load=0.9 \
 		--json results/can_load_classic_90.json
-	$(BIN)/python -m benchmarks open-loop --json results/open_loop.json
-	$(BIN)/python -m benchmarks training --json results/training.json
 	$(BIN)/python -m benchmarks release-figures --json results/release_figures.json
 	$(BIN)/python -m benchmarks wake-speed --json results/wake_speed.json
 	$(BIN)/python -m benchmarks adjoint --json results/adjoint.json

@@ -44,7 +44,6 @@ MEASUREMENTS: Final = {
         "wake.live_speed", "on which grids the wake keeps up with 20 ms, under control", "minutes"
     ),
     "square": Measurement("wake.square", "a square cylinder in the same solver, and the literature", "minutes"),
-    "open-loop": Measurement("wake.open_loop", "what a sine without feedback does to drag and lift"),
     "openfoam": Measurement("wake.openfoam_study", "the same wake by OpenFOAM's icoFoam, forced, controlled", "hours"),
     "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C"),
     "controller-loop": Measurement("controller.loop", "drag with ONNX and C, in float32 and int8, in the closed loop"),
@@ -54,7 +53,6 @@ MEASUREMENTS: Final = {
     "release-figures": Measurement(
         "release.release_figures", "the paper's figures of control: forecasts, distributions, mean fields", "a minute"
     ),
-    "isotp": Measurement("bus.isotp", "what a block costs over ISO-TP, and by can-isotp", "seconds"),
     "attack-tools": Measurement("bus.attack_tools", "what scapy's scanners learn of an ECU with slots", "minutes"),
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms, what it finds", "minutes"),
     "release-loop": Measurement(
@@ -62,7 +60,6 @@ MEASUREMENTS: Final = {
     ),
     "two-nodes": Measurement("bus.two_nodes", "two processes on a real bus: frames lost, round trip", "a minute"),
     "ecu-loop": Measurement("ecu.ecu_loop", "the wake driven by each ECU: Python, C, an emulated Cortex-M7", "minutes"),
-    "training": Measurement("model.training", "what a training step costs, and its arithmetic floor"),
 }
 PAGES: Final = {
     "tables": Measurement("tables", "fill the tables of README.md and docs/ from results/", "seconds"),
