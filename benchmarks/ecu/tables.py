@@ -16,7 +16,27 @@ def tables(results: Path) -> dict[str, str]:
         "sensor_check_faults": faults(figures["faults"]),
         "ecu_c": twin(results / "ecu_c.json"),
         "ecu_loop": loops(results / "ecu_loop.json"),
+        "monitor": monitor(results / "monitor.json"),
     }
+
+
+def monitor(path: Path) -> str:
+    """What a campaign's scenarios come to while the ECU watches whether control helps."""
+    found = read(path)
+    controlled = found["facts"]["controlled"]
+    rows = [
+        (
+            row["name"],
+            f"{row['reduction_percent']:.1f}",
+            f"{row['abs_Cl']:.2f}",
+            f"{row['abs_Cl_uncontrolled']:.2f}",
+            f"{row['in_control_percent'] / 100.0 * controlled:.0f}" if row["latches"] else None,
+            max(row["not_in_control_reasons"], key=row["not_in_control_reasons"].get) if row["latches"] else None,
+        )
+        for row in found["figures"]
+    ]
+    heads = ("scenario", "less drag, %", "mean abs Cl", "without control", "shut after, t_c of control", "by")
+    return table(heads, rows)
 
 
 def twin(path: Path) -> str:

@@ -44,7 +44,7 @@ from can_bridge.wire.message_sets import Message, message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import JetCommand, Mode
 from contract.config.tree import Config
-from firmware_sim.bench.disturbances import Disturbances
+from firmware_sim.bench.disturbances import Disturbances, StuckJets
 from firmware_sim.bench.observer import Seen
 from firmware_sim.bench.run_faults import NodeFault
 from wake.plant.sample import Sample
@@ -230,13 +230,14 @@ class Invariants:
     Args:
         config: the run's.
         hidden_ns: how much older pressures may be than the ECU can know; see `of`.
+        jets_follow: whether the jets' actuator moves; what one does that stands still is not judged.
 
     Attributes:
         violations: so far, in the order of time.
     """
 
-    def __init__(self, config: Config, *, hidden_ns: int = 0) -> None:
-        self._config = config
+    def __init__(self, config: Config, *, hidden_ns: int = 0, jets_follow: bool = True) -> None:
+        self._config, self._jets_follow = config, jets_follow
         messages = message_set(config.bus)
         self._pressure, self._command = messages.pressure, messages.command
         self._hidden_ns = hidden_ns
@@ -273,7 +274,8 @@ class Invariants:
                     hidden_s += one.fault.delay_s + one.fault.jitter_s
                 elif isinstance(one.fault, ClockDrift):
                     hidden_s += max(0.0, one.fault.offset_s)
-        return cls(config, hidden_ns=round(hidden_s * NS))
+        jets_follow = not any(isinstance(one, StuckJets) for one in disturbances.items)
+        return cls(config, hidden_ns=round(hidden_s * NS), jets_follow=jets_follow)
 
     # See `Observer`.
 
@@ -307,6 +309,8 @@ class Invariants:
 
     def _judge_action(self, action: float) -> None:
         """The one reached at the end of the latest period of which all is known."""
+        if not self._jets_follow:
+            return
         for invariant, detail in self._jets.broken(action):
             self.violations.append(Violation(period=self._period - 1, invariant=invariant, detail=detail))
 

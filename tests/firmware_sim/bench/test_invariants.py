@@ -88,6 +88,7 @@ HARM = (
     "no_request@0.8..0.9",
     "operating_point:speed=30",
     "action_limit=0.5@0.5..",
+    "stuck_jets=-0.5@0.5..",
     *(f"{node}:drop:probability=0.3" for node in ("ecu", "vehicle")),
     *(f"{node}:drop:probability=0.4,at=receive" for node in ("ecu", "vehicle")),
     *(f"{node}:burst_loss:loss=0.3,mean_burst=4" for node in ("ecu", "vehicle")),

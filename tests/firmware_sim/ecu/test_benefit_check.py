@@ -8,8 +8,9 @@ import pytest
 
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.vehicle import BenefitCheckConfig, SensorCheckConfig
+from contract.recording import dataset
 from contract.release.bundle import load
-from contract.shipped import BUNDLE
+from contract.shipped import BUNDLE, recording
 from firmware_sim.ecu.benefit_check import BenefitCheck, BenefitCheckState, mirrored_pairs
 from tests.firmware_sim.conftest import RecordingController, make_bench
 
@@ -87,6 +88,25 @@ def test_a_release_names_its_base_and_its_pairs_or_there_is_no_check():
     sides = replace(manifest, sensors=("upper_1", "lower_1", "upper_39", "lower_39"))
     assert BenefitCheck.of(sides, BenefitCheckConfig()) is None
     assert BenefitCheck.of(manifest, BenefitCheckConfig(enabled=False)) is None
+
+
+def test_no_recorded_control_is_ended():
+    """Eight episodes of 220 t_c under a controller, against the wake without one."""
+    check = BenefitCheck.of(RELEASE.manifest, BenefitCheckConfig())
+    assert check is not None
+    read = dataset.read(recording())
+    columns = read.layout.indices(RELEASE.manifest.sensors)
+    rested = BenefitCheckState()
+    (without,) = (one for one in read.episodes if one.name == "none_0")
+    for row in without.series["Cp"][:100, columns]:
+        rested, _ = check.next(rested, row, drives=False)
+    controlled = [one for one in read.episodes if one.name.startswith("controlled")]
+    assert len(controlled) == 8
+    for episode in controlled:
+        state = rested
+        for row in episode.series["Cp"][:, columns]:
+            state, reason = check.next(state, row, drives=True)
+            assert reason is None, episode.name
 
 
 def test_jets_that_change_nothing_are_shut_for_that_reason_and_a_new_request_tries_again():
