@@ -20,7 +20,7 @@ check fast test everything: export OMP_NUM_THREADS := 1
 
 # The loop of the day: what is fast of `test`.
 check: $(VENV)/dev.stamp
-	$(BIN)/python tests/measured.py --wall-s 110 $(MAKE) --no-print-directory fast
+	$(BIN)/python tests/measured.py --wall-s 90 $(MAKE) --no-print-directory fast
 
 fast: lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile --budget --hypothesis-profile=fast \

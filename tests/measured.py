@@ -1,6 +1,6 @@
 """Run a command, print what it cost, and fail where it cost more than it may.
 
-python tests/measured.py --wall-s 110 COMMAND [ARGUMENT ...]
+python tests/measured.py --wall-s 90 COMMAND [ARGUMENT ...]
 python tests/measured.py --cpu-minutes 19 COMMAND [ARGUMENT ...]
 """
 

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from contract.config.body import BodyConfig
 from contract.config.body_sensors import layout_of
@@ -14,6 +15,7 @@ from wake.truck.truck_wake import TruckWake
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
+@pytest.mark.slow
 def test_naive_feedback_compares_with_and_without(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["naive_feedback.py", "3"])
     runpy.run_path(str(EXAMPLES / "naive_feedback.py"), run_name="__main__")

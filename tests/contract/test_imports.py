@@ -29,6 +29,7 @@ OF_THE_COMMAND_LINE = {"typer", "rich"}
         ),
     ],
 )
+@pytest.mark.slow
 def test_imports_nothing_the_vehicle_does_not_carry(folder, not_below):
     # Data sets are the laboratory's: they need h5py.
     found = set((ROOT / folder).rglob("*.py")) - set((ROOT / "contract" / "recording").rglob("*.py"))

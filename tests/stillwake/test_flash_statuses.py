@@ -65,6 +65,7 @@ def ends(outcome: Any, status: int, words: str) -> None:
     assert outcome.err.startswith("error: ")
 
 
+@pytest.mark.slow
 def test_a_release_is_flashed_and_then_left_alone(flash: Flash, ecu: EcuToFlash) -> None:
     name = bundle.load(BUNDLE).manifest.name
     outcome = flash("--dry-run")
@@ -110,6 +111,7 @@ def test_silence(call: Flash, flash: Flash, ecu: EcuToFlash, monkeypatch: pytest
     assert ecu.memory.written - written == len(SHIPPED) - 40_640
 
 
+@pytest.mark.slow
 def test_what_the_ecu_objects_to(
     flash: Flash, ecu: EcuToFlash, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -144,6 +146,7 @@ def test_what_the_ecu_objects_to(
     assert ecu.runs == "old"
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_what_was_sent(flash: Flash, ecu: EcuToFlash, monkeypatch: pytest.MonkeyPatch) -> None:
     update = ProgressLines.update
 

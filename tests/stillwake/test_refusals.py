@@ -179,6 +179,7 @@ WITH_THE_PLANT = {
 """Calls that are refused by what they build or load."""
 
 
+@pytest.mark.slow
 def test_it_is_refused_before_the_work(refused: Callable[..., str], place: Path, no_work: None) -> None:
     for words, named in BEFORE_THE_WORK.items():
         line = refused(*words.split())

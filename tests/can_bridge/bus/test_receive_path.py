@@ -4,6 +4,7 @@ followed in `tests/proofs/bus/fuzz.py`.
 
 import struct
 
+import pytest
 from can.interfaces.udp_multicast.utils import pack_message
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -42,5 +43,6 @@ RECORDS = st.builds(
 @example(b"\x60" + SOUND_LINE)
 @example(b"\x00" + SOUND_DATAGRAM)
 @example(b"\x60" + b"z\rt\a\r\r\a")
+@pytest.mark.slow
 def test_any_input_is_followed_to_its_end(content):
     follow(content)

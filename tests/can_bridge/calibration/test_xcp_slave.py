@@ -263,6 +263,7 @@ def test_a_request_to_store_means_the_values_of_its_moment_and_ends_with_its_con
         max_size=40,
     ),
 )
+@pytest.mark.slow
 def test_whatever_comes_over_the_wire_nothing_is_raised_and_the_limits_hold(unlocks, packets):
     segment = Segment(REFERENCE, LIMITS)
     access = CmacAccess()

@@ -333,6 +333,7 @@ def test_what_makes_no_series_is_refused_in_one_line() -> None:
 
 @examples(40)
 @given(data=st.data(), kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
+@pytest.mark.slow
 def test_any_log_gives_whole_pieces_or_one_line(data: st.DataObject, kind: str, seed: int) -> None:
     """Cut, shuffled, restarted and damaged anywhere; what comes out holds rows of the drive, or is refused."""
     generator = np.random.default_rng(seed)

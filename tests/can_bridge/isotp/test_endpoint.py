@@ -160,6 +160,7 @@ LIKELY = st.tuples(
     steps=st.lists(st.tuples(st.one_of(WIRE, LIKELY), st.integers(0, 2_000 * MS), st.booleans()), max_size=40),
     settings=st.sampled_from([CLASSIC, FD, replace(CLASSIC, block_size=1)]),
 )
+@pytest.mark.slow
 def test_whatever_comes_over_the_wire_nothing_is_raised_and_nothing_grows(steps, settings):
     endpoint = Endpoint(settings)
     now_ns = 0

@@ -114,6 +114,7 @@ def test_each_side_hears_the_others_overflow():
     faults=st.lists(st.sampled_from(["pass"] * 8 + ["lose", "double", "swap"]), max_size=200),
     both=st.booleans(),
 )
+@pytest.mark.slow
 def test_of_lost_doubled_and_swapped_frames_only_whole_messages_come(settings, lengths, faults, both):
     """Frames change place with their neighbour. Sixteen places away the sequence number would not show it, nor would
     anything show a first frame that comes after that of the next message; no bus delays a frame so long."""

@@ -81,6 +81,7 @@ def in_order(log: list[can.Message], suffix: str) -> list[can.Message]:
 @pytest.mark.parametrize("suffix", [*FORMATS, MF4])
 @examples(40, suppress_health_check=list(HealthCheck))
 @given(log=logs())
+@pytest.mark.slow
 def test_what_is_written_is_read_back_and_by_python_can_alone_too(tmp_path_factory, suffix, log):
     path = tmp_path_factory.mktemp("log") / f"frames{suffix}"
     write(path, log)

@@ -77,6 +77,7 @@ def test_refused_in_one_line():
 @given(
     st.sampled_from(NAMES), st.lists(st.text(max_size=12) | st.from_regex(r"[A-Z][a-z]+[0-3]=[-0-9.e]+"), max_size=4)
 )
+@pytest.mark.slow
 def test_nothing_typed_makes_it_fail_otherwise(name, assignments):
     with suppress(BusError):
         encode(name, assignments)

@@ -61,6 +61,7 @@ def with_first(data: Dataset, **changes: Any) -> Dataset:
     return replace(data, episodes=(replace(first, series={**first.series, **changes}), *others))
 
 
+@pytest.mark.slow
 def test_a_sound_data_set_has_only_notes(sound):
     notes = findings(sound, CONFIG)
     assert all(note.stops is None for note in notes)

@@ -79,6 +79,7 @@ def every_integer(reach: int, one: int) -> tuple[np.ndarray, np.ndarray]:
     return integers, integers / one - reach
 
 
+@pytest.mark.slow
 def test_tables_are_as_near_as_stated(apply):
     """Half an integer for the point, half for the straight line (h^2 / 8 max |f''|), half for the sum: at worst 1.5."""
     integers, x = every_integer(ELU_RANGE, ELU_ARGUMENT_ONE)

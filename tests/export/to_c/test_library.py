@@ -83,6 +83,7 @@ def test_fast_math_is_refused(folder):
     assert "compile without -ffast-math" in done.stderr
 
 
+@pytest.mark.slow
 def test_cppcheck_finds_nothing(folder):
     if shutil.which("cppcheck") is None:
         pytest.skip("cppcheck is not installed")

@@ -67,6 +67,7 @@ CONFIGS = {
 
 
 @each("config", CONFIGS.values())
+@pytest.mark.slow
 def test_a_sound_run_breaks_nothing_and_moves_the_jets(config):
     broken, log = violations(config=config)
     assert broken == []

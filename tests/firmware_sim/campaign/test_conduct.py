@@ -71,6 +71,7 @@ def test_every_scenario_runs_from_every_phase_and_the_two_worst_at_the_end(campa
     assert (result.made, result.kept, result.safe) == (14, 0, True)
 
 
+@pytest.mark.slow
 def test_a_campaign_that_is_stopped_goes_on_and_a_whole_one_runs_nothing(campaign, worker, tmp_path) -> None:
     folder = CampaignFolder(tmp_path / "c")
     worker.stop_after = 0

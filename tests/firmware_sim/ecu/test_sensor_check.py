@@ -141,6 +141,7 @@ def test_what_stands_in_for_a_liar_is_what_it_would_have_read() -> None:
 
 
 @each("scale", [0.0, 0.01])
+@pytest.mark.slow
 def test_one_that_rests_while_the_others_hardly_move_is_not_set_aside_for_good(scale: float) -> None:
     """A vehicle that stands or creeps: pressures of a few steps of the wire, and by chance one does not change."""
     drive = Drive()

@@ -64,6 +64,7 @@ def test_an_imported_data_set_is_fit_and_its_settings_fit_it(run: Run, made: Pat
     assert config.mpc.drag_reference == pytest.approx(calm.mean(), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_show_lists_episodes_sensors_and_facts_and_draws(run: Run, made: Path, tmp_path: Path) -> None:
     status, output, _ = run("show", made, "--picture", tmp_path / "a.png")
     assert status == 0

@@ -45,6 +45,7 @@ def flat(text: str) -> str:
     return " ".join(text.split())
 
 
+@pytest.mark.slow
 def test_a_training_that_is_stopped_early_reports_that_nothing_is_kept(
     cli: Callable[..., Any], called: list[dict[str, Any]], tmp_path: Path
 ) -> None:

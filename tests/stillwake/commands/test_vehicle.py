@@ -17,6 +17,7 @@ VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=test-stillwak
 ORDINARY = ("--priority", "0")
 
 
+@pytest.mark.slow
 def test_what_cannot_be_is_one_line(all_refused) -> None:
     all_refused(
         ("vehicle", "--periods", "3", *VIRTUAL),
@@ -55,6 +56,7 @@ def test_without_an_ecu_the_status_says_so_and_the_figures_are_written(cli, tmp_
     assert found["facts"]["config"]["bus"]["interface"] == "virtual"
 
 
+@pytest.mark.slow
 def test_a_slower_vehicle_has_longer_periods_and_says_what_its_ecu_needs(cli) -> None:
     config = slowed(Config(), 4.0)
     # Four times the convective time; pressures go with the square of the speed, flow rates with the speed.

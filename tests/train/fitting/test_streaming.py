@@ -58,6 +58,7 @@ def test_a_streaming_student_follows_the_teacher_past_the_stretches_it_learned_f
     assert error < 0.3
 
 
+@pytest.mark.slow
 def test_the_fit_streams_and_the_finish_does_not(rows, small_config, monkeypatch):
     def refuse(encoder: Encoder, segments: torch.Tensor) -> torch.Tensor:
         raise AssertionError(segments.shape)

@@ -58,6 +58,7 @@ def seen_by(threads: dict[Phase, set[int]]) -> Progress:
     return progress
 
 
+@pytest.mark.slow
 def test_every_phase_has_one_unless_more_are_asked_for(recording, brief, tmp_path):
     seen: dict[Phase, set[int]] = {}
     train_all(recording, brief, tmp_path / "model", chosen=CHOSEN, progress=seen_by(seen))

@@ -38,6 +38,7 @@ def test_the_error_is_that_of_numpy_s_least_squares(listener, noise_rows):
     assert student.error(chosen) == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_errors_are_those_known_in_closed_form(listener, noise_rows):
     # Only ages that are multiples of four are lags; the action is always one of the inputs.
     teacher = listener((("upper_07", 12, 1.0), ("action", 28, 1.0)))

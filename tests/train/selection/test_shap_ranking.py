@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+import pytest
 import torch
 from torch import Tensor, nn
 
@@ -26,6 +27,7 @@ class Linear(nn.Module):
         return torch.einsum("blf,zlf->bz", windows, self.weight)
 
 
+@pytest.mark.slow
 def test_scores_of_a_linear_encoder_are_its_shapley_values(rows):
     window, count = 4, 57
     few = Rows(

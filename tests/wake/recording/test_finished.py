@@ -70,6 +70,7 @@ def test_another_recording_is_refused_by_what_differs(output):
         assert [path.name for path in output.parent.iterdir()] == ["a.h5"]
 
 
+@pytest.mark.slow
 def test_the_shipped_recording_is_the_papers_with_rounds(tmp_path, monkeypatch):
     monkeypatch.undo()
     copy = Path(shutil.copy(RECORDING, tmp_path / "a.h5"))

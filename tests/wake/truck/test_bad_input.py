@@ -13,6 +13,7 @@ from wake.truck.state import Origin, developed_state, load_state, save_state
 from wake.truck.truck_wake import TruckWake
 
 
+@pytest.mark.slow
 def test_divergence_names_the_step_its_number_and_a_step_that_holds(wake):
     before = wake.flow.flat.copy()
     with pytest.raises(PlantError, match=r"diverged .* dt = 0\.05: convective number") as caught:

@@ -69,6 +69,7 @@ def course(**changes) -> Course:
     return Course(**{"periods": 60, "enable_after_s": 0.04, "wanted": ORDINARY, **changes})
 
 
+@pytest.mark.slow
 def test_a_run_from_the_first_frame_to_the_farewell(bundle_of, recording_controller, replay, tmp_path: Path) -> None:
     ecu = Ecu(bundle_of(operating_point=POINT), recording_controller(lambda i: 0.02), CONFIG)
     lines: list[str] = []

@@ -8,6 +8,8 @@ import resource
 import threading
 from pathlib import Path
 
+import pytest
+
 from firmware_sim.ecu.real_time import privileges
 from firmware_sim.ecu.real_time.privileges import Privilege, Wanted, in_words, step_back, taken
 from tests.each import each
@@ -24,6 +26,7 @@ def state():
     return os.sched_getscheduler(0), os.sched_getaffinity(0), gc.isenabled(), gc.get_freeze_count() > 0, slack
 
 
+@pytest.mark.slow
 def test_what_is_reported_as_granted_is_and_all_is_given_back():
     before, processor = state(), max(os.sched_getaffinity(0))
     with taken(Wanted(priority=10, processor=processor)) as held:

@@ -245,6 +245,7 @@ def _until_closed(stalled: socket.socket) -> int:
     return taken
 
 
+@pytest.mark.slow
 def test_who_asks_and_never_reads_is_read_no_further_and_leaves_no_traceback(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(handlers, "SEND_BUFFER", 4096)
     taken = list[str | bytes]()
@@ -279,6 +280,7 @@ def test_who_asks_and_never_reads_is_read_no_further_and_leaves_no_traceback(tmp
 
 
 @in_a_loop
+@pytest.mark.slow
 async def test_idle_connections_are_closed_and_more_than_a_bound_refused(tmp_path, monkeypatch, caplog) -> None:
     monkeypatch.setattr(server, "MOST_CONNECTIONS", 3)
     async with placed(tmp_path, idle_s=1.0) as place:

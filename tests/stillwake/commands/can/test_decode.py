@@ -89,6 +89,7 @@ def test_decode_prints_a_line_a_frame_and_a_summary_and_writes_a_row_a_signal(
     assert "JetCommand: E2E_CRC=" in other
 
 
+@pytest.mark.slow
 def test_monitor_of_a_log_shows_its_end_and_of_a_bus_lines_and_a_table(
     cli: Callable[..., Any], peer: can.BusABC, tmp_path: Path
 ) -> None:
