@@ -75,6 +75,10 @@ PLANTED: Final = (
         "if (count_of(receiver, SW_CHECK_ERROR) >= SW_E2E_MAX_ERRORS)",
     ),
     Planted(
+        "a period that helps ends all doubt", "quick to doubt", "sw_benefit.c",
+        "benefit->doubt--;", "benefit->doubt = 0;",
+    ),
+    Planted(
         "the others' mean is that of one more", "quick to doubt", "sw_sensors.c",
         "(sum - values[own]) / (double)(SW_SENSORS - 1)", "(sum - values[own]) / (double)SW_SENSORS",
     ),
