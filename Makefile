@@ -121,6 +121,21 @@ full: test docs
 	$(BIN)/python -m benchmarks weights --json results/weights.json
 	$(BIN)/stillwake campaign runs/robustness --overwrite --phases 1 --controlled 100 --settle 40 --only noise_0.9 \
 		--only delay_12 --only 'dead_*' --only frames_lost_0.2 --only undisturbed --json results/robustness.json
+	$(BIN)/stillwake campaign runs/robustness_starts --overwrite --phases 3 --controlled 100 --settle 40 \
+		--only noise_0.9 --only delay_12 --only frames_lost_0.2 --json results/robustness_starts.json
+	$(BIN)/stillwake campaign runs/benefit --overwrite --phases 1 --only undisturbed --only noise_0.9 --only delay_12 \
+		--only 'delay_*_uncompensated' --only dead_base_0 --only dead_upper_39 --only swapped --only drift \
+		--only frames_lost_0.2 --only frames_late --only 'reynolds_*' --only gust --only wrong_operating_point \
+		--only action_limit_halved --only jets_stuck --json results/monitor.json
+	$(BIN)/stillwake campaign runs/benefit_starts --overwrite --phases 3 --only undisturbed --only reynolds_1000 \
+		--json results/monitor_starts.json
+	$(BIN)/stillwake identify runs/linear --overwrite
+	$(BIN)/stillwake export runs/linear runs/linear_bundle --sensors --overwrite
+	$(BIN)/stillwake campaign runs/benefit_linear --overwrite --phases 1 --bundle runs/linear_bundle \
+		--set ecu.sensor_check.enabled=false --only undisturbed --only delay_8_uncompensated \
+		--only delay_12_uncompensated --only reynolds_300 --only reynolds_1000 --json results/monitor_linear.json
+	$(BIN)/stillwake export data/stillwake_data/model runs/float32 --precision float32 --sensors --overwrite
+	$(BIN)/python -m benchmarks release-loop --bundle runs/float32 --json results/release_loop_float32.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --json results/limit_late_start.json
 	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --set ecu.compute_time_ms=0.0 \
 		--json results/limit_latency.json

@@ -9,13 +9,16 @@ from benchmarks.common.markdown import read, table
 from firmware_sim.campaign import paper
 
 FILE: Final = "campaign.json"
+PARTS: Final = ("robustness", "robustness_starts", "monitor_starts", "monitor_linear")
+"""Campaigns of some scenarios: the names of their tables and of their files."""
 MISSING: Final = "Not measured yet: the command above writes the file that this table is made of."
 
 
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker; a note in its place while there is no campaign among the results."""
-    path, short = results / FILE, results / "robustness.json"
-    disturbed = {"robustness": campaign(read(short)) if short.is_file() else MISSING}
+    path = results / FILE
+    files = {name: results / f"{name}.json" for name in PARTS}
+    disturbed = {name: campaign(read(file)) if file.is_file() else MISSING for name, file in files.items()}
     if not path.is_file():
         return {"campaign": MISSING, "campaign_paper": MISSING, **disturbed}
     found = read(path)

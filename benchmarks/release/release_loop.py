@@ -1,6 +1,6 @@
 """The shipped release in the closed loop from several phases of the shedding cycle: figures with their spread.
 
-    python -m benchmarks release-loop [--json FILE]
+    python -m benchmarks release-loop [--bundle BUNDLE] [--json FILE]
 
 Each run is one of `stillwake run`: through CAN, int8, ONNX Runtime, 25 t_c without control and 100 with it, of which
 the last 60 are averaged. Finished runs are kept.
@@ -9,6 +9,7 @@ the last 60 are averaged. Finished runs are kept.
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -53,11 +54,12 @@ def main(
     parts: Parts = Path("runs/release_loop"),
     phases: Annotated[int, typer.Option(min=1, max=25, help="Starts, equal parts of a shedding cycle apart.")] = 5,
     workers: Annotated[int, typer.Option(min=1, max=MOST_WORKERS, help="Processes, a run each at a time.")] = 2,
+    bundle: Annotated[Path, typer.Option(help="Another release in place of the shipped one.")] = BUNDLE,
 ) -> None:
     """Close the loop from every phase and print a table."""
-    release, config = bundles.load(BUNDLE), load_config()
+    release, config = bundles.load(bundle), load_config()
     kept = kept_starts(parts, release, phases)
-    rows = list(track(_runs(kept, phases, workers), "release", "runs", total=phases))
+    rows = list(track(_runs(bundle, kept, phases, workers), "release", "runs", total=phases))
     over_phases = spread(rows)
     _print(rows, over_phases)
     facts = {
@@ -105,24 +107,25 @@ def spread(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
     return found
 
 
-def _runs(kept: CampaignFolder, phases: int, workers: int) -> Iterator[dict[str, Any]]:
+def _runs(bundle: Path, kept: CampaignFolder, phases: int, workers: int) -> Iterator[dict[str, Any]]:
     """The figures of every phase, in order."""
     files = [kept.path / f"phase_{number}.json" for number in range(phases)]
     starts = [kept.start(number) for number in range(phases)]
     missing = sum(not file.is_file() for file in files)
     # A process of its own costs seconds: none is made for what is kept.
     with nullcontext() if missing == 0 else process_pool(min(workers, missing)) as pool:
-        yield from map(_kept_run, files, starts) if pool is None else pool.map(_kept_run, files, starts)
+        each = partial(_kept_run, bundle)
+        yield from map(each, files, starts) if pool is None else pool.map(each, files, starts)
 
 
-def _kept_run(file: Path, start: Path) -> dict[str, Any]:
-    found: dict[str, Any] = part(file, lambda: _run(start))
+def _kept_run(bundle: Path, file: Path, start: Path) -> dict[str, Any]:
+    found: dict[str, Any] = part(file, lambda: _run(bundle, start))
     return found
 
 
-def _run(start: Path) -> dict[str, Any]:
-    """One run of the shipped release from there."""
-    release = bundles.load(BUNDLE)
+def _run(bundle: Path, start: Path) -> dict[str, Any]:
+    """One run of a release from there."""
+    release = bundles.load(bundle)
     return measured(release, replace(load_config(), mpc=release.manifest.mpc), start)
 
 

@@ -20,7 +20,7 @@ from contract.arrays import Array
 from contract.config.vehicle import BenefitCheckConfig
 from contract.release.manifest import Manifest
 from contract.sensor_layout import SAME_PLACE
-from contract.sensors import TRUCK
+from firmware_sim.ecu.fit import positions_of
 
 ON_BASE: Final = "base_"
 """How the names of sensors on a body's base begin."""
@@ -136,11 +136,8 @@ class BenefitCheck:
 
 def mirrored_pairs(manifest: Manifest) -> tuple[tuple[int, int], ...]:
     """Places of sensors and their mirror images among a release's; of unknown positions there are none."""
-    if manifest.sensor_positions is not None:
-        positions = np.array(manifest.sensor_positions)
-    elif set(manifest.sensors) <= set(TRUCK.names):
-        positions = TRUCK.positions[TRUCK.indices(manifest.sensors)]
-    else:
+    positions = positions_of(manifest)
+    if positions is None:
         return ()
     images = positions * [1.0, -1.0]
     places = combinations(range(len(positions)), 2)

@@ -235,17 +235,13 @@ class Ecu:
         memory = self._with_row(self._after_silence(state.memory, timing), received.cp)
         sensors, memory, sensor_fault = self._checked(state.sensors, memory, received.cp, timing.skipped)
         benefit, no_benefit = self._judged(state, memory, usable=usable)
+        bus_off = _bus_fault(state.health, health)
         inputs = PeriodInputs(
             usable=usable,
             enable_request=received.enable_request,
             unusable_because=received.unusable_because,
             window_full=memory.is_full,
-            fault=timing.fault
-            or _bus_fault(state.health, health)
-            or other_ecu.fault
-            or sensor_fault
-            or no_benefit
-            or fault,
+            fault=timing.fault or bus_off or other_ecu.fault or sensor_fault or no_benefit or fault,
             updating=updating,
         )
         fail_safe = state.fail_safe.next(inputs, config)

@@ -11,6 +11,7 @@ from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import BundleError, ConfigError
 from contract.release.checks import Bundle
+from contract.release.manifest import Manifest
 from contract.sensor_layout import SAME_PLACE, SensorLayout
 from contract.sensors import TRUCK
 
@@ -49,11 +50,8 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
         columns = layout.indices(manifest.sensors)
     except ConfigError as error:
         raise BundleError(f"bundle {manifest.name!r} is of another plant: {error}") from error
-    if manifest.sensor_positions is not None:
-        built_for = np.array(manifest.sensor_positions)
-    elif set(manifest.sensors) <= set(TRUCK.names):
-        built_for = TRUCK.positions[TRUCK.indices(manifest.sensors)]
-    else:
+    built_for = positions_of(manifest)
+    if built_for is None:
         return
     for name, there, here in zip(manifest.sensors, built_for, layout.positions[columns], strict=True):
         if np.abs(there - here).max() > SAME_PLACE:
@@ -61,6 +59,13 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
                 f"bundle {manifest.name!r} was built for another body: its sensor {name} lies at {_place(there)}, on "
                 f"this plant at {_place(here)}, in W"
             )
+
+
+def positions_of(manifest: Manifest) -> Array | None:
+    """(S, 2) where a release's sensors are; None for a bundle without positions whose names are not the truck's."""
+    if manifest.sensor_positions is not None:
+        return np.array(manifest.sensor_positions)
+    return TRUCK.positions[TRUCK.indices(manifest.sensors)] if set(manifest.sensors) <= set(TRUCK.names) else None
 
 
 def _values(point: OperatingPoint) -> str:
