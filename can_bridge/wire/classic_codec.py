@@ -4,7 +4,7 @@ Like `can_bridge.wire.codec`, with what eight bytes cost:
 
 - pressures of 12 bits in whole Pa, -2048 where the sensor's own diagnosis failed (there are no validity bits);
 - an age in steps of 10 ms, rounded up, so that no frame looks fresher than it is; the last step, 70 ms or more, is
-  read as `STALE_NS`, on which nothing may rest;
+  read as `STALE_NS`, on which nothing may rest; a speed's age stays at 2.55 s;
 - a status whose counts stay at 63, whose bundle hash has two bytes, and that has no count of frames that are not
   authentic (this set has no authentication), no error counters and no pressures set aside.
 """
@@ -19,7 +19,7 @@ from can_bridge.wire.message_specs import (
     INT12_MAX,
     INT16_MAX,
 )
-from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure
+from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure, VehicleSpeed
 from can_bridge.wire.packing import (
     MODES,
     REASONS,
@@ -29,7 +29,9 @@ from can_bridge.wire.packing import (
     mode_of,
     reason_of,
     signed,
+    speed_steps,
     unsigned,
+    vehicle_speed,
 )
 
 LENGTH: Final = 8
@@ -41,6 +43,7 @@ CLASSIC_COUNT_LIMIT: Final = 63
 CLASSIC_BUS_OFF_LIMIT: Final = 15
 
 _AGE_LIMIT: Final = 7
+_SPEED_AGE_LIMIT: Final = 0xFF
 _INVALID: Final = -INT12_MAX - 1
 _INVALID_FIELD: Final = _INVALID & 0xFFF
 _ALL_VALID: Final = (True, True, True, True)
@@ -49,8 +52,9 @@ _NEXT_PERIOD: Final = 1 << 1
 # "x" is the CRC; the byte behind it holds the counter and what shares it. Fields that cross bytes are put together from
 # pieces: numbers that fit one machine word are faster than one of 64 bits.
 _PRESSURE: Final = struct.Struct("<x B 3H")  # request and age, pressures
+_VEHICLE_SPEED: Final = struct.Struct("<3x B H B x")  # density, speed, age
 _JET_COMMAND: Final = struct.Struct("<x B h B 3x")  # mode and enable, flow, echo and next period
-_ECU_STATUS: Final = struct.Struct("<x B B H B H")  # state, reason and bus-off, counts, hash
+_ECU_STATUS: Final = struct.Struct("<x B B H B H")  # state and a bit of the reason, the rest and bus-off, counts, hash
 
 # By the field's bits and back: a lookup is faster than sign, scale and comparison.
 _FIELDS: Final = {raw: raw & 0xFFF for raw in range(-INT12_MAX, INT12_MAX + 1)}
@@ -104,6 +108,23 @@ def parse_pressure(data: bytes) -> Pressure | None:
     )
 
 
+def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
+    """8 bytes. Raises ValueError for a value that is not finite or out of the wire's range; an age has no upper end."""
+    density, speed = speed_steps(message)
+    if message.age_ns < 0:
+        raise ValueError(f"VehicleSpeed.age_ns = {message.age_ns}: must not be negative")
+    age = -(-message.age_ns // CLASSIC_AGE_RESOLUTION_NS)
+    return _VEHICLE_SPEED.pack(density, speed, age if age < _SPEED_AGE_LIMIT else _SPEED_AGE_LIMIT)
+
+
+def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
+    """The message in 8 bytes, or None if there are not 8."""
+    if len(data) != LENGTH:
+        return None
+    density, speed, age = _VEHICLE_SPEED.unpack(data)
+    return vehicle_speed(density, speed, age * CLASSIC_AGE_RESOLUTION_NS)
+
+
 def emit_jet_command(message: JetCommand) -> bytes:
     """8 bytes. Raises ValueError for a flow that is not finite or out of the wire's range, or a bad counter."""
     flow, mode, enable, counter, next_period = message
@@ -139,8 +160,8 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
     most = CLASSIC_COUNT_LIMIT
     crc_errors = crc_errors if crc_errors < most else most
     return _ECU_STATUS.pack(
-        mode_of(state) << 4,
-        reason_of(reason) | (bus_off if bus_off < CLASSIC_BUS_OFF_LIMIT else CLASSIC_BUS_OFF_LIMIT) << 4,
+        mode_of(state) << 4 | (reason_of(reason) & 1) << 7,
+        reason >> 1 | (bus_off if bus_off < CLASSIC_BUS_OFF_LIMIT else CLASSIC_BUS_OFF_LIMIT) << 4,
         (overruns if overruns < most else most) | (missed if missed < most else most) << 6 | (crc_errors & 0xF) << 12,
         crc_errors >> 4 | (refused if refused < most else most) << 2,
         unsigned("EcuStatus.bundle_hash", bundle_hash, 0xFFFFFFFF) >> 16,
@@ -155,7 +176,7 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
     if len(data) != LENGTH:
         return None
     head, why, low, high, bundle_hash = _ECU_STATUS.unpack(data)
-    state, reason = MODES[head >> 4], REASONS[why & 0xF]
+    state, reason = MODES[head >> 4 & 0b111], REASONS[head >> 7 | (why & 0xF) << 1]
     if state is None or reason is None:
         return None
     return made(

@@ -26,6 +26,7 @@ from can_bridge.wire.messages import (
     JetCommand,
     Mode,
     Pressure,
+    VehicleSpeed,
 )
 from can_bridge.wire.packing import (
     MODES,
@@ -37,11 +38,14 @@ from can_bridge.wire.packing import (
     mode_of,
     reason_of,
     signed,
+    speed_steps,
     unsigned,
+    vehicle_speed,
 )
 
 # "3x" is the E2E header: CRC-16 and counter.
 _PRESSURE: Final = struct.Struct("<3x B 4h H 2x")  # flags, pressures, age
+_VEHICLE_SPEED: Final = struct.Struct("<3x B H H")  # density, speed, age
 _JET_COMMAND: Final = struct.Struct("<3x B h B x")  # flags, flow, echoed counter
 # State, reason, bus-off, overruns, missed, CRC errors, hash, refused, not authentic, transmit and receive errors,
 # pressures set aside.
@@ -77,7 +81,7 @@ def emit_pressure(message: Pressure) -> bytes:
         check_pressure_counts(message)
         for value in pressure_pa:
             signed("Pressure.pressure_pa", value, PRESSURE_RESOLUTION_PA, -INT16_MAX - 1, INT16_MAX)
-        raise ValueError(f"Pressure.age_ns = {age_ns}: must be in 0..{0xFFFF * AGE_RESOLUTION_NS}") from None
+        raise _age_error("Pressure", age_ns) from None
 
 
 def parse_pressure(data: bytes) -> Pressure | None:
@@ -99,6 +103,23 @@ def parse_pressure(data: bytes) -> Pressure | None:
             age * AGE_RESOLUTION_NS,
         ),
     )
+
+
+def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
+    """8 bytes. Raises ValueError for a value that is not finite or out of the wire's range."""
+    density, speed = speed_steps(message)
+    try:
+        return _VEHICLE_SPEED.pack(density, speed, _age_steps(message.age_ns))
+    except UNPACKABLE:
+        raise _age_error("VehicleSpeed", message.age_ns) from None
+
+
+def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
+    """The message in 8 bytes, or None if there are not 8."""
+    if len(data) != 8:
+        return None
+    density, speed, age = _VEHICLE_SPEED.unpack(data)
+    return vehicle_speed(density, speed, age * AGE_RESOLUTION_NS)
 
 
 def emit_jet_command(message: JetCommand) -> bytes:
@@ -185,3 +206,7 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
 def _age_steps(age_ns: int) -> int:
     # Half a step up, in whole numbers: ages are exact.
     return (age_ns + AGE_RESOLUTION_NS // 2) // AGE_RESOLUTION_NS
+
+
+def _age_error(message: str, age_ns: int) -> ValueError:
+    return ValueError(f"{message}.age_ns = {age_ns}: must be in 0..{0xFFFF * AGE_RESOLUTION_NS}")

@@ -11,7 +11,7 @@ from typing import Final, Generic, TypeVar
 from can_bridge.wire import classic_codec, codec
 from can_bridge.wire import message_specs as specs
 from can_bridge.wire.message_specs import MessageSpec
-from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure
+from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure, VehicleSpeed
 from contract.config.vehicle import BusConfig
 
 T = TypeVar("T")
@@ -43,21 +43,25 @@ class MessageSet:
 
     name: str
     pressure: Message[Pressure]
+    speed: Message[VehicleSpeed]
     command: Message[JetCommand]
     status: Message[EcuStatus]
     pressure_resolution_pa: float
     pressure_limit_pa: float
 
     @property
-    def specs(self) -> tuple[MessageSpec, MessageSpec, MessageSpec]:
-        """The specifications of the three messages, in the order of their priority on the bus."""
-        return self.pressure.spec, self.command.spec, self.status.spec
+    def specs(self) -> tuple[MessageSpec, MessageSpec, MessageSpec, MessageSpec]:
+        """The specifications of the four messages, in the order of their priority on the bus."""
+        return self.pressure.spec, self.speed.spec, self.command.spec, self.status.spec
 
 
-def _fd_set(name: str, pressure: MessageSpec, command: MessageSpec, status: MessageSpec) -> MessageSet:
+def _fd_set(
+    name: str, pressure: MessageSpec, speed: MessageSpec, command: MessageSpec, status: MessageSpec
+) -> MessageSet:
     return MessageSet(
         name=name,
         pressure=Message(spec=pressure, emit=codec.emit_pressure, parse=codec.parse_pressure),
+        speed=Message(spec=speed, emit=codec.emit_vehicle_speed, parse=codec.parse_vehicle_speed),
         command=Message(spec=command, emit=codec.emit_jet_command, parse=codec.parse_jet_command),
         status=Message(spec=status, emit=codec.emit_ecu_status, parse=codec.parse_ecu_status),
         pressure_resolution_pa=specs.PRESSURE_RESOLUTION_PA,
@@ -65,13 +69,22 @@ def _fd_set(name: str, pressure: MessageSpec, command: MessageSpec, status: Mess
     )
 
 
-FD: Final = _fd_set("CAN FD", specs.PRESSURE, specs.JET_COMMAND, specs.ECU_STATUS)
+FD: Final = _fd_set("CAN FD", specs.PRESSURE, specs.VEHICLE_SPEED, specs.JET_COMMAND, specs.ECU_STATUS)
 SECURED: Final = _fd_set(
-    "CAN FD, authenticated", specs.PRESSURE_SECURED, specs.JET_COMMAND_SECURED, specs.ECU_STATUS_SECURED
+    "CAN FD, authenticated",
+    specs.PRESSURE_SECURED,
+    specs.VEHICLE_SPEED_SECURED,
+    specs.JET_COMMAND_SECURED,
+    specs.ECU_STATUS_SECURED,
 )
 CLASSIC: Final = MessageSet(
     name="classic CAN",
     pressure=Message(spec=specs.PRESSURE_CLASSIC, emit=classic_codec.emit_pressure, parse=classic_codec.parse_pressure),
+    speed=Message(
+        spec=specs.VEHICLE_SPEED_CLASSIC,
+        emit=classic_codec.emit_vehicle_speed,
+        parse=classic_codec.parse_vehicle_speed,
+    ),
     command=Message(
         spec=specs.JET_COMMAND_CLASSIC, emit=classic_codec.emit_jet_command, parse=classic_codec.parse_jet_command
     ),

@@ -45,6 +45,9 @@ class MessageSpec:
 PRESSURE: Final = MessageSpec(
     name="Pressure", frame_id=0x120, length=16, protected=16, data_id=0x5701, profile=5, is_fd=True
 )
+VEHICLE_SPEED: Final = MessageSpec(
+    name="VehicleSpeed", frame_id=0x128, length=8, protected=8, data_id=0x5707, profile=5, is_fd=True
+)
 JET_COMMAND: Final = MessageSpec(
     name="JetCommand", frame_id=0x130, length=8, protected=8, data_id=0x5702, profile=5, is_fd=True
 )
@@ -54,6 +57,9 @@ ECU_STATUS: Final = MessageSpec(
 
 PRESSURE_CLASSIC: Final = MessageSpec(
     name="PressureClassic", frame_id=0x121, length=8, protected=8, data_id=0x71, profile=2, is_fd=False
+)
+VEHICLE_SPEED_CLASSIC: Final = MessageSpec(
+    name="VehicleSpeedClassic", frame_id=0x129, length=8, protected=8, data_id=0x74, profile=2, is_fd=False
 )
 JET_COMMAND_CLASSIC: Final = MessageSpec(
     name="JetCommandClassic", frame_id=0x131, length=8, protected=8, data_id=0x72, profile=2, is_fd=False
@@ -68,6 +74,16 @@ PRESSURE_SECURED: Final = MessageSpec(
     length=32,
     protected=16,
     data_id=0x5704,
+    profile=5,
+    is_fd=True,
+    is_secured=True,
+)
+VEHICLE_SPEED_SECURED: Final = MessageSpec(
+    name="VehicleSpeedSecured",
+    frame_id=0x12A,
+    length=24,
+    protected=8,
+    data_id=0x5708,
     profile=5,
     is_fd=True,
     is_secured=True,
@@ -97,6 +113,9 @@ SPECS: Final = (
     PRESSURE,
     PRESSURE_CLASSIC,
     PRESSURE_SECURED,
+    VEHICLE_SPEED,
+    VEHICLE_SPEED_CLASSIC,
+    VEHICLE_SPEED_SECURED,
     JET_COMMAND,
     JET_COMMAND_CLASSIC,
     JET_COMMAND_SECURED,
@@ -107,6 +126,12 @@ SPECS: Final = (
 
 FLOW_RESOLUTION_M2_PER_S: Final = 0.0002
 """In every set of messages, so that the command gate need not know which is in use."""
+
+SPEED_RESOLUTION_M_PER_S: Final = 0.005
+DENSITY_RESOLUTION_KG_PER_M3: Final = 0.01
+SPEED_UNKNOWN: Final = 0xFFFF
+DENSITY_UNKNOWN: Final = 0
+"""Steps of the wire for what the vehicle does not know; these four are the same in every set."""
 
 PRESSURE_RESOLUTION_PA: Final = 0.1
 AGE_RESOLUTION_NS: Final = 10_000

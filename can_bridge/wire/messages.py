@@ -1,4 +1,4 @@
-"""The three messages in engineering units. `contract/stillwake.dbc` defines each signal.
+"""The four messages in engineering units. `contract/stillwake.dbc` defines each signal.
 
 They are named tuples and not dataclasses because they are made for every frame: a frozen dataclass takes several times
 as long to build. Name the fields where you build one.
@@ -54,6 +54,10 @@ class Reason(IntEnum):
     NO_RELEASE = 13
     UPDATING = 14
     NOT_HELPING = 15
+    NO_SPEED = 16
+    """No trusted speed of the vehicle."""
+    OFF_SPEED = 17
+    """The vehicle's speed is outside the release's range."""
 
 
 class Pressure(NamedTuple):
@@ -70,6 +74,20 @@ class Pressure(NamedTuple):
     valid: tuple[bool, ...]
     enable_request: bool
     age_ns: int
+
+
+class VehicleSpeed(NamedTuple):
+    """The vehicle's speed and the density of its air.
+
+    Attributes:
+        speed_m_per_s: at least 0; None where the vehicle does not know it.
+        age_ns: from measuring the speed to handing the frame to the bus.
+        density_kg_per_m3: of the air, above 0; None where it is not known.
+    """
+
+    speed_m_per_s: float | None
+    age_ns: int
+    density_kg_per_m3: float | None = None
 
 
 class JetCommand(NamedTuple):

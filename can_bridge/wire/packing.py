@@ -5,7 +5,13 @@ import struct
 from itertools import product
 from typing import Final
 
-from can_bridge.wire.messages import SENSORS, Mode, Pressure, Reason
+from can_bridge.wire.message_specs import (
+    DENSITY_RESOLUTION_KG_PER_M3,
+    DENSITY_UNKNOWN,
+    SPEED_RESOLUTION_M_PER_S,
+    SPEED_UNKNOWN,
+)
+from can_bridge.wire.messages import SENSORS, Mode, Pressure, Reason, VehicleSpeed
 
 UNPACKABLE: Final = (ValueError, OverflowError, TypeError, struct.error)
 """What packing or rounding raises for a value that the wire cannot carry."""
@@ -38,6 +44,32 @@ def check_pressure_counts(message: Pressure) -> None:
     for name, values in (("pressure_pa", message.pressure_pa), ("valid", message.valid)):
         if len(values) != SENSORS:
             raise ValueError(f"Pressure.{name} has {len(values)} values: must have {SENSORS}")
+
+
+def speed_steps(message: VehicleSpeed) -> tuple[int, int]:
+    """Density and speed in steps of the wire; raises ValueError for one that is not finite or out of its range."""
+    speed, _, density = message
+    most = SPEED_UNKNOWN - 1
+    return (
+        DENSITY_UNKNOWN
+        if density is None
+        else signed("VehicleSpeed.density_kg_per_m3", density, DENSITY_RESOLUTION_KG_PER_M3, DENSITY_UNKNOWN + 1, 0xFF),
+        SPEED_UNKNOWN
+        if speed is None
+        else signed("VehicleSpeed.speed_m_per_s", speed, SPEED_RESOLUTION_M_PER_S, 0, most),
+    )
+
+
+def vehicle_speed(density: int, speed: int, age_ns: int) -> VehicleSpeed:
+    """The message from density and speed in steps of the wire."""
+    return made(
+        VehicleSpeed,
+        (
+            None if speed == SPEED_UNKNOWN else speed * SPEED_RESOLUTION_M_PER_S,
+            age_ns,
+            None if density == DENSITY_UNKNOWN else density * DENSITY_RESOLUTION_KG_PER_M3,
+        ),
+    )
 
 
 def signed(name: str, value: float, resolution: float, low: int, high: int) -> int:

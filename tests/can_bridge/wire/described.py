@@ -5,7 +5,7 @@ from typing import Any
 
 from cantools.database import Database
 
-from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason
+from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason, VehicleSpeed
 
 DBC = Database(strict=True)
 DBC.add_dbc_string(files("contract").joinpath("stillwake.dbc").read_text())
@@ -20,6 +20,10 @@ def decoded(name: str, data: bytes) -> dict[str, Any]:
 def pressure(**changes: Any) -> Pressure:
     fields: dict[str, Any] = {"pressure_pa": (0.0,) * 4, "valid": (True,) * 4, "enable_request": False, "age_ns": 0}
     return Pressure(**{**fields, **changes})
+
+
+def speed(**changes: Any) -> VehicleSpeed:
+    return VehicleSpeed(**{"speed_m_per_s": 0.0, "age_ns": 0, **changes})
 
 
 def jet(**changes: Any) -> JetCommand:

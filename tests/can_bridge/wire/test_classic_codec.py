@@ -6,7 +6,7 @@ from typing import Any
 
 from can_bridge.wire import classic_codec
 from can_bridge.wire.messages import EcuStatus, Mode, Reason
-from tests.can_bridge.wire.described import jet, pressure, status
+from tests.can_bridge.wire.described import jet, pressure, speed, status
 from tests.refused import refused
 
 
@@ -40,6 +40,14 @@ def test_what_eight_bytes_cannot_carry_is_refused_by_name():
                 r"2047\.6: must be in -2047\.\.2047": pressure(pressure_pa=(2047.6, 0.0, 0.0, 0.0)),
                 r"-2048\.0: must be in": pressure(pressure_pa=(-2048.0, 0.0, 0.0, 0.0)),
                 "age_ns = -1: must not be negative": pressure(age_ns=-1),
+            },
+        ),
+        (
+            classic_codec.emit_vehicle_speed,
+            {
+                "age_ns = -1: must not be negative": speed(age_ns=-1),
+                r"speed_m_per_s = 327\.673: must": speed(speed_m_per_s=327.673),
+                r"density_kg_per_m3 = -1: must": speed(density_kg_per_m3=-1),
             },
         ),
         (

@@ -15,16 +15,16 @@ from hypothesis import strategies as st
 from can_bridge.wire import classic_codec, codec
 from can_bridge.wire.classic_codec import STALE_NS
 from can_bridge.wire.message_sets import CLASSIC, FD
-from can_bridge.wire.messages import JetCommand, Mode, Pressure
-from tests.can_bridge.wire.described import decoded, jet, pressure, status
+from can_bridge.wire.messages import JetCommand, Mode, Pressure, VehicleSpeed
+from tests.can_bridge.wire.described import decoded, jet, pressure, speed, status
 from tests.refused import refused
 
 PARSERS: list[tuple[Callable[[bytes], Any], Callable[[Any], bytes], int]] = [
     (parse, emit, spec.length)
     for module, used in ((codec, FD), (classic_codec, CLASSIC))
     for parse, emit, spec in zip(
-        (module.parse_pressure, module.parse_jet_command, module.parse_ecu_status),
-        (module.emit_pressure, module.emit_jet_command, module.emit_ecu_status),
+        (module.parse_pressure, module.parse_vehicle_speed, module.parse_jet_command, module.parse_ecu_status),
+        (module.emit_pressure, module.emit_vehicle_speed, module.emit_jet_command, module.emit_ecu_status),
         used.specs,
         strict=True,
     )
@@ -70,6 +70,35 @@ def test_emitted_classic_pressure_is_rounded_and_looks_no_fresher_than_it_is(mes
 
 @given(
     message=st.builds(
+        VehicleSpeed,
+        speed_m_per_s=st.none() | st.floats(0, 327.6724),
+        age_ns=st.integers(0, 655_354_999) | st.integers(0, 10**12),
+        density_kg_per_m3=st.none() | st.floats(0.0051, 2.5549),
+    )
+)
+@example(speed(speed_m_per_s=327.67, age_ns=655_350_000, density_kg_per_m3=2.55))
+@example(speed(speed_m_per_s=None, age_ns=2_540_000_001))
+def test_a_speed_is_rounded_and_unknown_is_no_speed(message):
+    """The classic set saturates an age and rounds it up; the other one refuses an age beyond its field."""
+    steps = 655_350_000 if message.age_ns > 655_354_999 else message.age_ns
+    for name, data, age_ms, half_ms in (
+        ("VehicleSpeed", codec.emit_vehicle_speed(message._replace(age_ns=steps)), steps / 1e6, 0.005),
+        ("VehicleSpeedClassic", classic_codec.emit_vehicle_speed(message),
+         min(2550, 10 * math.ceil(message.age_ns / 10**7)), 0.0),
+    ):  # fmt: skip
+        signals = decoded(name, data)
+        wanted = 327.675 if message.speed_m_per_s is None else message.speed_m_per_s
+        assert signals["Speed"] == pytest.approx(wanted, abs=0.0025 + 1e-9)
+        assert signals["AirDensity"] == pytest.approx(message.density_kg_per_m3 or 0.0, abs=0.005 + 1e-9)
+        assert signals["Age"] == pytest.approx(age_ms, abs=half_ms + 1e-9)
+        parsed = (codec if name == "VehicleSpeed" else classic_codec).parse_vehicle_speed(data)
+        assert parsed is not None
+        assert (parsed.speed_m_per_s is None) == (message.speed_m_per_s is None)
+        assert (parsed.density_kg_per_m3 is None) == (message.density_kg_per_m3 is None)
+
+
+@given(
+    message=st.builds(
         JetCommand,
         flow_m2_per_s=st.floats(-6.55368, 6.55348),
         mode=st.sampled_from(Mode),
@@ -104,10 +133,10 @@ def test_only_the_messages_own_length_parses_and_zeros_stay_zeros():
 
 
 def test_values_outside_a_table_are_malformed():
-    (_, _, _), (command, _, _), (state, _, _), (_, _, _), (classic_command, _, _), (classic_state, _, _) = PARSERS
+    _, _, (command, _, _), (state, _, _), _, _, (classic_command, _, _), (classic_state, _, _) = PARSERS
     for parse, size, shift, bad in (
-        *((command, 8, 24, (6, 7)), (state, 24, 24, range(6, 16)), (state, 24, 32, range(16, 256))),
-        *((classic_command, 8, 12, (6, 7)), (classic_state, 8, 12, range(6, 16))),
+        *((command, 8, 24, (6, 7)), (state, 24, 24, range(6, 16)), (state, 24, 32, range(18, 256))),
+        *((classic_command, 8, 12, (6, 7)), (classic_state, 8, 12, (6, 7)), (classic_state, 8, 15, range(18, 32))),
     ):
         assert parse(bytes(size)) is not None, parse
         assert not [value for value in bad if parse((value << shift).to_bytes(size, "little")) is not None], parse
@@ -125,6 +154,17 @@ def test_what_the_wire_cannot_carry_is_refused_by_name():
                 r"1e\+300": pressure(pressure_pa=(1e300, 0.0, 0.0, 0.0)),
                 "age_ns = -5001": pressure(age_ns=-5_001),
                 "age_ns = 655355000": pressure(age_ns=655_355_000),
+            },
+        ),
+        (
+            codec.emit_vehicle_speed,
+            {
+                "nan: must be finite": speed(speed_m_per_s=math.nan),
+                r"speed_m_per_s = -0\.1: must be in 0\.\.327\.67": speed(speed_m_per_s=-0.1),
+                r"speed_m_per_s = 327\.673: must": speed(speed_m_per_s=327.673),  # which would be 0xFFFF
+                r"density_kg_per_m3 = 0\.0: must be in 0\.01\.\.2\.55": speed(density_kg_per_m3=0.0),
+                r"density_kg_per_m3 = 2\.6": speed(density_kg_per_m3=2.6),
+                r"VehicleSpeed\.age_ns = 655355000": speed(age_ns=655_355_000),
             },
         ),
         (
@@ -146,7 +186,7 @@ def test_what_the_wire_cannot_carry_is_refused_by_name():
                 "set_aside = 16: must be in 0..15": status(set_aside=16),
                 "bundle_hash": status(bundle_hash=2**32),
                 "9 is not a valid Mode": status(state=9),
-                "16 is not a valid Reason": status(reason=16),
+                "18 is not a valid Reason": status(reason=18),
             },
         ),
     ]

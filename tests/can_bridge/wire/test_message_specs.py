@@ -29,7 +29,7 @@ def test_message_is_the_dbcs():
 
 def test_every_message_is_specified_once():
     assert {message.name for message in DBC.messages} == {spec.name for spec in specs.SPECS}
-    assert len({spec.frame_id for spec in specs.SPECS}) == len({spec.data_id for spec in specs.SPECS}) == 9
+    assert len({spec.frame_id for spec in specs.SPECS}) == len({spec.data_id for spec in specs.SPECS}) == 12
 
 
 def test_resolutions_and_limits_are_the_dbcs():
@@ -40,6 +40,14 @@ def test_resolutions_and_limits_are_the_dbcs():
     assert f"Pressure{SENSORS}" not in pressure.signal_tree
     age = pressure.get_signal_by_name("Age")
     assert (round(age.scale * 1e6), age.unit) == (specs.AGE_RESOLUTION_NS, "ms")
+    speed = DBC.get_message_by_name("VehicleSpeed")
+    for name, scale, unknown in (
+        ("Speed", specs.SPEED_RESOLUTION_M_PER_S, specs.SPEED_UNKNOWN),
+        ("AirDensity", specs.DENSITY_RESOLUTION_KG_PER_M3, specs.DENSITY_UNKNOWN),
+    ):
+        signal = speed.get_signal_by_name(name)
+        assert signal.scale == scale
+        assert list(signal.choices or ()) == [unknown], name
     flow = jet.get_signal_by_name("Flow")
     assert (flow.scale, flow.unit) == (specs.FLOW_RESOLUTION_M2_PER_S, "m2/s")
     assert flow.maximum == pytest.approx(specs.INT16_MAX * flow.scale)
@@ -53,6 +61,7 @@ def test_value_tables_are_the_dbcs():
         ("JetCommand", "Mode", Mode),
         ("EcuStatus", "State", Mode),
         ("EcuStatus", "Reason", Reason),
+        ("EcuStatusClassic", "Reason", Reason),
     ]:
         choices = DBC.get_message_by_name(message).get_signal_by_name(signal).choices
         assert choices is not None

@@ -12,7 +12,7 @@ BEHIND = ("E2E_CRC", "E2E_Counter", "Freshness", "MAC")
 """Not the codec's: filled in by the protection around it."""
 WIDE = 10
 """Bits up to which every value is tried; of a wider signal every 61st, the powers of two and their neighbours."""
-SCALED = ("Pressure0", "Flow", "Age")
+SCALED = ("Pressure0", "Flow", "Age", "Speed", "AirDensity")
 """Signals whose values are rounded: every value of each."""
 TABLES = {"Mode": len(Mode), "State": len(Mode), "Reason": len(Reason)}
 
@@ -30,7 +30,7 @@ def raw_values(signal):
 
 @pytest.mark.slow  # 65,536 encodings by cantools for each of the scaled signals
 def test_every_value_means_the_same_to_cantools():
-    messages: list[Any] = [one for used in SETS for one in (used.pressure, used.command, used.status)]
+    messages: list[Any] = [one for used in SETS for one in (used.pressure, used.speed, used.command, used.status)]
     # Two sets have the same codec.
     for message in {one.parse: one for one in messages}.values():
         described = DBC.get_message_by_name(message.spec.name)
