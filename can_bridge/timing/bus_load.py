@@ -90,11 +90,11 @@ def bus_load(config: Config) -> BusLoad:
 
 
 def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tuple[PeriodicMessage, ...]:
-    """The three messages of the control loop, the highest priority first.
+    """The four messages of the control loop, the highest priority first.
 
-    The ECU answers a pressure frame, so its frames come as irregularly as that frame arrives: the worst-case response
-    time of the pressures is the jitter of the answers. The command has to arrive within the control period, of which
-    the ECU's compute time is gone.
+    The vehicle queues its speed together with the pressures. The ECU answers a pressure frame, so its frames come as
+    irregularly as that frame arrives: the worst-case response time of the pressures is the jitter of the answers. The
+    command has to arrive within the control period, of which the ECU's compute time is gone.
 
     Raises:
         ConfigError: the ECU computes for a whole control period or longer.
@@ -106,13 +106,14 @@ def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tup
             f"{period_ns / NS_PER_MS:g} ms"
         )
     compute_ns = round(config.ecu.compute_time_ms * NS_PER_MS)
-    pressure, command, status = (_periodic(spec, period_ns) for spec in message_set(config.bus).specs)
-    everyone = _by_priority((pressure, command, status, *others))
+    pressure, speed, command, status = (_periodic(spec, period_ns) for spec in message_set(config.bus).specs)
+    everyone = _by_priority((pressure, speed, command, status, *others))
     arrival = message_response_times(everyone, config.bus)[everyone.index(pressure)]
     # Without bound there is none for the answers either, whatever their jitter: their priority is lower.
     jitter_ns = period_ns if arrival.response_ns is None else arrival.response_ns
     return (
         pressure,
+        speed,
         replace(command, offset_ns=compute_ns, jitter_ns=jitter_ns, deadline_ns=period_ns - compute_ns),
         replace(status, offset_ns=compute_ns, jitter_ns=jitter_ns),
     )

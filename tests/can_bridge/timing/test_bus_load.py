@@ -20,26 +20,28 @@ def config(*, load=0.0, seed=0, compute_ms=8.0, **bus):
 
 
 def test_classic_set_by_hand():
-    """Three frames of 8 bytes: 135 bits, 270 us at 500 kbit/s. The pressures wait for one of them."""
+    """Four frames of 8 bytes: 135 bits, 270 us at 500 kbit/s. The pressures wait for one, the speed for two of them."""
     loaded = bus_load(config(frames="classic"))
     frame = 270_000
-    assert [one.worst_ns for one in loaded.messages] == [frame] * 3
-    # The answers come as late as the pressures may; the pressures' next frame can go ahead of them, and the status can
-    # block the command or follow it.
-    assert [one.message.jitter_ns for one in loaded.messages] == [0, 2 * frame, 2 * frame]
-    assert [one.response.response_ns for one in loaded.messages] == [2 * frame, 5 * frame, 5 * frame]
+    assert [one.worst_ns for one in loaded.messages] == [frame] * 4
+    # The answers come as late as the pressures may; the vehicle's next frames can go ahead of them, and the status
+    # can block the command or follow it.
+    assert [one.message.jitter_ns for one in loaded.messages] == [0, 0, 2 * frame, 2 * frame]
+    assert [one.response.response_ns for one in loaded.messages] == [2 * frame, 3 * frame, 6 * frame, 6 * frame]
     # The command has the period but for the compute time.
-    assert [one.response.deadline_ns for one in loaded.messages] == [PERIOD_NS, PERIOD_NS - 8_000_000, PERIOD_NS]
-    assert loaded.worst == pytest.approx(3 * frame / PERIOD_NS)
+    deadlines = [PERIOD_NS, PERIOD_NS, PERIOD_NS - 8_000_000, PERIOD_NS]
+    assert [one.response.deadline_ns for one in loaded.messages] == deadlines
+    assert loaded.worst == pytest.approx(4 * frame / PERIOD_NS)
     assert not loaded.late
 
 
 def test_settings_choose_the_set():
-    for bus, names, lengths in [
-        ({}, ("Pressure", "JetCommand", "EcuStatus"), (16, 8, 24)),
-        ({"key": "any.key"}, ("PressureSecured", "JetCommandSecured", "EcuStatusSecured"), (32, 24, 48)),
-        ({"frames": "classic"}, ("PressureClassic", "JetCommandClassic", "EcuStatusClassic"), (8, 8, 8)),
+    for bus, ending, lengths in [
+        ({}, "", (16, 8, 8, 24)),
+        ({"key": "any.key"}, "Secured", (32, 24, 24, 48)),
+        ({"frames": "classic"}, "Classic", (8, 8, 8, 8)),
     ]:
+        names = tuple(name + ending for name in ("Pressure", "VehicleSpeed", "JetCommand", "EcuStatus"))
         loaded = bus_load(config(**bus))
         assert tuple(one.message.name for one in loaded.messages) == names, bus
         assert tuple(one.message.length for one in loaded.messages) == lengths, bus
@@ -57,12 +59,12 @@ def test_settings_choose_the_set():
 
 def test_traffic_above_ours_reaches_the_answers_through_the_pressures():
     above = PeriodicMessage(name="Above", frame_id=1, is_fd=True, length=64, period_ns=10**9)
-    pressure, command, status = loop_messages(config(), [above])
+    pressure, speed, command, status = loop_messages(config(), [above])
     alone = loop_messages(config())
     # Once a second it goes ahead of the pressures, and no longer one of ours is what blocks them.
-    assert command.jitter_ns == alone[1].jitter_ns + above.worst_ns(config().bus)
+    assert command.jitter_ns == alone[2].jitter_ns + above.worst_ns(config().bus)
     assert status.jitter_ns == command.jitter_ns
-    assert pressure == alone[0]
+    assert (pressure, speed) == alone[:2]
 
 
 def test_mean_length_is_that_of_many_contents():
