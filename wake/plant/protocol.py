@@ -1,6 +1,6 @@
 """What others need of a flow around a body; the own solver and OpenFOAM both give it."""
 
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from contract.arrays import Array
 from contract.config.body import BodyConfig
@@ -77,3 +77,17 @@ class Disturbable(Plant, Protocol):
 
     def set_reynolds(self, reynolds: float) -> None:
         """Go on with another viscosity."""
+
+
+@runtime_checkable
+class Drivable(Disturbable, Protocol):
+    """A flow whose stream can be given another speed; of these here the own solver."""
+
+    def scale(self, ratio: float) -> None:
+        """Make the flow that of a stream so many times as fast."""
+
+    def state(self) -> Any:
+        """What `reset` takes."""
+
+    def reset(self, state: Any) -> Sample:
+        """Go on from there, to the bit."""

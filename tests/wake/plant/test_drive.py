@@ -1,0 +1,88 @@
+"""Speeds that vary: files and profiles, and a flow at another speed is the one of another Reynolds number."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from contract.config.operating_point import OperatingPoint
+from contract.config.plant import FlowConfig
+from contract.errors import ConfigError
+from wake.plant.drive import PROFILES, Drive, find_drive
+from wake.plant.gust import Gust
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
+
+POINT = OperatingPoint()
+HEADER = "t_s,speed_m_per_s\n"
+
+
+@pytest.mark.slow  # two plants
+def test_a_speed_is_another_reynolds_number_in_other_units():
+    speed, action = 1.4, 0.05
+    drive = Drive(name="", times=(0.0,), speeds=(speed * POINT.speed,))
+    ours = TruckWake(drive.substeps(FlowConfig(), POINT))
+    theirs = TruckWake(
+        FlowConfig(reynolds=500.0 * speed, control_period=0.2 * speed, substeps=42, action_limit=0.075 / speed)
+    )
+    ours.reset(developed_state())
+    ours.scale(speed)
+    ours.wind = drive.wind(POINT)
+    theirs.reset(replace(developed_state(), origin=None))
+    for goal in (action, -action, 0.0, 0.0, 0.0):
+        here, there = ours.advance(goal), theirs.advance(goal / speed)
+    # 210 time steps of the same operations on numbers that differ by a factor: rounding alone.
+    np.testing.assert_allclose(here.Cp, speed**2 * there.Cp, rtol=0, atol=1e-9)
+    for name in ("Cd", "Cl", "Cd_slot_pressure"):
+        assert getattr(here, name) == pytest.approx(speed**2 * getattr(there, name), abs=1e-9), name
+    assert abs(there.Cl) > 0.05
+
+
+def test_speeds_lie_on_straight_lines_and_stay_at_both_ends():
+    drive = Drive(name="", times=(0.0, 2.0, 4.0), speeds=(20.0, 30.0, 10.0)).after(3.0)
+    assert [drive.speed(t) for t in (0.0, 3.0, 4.0, 5.0, 6.5, 7.0, 99.0)] == [20.0, 20.0, 25.0, 30.0, 15.0, 10.0, 10.0]
+    # A convective time is 0.1 s here; the plant's clock stood at 7 when the run began.
+    gusty = replace(drive, gust=Gust(amplitude=0.1, period=4.0))
+    wind = gusty.wind(POINT, begin=7.0)
+    assert wind(7.0 + 40.0) == pytest.approx(0.0)  # 25 m/s, and the gust's tenth t_c is a half period's end
+    assert wind(7.0 + 31.0) == pytest.approx(20.5 / 25.0 - 1.0 + 0.1)
+    assert wind(7.0) == pytest.approx(20.0 / 25.0 - 1.0)
+    assert gusty.substeps(FlowConfig(), POINT).substeps == 39
+
+
+def test_profiles_stay_in_their_range_and_follow_the_operating_point():
+    for name in PROFILES:
+        slow, drive = (find_drive(name, OperatingPoint(speed=speed)) for speed in (10.0, 25.0))
+        assert drive.speeds == pytest.approx([2.5 * speed for speed in slow.speeds])
+        assert min(drive.speeds) >= 0.6 * 25.0 - 1e-9
+        assert max(drive.speeds) <= 1.4 * 25.0 + 1e-9
+        assert 20.0 <= drive.duration_s <= 80.0
+    wltc = find_drive("wltc-high", POINT)
+    assert (len(wltc.times), 3.6 * max(wltc.speeds)) == (81, pytest.approx(123.7))
+    assert find_drive("steady-100", POINT).wind(POINT)(3.0) == 0.0
+
+
+def test_a_file_is_read_and_a_wrong_one_named_by_line_and_value(tmp_path):
+    path = tmp_path / "mine.csv"
+    path.write_text("\N{ZERO WIDTH NO-BREAK SPACE}speed_m_per_s, t_s,gear\n20,5,4\n22.5,7.5,5\n", encoding="utf-8")
+    read = find_drive(str(path), POINT)
+    assert (read.name, read.times, read.speeds) == ("mine.csv", (0.0, 2.5), (20.0, 22.5))
+    wrong = {
+        "time,speed\n0,20\n": "no column t_s",
+        HEADER: "no row",
+        HEADER + "0,20\n1,nan\n": r"line 3: speed_m_per_s = 'nan' must be a number",
+        HEADER + "0\n": r"line 2: speed_m_per_s = None must be a number",
+        HEADER + "0,20\n0,21\n": r"line 3: t_s = 0 comes after 0; times must rise",
+        HEADER + "0,-1\n": r"speed_m_per_s = -1 must be in 0\.\.50",
+        HEADER + "0,51\n": r"speed_m_per_s = 51 must be in 0\.\.50",
+    }
+    for text, message in wrong.items():
+        path.write_text(text)
+        with pytest.raises(ConfigError, match=message):
+            find_drive(str(path), POINT)
+    path.write_bytes(b"\xff\xfe\x00")
+    for missing in (str(path), str(tmp_path / "none.csv")):
+        with pytest.raises(ConfigError, match="cannot be read"):
+            find_drive(missing, POINT)
+    with pytest.raises(ConfigError, match=r"drive 'steady-55': must be a file ending in \.csv, or one of steady-60"):
+        find_drive("steady-55", POINT)

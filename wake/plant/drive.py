@@ -1,0 +1,154 @@
+"""The speed of a vehicle in the course of time: a shipped profile, or a file of one's own.
+
+The plant computes in units of one speed U, the operating point's. At the speed v it is a free stream of v / U: Reynolds
+number and dynamic pressure follow, the viscosity, the size and the control period stay.
+"""
+
+import csv
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import ceil, isfinite
+from pathlib import Path
+from typing import Final
+
+from contract.config.operating_point import OperatingPoint
+from contract.config.plant import FlowConfig
+from contract.errors import ConfigError
+from wake.plant.gust import Gust, Wind
+
+HEADER: Final = ("t_s", "speed_m_per_s")
+MOST_RATIO: Final = 2.0
+"""Fastest of U: Re 1000. Beyond it the mesh no longer resolves the wake."""
+MOST_ROWS: Final = 100_000
+DESIGN_KM_PER_H: Final = 90.0
+"""Speed of the WLTC that is taken for U: at 25 m/s the profile is the cycle itself."""
+
+_WLTC: Final = """
+60.2 62.3 64.7 67.1 69.2 70.7 71.9 72.7 73.4 73.8 74.1 74.0 73.6 72.5 70.8 68.6 66.2 64.0 62.2 60.9 60.2 60.0 60.4 61.4
+63.2 65.6 68.4 71.6 74.9 78.4 81.8 84.9 87.4 89.0 90.0 90.6 91.0 91.5 92.0 92.7 93.4 94.2 94.9 95.7 96.6 97.7 98.9 100.4
+102.0 103.6 105.2 106.8 108.5 110.2 111.9 113.7 115.3 116.8 118.2 119.5 120.7 121.8 122.6 123.2 123.6 123.7 123.6 123.3
+123.0 122.5 122.1 121.5 120.8 120.0 119.1 118.1 117.1 116.2 115.5 114.9 114.5
+"""
+"""km/h at 1 Hz: seconds 1512 to 1592 of the WLTC for class 3b, in its extra-high part (UN GTR No. 15, annex 1)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """Speeds on straight lines between instants; before the first one and after the last one they stay.
+
+    Attributes:
+        name: of the profile or of its file.
+        times: s, rising.
+        speeds: m/s, as many.
+        gust: of the air, which the vehicle's own speed does not show; in t_c of U from the drive's time 0.
+    """
+
+    name: str
+    times: tuple[float, ...]
+    speeds: tuple[float, ...]
+    gust: Gust | None = None
+
+    @property
+    def duration_s(self) -> float:
+        """From the first instant to the last."""
+        return self.times[-1] - self.times[0]
+
+    def speed(self, t_s: float) -> float:
+        """m/s at a time in s."""
+        after = bisect_right(self.times, t_s)
+        if after in (0, len(self.times)):
+            return self.speeds[after and -1]
+        t0, t1, v0, v1 = *self.times[after - 1 : after + 1], *self.speeds[after - 1 : after + 1]
+        return v0 + (v1 - v0) * (t_s - t0) / (t1 - t0)
+
+    def after(self, seconds: float) -> "Drive":
+        """The same drive, so much later."""
+        return replace(self, times=tuple(t + seconds for t in self.times))
+
+    def wind(self, point: OperatingPoint, begin: float = 0.0) -> Wind:
+        """By how much the stream exceeds U, for a plant whose clock shows `begin` in t_c at the drive's time 0."""
+        t_c, gust = point.convective_time, self.gust
+
+        def exceeds(t: float) -> float:
+            ahead = self.speed((t - begin) * t_c) / point.speed - 1.0
+            return ahead if gust is None else ahead + gust(t - begin - self.times[0] / t_c)
+
+        return exceeds
+
+    def substeps(self, flow: FlowConfig, point: OperatingPoint) -> FlowConfig:
+        """The flow's settings with as many more time steps as its fastest stream needs."""
+        fastest = max(self.speeds) / point.speed + (0.0 if self.gust is None else self.gust.amplitude)
+        # 42 and not 43 for 30 times 1.4.
+        return replace(flow, substeps=ceil(flow.substeps * max(1.0, fastest) - 1e-9))
+
+
+_PROFILES: Final[Mapping[str, Sequence[tuple[float, float]]]] = {
+    **{f"steady-{percent}": ((0.0, percent / 100), (20.0, percent / 100)) for percent in range(60, 150, 10)},
+    # Held for 8 s each, 2 s from one to the next.
+    "steps": [(10.0 * k + t, 0.6 + 0.2 * k) for k in range(5) for t in (0.0, 8.0)],
+    "ramps": ((0.0, 0.6), (15.0, 1.4), (20.0, 1.4), (35.0, 0.6), (40.0, 0.6)),
+    "wltc-high": [(float(t), float(v) / DESIGN_KM_PER_H) for t, v in enumerate(_WLTC.split())],
+    "gusty-ramp": ((0.0, 0.8), (30.0, 1.2)),
+}
+"""Times in s and speeds in U by the name of a profile."""
+PROFILES: Final = tuple(_PROFILES)
+_GUSTS: Final = {"gusty-ramp": Gust(amplitude=0.1, period=20.0)}
+
+
+def find_drive(text: str, point: OperatingPoint) -> Drive:
+    """The shipped profile of that name, or the file.
+
+    Raises:
+        ConfigError: there is no such profile or file, or what is in the file is no drive; names the line and the value.
+    """
+    if text in _PROFILES:
+        times, ratios = zip(*_PROFILES[text], strict=True)
+        return Drive(name=text, times=times, speeds=tuple(r * point.speed for r in ratios), gust=_GUSTS.get(text))
+    if not text.lower().endswith(".csv"):
+        raise ConfigError(f"drive {text!r}: must be a file ending in .csv, or one of {', '.join(PROFILES)}")
+    return read_drive(Path(text), point)
+
+
+def read_drive(path: Path, point: OperatingPoint) -> Drive:
+    """A drive from a CSV file with the columns of `HEADER`; errors as of `find_drive`."""
+    rows = list[tuple[float, float]]()
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            table = csv.DictReader(file, skipinitialspace=True)
+            if missing := [name for name in HEADER if name not in (table.fieldnames or ())]:
+                raise ConfigError(f"drive {path}: no column {missing[0]}; the header must be {','.join(HEADER)}")
+            for row in table:
+                rows.append(_row(row, f"drive {path}, line {table.line_num}", MOST_RATIO * point.speed))
+                if len(rows) > MOST_ROWS:
+                    raise ConfigError(f"drive {path}: more than {MOST_ROWS} rows")
+                if len(rows) > 1 and not rows[-1][0] > rows[-2][0]:
+                    raise ConfigError(
+                        f"drive {path}, line {table.line_num}: t_s = {rows[-1][0]:g} comes after {rows[-2][0]:g}; "
+                        "times must rise"
+                    )
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"drive {path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
+    if not rows:
+        raise ConfigError(f"drive {path}: no row; at least one time and speed are needed")
+    times, speeds = zip(*rows, strict=True)
+    return Drive(name=path.name, times=times, speeds=speeds).after(-times[0])
+
+
+def _row(row: Mapping[str, str | None], where: str, fastest: float) -> tuple[float, float]:
+    values = []
+    for name in HEADER:
+        text = row[name]
+        try:
+            value = float(text or "")
+        except ValueError:
+            value = float("nan")
+        if not isfinite(value):
+            raise ConfigError(f"{where}: {name} = {text!r} must be a number")
+        values.append(value)
+    t, speed = values
+    if not 0.0 <= speed <= fastest:
+        raise ConfigError(
+            f"{where}: speed_m_per_s = {speed:g} must be in 0..{fastest:g}, {MOST_RATIO:g} times operating_point.speed"
+        )
+    return t, speed
