@@ -6,17 +6,17 @@ The codec decides what the wire can carry. Signals that are not named are zero.
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, TypeVar
 
-from can_bridge.tools.signals import INVALID, PROTECTION, STALE_MS, decode
+from can_bridge.tools.signals import INVALID, LONGEST_MS, NO_SPEED, PROTECTION, STALE_MS, decode
 from can_bridge.wire.classic_codec import STALE_NS
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import SETS, Message
-from can_bridge.wire.message_specs import MessageSpec
-from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Mode, Pressure, Reason
+from can_bridge.wire.message_specs import DENSITY_UNKNOWN, MessageSpec
+from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Mode, Pressure, Reason, VehicleSpeed
 from contract.errors import BusError
 
 T = TypeVar("T")
 
-NAMES: Final = tuple(message.spec.name for one in SETS for message in (one.pressure, one.command, one.status))
+NAMES: Final = tuple(spec.name for one in SETS for spec in one.specs)
 
 _TABLES: Final[Mapping[str, type[Mode] | type[Reason]]] = {"Mode": Mode, "State": Mode, "Reason": Reason}
 
@@ -67,6 +67,10 @@ def _number(text: str, signal: str, value: str) -> float:
         return float(table[value].value)
     if signal.startswith("Pressure") and value == "INVALID":
         return INVALID
+    if (signal, value) == ("Speed", "NOT_AVAILABLE"):
+        return NO_SPEED
+    if (signal, value) == ("AirDensity", "NOT_KNOWN"):
+        return DENSITY_UNKNOWN
     try:
         return float(int(value, 0))
     except ValueError:
@@ -87,6 +91,7 @@ def _emitters() -> dict[str, _Emitter]:
         is_fd = one.pressure.spec.is_fd
         emitters |= (
             _emitter(one.pressure, _pressure if is_fd else _classic_pressure)
+            | _emitter(one.speed, _speed if is_fd else _classic_speed)
             | _emitter(one.command, _command)
             | _emitter(one.status, _status if is_fd else _classic_status)
         )
@@ -119,6 +124,20 @@ def _classic_pressure(values: Mapping[str, float]) -> Pressure:
         enable_request=_flag(values, "EnableRequest"),
         age_ns=STALE_NS if values["Age"] == STALE_MS else round(values["Age"] * 1e6),
     )
+
+
+def _speed(values: Mapping[str, float]) -> VehicleSpeed:
+    return VehicleSpeed(
+        speed_m_per_s=None if values["Speed"] == NO_SPEED else values["Speed"],
+        age_ns=round(values["Age"] * 1e6),
+        density_kg_per_m3=None if values["AirDensity"] == DENSITY_UNKNOWN else values["AirDensity"],
+    )
+
+
+def _classic_speed(values: Mapping[str, float]) -> VehicleSpeed:
+    if values["Age"] > LONGEST_MS:
+        raise ValueError(f"Age = {values['Age']:g}: must be in 0..{LONGEST_MS} ms, which also stands for all above")
+    return _speed(values)
 
 
 def _command(values: Mapping[str, float]) -> JetCommand:

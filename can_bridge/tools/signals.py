@@ -11,8 +11,16 @@ from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.classic_codec import STALE_NS
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import SETS, Message
-from can_bridge.wire.message_specs import FRESHNESS_LENGTH, INT12_MAX, MAC_LENGTH, MessageSpec
-from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Pressure
+from can_bridge.wire.message_specs import (
+    DENSITY_UNKNOWN,
+    FRESHNESS_LENGTH,
+    INT12_MAX,
+    MAC_LENGTH,
+    SPEED_RESOLUTION_M_PER_S,
+    SPEED_UNKNOWN,
+    MessageSpec,
+)
+from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Pressure, VehicleSpeed
 
 PROTECTION: Final = frozenset({"E2E_CRC", "E2E_Counter", "Freshness", "MAC"})
 """Signals that only show whether to trust the others."""
@@ -21,6 +29,10 @@ STALE_MS: Final = 70
 """The classic set's largest age: so much or more."""
 INVALID: Final = -INT12_MAX - 1
 """The classic set's pressure of a sensor whose own diagnosis failed, Pa."""
+NO_SPEED: Final = SPEED_UNKNOWN * SPEED_RESOLUTION_M_PER_S
+"""The speed of a vehicle that does not know it, m/s."""
+LONGEST_MS: Final = 2550
+"""The classic set's largest age of a speed: so much or more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,8 +76,8 @@ class Decoder(Protocol):
     def __call__(self, frame: Frame) -> Decoded | None: ...
 
 
-_OWN: Final[Mapping[int, Message[Pressure] | Message[JetCommand] | Message[EcuStatus]]] = {
-    message.spec.frame_id: message for one in SETS for message in (one.pressure, one.command, one.status)
+_OWN: Final[Mapping[int, Message[Pressure] | Message[VehicleSpeed] | Message[JetCommand] | Message[EcuStatus]]] = {
+    message.spec.frame_id: message for one in SETS for message in (one.pressure, one.speed, one.command, one.status)
 }
 
 
@@ -95,10 +107,12 @@ def decode(frame: Frame) -> Decoded | None:
     return Decoded(name=spec.name, signals=(*head, *_signals(value, spec), *tail), spec=spec)
 
 
-def _signals(value: Pressure | JetCommand | EcuStatus, spec: MessageSpec) -> tuple[Signal, ...]:
+def _signals(value: Pressure | VehicleSpeed | JetCommand | EcuStatus, spec: MessageSpec) -> tuple[Signal, ...]:
     match value:
         case Pressure():
             return _of_pressure(value) if spec.is_fd else _of_classic_pressure(value)
+        case VehicleSpeed():
+            return _of_speed(value)
         case JetCommand():
             return _of_command(value)
     return _of_status(value) if spec.is_fd else _of_classic_status(value)
@@ -123,6 +137,25 @@ def _of_classic_pressure(value: Pressure) -> tuple[Signal, ...]:
             )
             for i, (pressure, valid) in enumerate(zip(value.pressure_pa, value.valid, strict=True))
         ),
+    )
+
+
+def _of_speed(value: VehicleSpeed) -> tuple[Signal, ...]:
+    speed, age_ns, density = value
+    return (
+        Signal(
+            name="AirDensity",
+            value=DENSITY_UNKNOWN if density is None else density,
+            unit="kg/m3",
+            text="NOT_KNOWN" if density is None else "",
+        ),
+        Signal(
+            name="Speed",
+            value=NO_SPEED if speed is None else speed,
+            unit="m/s",
+            text="NOT_AVAILABLE" if speed is None else "",
+        ),
+        Signal(name="Age", value=age_ns / 1e6, unit="ms"),
     )
 
 

@@ -31,4 +31,6 @@ BECAUSE: Final[Mapping[Reason, str]] = {
     Reason.NO_RELEASE: "it has no release",
     Reason.UPDATING: "a release is being written",
     Reason.NOT_HELPING: "control did not lower the drag",
+    Reason.NO_SPEED: "the vehicle's speed is not known",
+    Reason.OFF_SPEED: "the vehicle is slower or faster than its release is for",
 }

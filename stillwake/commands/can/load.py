@@ -122,8 +122,8 @@ def _figures(one: "MessageLoad") -> dict[str, Any]:
 
 
 def _table(found: "BusLoad") -> Table:
-    # Without lines between columns, and one space, a terminal of 80 columns shows all of it.
-    table = Table(title="worst cases, in ms; ours are bold", box=SIMPLE_HEAD, padding=0)
+    # Without lines and edges, and with one space between columns, a terminal of 80 columns shows all of it.
+    table = Table(title="worst cases, in ms; ours are bold", box=SIMPLE_HEAD, padding=0, show_edge=False)
     for head in HEADS:
         table.add_column(head, justify="left" if head in ("message", "met") else "right", overflow="fold")
     for one in found.messages:

@@ -16,8 +16,8 @@ from rich.text import Text
 
 from can_bridge.tools.monitor import KEYS_HELP, TYPING_HELP, MonitorState, Row, View, rows, split_keys
 
-HEAD_LINES = 7
-"""Lines of the screen that are not rows: heading, column names and their rule, keys, margins."""
+HEAD_LINES = 5
+"""Lines of the screen that are not rows: heading, column names and their rule, keys, the cursor's."""
 
 OTHER_COLUMNS = 70
 """Columns of the screen that are not the value: what the widest names and numbers take."""
@@ -127,10 +127,10 @@ def _heading(state: MonitorState, view: View, source: str) -> Text:
 def _table(shown: list[Row], width: int) -> Table:
     """A line for each message with what is the message's, and one for each of its signals; fits into 80 columns."""
     value = min(24, max(10, width - OTHER_COLUMNS))
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0)
+    table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=0)
     table.add_column("message, signal", no_wrap=True, min_width=21)
     table.add_column("id, value", justify="right", no_wrap=True, min_width=10, max_width=value)
-    table.add_column("unit", no_wrap=True, min_width=4)
+    table.add_column("unit", no_wrap=True, min_width=5)
     for name, width in (("age, s", 6), ("1/s", 6), ("lost", 4), ("refused", 7)):
         table.add_column(name, justify="right", no_wrap=True, min_width=width)
     table.add_column("E2E", no_wrap=True, min_width=14)

@@ -46,11 +46,13 @@ def test_names_of_values_and_other_bases():
     assert by_name == encode("JetCommand", ["Mode=5"])[1]
     assert encode("EcuStatus", ["BundleHash=0xd2ff969a"])[1] == encode("EcuStatus", ["BundleHash=3539965594"])[1]
     assert encode("PressureClassic", ["Pressure2=INVALID"])[1] == encode("PressureClassic", ["Pressure2=-2048"])[1]
+    by_name = encode("VehicleSpeed", ["Speed=NOT_AVAILABLE", "AirDensity=NOT_KNOWN"])[1]
+    assert by_name == encode("VehicleSpeed", ["Speed=327.675"])[1] != encode("VehicleSpeed", [])[1]
 
 
 def test_refused_in_one_line():
     for name, assignment, words in [
-        ("Pressures", "", r"Pressures: is none of Pressure, JetCommand, .*--raw ID#DATA"),
+        ("Pressures", "", r"Pressures: is none of Pressure, VehicleSpeed, .*--raw ID#DATA"),
         ("Pressure", "Pressure4=1", r"Pressure4=1: must be SIGNAL=VALUE with one of Valid0"),
         ("Pressure", "Pressure0", r"Pressure0: must be SIGNAL=VALUE"),
         ("Pressure", "E2E_CRC=1", "is filled in by the sender"),
@@ -61,6 +63,9 @@ def test_refused_in_one_line():
         ("Pressure", "Age=-1", "must be in 0..65535"),
         ("Pressure", "Age=inf", "cannot be sent"),
         ("PressureClassic", "Age=71", r"must be in 0..70 ms"),
+        ("VehicleSpeedClassic", "Age=2551", r"must be in 0..2550 ms"),
+        ("VehicleSpeed", "Speed=-1", r"must be in 0..327.67"),
+        ("VehicleSpeed", "Pressure0=INVALID", "must be SIGNAL=VALUE with one of AirDensity"),
         ("JetCommand", "Mode=FAUL", "must be a number, or one of OFF, WARMUP"),
         ("JetCommand", "Mode=6", "6 is not a valid Mode"),
         ("JetCommand", "Mode=1.5", "must be a whole number"),

@@ -26,8 +26,8 @@ BA_ "GenMsgCycleTime" BO_ 17 1000;
 def test_our_messages_are_in_time_alone_and_figures_are_written(cli, tmp_path):
     outcome = cli("can", "load")
     assert (outcome.code, outcome.err) == (0, "")
-    assert all(name in outcome.out for name in ("Pressure", "JetCommand", "EcuStatus"))
-    assert "load: 2.2 % with random contents, 2.5 % at worst" in outcome.out
+    assert all(name in outcome.out for name in ("Pressure", "VehicleSpeed", "JetCommand", "EcuStatus"))
+    assert "load: 2.7 % with random contents, 3.1 % at worst" in outcome.out
     assert cli("can", "load", "--set", "bus.frames=classic", "--json", tmp_path / "load.json").code == 0
     written = json.loads((tmp_path / "load.json").read_text())
     # 135 bits at 500 kbit/s; twice that with the blocking frame.
@@ -56,7 +56,7 @@ def test_a_dbc_is_the_background(cli, tmp_path):
 def test_a_message_that_can_be_late_is_named_and_fails_the_call(cli, tmp_path):
     outcome = cli("can", "load", "--set", "ecu.compute_time_ms=19.5", "--json", tmp_path / "load.json")
     assert outcome.code == CAN_BE_LATE == 3
-    assert "1 of 3 can be late: JetCommand" in outcome.out
+    assert "1 of 4 can be late: JetCommand" in outcome.out
     assert json.loads((tmp_path / "load.json").read_text())["figures"]["late"] == ["JetCommand"]
     many = cli("can", "load", "--set", "bus.background.load=0.99")
     assert (many.code, " more" in many.out.splitlines()[-1]) == (CAN_BE_LATE, True)
@@ -73,4 +73,4 @@ def test_a_terminal_of_80_columns_shows_whole_names(cli, monkeypatch):
         # A name that was folded would leave a line of its own, without an identifier.
         rows = [line for line in lines if " yes" in line]
         assert len(rows) > 30, given
-        assert len(lines) == len(rows) + 6, given
+        assert len(lines) == len(rows) + 4, given
