@@ -46,9 +46,10 @@ class BusTable:
         self._periods = max(1, round(_NS / config.period_ns))
         self._rows: dict[tuple[int, bool], _Row] = {}
         self._activity: deque[BusActivity] = deque(maxlen=self._periods + 1)
-        self._statuses: list[Frame] = []
-        # No node of the loop receives the status: it is for whoever listens.
-        self._listener = E2eReceiver(messages.status.spec, config.bus.e2e)
+        # No node shows a receiver of these: the table checks them itself.
+        specs = messages.speed.spec, messages.status.spec
+        self._listeners = {spec.frame_id: E2eReceiver(spec, config.bus.e2e) for spec in specs}
+        self._heard: dict[int, list[Frame]] = {frame_id: [] for frame_id in self._listeners}
         self._names = {spec.frame_id: spec.name for spec in messages.specs}
 
     def __call__(self, seen: Transmission) -> None:
@@ -61,8 +62,8 @@ class BusTable:
         row.last_ns = seen.end_ns
         row.count += 1
         row.seen += 1
-        if self._messages.status.spec.names(frame):
-            self._statuses.append(frame)
+        if frame.frame_id in self._heard and not frame.is_extended:
+            self._heard[frame.frame_id].append(frame)
 
     def period_over(self, activity: BusActivity) -> None:
         """Count what was seen in it."""
@@ -71,8 +72,9 @@ class BusTable:
             row.in_second += row.seen - (row.lately.popleft() if len(row.lately) > self._periods else 0)
             row.seen = 0
         self._activity.append(activity)
-        self._listener.tick(self._statuses)
-        self._statuses = []
+        for frame_id, listener in self._listeners.items():
+            listener.tick(self._heard[frame_id])
+            self._heard[frame_id] = []
 
     def message(
         self, run: int, *, pressures: ReceiverState, commands: ReceiverState, nodes: Mapping[str, NodeErrors]
@@ -87,7 +89,7 @@ class BusTable:
         receivers = {
             self._messages.pressure.spec.frame_id: pressures,
             self._messages.command.spec.frame_id: commands,
-            self._messages.status.spec.frame_id: self._listener.state,
+            **{frame_id: listener.state for frame_id, listener in self._listeners.items()},
         }
         passed_ns = last.now_ns - first.now_ns
         # The very first period has none before it to be compared with.
