@@ -16,8 +16,11 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import (
     AGE_RESOLUTION_NS,
     CLASSIC_AGE_RESOLUTION_NS,
+    DENSITY_RESOLUTION_KG_PER_M3,
     FLOW_RESOLUTION_M2_PER_S,
     INT12_MAX,
+    SPEED_RESOLUTION_M_PER_S,
+    SPEED_UNKNOWN,
 )
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, Mode, Reason
 from contract.arrays import Array
@@ -96,7 +99,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
     if check.enabled and estimator is None:
         raise LibraryError("the release has no sensor estimator: set ecu.sensor_check.enabled=false")
     calibration_limits = limits_of(bundle, config)
-    specs = {"PRESSURE": messages.pressure.spec, "COMMAND": messages.command.spec, "STATUS": messages.status.spec}
+    specs = dict(zip(("PRESSURE", "SPEED", "COMMAND", "STATUS"), messages.specs, strict=True))
     found: dict[str, int | float | str] = {}
     for name, spec in specs.items():
         found |= {
@@ -111,6 +114,9 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         "SW_E2E_COUNTERS": profile_of(spec).counter_period,
         "SW_PRESSURE_RESOLUTION_PA": messages.pressure_resolution_pa,
         "SW_AGE_RESOLUTION_NS": AGE_RESOLUTION_NS if spec.is_fd else CLASSIC_AGE_RESOLUTION_NS,
+        "SW_SPEED_RESOLUTION": SPEED_RESOLUTION_M_PER_S,
+        "SW_SPEED_UNKNOWN": f"{SPEED_UNKNOWN}u",
+        "SW_DENSITY_RESOLUTION": DENSITY_RESOLUTION_KG_PER_M3,
         "SW_FLOW_RESOLUTION": FLOW_RESOLUTION_M2_PER_S,
         "SW_COUNT_LIMIT": COUNT_LIMIT if spec.is_fd else CLASSIC_COUNT_LIMIT,
         "SW_BUS_OFF_LIMIT": BUS_OFF_LIMIT if spec.is_fd else CLASSIC_BUS_OFF_LIMIT,

@@ -14,6 +14,11 @@
 #define AGE_LIMIT 7u /* this or more */
 #define PRESSURES 2  /* bytes; two pressures of 12 bits in three */
 
+/* VehicleSpeedClassic */
+#define DENSITY 3 /* bytes */
+#define SPEED 4
+#define SPEED_AGE 6
+
 /* JetCommandClassic */
 #define ENABLE 0x80u
 #define COUNTER_VALID 0x01u
@@ -41,6 +46,15 @@ void sw_parse_pressure(const uint8_t *data, sw_pressure *pressure)
     pressure->age_ns = age < AGE_LIMIT ? (int64_t)age * SW_AGE_RESOLUTION_NS : SW_STALE_NS;
 }
 
+void sw_parse_speed(const uint8_t *data, sw_speed *speed)
+{
+    const uint32_t steps = sw_word(&data[SPEED]);
+    speed->known = (uint8_t)(steps != SW_SPEED_UNKNOWN);
+    speed->speed_m_per_s = speed->known ? (double)steps * SW_SPEED_RESOLUTION : 0.0;
+    speed->density_kg_per_m3 = (double)data[DENSITY] * SW_DENSITY_RESOLUTION;
+    speed->age_ns = (int64_t)data[SPEED_AGE] * SW_AGE_RESOLUTION_NS;
+}
+
 void sw_emit_command(uint8_t *data, const sw_jet_command *command)
 {
     uint32_t echo = command->has_counter ? COUNTER_VALID | (((uint32_t)command->pressure_counter & 0x0fu) << 4) : 0u;
@@ -56,10 +70,12 @@ void sw_emit_status(uint8_t *data, const sw_ecu_status *status)
     const uint32_t overruns = sw_at_most(status->overruns, SW_COUNT_LIMIT);
     const uint32_t missed = sw_at_most(status->missed, SW_COUNT_LIMIT);
     const uint32_t crc_errors = sw_at_most(status->crc_errors, SW_COUNT_LIMIT);
+    const uint32_t reason = status->reason;
     const uint32_t refused = sw_at_most(status->refused, SW_COUNT_LIMIT);
     sw_clear(data, SW_STATUS_BYTES);
-    data[HEAD] = (uint8_t)(((uint32_t)status->state & 0x0fu) << 4);
-    data[2] = (uint8_t)(((uint32_t)status->reason & 0x0fu) | (sw_at_most(status->bus_off, SW_BUS_OFF_LIMIT) << 4));
+    /* The reason's lowest bit stands above the state, the other four in the next byte. */
+    data[HEAD] = (uint8_t)((((uint32_t)status->state & 0x07u) << 4) | ((reason & 0x01u) << 7));
+    data[2] = (uint8_t)(((reason >> 1) & 0x0fu) | (sw_at_most(status->bus_off, SW_BUS_OFF_LIMIT) << 4));
     /* Four counts of six bits. */
     sw_put_word(&data[3], overruns | (missed << 6) | (crc_errors << 12));
     data[5] = (uint8_t)((crc_errors >> 4) | (refused << 2));

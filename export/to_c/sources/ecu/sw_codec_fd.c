@@ -15,6 +15,11 @@
 #define PRESSURES 4 /* bytes */
 #define AGE 12
 
+/* VehicleSpeed */
+#define DENSITY 3 /* bytes */
+#define SPEED 4
+#define SPEED_AGE 6
+
 /* JetCommand */
 #define MODE 0x07u
 #define ENABLE 0x08u
@@ -30,6 +35,15 @@ void sw_parse_pressure(const uint8_t *data, sw_pressure *pressure)
     pressure->valid = (uint8_t)(data[FLAGS] & VALID);
     pressure->enable_request = (uint8_t)((data[FLAGS] & ENABLE_REQUEST) != 0u);
     pressure->age_ns = (int64_t)sw_word(&data[AGE]) * SW_AGE_RESOLUTION_NS;
+}
+
+void sw_parse_speed(const uint8_t *data, sw_speed *speed)
+{
+    const uint32_t steps = sw_word(&data[SPEED]);
+    speed->known = (uint8_t)(steps != SW_SPEED_UNKNOWN);
+    speed->speed_m_per_s = speed->known ? (double)steps * SW_SPEED_RESOLUTION : 0.0;
+    speed->density_kg_per_m3 = (double)data[DENSITY] * SW_DENSITY_RESOLUTION;
+    speed->age_ns = (int64_t)sw_word(&data[SPEED_AGE]) * SW_AGE_RESOLUTION_NS;
 }
 
 void sw_emit_command(uint8_t *data, const sw_jet_command *command)

@@ -65,6 +65,13 @@ typedef struct {
 } sw_pressure;
 
 typedef struct {
+    double speed_m_per_s;     /* 0 where it is not known */
+    double density_kg_per_m3; /* of the air; 0 where it is not known */
+    uint8_t known;            /* whether the vehicle knows its speed */
+    int64_t age_ns;
+} sw_speed;
+
+typedef struct {
     int32_t flow; /* in steps of the wire */
     uint8_t mode; /* SW_MODE_ */
     uint8_t enable;
@@ -82,6 +89,9 @@ typedef struct {
 
 /* From SW_PRESSURE_BYTES bytes. */
 void sw_parse_pressure(const uint8_t *data, sw_pressure *pressure);
+
+/* From SW_SPEED_BYTES bytes. */
+void sw_parse_speed(const uint8_t *data, sw_speed *speed);
 
 /* Into SW_COMMAND_BYTES and SW_STATUS_BYTES bytes with an empty header; SW_PLAN_AHEAD is JetCommand's NextPeriod. */
 void sw_emit_command(uint8_t *data, const sw_jet_command *command);
