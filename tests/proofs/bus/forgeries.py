@@ -113,7 +113,7 @@ KINDS: Final[dict[str, Callable[[_Scene], bytes]]] = {
 
 
 def measure(count: int = 300_000, *, seed: int = 0) -> dict[str, Any]:
-    """Attack each secured message with a third of `count` forgeries, a genuine frame behind each.
+    """Attack each secured message with its share of `count` forgeries, a genuine frame behind each.
 
     Returns:
         `authenticated_forgeries_accepted`; `forgeries` with the counts behind it, by kind too, and how many genuine
@@ -129,7 +129,7 @@ def measure(count: int = 300_000, *, seed: int = 0) -> dict[str, Any]:
             for scene.number in range(RECORDED if item is not spec else 0):
                 scene.genuine(item)
         state, scene.number = VerifierState(), 0
-        for _ in track(range(count // 3), "forgeries", "frames"):
+        for _ in track(range(count // len(SECURED.specs)), "forgeries", "frames"):
             state, passed, _none = verified(state, [scene.genuine(spec)], spec=spec, key=scene.key)
             refused, scene.number = refused + (not passed), scene.number + 1
             kind = kinds[rng.integers(len(kinds))]

@@ -23,7 +23,9 @@ from contract.config.vehicle import E2eConfig
 
 _SENDER: Final = ("127.0.0.1", 1)
 _E2E: Final = E2eConfig()
-MESSAGES: Final = [message for used in (FD, CLASSIC, SECURED) for message in (used.pressure, used.command, used.status)]
+MESSAGES: Final = [
+    message for used in (FD, CLASSIC, SECURED) for message in (used.pressure, used.speed, used.command, used.status)
+]
 KEY: Final = Key(bytes(range(KEY_LENGTH)))
 """The key of the secured messages."""
 

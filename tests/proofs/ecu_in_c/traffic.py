@@ -230,7 +230,7 @@ class Traffic:
         if kind == "classic ours":
             frame_id = rng.choice(rng.choice(SETS).specs).frame_id
         if kind == "ecu":
-            spec = rng.choice(self._messages.specs[1:])
+            spec = rng.choice(self._messages.specs[2:])
             frame_id, is_fd = spec.frame_id, spec.is_fd
             content = rng.randbytes(spec.length if rng.random() < 0.8 else rng.randrange(3, 9))
             data = self._misshapen(self._profile.protect(content, data_id=spec.data_id, counter=rng.randrange(16)))
