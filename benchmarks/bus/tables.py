@@ -169,7 +169,7 @@ def bus_runs(results: Path) -> str:
                 f"{on_bus['error_frames']}",
             )
         )
-    heads = ("bus", "less drag, %", "mean abs Cl", "load, %", "longest wait, ms: pressure / command / status", "errors")
+    heads = ("bus", "less drag, %", "mean abs Cl", "load, %", "longest wait of each message, ms, by priority", "errors")
     return table(heads, rows)
 
 
@@ -198,8 +198,8 @@ trip p50/p99/max: {trip["p50"]:.1f}/{trip["p99"]:.1f}/{trip["max"]:.1f} ms, on a
 
 
 def _names(waits: dict[str, float]) -> list[str]:
-    """Pressure, command, status, whichever set they are of."""
-    return sorted(waits, key=lambda name: ("Pressure", "JetCommand", "EcuStatus").index(_base(name)))
+    """By priority, whichever set they are of; runs of earlier versions have no speed."""
+    return sorted(waits, key=lambda name: ("Pressure", "VehicleSpeed", "JetCommand", "EcuStatus").index(_base(name)))
 
 
 def _base(name: str) -> str:
