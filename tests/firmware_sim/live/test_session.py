@@ -183,7 +183,7 @@ def test_the_bus_is_what_the_nodes_send(live):
     for message in live.heard.values():
         json.dumps(message, allow_nan=False)
     bus = live.heard["bus"]
-    senders = {"Pressure": "vehicle", "JetCommand": "ECU", "EcuStatus": "ECU"}
+    senders = {"Pressure": "vehicle", "VehicleSpeed": "vehicle", "JetCommand": "ECU", "EcuStatus": "ECU"}
     assert {row["name"]: row["sender"] for row in bus["rows"]} == senders
     assert {row["rate_hz"] for row in bus["rows"]} == {50.0}
     assert all(row["e2e_state"] == "VALID" and 0 < row["age_ms"] <= row["limit_ms"] == 20 for row in bus["rows"])
@@ -262,8 +262,8 @@ def test_the_latest_periods_are_saved_when_the_first_are_gone(tmp_path):
     # It acted in every period; of the 70, fifty are kept.
     assert (noise.text, noise.acted) == ("noise:level=0.5@0.6..2.0", 50)
     assert loss.text == "ecu:drop:probability=0.2,at=receive@2.0.."
-    # Three frames a period, of which none was lost on the bus itself.
-    assert log.traffic.frames == pytest.approx(300, abs=2)
+    # Four frames a period, of which none was lost on the bus itself.
+    assert log.traffic.frames == pytest.approx(400, abs=2)
     assert json.loads(folder.summary.read_text())["started_with"]["flow"] == "period 50 of a live session"
     assert "noise:level=0.5@0.6..2.0" in folder.report.read_text()
 
