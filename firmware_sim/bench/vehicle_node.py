@@ -1,5 +1,7 @@
 """The vehicle's side of the bus: it samples the wall pressures and drives the jets as commanded.
 
+With every period's pressures it also sends its speed, and the air's density where it knows it.
+
 It drives them only while it wants control itself, and only by a command that is enabled, in a mode in which jets may
 run, and that rests on pressures it sent not long ago. No single signal of a command decides. Where too many commands
 are missing it gives up control by itself, and announces it on the bus: it no longer requests it (`command_losses`).
@@ -19,7 +21,8 @@ from can_bridge.secoc.node import Authentication, key_of, secured
 from can_bridge.secoc.receiver import VerifierState, verified
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.messages import JetCommand, Mode, Pressure
+from can_bridge.wire.message_specs import DENSITY_RESOLUTION_KG_PER_M3, SPEED_RESOLUTION_M_PER_S, SPEED_UNKNOWN
+from can_bridge.wire.messages import JetCommand, Mode, Pressure, VehicleSpeed
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.sensor_layout import SensorLayout
@@ -62,6 +65,11 @@ class VehicleNode:
         operating_point: of the vehicle itself; `config`'s unless it is set.
         action_limit: what its jets reach, U_inf W; likewise.
         stuck_at: where their actuator stands still, U_inf W; None for one that moves.
+        speed: of the vehicle, m/s; `config`'s unless it is set. Pressures and jets do not scale with it.
+        stated_speed: what the vehicle sends as its speed; None where it does not know it. One that does not fit the
+            wire is sent as unknown.
+        stated_density: likewise, kg/m3.
+        sends_speed: whether it sends them at all.
 
     Raises:
         ConfigError: the plant has no sensor of that name, or one is named twice; or `bus.key` without `authentication`,
@@ -82,13 +90,19 @@ class VehicleNode:
         self.operating_point = config.operating_point
         self.action_limit = config.flow.action_limit
         self.stuck_at: float | None = None
+        self.speed = config.operating_point.speed
+        self.stated_speed: float | None = self.speed
+        self.stated_density: float | None = None
+        self.sends_speed = True
         self._messages = message_set(config.bus)
         self._sender = E2eSender(self._messages.pressure.spec)
+        self._speed_sender = E2eSender(self._messages.speed.spec)
         self._receiver = E2eReceiver(self._messages.command.spec, config.bus.e2e)
         self._key = key_of(authentication, config.bus)
         self._freshness, self._verifier = Freshness(), VerifierState()
+        self._speed_freshness = self._freshness  # each message has its own
         if authentication is not None:
-            self._freshness = authentication.freshness
+            self._freshness = self._speed_freshness = authentication.freshness
             self._verifier = authentication.verifier(self._receiver.spec)
         self._losses = CommandLosses.of(config.vehicle)
         self._misses = 0
@@ -125,6 +139,21 @@ class VehicleNode:
         self._echo = self._echo.sent(profile_of(self._sender.spec).counter_of(frame.data), now_ns)
         frame = secured(frame, spec=self._sender.spec, key=self._key, freshness=self._freshness)
         self._freshness = self._freshness.next()
+        return frame
+
+    def speed_frame(self, *, now_ns: int, age_ns: int = 0) -> Frame | None:
+        """The VehicleSpeed frame of the instant `now_ns`, handed over `age_ns` later; None while none is sent."""
+        if not self.sends_speed:
+            return None
+        message = VehicleSpeed(
+            speed_m_per_s=_fitting(self.stated_speed, SPEED_RESOLUTION_M_PER_S, 0, SPEED_UNKNOWN - 1),
+            age_ns=age_ns,
+            density_kg_per_m3=_fitting(self.stated_density, DENSITY_RESOLUTION_KG_PER_M3, 1, 0xFF),
+        )
+        spec = self._speed_sender.spec
+        frame = self._speed_sender.frame(self._messages.speed.emit(message), now_ns=now_ns)
+        frame = secured(frame, spec=spec, key=self._key, freshness=self._speed_freshness)
+        self._speed_freshness = self._speed_freshness.next()
         return frame
 
     def apply_commands(self, frames: Sequence[Frame]) -> Actuation:
@@ -225,6 +254,11 @@ class VehicleNode:
     def frames_not_authentic(self) -> int:
         """Jet commands refused by their MAC or freshness."""
         return self._verifier.refused
+
+
+def _fitting(value: float | None, step: float, least: int, most: int) -> float | None:
+    """The value, if the wire has so many steps for it."""
+    return value if value is not None and least <= round(value / step) <= most else None
 
 
 def _drives(command: JetCommand) -> bool:

@@ -2,7 +2,7 @@
 
 In the control period that starts at t_k
 
-    t_k                          the vehicle samples the pressures and hands them to its CAN controller
+    t_k                          the vehicle samples the pressures and hands them to its CAN controller, and its speed
     + wait + frame time          the ECU has them and steps
     + compute time               the command is handed over (`ecu.compute_time_ms`, or the ECU's own: see below)
     + wait + frame time          the jets' driver has it and starts its ramp, which ends at t_{k+1}
@@ -135,6 +135,9 @@ class VirtualLoop:
         self._bus.advance_to(self._start_ns)
         frame = self._node.sample(sample.Cp, enable_request=enable_request, now_ns=self._start_ns)
         self._send(self._ports.vehicle, frame)
+        speed, speed_frame = self._node.speed, self._node.speed_frame(now_ns=self._start_ns)
+        if speed_frame is not None:
+            self._send(self._ports.vehicle, speed_frame)
         self._bus.advance_until(self._start_ns + self._wait_ns, self._pressures_came)
         self._pressures_came()
         step_ms = self._step_ecu(self._bus.now_ns)
@@ -146,7 +149,7 @@ class VirtualLoop:
         actuation = self._node.apply_commands(commands)
         self._advance_plant(actuation)
         self._start_ns = end_ns
-        return self._row(sample, actuation, step_ms)
+        return self._row(sample, actuation, step_ms, speed)
 
     @property
     def now_ns(self) -> int:
@@ -241,7 +244,7 @@ class VirtualLoop:
                 self._plant.advance_to(late)
         self._plant.advance_to(self._substeps, actuation.action)
 
-    def _row(self, sample: Sample, actuation: Actuation, step_ms: float) -> Row:
+    def _row(self, sample: Sample, actuation: Actuation, step_ms: float, speed: float) -> Row:
         trace, skipped = self._ecu.trace, math.isnan(step_ms)
         forecast = (math.nan, math.nan) if skipped or trace.forces is None else trace.forces[0]
         age_ms = math.nan
@@ -257,4 +260,5 @@ class VirtualLoop:
             step_ms=step_ms,
             age_ms=age_ms,
             set_aside=self._ecu.state.sensors.mask,
+            speed=speed,
         )

@@ -28,6 +28,9 @@ SCHEMA: Final = "stillwake-run/3"
 WALL: Final = "wall_Cp"
 """The series of Cp at the bundle's sensors, (n, S), in the order of the bundle."""
 
+WITHOUT: Final = ("without_Cd", "without_Cd_net", "without_Cl")
+"""The series of a drive without control, (n,) each: of the same flow with its jets shut."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
@@ -43,6 +46,7 @@ class Row:
         age_ms: from the sampling of the pressures behind the command that the jets follow in this period to its
             arrival there, in virtual time; NaN if none came.
         set_aside: sensors that the controller does without, bit i for the bundle's sensor i.
+        speed: of the vehicle at the period's start, m/s; NaN where it is not known.
     """
 
     sample: Sample
@@ -54,6 +58,7 @@ class Row:
     step_ms: float
     age_ms: float
     set_aside: int = 0
+    speed: float = np.nan
 
     def columns(self, layout: SensorLayout = sensors.TRUCK) -> dict[str, float]:
         """The row in numbers, by the names in `COLUMNS`; base Cp is the mean over the plant's base sensors."""
@@ -85,7 +90,8 @@ class RunLog:
     """A finished run.
 
     Attributes:
-        series: the arrays named in `COLUMNS`, (n,) each, and `WALL`, (n, S), where the sensors were recorded.
+        series: the arrays named in `COLUMNS`, (n,) each, and `WALL`, (n, S), where the sensors were recorded; of a
+            drive also `WITHOUT`.
         enabled_at: index of the first row with control requested.
         bus: totals.
         metadata: what the run was made with.
@@ -108,9 +114,12 @@ class RunLog:
         layout: SensorLayout = sensors.TRUCK,
         *,
         traffic: BusTraffic,
+        without: Mapping[str, Array] | None = None,
     ) -> "RunLog":
+        """From its rows; `without` has the series of `WITHOUT`."""
         columns = [row.columns(layout) for row in rows]
         series = {name: np.array([item[name] for item in columns], dtype=float) for name in COLUMNS}
+        series |= without or {}
         mounted = layout.indices(metadata.sensors)
         series[WALL] = np.array([row.sample.Cp[mounted] for row in rows], dtype=float)
         return cls(series=series, enabled_at=enabled_at, bus=bus, metadata=metadata, traffic=traffic)
@@ -148,9 +157,13 @@ def load(path: Path) -> RunLog:
                 f"reads {SCHEMA!r}: make the run again"
             )
         log = RunLog(
-            # Runs of 0.9.0 have no such column.
-            series={"set_aside": np.zeros(len(data["t"]))}
-            | {name: data.numbers(name, len(data["t"])) for name in COLUMNS if name in data or name != "set_aside"},
+            # Runs of 0.9.0 have no such columns.
+            series={"set_aside": np.zeros(len(data["t"])), "speed": np.full(len(data["t"]), np.nan)}
+            | {
+                name: data.numbers(name, len(data["t"]))
+                for name in (*COLUMNS, *WITHOUT)
+                if name in data or name not in ("set_aside", "speed", *WITHOUT)
+            },
             enabled_at=typed(header["enabled_at"], int),
             bus=typed(header["bus"], BusTotals),
             metadata=RunMetadata.from_tree(header["metadata"]),

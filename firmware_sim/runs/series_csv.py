@@ -24,6 +24,7 @@ UNITS: Final = {
     "step_ms": "ms",
     "age_ms": "ms",
     "set_aside": "1",
+    "speed": "m/s",
 }
 """Unit of every column in `COLUMNS`; mode and reason are written by their names."""
 

@@ -180,7 +180,17 @@ class VehicleLoop:
             self._note(VehicleStage.SAMPLED, sampled_ns)
             self._note(VehicleStage.SENT, self._now_ns())
             self._note(VehicleStage.PRESSURE_COUNTER, self._node.counter_of(frame))
+        self._send_speed(due_ns)
         return True
+
+    def _send_speed(self, due_ns: int) -> None:
+        frame = self._node.speed_frame(now_ns=due_ns, age_ns=max(0, self._now_ns() - due_ns))
+        if frame is None:
+            return
+        try:
+            self._bus.send(frame)
+        except BusError:
+            return  # the pressures count what the bus does not take
 
     def _note(self, stage: VehicleStage, value: int) -> None:
         if self._stage_times is not None:

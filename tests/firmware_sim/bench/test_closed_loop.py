@@ -76,12 +76,12 @@ def test_the_folder_holds_the_run_and_its_page_can_be_written_again_from_it(run)
     assert write_report(RunFolder(folder)) == folder / "report.html"
     assert (folder / "report.html").read_text() == first
     messages = logged(folder)
-    # A pressure frame, a command and a status in every period.
-    assert [message.arbitration_id for message in messages] == [0x120, 0x130, 0x140] * PERIODS
+    # Pressures, the speed, a command and a status in every period.
+    assert [message.arbitration_id for message in messages] == [0x120, 0x128, 0x130, 0x140] * PERIODS
     assert all(message.is_fd for message in messages)
     times = [message.timestamp for message in messages]
     assert times == sorted(times)
-    assert times[3] - times[0] == pytest.approx(0.02, abs=2e-6)
+    assert times[4] - times[0] == pytest.approx(0.02, abs=2e-6)
 
 
 def test_the_recorded_wake_is_the_flow_at_the_start_of_each_period(run, coarse):
@@ -191,10 +191,10 @@ def test_the_same_run_has_the_same_frames_to_the_byte_also_with_other_traffic(re
         ("vehicle", "ECU", "background"), "ERROR_ACTIVE"
     )
     waits = summary["bus"]["longest_wait_ms"]
-    assert set(waits) == {"Pressure", "JetCommand", "EcuStatus"}
+    assert set(waits) == {"Pressure", "VehicleSpeed", "JetCommand", "EcuStatus"}
     assert max(waits.values()) > 0.1
     quiet, _, _ = short_run(release, coarse, tmp_path / "c")
-    # Alone on the bus only the status waits, for the command.
+    # Alone on the bus only the speed waits, for the pressures, and the status, for the command.
     assert quiet.traffic.longest_wait_ms["Pressure"] == quiet.traffic.longest_wait_ms["JetCommand"] == 0.0
     assert 0.01 < quiet.traffic.load < 0.04
     assert np.nanmax(first.series["age_ms"]) > np.nanmax(quiet.series["age_ms"]) + 0.1
@@ -210,12 +210,12 @@ def test_one_setting_authenticates_both_nodes_and_the_key_stays_where_it_is(shor
     assert set(log.series["mode"][-5:]) == {Mode.CONTROL}
     assert (log.bus.lost, log.bus.rejected, log.metadata.status.not_authentic) == (0, 0, 0)
     messages = logged(folder)
-    assert [message.arbitration_id for message in messages] == [0x122, 0x132, 0x142] * 20
-    data_ids = {0x122: 0x5704, 0x132: 0x5705, 0x142: 0x5706}
+    assert [message.arbitration_id for message in messages] == [0x122, 0x12A, 0x132, 0x142] * 20
+    data_ids = {0x122: 0x5704, 0x12A: 0x5708, 0x132: 0x5705, 0x142: 0x5706}
     for number, message in enumerate(messages):
         data = bytes(message.data)
         # Both nodes are in their first power cycle.
-        assert int.from_bytes(data[-16:-8], "big") == (1 << 32) + number // 3
+        assert int.from_bytes(data[-16:-8], "big") == (1 << 32) + number // 4
         mac = CMAC(AES(secret))
         mac.update(data_ids[message.arbitration_id].to_bytes(2, "big") + data[:-8])
         assert data[-8:] == mac.finalize()[:8]

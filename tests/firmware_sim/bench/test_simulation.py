@@ -129,7 +129,7 @@ def test_a_clock_that_is_set_back_latches_and_a_little_drift_does_nothing(calm):
     assert set(back.modes[30:]) == {Mode.FAULT}
     drifting = Run("clock:ppm=200")
     assert [frame.data for frame in drifting.of(JET_COMMAND)] == [frame.data for frame in calm.of(JET_COMMAND)]
-    assert drifting.acted == [60]
+    assert drifting.acted == [120]  # pressures and speeds
 
 
 # Wire and ports.

@@ -10,7 +10,7 @@ from can_bridge.bus.faults.content import FlipBits
 from can_bridge.bus.faults.loss import Drop
 from can_bridge.bus.faults.wrapping import FaultyBus, wrap
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
+from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, VEHICLE_SPEED
 from can_bridge.wire.messages import Mode
 from contract import sensors
 from contract.config.vehicle import BusConfig
@@ -37,9 +37,9 @@ def test_the_ramp_starts_in_the_substep_after_the_command_arrives(harness, compu
     h = harness(compute_ms)
     rows = h.run(12)
     period_ns, compute_ns = h.config.period_ns, round(compute_ms * 1e6)
-    # The intermission behind the pressures is over before the command is ready, unless it takes no time.
-    gap_ns = INTERMISSION_NS if compute_ns == 0 else compute_ns
-    arrivals = [one + gap_ns + two for one, two in zip(h.taken(PRESSURE), h.taken(JET_COMMAND), strict=True)]
+    # The speed behind the pressures is over before the command is ready, unless it takes no time.
+    speeds = [2 * INTERMISSION_NS + taken if compute_ns == 0 else compute_ns for taken in h.taken(VEHICLE_SPEED)]
+    arrivals = [sum(taken) for taken in zip(h.taken(PRESSURE), speeds, h.taken(JET_COMMAND), strict=True)]
     assert max(arrivals) < period_ns
     assert h.ends(JET_COMMAND) == [k * period_ns + after for k, after in enumerate(arrivals)]
     # Frame times count even if computing takes none; the last substep is left for the ramp.

@@ -183,9 +183,9 @@ def test_a_run_with_faults_on_the_bus_is_known_as_one(cli, tmp_path, short_relea
     assert headline in " ".join(outcome.out.split())
     found = json.loads((tmp_path / "r\udcff" / "summary.json").read_text())
     assert headline in found["headline"]
-    # An open wire loses what the vehicle sends, and what it would have received, in the last four of eleven periods: a
-    # command and a status each, twice.
-    assert found["injected_faults"] == [{"text": faults[0], "acted": 4 + 16}, {"text": faults[1], "acted": 22}]
+    # An open wire loses what the vehicle sends, pressures and speed, and what it would have received, in the last four
+    # of eleven periods: a command and a status each, twice.
+    assert found["injected_faults"] == [{"text": faults[0], "acted": 8 + 16}, {"text": faults[1], "acted": 22}]
     assert found["fault_seed"] == 7
     assert headline in (tmp_path / "r\udcff" / "report.html").read_text()
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import VEHICLE_SPEED
 from can_bridge.wire.messages import Pressure
 from contract.config.tree import Config
 from contract.errors import BusError
@@ -66,6 +67,7 @@ class MadeUpTime:
         self.lateness = iter(()) if lateness is None else lateness
         self.config = config
         self.sent: list[tuple[int, Frame]] = []
+        self.speeds: list[Frame] = []
         self.arriving: list[tuple[int, Frame]] = []
         self.is_taking = True
         self.flow = LiveOscillator(config.flow.substeps, late_flow)
@@ -97,10 +99,15 @@ class MadeUpTime:
     def send(self, frame: Frame) -> None:
         if not self.is_taking:
             raise BusError("frame 0x120 was not sent: made up")
+        if VEHICLE_SPEED.names(frame):
+            self.speeds.append(frame)
+            return
         number = len(self.sent)
         self.sent.append((self.now_ns, frame))
         if self.ecu is not None:
-            self.arriving += [(self.now_ns + self.way_ns(number), item) for item in self.ecu.step(self.now_ns, [frame])]
+            # The speed comes behind the pressures, and so is of the period before.
+            answers = self.ecu.step(self.now_ns, [*self.speeds[-1:], frame])
+            self.arriving += [(self.now_ns + self.way_ns(number), item) for item in answers]
 
     def run(self, periods: int, *, request_from: int = 1) -> None:
         for k in range(periods):
