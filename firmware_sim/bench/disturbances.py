@@ -223,12 +223,48 @@ class StuckJets(Span, section="stuck_jets"):
     """Of `flow.action_limit` at which it stands; 0 is shut."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class SpeedScale(Span, section="speed_scale"):
+    """The speed that the vehicle sends is wrong by a factor."""
+
+    speed_scale: NonNegative[float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedLate(Span, section="speed_late"):
+    """The speed that the vehicle sends is the one of so long before, without showing its age."""
+
+    speed_late: NonNegative[float]
+    """s; rounded to whole control periods."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedFrozen(Span, section="speed_frozen"):
+    """The speed that the vehicle sends stays what it is at the start of the span."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoSpeed(Span, section="no_speed"):
+    """The vehicle sends no speed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Density(Span, section="density"):
+    """The air has another density than the ECU was made for: pressures scale with it, the jets' flow does not."""
+
+    density: Positive[float]
+    """kg/m3."""
+    stated: bool = False
+    """Whether the vehicle knows it, and sends it with its speed."""
+
+
 KINDS: Final[dict[str, type[Span]]] = {
     kind.section: kind
     for kind in (
         *(Noise, Bias, Drift, Stuck, Dead, Swap, Quantise),
         *(WireNoise, Reset, Clock, NoRequest),
         *(Reynolds, Gust, VehiclePoint, ActionLimit, StuckJets),
+        *(SpeedScale, SpeedLate, SpeedFrozen, NoSpeed, Density),
     )
 }
 """By the name that texts use; what begins with the name of a node is a `NodeFault`."""

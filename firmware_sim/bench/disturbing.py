@@ -69,6 +69,8 @@ class Disturbing:
             for place, one in enumerate(self._items)
             if isinstance(one, kinds.Clock)
         }
+        self._speeds: list[float] = []  # of every period so far, m/s
+        self._frozen: dict[int, float] = {}
         self._ports: NodeFaults | None = None
         self._flow: tuple[Disturbable, float] | None = None  # and its own Reynolds number
 
@@ -195,7 +197,31 @@ class Disturbing:
         for place, stuck in self._active(kinds.StuckJets, now_ns):
             stuck_at = stuck.stuck_jets * config.flow.action_limit
             self._acted[place] += 1
+        for place, air in self._active(kinds.Density, now_ns):
+            point = replace(point, density=air.density)
+            self._acted[place] += 1
         node.operating_point, node.action_limit, node.stuck_at = point, limit, stuck_at
+        self._state_speed(now_ns, node)
+
+    def _state_speed(self, now_ns: int, node: VehicleNode) -> None:
+        """What the vehicle sends about its speed and the air; of several at once each acts on what is left of it."""
+        self._speeds.append(node.speed)
+        stated, density, sends = node.speed, None, True
+        for place, late in self._active(kinds.SpeedLate, now_ns):
+            stated = self._speeds[max(0, len(self._speeds) - 1 - round(late.speed_late * NS / self._config.period_ns))]
+            self._acted[place] += 1
+        for place, _ in self._active(kinds.SpeedFrozen, now_ns):
+            stated = self._frozen.setdefault(place, stated)
+            self._acted[place] += 1
+        for place, wrong in self._active(kinds.SpeedScale, now_ns):
+            stated *= wrong.speed_scale
+            self._acted[place] += 1
+        for _, air in self._active(kinds.Density, now_ns):
+            density = air.density if air.stated else None
+        for place, _ in self._active(kinds.NoSpeed, now_ns):
+            sends = False
+            self._acted[place] += 1
+        node.stated_speed, node.stated_density, node.sends_speed = stated, density, sends
 
     def set_flow(self, now_ns: int) -> None:
         """Give the flow what is its own in the period that begins now."""
@@ -224,7 +250,9 @@ class Disturbing:
             gusts.append(Gust(amplitude=one.amplitude, period=one.period, start=start, cycles=cycles))
         before, wind = plant.config.reynolds, plant.wind
         self._flow = plant, before
-        plant.wind = (lambda t: sum(one(t) for one in gusts)) if gusts else None
+        if gusts:
+            # A gust is in the air: it comes on top of the vehicle's speed.
+            plant.wind = lambda t: (0.0 if wind is None else wind(t)) + sum(one(t) for one in gusts)
         try:
             yield
         finally:
