@@ -22,6 +22,7 @@ from firmware_sim.runs.summary import whole_summary
 from firmware_sim.runs.wake_stills import Scene, WakeRecorder
 from wake.pictures.drawing import vorticity_figure
 from wake.pictures.level_picture import LevelPicture
+from wake.plant.drive import Drive
 from wake.plant.protocol import LivePlant
 from wake.plants import open_plant
 
@@ -44,6 +45,8 @@ def run_closed_loop(
     faults: Sequence[Disturbance] = (),
     fault_seed: int = 0,
     ecu: LoopEcu | None = None,
+    drive: Drive | None = None,
+    progress_without: Callable[[int, int], None] = lambda done, total: None,
     report: Callable[[RunFolder], object] = lambda folder: None,
 ) -> RunLog:
     """Run a wake under the bundle's controller and keep the results in `output`.
@@ -63,6 +66,8 @@ def run_closed_loop(
         faults: what disturbs the run; their times are in s of it.
         fault_seed: of what they draw.
         ecu: in place of the ECU in Python, which `controller` is for.
+        drive: the vehicle's speeds; the settings' flow has the time steps for it.
+        progress_without: called with (periods done, periods in all) while the drive goes on without control.
         report: writes what else belongs into the folder, when the others are in it.
 
     Raises:
@@ -81,6 +86,7 @@ def run_closed_loop(
         disturbances=Disturbances(items=tuple(faults)),
         seed=fault_seed,
         ecu=ecu,
+        drive=drive,
     )
     with ExitStack() as stack:
         # Whole runs only: all files appear when the block has succeeded, and none before.
@@ -109,6 +115,7 @@ def run_closed_loop(
             ready=begin,
             requesting=lambda: _draw(wake, bundle, "without control", folder.uncontrolled_picture),
             progress=record,
+            progress_without=progress_without,
         )
         _draw(wake, bundle, "under control", folder.controlled_picture)
         wake_stills.save(folder.wake, recorder.recorded())

@@ -4,6 +4,7 @@ The same arguments and the same wake give the same run, to the bit, on any machi
 """
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from datetime import date
 from typing import Final
 
@@ -20,6 +21,7 @@ from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.disturbing import Disturbing
+from firmware_sim.bench.driven import driving, without_control
 from firmware_sim.bench.observer import Observer
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.virtual_loop import check_bit_rates
@@ -29,6 +31,7 @@ from firmware_sim.ecu.fit import check_sensors
 from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.runs.metadata import RunEcu, RunMetadata, RunOrigin
 from firmware_sim.runs.run_log import Row, RunLog
+from wake.plant.drive import Drive
 from wake.plant.protocol import LoopPlant
 
 WARM_UP_PLANS: Final = 3
@@ -47,6 +50,8 @@ class Simulation:
         disturbances: what disturbs it; their times are in s of the run.
         seed: of what they draw.
         ecu: in place of the ECU in Python, which `controller` is for.
+        drive: the vehicle's speeds from the request for control on, the first one before; the operating point's without
+            one. There are no averages then, but the drive's totals.
 
     Attributes:
         periods: control periods without control, and in all.
@@ -67,6 +72,7 @@ class Simulation:
         disturbances: Disturbances | None = None,
         seed: int = 0,
         ecu: LoopEcu | None = None,
+        drive: Drive | None = None,
     ) -> None:
         self._disturbances = Disturbances() if disturbances is None else disturbances
         self.periods = lead_in, total = spans.periods(config.flow.control_period)
@@ -80,6 +86,9 @@ class Simulation:
         if calibration is not None:
             self._ecu.ecu.calibrate(calibration)
         self._bundle, self._config, self._spans, self._seed = bundle, config, spans, seed
+        self._drive = None if drive is None else drive.after(lead_in * config.period_ns / 1e9)
+        if drive is not None and spans.settle >= (total - lead_in - 1) * config.flow.control_period:
+            raise StillwakeError(f"--settle = {spans.settle:g}: leaves nothing of the drive to be counted")
 
     def _python_ecu(self, bundle: Bundle, controller: RunnableController | None, config: Config) -> LoopEcu:
         controller = OnnxController.of(bundle) if controller is None else controller
@@ -97,8 +106,9 @@ class Simulation:
         ready: Callable[[int], None] = lambda total: None,
         requesting: Callable[[], None] = lambda: None,
         progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
+        progress_without: Callable[[int, int], None] = lambda done, total: None,
     ) -> RunLog:
-        """Run on this wake, from where it stands.
+        """Run on this wake, from where it stands; a drive first without control.
 
         Args:
             wake: at the start of a control period; afterwards at the end of the run.
@@ -108,13 +118,17 @@ class Simulation:
             ready: called with the periods in all before the first.
             requesting: called before the first period in which control is requested.
             progress: called with (row, periods done, periods in all) after every period.
+            progress_without: called with the last two after every period of a drive without control.
 
         Raises:
             StillwakeError: if the bundle is of another body, or the wake's flow cannot be disturbed or diverges.
         """
         config, bundle = self._config, self._bundle
         check_sensors(bundle, wake.layout)
-        disturbing = Disturbing(self._disturbances, config, bundle.manifest.sensors, self._seed)
+        lead_in, total = self.periods
+        disturbing, again = (
+            Disturbing(self._disturbances, config, bundle.manifest.sensors, self._seed) for _ in range(2)
+        )
         wired = wire(
             wake,
             bundle.manifest.sensors,
@@ -127,9 +141,12 @@ class Simulation:
         )
         loop, node = wired.loop, wired.node
         disturbing.plan_resets(wired.bus, loop)
-        rows = list[Row]()
-        lead_in, total = self.periods
-        with disturbing.in_flow(wake):
+        rows, without, drive = list[Row](), None, self._drive
+        with ExitStack() as flow:
+            if drive is not None:
+                plant = flow.enter_context(driving(wake, drive, config))
+                without = without_control(plant, again, config, total, progress_without)
+            flow.enter_context(disturbing.in_flow(wake))
             ready(total)
             for k in range(total):
                 if k == lead_in:
@@ -137,6 +154,8 @@ class Simulation:
                 start_ns = loop.now_ns
                 requested = disturbing.requests(k >= lead_in, start_ns)
                 disturbing.set_flow(start_ns)
+                if drive is not None:
+                    node.speed = drive.speed(start_ns / 1e9)
                 disturbing.before_period(start_ns, node)
                 row = loop.period(enable_request=requested)
                 rows.append(row)
@@ -158,8 +177,9 @@ class Simulation:
             calibration=self._ecu.ecu.calibration,
             faults=disturbing.injected(),
             fault_seed=self._seed,
+            drive=None if drive is None else drive.name,
         )
-        return RunLog.of(rows, lead_in, loop.totals(), metadata, wake.layout, traffic=wired.traffic())
+        return RunLog.of(rows, lead_in, loop.totals(), metadata, wake.layout, traffic=wired.traffic(), without=without)
 
 
 def simulate(
@@ -176,6 +196,7 @@ def simulate(
     origin: RunOrigin | None = None,
     progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
     ecu: LoopEcu | None = None,
+    drive: Drive | None = None,
 ) -> RunLog:
     """`Simulation` and its `run` in one call.
 
@@ -190,6 +211,7 @@ def simulate(
         disturbances=disturbances,
         seed=seed,
         ecu=ecu,
+        drive=drive,
     )
     return made.run(wake, observer=observer, origin=origin, progress=progress)
 

@@ -104,6 +104,7 @@ class RunMetadata:
         faults: what disturbed it, in the order given; nothing in an ordinary run.
         fault_seed: of what they drew.
         ecu: that ran.
+        drive: name of the drive that the vehicle was on; None for a run at one speed.
     """
 
     controller: str
@@ -124,6 +125,7 @@ class RunMetadata:
     faults: tuple[InjectedFault, ...] = ()
     fault_seed: int = 0
     ecu: RunEcu = RunEcu()
+    drive: str | None = None
 
     @classmethod
     def of(
@@ -141,6 +143,7 @@ class RunMetadata:
         faults: tuple[InjectedFault, ...] = (),
         fault_seed: int = 0,
         ecu: RunEcu | None = None,
+        drive: str | None = None,
     ) -> "RunMetadata":
         """Metadata of a run in this process; arguments as the attributes.
 
@@ -172,6 +175,7 @@ class RunMetadata:
             faults=faults,
             fault_seed=fault_seed,
             ecu=RunEcu() if ecu is None else ecu,
+            drive=drive,
         )
 
     @property

@@ -3,6 +3,7 @@
 from typing import Final
 
 from firmware_sim.runs.control import control, held_while_averaged, set_aside, trouble
+from firmware_sim.runs.drive_totals import DriveTotals, drive_totals
 from firmware_sim.runs.metadata import RunMetadata
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.statistics import (
@@ -38,6 +39,8 @@ uses half of it."""
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:
     """(quantity, uncontrolled, controlled), formatted; one row with the reason where there are no averages."""
+    if (drive := drive_totals(log)) is not None:
+        return _drive_rows(drive)
     means = averages(log)
     if isinstance(means, NoAverages):
         return [(means.why, "", "")]
@@ -45,6 +48,22 @@ def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:
     return [
         (label.format(probe=probe), f"{getattr(means.before, name):{style}}", f"{getattr(means.under, name):{style}}")
         for label, name, style in _DRAG_ROWS
+    ]
+
+
+def _drive_rows(drive: DriveTotals) -> list[tuple[str, str, str]]:
+    way = f"{drive.distance_m / 1e3:.3f} km at {drive.mean_speed_m_per_s:.2f} m/s"
+    return [
+        (f"drive {drive.name}", way, f"{way}, in control {drive.in_control_percent:.1f} %"),
+        ("energy against wall drag / (kJ/km m)", f"{drive.drag_kJ_per_km_without:.1f}", f"{drive.drag_kJ_per_km:.1f}"),
+        ("energy of the jets / (kJ/km m)", "0.0", f"{drive.jets_kJ_per_km:.1f}"),
+        (
+            "net: wall, slots, jet momentum and jets / (kJ/km m)",
+            f"{drive.net_kJ_per_km_without:.1f}",
+            f"{drive.net_kJ_per_km:.1f}",
+        ),
+        ("less wall drag / less net, %", "", f"{drive.reduction_percent:.2f} / {drive.net_reduction_percent:.2f}"),
+        ("mean |Cl|, present speed", f"{drive.abs_Cl_without:.3f}", f"{drive.abs_Cl:.3f}"),
     ]
 
 
@@ -77,6 +96,15 @@ def headline(log: RunLog) -> str:
     """What came of the run: what went wrong comes first, and a reduction is claimed only where it counts."""
     warning, means = trouble(log), averages(log)
     text = means.why if isinstance(means, NoAverages) else _judged(log, means)
+    if (drive := drive_totals(log)) is not None:
+        less, net = (
+            f"{abs(percent):.1f} % {'more' if percent < 0 else 'less'}"
+            for percent in (drive.reduction_percent, drive.net_reduction_percent)
+        )
+        text = (
+            f"Drive {drive.name}: {less} energy against wall drag, {net} with the jets and their price, mean |Cl| "
+            f"{drive.abs_Cl_without:.2f} to {drive.abs_Cl:.2f}."
+        )
     parts = [part for part in (warning, injected(log), _without(log), text, _short(means)) if part is not None]
     return " ".join(parts)
 

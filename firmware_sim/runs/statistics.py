@@ -91,6 +91,8 @@ class Latency:
 
 def averages(log: RunLog) -> Averages | NoAverages:
     """The averages of a run: before control was requested, and from its settling time after that to the end."""
+    if log.metadata.drive is not None:
+        return NoAverages("The speed is the drive's: its energy counts.")
     if not log.metadata.averages:
         return NoAverages("No averages were asked for.")
     t, enabled = log.series["t"], log.enabled_at

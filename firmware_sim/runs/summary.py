@@ -5,6 +5,7 @@ from typing import Any
 
 from contract.config import loading
 from firmware_sim.runs.control import control, held_while_averaged, set_aside, trouble
+from firmware_sim.runs.drive_totals import drive_totals
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.run_tables import headline
 from firmware_sim.runs.statistics import NoAverages, averages, latency, sample_to_jets_ms
@@ -15,7 +16,7 @@ def summary(log: RunLog) -> dict[str, Any]:
 
     `reduction_percent` is null unless the controller was in control for all of the averaged time.
     """
-    metadata, held = log.metadata, control(log)
+    metadata, held, drive = log.metadata, control(log), drive_totals(log)
     return {
         "headline": headline(log),
         "trouble": trouble(log),
@@ -26,6 +27,7 @@ def summary(log: RunLog) -> dict[str, Any]:
         "periods_in_control": held.in_control,
         "periods_warm_up": held.warm_up,
         **_averaged(log),
+        "drive": None if drive is None else drive.rounded(),
         **_timed(log),
         "counters": _counters(log),
         "bus": _bus(log),

@@ -62,7 +62,9 @@ def run(
     ] = PYTHON,
     clock_mhz: Annotated[float, typer.Option(help="Clock of the emulated core, MHz.")] = 480.0,
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.", min=0.2)] = 25.0,
-    controlled: Annotated[float, typer.Option(help="Time with control, t_c.", min=0.2)] = 100.0,
+    controlled: Annotated[
+        float | None, typer.Option(help="Time with control, t_c; default: 100, or as long as the drive.", min=0.2)
+    ] = None,
     settle: Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.", min=0.0)] = 40.0,
     no_averages: Annotated[
         bool, typer.Option("--no-averages", help="Series only: a run of any length, for a quick check.")
@@ -74,6 +76,12 @@ def run(
     plant: Annotated[str, typer.Option(help="stillwake (own solver) or openfoam (icoFoam; far slower).")] = "stillwake",
     start: Annotated[
         Path | None, typer.Option(help="Flow state to begin from (`develop`); default: the shipped start.")
+    ] = None,
+    drive: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE.csv", help="Drive at speeds that vary: a shipped profile or a file; see above."
+        ),
     ] = None,
     fault: Annotated[
         list[str],
@@ -104,8 +112,12 @@ def run(
 
     --disturb takes the same texts, and what disturbs the run elsewhere: noise:level=0.5 at the transducers,
     reset@5 in the ECU, reynolds=700 in the flow. The kinds are noise, bias, drift, stuck, dead, swap, quantise,
-    wire_errors, reset, clock, no_request, reynolds, gust, operating_point and action_limit; their parameters are in
-    docs/reference/disturbances.md.
+    wire_errors, reset, clock, no_request, reynolds, gust, operating_point, action_limit, stuck_jets, speed_scale,
+    speed_late, speed_frozen, no_speed and density; their parameters are in docs/reference/disturbances.md.
+
+    --drive gives the vehicle speeds that vary, and first drives without control, to compare the energy: steady-60 to
+    steady-140 (percent of operating_point.speed, in tens), steps, ramps, wltc-high, gusty-ramp, or a CSV file with the
+    columns t_s and speed_m_per_s. docs/how-to/drive-at-other-speeds.md has more.
     """
     from can_bridge.wire.messages import Mode
     from firmware_sim.bench.closed_loop import run_closed_loop
@@ -117,6 +129,7 @@ def run(
     from firmware_sim.runs.run_log import Row
     from firmware_sim.runs.run_page.report import write_report
     from firmware_sim.runs.summary import summary
+    from wake.plant.drive import find_drive
     from wake.plants import open_plant
 
     if plant not in ("stillwake", "openfoam"):
@@ -138,6 +151,11 @@ def run(
     loaded = settings("run", config_file, overrides, uses=uses)
     release = open_release(bundle, trust)
     config, calibration = loaded.config, asked_calibration(loaded, release)
+    driven = None if drive is None else find_drive(drive, config.operating_point)
+    if driven is not None:
+        config = replace(config, flow=driven.substeps(config.flow, config.operating_point))
+    if controlled is None:
+        controlled = 100.0 if driven is None else driven.duration_s / config.operating_point.convective_time
     console.print(*describe(release), sep="\n", soft_wrap=True)
     if config.ecu.sensor_check.enabled and release.manifest.sensor_estimator is None:
         console.print("sensor check: off, this bundle has no sensor estimator", soft_wrap=True)
@@ -160,11 +178,15 @@ def run(
 
     def ready(total: int) -> None:
         bar, task = shown()
-        bar.update(task, completed=0, total=total, note=_STARTING, refresh=True)
+        bar.update(task, description="closed loop", completed=0, total=total, note=_STARTING, refresh=True)
 
     def show(row: Row, done: int, total: int) -> None:
         bar, task = shown()
         bar.update(task, completed=done, total=total, note=f"{Mode(row.mode).name} Cd {row.sample.Cd:.3f}")
+
+    def show_without(done: int, total: int) -> None:
+        bar, task = shown()
+        bar.update(task, description="without control", completed=done, total=total, note="")
 
     def show_start(t: float, total: float) -> None:
         bar, task = shown()
@@ -186,7 +208,9 @@ def run(
             lead_in=lead_in,
             controlled=controlled,
             settle=settle,
-            averages=not no_averages,
+            averages=not no_averages and driven is None,
+            drive=driven,
+            progress_without=show_without,
             calibration=calibration,
             origin=RunOrigin.on(
                 date.today(),
@@ -330,7 +354,8 @@ def exit_with(log: "RunLog", required: float | None) -> None:
 
     failed = trouble(log) is not None
     if required is not None:
-        reached = summary(log)["reduction_percent"]
+        figures = summary(log)
+        reached = (figures["drive"] or figures)["reduction_percent"]
         if failed or reached is None or reached < required:
             measured = "no reduction can be claimed" if reached is None else f"it is {reached:.2f} %"
             console.print(f"--require-reduction {required:g}: not reached, {measured}", soft_wrap=True)

@@ -1,0 +1,101 @@
+"""What a drive cost with and without control: energy against drag, and what the jets took of it."""
+
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.ledger import ledger_of
+from firmware_sim.runs.run_log import WITHOUT, RunLog
+from firmware_sim.runs.statistics import planned_steps
+
+_SLOW: Final = 0.1
+"""Of the design speed: below it no side force is counted in units of the present one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveTotals:
+    """Over the drive, from the settling time after the request for control on.
+
+    Energies are in kJ a km of road, for each metre of the vehicle's height: the flow is two-dimensional. The number is
+    also the mean force along the road in N/m.
+
+    Attributes:
+        name: of the drive.
+        mean_speed_m_per_s, distance_m: of what is counted.
+        drag, drag_without: of the wall's force, with and without control.
+        jets: power that the jets hand to the flow; below zero where they take some.
+        net, net_without: of wall, slots and jet momentum together, and the jets' power.
+        reduction_percent, net_reduction_percent: of these two.
+        abs_Cl, abs_Cl_without: mean of |Cl| in units of the present speed's dynamic pressure.
+        in_control_percent: of the periods; the energies are of all.
+    """
+
+    name: str
+    mean_speed_m_per_s: float
+    distance_m: float
+    drag_kJ_per_km: float
+    drag_kJ_per_km_without: float
+    jets_kJ_per_km: float
+    net_kJ_per_km: float
+    net_kJ_per_km_without: float
+    reduction_percent: float
+    net_reduction_percent: float
+    abs_Cl: float
+    abs_Cl_without: float
+    in_control_percent: float
+
+    def rounded(self) -> dict[str, Any]:
+        """Six decimals, by name; null where there is no number."""
+        return {
+            name: value if isinstance(value, str) else round(value, 6) if value == value else None
+            for name, value in asdict(self).items()
+        }
+
+
+def drive_totals(log: RunLog) -> DriveTotals | None:
+    """The totals of a run on a drive; None for any other run, and for one that ends before its settling time."""
+    run, t = log.metadata, log.series["t"]
+    if run.drive is None or log.enabled_at >= len(t):
+        return None
+    # Times are sums of periods: half of one is far more than their rounding.
+    counted = t >= t[log.enabled_at] + run.settle - 0.5 * run.config.flow.control_period
+    if counted.sum() < 2:
+        return None
+    series = {name: values[counted] for name, values in log.series.items()}
+    point, speed, ledger = run.config.operating_point, series["speed"], ledger_of(series)
+    seconds = series["t"] * point.convective_time
+    scale = point.dynamic_pressure * point.width
+
+    def integral(values: Array) -> float:
+        return float(np.trapezoid(values, seconds))
+
+    distance = integral(speed)
+    per_km = 1.0 / distance if distance > 0.0 else np.nan  # N m a metre of road is kJ a km
+    drag, without, net_without = (
+        per_km * integral(scale * force * speed) for force in (ledger.Cd, *(series[name] for name in WITHOUT[:2]))
+    )
+    jets = per_km * integral(scale * point.speed * ledger.jet_power)
+    net = per_km * integral(scale * ledger.Cd_net * speed) + jets
+    ratio = speed / point.speed
+    moving = ratio >= _SLOW
+    Cl, Cl_without = (
+        float(np.mean(np.abs(series[name][moving]) / ratio[moving] ** 2)) if moving.any() else np.nan
+        for name in ("Cl", WITHOUT[2])
+    )
+    return DriveTotals(
+        name=run.drive,
+        mean_speed_m_per_s=distance / float(seconds[-1] - seconds[0]),
+        distance_m=distance,
+        drag_kJ_per_km=drag,
+        drag_kJ_per_km_without=without,
+        jets_kJ_per_km=jets,
+        net_kJ_per_km=net,
+        net_kJ_per_km_without=net_without,
+        reduction_percent=100.0 * (1.0 - drag / without),
+        net_reduction_percent=100.0 * (1.0 - net / net_without),
+        abs_Cl=Cl,
+        abs_Cl_without=Cl_without,
+        in_control_percent=100.0 * float(planned_steps(log)[counted].mean()),
+    )
