@@ -1,33 +1,24 @@
-"""Recorded CAN traffic, whatever wrote it: candump (.log), Vector ASC and BLF, PEAK TRC, and MF4 with asammdf.
+"""Recorded CAN traffic, whatever wrote it: candump (.log), Vector ASC and BLF, PEAK TRC.
 
 python-can reads the files; what it would pass over in silence is an error here: a file that was cut off, and a frame
 with fewer bytes than its length. Times are those of the file: since the epoch, but of an ASC since its beginning.
 """
 
-import gc
-import logging
 import re
 import struct
-import sys
-import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
 import can
 from can.util import dlc2len
 
-from contract.errors import BusError, install
+from contract.errors import BusError
 
-SUFFIXES: Final = (".log", ".asc", ".blf", ".trc", ".mf4")
+SUFFIXES: Final = (".log", ".asc", ".blf", ".trc")
 
 GREATEST_TIME_S: Final = 2**63 / 1e9
 """What 64 bits of nanoseconds hold: 292 years on both sides of the epoch."""
-
-MF4: Final = ".mf4"
-NEEDS_ASAMMDF: Final = f"MF4 needs asammdf: {install('mf4')}"
 
 _BLF_SIZE: Final = struct.Struct("<4s 12x Q")
 """Signature, and the file's size at byte 16: what python-can and Vector's binlog write when they close it."""
@@ -43,12 +34,12 @@ def check_suffix(path: Path) -> None:
     """Refuse what no reader or writer knows by its name.
 
     Raises:
-        BusError: for another ending, or `.mf4` where asammdf is not installed.
+        BusError: for another ending.
     """
     if path.suffix.lower() not in SUFFIXES:
-        raise BusError(f"{path}: a log must end in {', '.join(SUFFIXES)}")
-    if path.suffix.lower() == MF4 and find_spec("asammdf") is None:
-        raise BusError(f"{path}: {NEEDS_ASAMMDF}")
+        raise BusError(
+            f"{path}: a log must end in {', '.join(SUFFIXES)}; `python -m can.logconvert` makes one of another format"
+        )
 
 
 def read_messages(path: Path) -> Iterator[can.Message]:
@@ -63,7 +54,7 @@ def read_messages(path: Path) -> Iterator[can.Message]:
     before: can.Message | None = None
     try:
         cut_off = _is_cut_off(path)
-        with _strict_asammdf() if path.suffix.lower() == MF4 else nullcontext(), can.LogReader(path) as reader:
+        with can.LogReader(path) as reader:
             for number, message in enumerate(reader, 1):
                 if path.suffix.lower() == ".trc" and message.is_fd and message.error_state_indicator:
                     # It takes PEAK's types FE (error state) and BI (with bit-rate switch, too) for each other.
@@ -72,8 +63,6 @@ def read_messages(path: Path) -> Iterator[can.Message]:
                     yield before
                 before = _sound(message, number)
     except Exception as error:
-        if path.suffix.lower() == MF4:
-            _let_go(error)
         raise BusError(f"{path}: cannot be read as a CAN log ({error or type(error).__name__})") from error
     if cut_off:
         # The last frame may be a part of one that was longer.
@@ -101,39 +90,6 @@ def _sound(message: can.Message, number: int) -> can.Message:
     if not message.is_remote_frame and message.dlc != len(message.data):
         raise ValueError(f"frame {number}: {message.dlc} bytes announced, {len(message.data)} there")
     return message
-
-
-@contextmanager
-def _strict_asammdf() -> Iterator[None]:
-    """Make a ValueError of what asammdf would print in many lines, and perhaps pass over."""
-    found = _Found()
-    logger = logging.getLogger("asammdf")
-    before, logger.handlers = logger.handlers, [found]
-    try:
-        yield
-    finally:
-        logger.handlers = before
-    if found.errors:
-        raise ValueError("asammdf finds it damaged")
-
-
-class _Found(logging.Handler):
-    """Counts errors."""
-
-    errors = 0
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.errors += record.levelno >= logging.ERROR
-
-
-def _let_go(error: Exception) -> None:
-    """End what was half made where it failed: asammdf's objects fail once more then, which Python would print."""
-    before, sys.unraisablehook = sys.unraisablehook, lambda unraisable: None
-    try:
-        traceback.clear_frames(error.__traceback__)
-        gc.collect()
-    finally:
-        sys.unraisablehook = before
 
 
 def _is_cut_off(path: Path) -> str:

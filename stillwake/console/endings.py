@@ -21,7 +21,6 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     ),
     "train": ("torch", "shap", "onnx", "safetensors", "h5py", "scipy"),
     "bus": ("serial", "msgpack", "cantools"),
-    "mf4": ("asammdf",),
     "flash": ("udsoncan", "isotp"),
     "mcu": ("ziglang", "unicorn", "capstone", "elftools"),
 }

@@ -155,7 +155,7 @@ def _own_frames(
 
 
 def decode(
-    file: Annotated[Path, typer.Argument(help="Log: .log (candump), .asc, .blf, .trc or .mf4.", show_default=False)],
+    file: Annotated[Path, typer.Argument(help="Log: .log (candump), .asc, .blf or .trc.", show_default=False)],
     dbc: Dbc = None,
     summary: Annotated[bool, typer.Option("--summary", help="The tables at the end alone.")] = False,
     csv_file: Annotated[

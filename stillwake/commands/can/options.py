@@ -39,18 +39,3 @@ def positive(option: str, value: float) -> float:
     if not (isfinite(value) and 0.0 < value <= LONGEST_S):
         raise ConfigError(f"{option} {value:g}: must be a number above 0, up to {LONGEST_S:g}")
     return value
-
-
-def identifiers(option: str, text: str) -> frozenset[int]:
-    """Identifiers in hexadecimal, with commas between them; raises ConfigError by the option's name."""
-    return frozenset(_identifier(option, part.strip()) for part in text.split(","))
-
-
-def _identifier(option: str, text: str) -> int:
-    try:
-        value = int(text, 16)
-    except ValueError:
-        value = -1
-    if not 0 <= value <= 0x1FFFFFFF:
-        raise ConfigError(f"{option} {text}: must be identifiers in hexadecimal, e.g. 120,130")
-    return value

@@ -108,7 +108,7 @@ def import_(
     initial_action, the action before the first row (otherwise 0). Row k has
     what was measured at t_k and the action commanded then.
 
-    A log of the CAN bus (.log, .asc, .blf, .trc, .mf4) has pressures and
+    A log of the CAN bus (.log, .asc, .blf, .trc) has pressures and
     commands of the four sensors in --sensors, in the order of the message;
     its drag and lift come from --forces. Units are those of operating_point in
     --config or --set. docs/how-to/train-from-a-can-log.md has examples.

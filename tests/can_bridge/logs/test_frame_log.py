@@ -25,19 +25,13 @@ def test_candump_text_is_exactly_this(tmp_path):
 
 
 def test_interrupted_recording_leaves_no_file(tmp_path):
-    for ending in (".log", ".asc", ".blf"):
-        with pytest.raises(KeyboardInterrupt), recording(tmp_path / f"frames{ending}") as append:
-            append(FRAMES[0])
-            raise KeyboardInterrupt
-        assert list(tmp_path.iterdir()) == [], ending
+    with pytest.raises(KeyboardInterrupt), recording(tmp_path / "frames.log") as append:
+        append(FRAMES[0])
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
 
 
-def test_places_where_no_log_can_be_are_named(tmp_path):
+def test_a_place_where_no_log_can_be_is_named(tmp_path):
     (tmp_path / "file").write_text("in the way")
-    for name, words in (
-        ("frames.csv", r"frames.csv: name must end in \.log, \.asc, \.blf"),
-        ("frames", "frames: name must end in"),
-        ("file/frames.log", r"file/frames\.log"),
-    ):
-        with refused(StillwakeError, words):
-            record(tmp_path / name, [])
+    with refused(StillwakeError, r"file/frames\.log"):
+        record(tmp_path / "file" / "frames.log", [])

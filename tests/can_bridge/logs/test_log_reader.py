@@ -1,23 +1,19 @@
-"""What is written is read back, by python-can's own readers too; what is damaged is refused by name."""
+"""What python-can writes is read back; what is damaged is refused by name."""
 
-import gc
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import can
 import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
-from can_bridge.logs.frame_log import loss_of, recording_messages
 from can_bridge.logs.log_reader import read_messages
 from contract.errors import BusError
 from tests.can_bridge.can_messages import can_messages
 from tests.examples import examples
 from tests.refused import refused
 
-FORMATS = (".log", ".asc", ".blf", ".trc")
+FORMATS = (".asc", ".blf", ".trc", ".log")
 RESOLUTION_S = 2e-6
 """The text formats write whole microseconds; a double holds times since the epoch to 0.24 us."""
 EPOCH_S = 1_700_000_000
@@ -48,71 +44,51 @@ def identity(message: can.Message) -> tuple[object, ...]:
 
 
 def write(path: Path, log: list[can.Message]) -> None:
-    with recording_messages(path) as append:
+    with can.Logger(path) as writer:
         for message in log:
-            append(message)
+            writer.on_message_received(message)
 
 
-def expected(path: Path, log: list[can.Message]) -> list[can.Message]:
-    """What the format keeps, by what `loss_of` reports."""
+def expected(suffix: str, log: list[can.Message]) -> list[can.Message]:
+    """What python-can's writer keeps: its TRC has classic data frames alone, candump no length of remote frames."""
     kept = []
     for message in log:
-        loss = loss_of(path, message)
-        if loss == "data lengths of remote frames":
+        if message.is_remote_frame and suffix == ".log":
             message.dlc = 0
-        if loss != "error frames":
+        if suffix != ".trc" or not (message.is_error_frame or message.is_remote_frame or message.is_fd):
             kept.append(message)
     return kept
 
 
-HAS_ASAMMDF = find_spec("asammdf") is not None
-MF4 = pytest.param(
-    ".mf4",
-    # asammdf takes a quarter of a second to make and read a file.
-    marks=[pytest.mark.slow, pytest.mark.skipif(not HAS_ASAMMDF, reason="asammdf is not installed")],
-)
-
-
-def in_order(log: list[can.Message], suffix: str) -> list[can.Message]:
-    """Data, remote and error frames are three tables in an MF4: among equal times their order is not kept."""
-    return sorted(log, key=lambda one: (round(one.timestamp * 1e6), repr(identity(one)))) if suffix == ".mf4" else log
-
-
-@pytest.mark.parametrize("suffix", [*FORMATS, MF4])
 @examples(40, suppress_health_check=list(HealthCheck))
 @given(log=logs())
 @pytest.mark.slow
-def test_what_is_written_is_read_back_and_by_python_can_alone_too(tmp_path_factory, suffix, log):
-    path = tmp_path_factory.mktemp("log") / f"frames{suffix}"
-    write(path, log)
-    data = [one for one in log if not (one.is_error_frame or one.is_remote_frame)]
-    kept, got = in_order(expected(path, log), suffix), in_order(list(read_messages(path)), suffix)
-    assert [identity(one) for one in got] == [identity(one) for one in kept]
-    if got:
-        times, wanted = [one.timestamp for one in got], [one.timestamp for one in kept]
-        zero = (times[0], wanted[0]) if suffix == ".asc" else (0.0, 0.0)
-        assert [t - zero[0] for t in times] == pytest.approx([t - zero[1] for t in wanted], abs=RESOLUTION_S, rel=0)
-    if suffix != ".mf4":
-        with can.LogReader(path) as reader:
-            # Its ASC reader takes an FD frame without data for a remote one; its TRC reader leaves an FD frame's length
-            # code in place of the length, and the bytes are right.
-            theirs = [one for one in reader if not one.is_error_frame and (not one.is_remote_frame or one.is_fd)]
-        facts = [
-            [(one.arbitration_id, one.is_extended_id, one.is_fd, bytes(one.data)) for one in frames]
-            for frames in (theirs, data)
-        ]
-        assert facts[0] == facts[1]
+def test_what_python_can_writes_is_read_back(tmp_path_factory, log):
+    for suffix in FORMATS:
+        path = tmp_path_factory.mktemp("log") / f"frames{suffix}"
+        kept = expected(suffix, log)
+        write(path, kept)
+        got = list(read_messages(path))
+        assert [identity(one) for one in got] == [identity(one) for one in kept], suffix
+        if got:
+            times, wanted = [one.timestamp for one in got], [one.timestamp for one in kept]
+            zero = (times[0], wanted[0]) if suffix == ".asc" else (0.0, 0.0)
+            assert [t - zero[0] for t in times] == pytest.approx([t - zero[1] for t in wanted], abs=RESOLUTION_S, rel=0)
 
 
 def test_trc_types_are_those_of_pcan(tmp_path):
-    """PEAK, "PCAN trace file format", version 2.1: FE is the error state alone, BI both flags."""
+    """PEAK, "PCAN trace file format", version 2.1: FE is the error state alone, BI both flags; lengths are codes."""
+    types = ("DT", "FD", "FB", "FE", "BI", "RR")
+    lines = [f"{n:>7} {n:13.3f} {kind} 1 0123 Rx - 9 {'11 ' * 12}".rstrip() for n, kind in enumerate(types[1:5], 2)]
+    lines = ["      1         1.000 DT 1 0123 Rx - 2 11 22", *lines, "      6         6.000 RR 1 0123 Rx - 3"]
+    head = ";$FILEVERSION=2.1\n;$STARTTIME=45000.0\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
     path = tmp_path / "a.trc"
-    flags = [(False, False), (True, False), (False, True), (True, True)]
-    log = [can.Message(is_fd=True, bitrate_switch=brs, error_state_indicator=esi) for brs, esi in flags]
-    write(path, [can.Message(), *log, can.Message(is_remote_frame=True)])
-    lines = [line for line in path.read_text().splitlines() if not line.startswith(";")]
-    assert [line.split()[2] for line in lines] == ["DT", "FD", "FB", "FE", "BI", "RR"]
-    assert str(path) in path.read_text()
+    path.write_text(head + "".join(f"{line}\n" for line in lines))
+    got = list(read_messages(path))
+    flags = [(one.is_fd, one.bitrate_switch, one.error_state_indicator) for one in got[1:5]]
+    assert flags == [(True, False, False), (True, True, False), (True, False, True), (True, True, True)]
+    assert [(one.dlc, len(one.data)) for one in got[:5]] == [(2, 2), *[(12, 12)] * 4]
+    assert [one.is_remote_frame for one in got] == [False] * 5 + [True]
 
 
 def one_log(path: Path) -> None:
@@ -170,42 +146,11 @@ def test_other_files_are_refused_by_name(tmp_path):
     (tmp_path / "folder.log").mkdir()
     (tmp_path / "a.csv").touch()
     for name, words in (
-        ("a.csv", r"a\.csv: a log must end in \.log, \.asc, \.blf, \.trc, \.mf4"),
+        ("a.csv", r"a\.csv: a log must end in \.log, \.asc, \.blf, \.trc; "),
+        ("a.mf4", r"`python -m can\.logconvert` makes one of another format"),
         ("a", "a log must end in"),
         ("missing.blf", "there is no such file"),
         ("folder.log", "is a directory"),
     ):
         with refused(BusError, words):
             list(read_messages(tmp_path / name))
-
-
-def test_mf4_without_asammdf_is_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr("can_bridge.logs.log_reader.find_spec", lambda name: None)
-    (tmp_path / "a.mf4").touch()
-    with pytest.raises(BusError, match=r"a\.mf4: MF4 needs asammdf: pip install '\.\[mf4\]' in a checkout"):
-        list(read_messages(tmp_path / "a.mf4"))
-    with pytest.raises(BusError, match="needs asammdf"), recording_messages(tmp_path / "b.mf4"):
-        pytest.fail("must not get here")
-
-
-@pytest.mark.skipif(not HAS_ASAMMDF, reason="asammdf is not installed")
-def test_a_damaged_mf4_is_one_line(tmp_path, capfd, monkeypatch):
-    """asammdf prints tracebacks of its own, and its half-made object fails again when it is deleted."""
-    path = tmp_path / "a.mf4"
-    frames = [can.Message(timestamp=EPOCH_S + i / 100, arbitration_id=0x120, data=[i] * 8) for i in range(200)]
-    write(path, frames)
-    content = path.read_bytes()
-    failed: list[Any] = []
-    monkeypatch.setattr("sys.unraisablehook", failed.append)
-    block = content.rindex(b"##DZ") + 60
-    for damaged in (
-        content[: len(content) // 2],
-        content[:block] + bytes([content[block] ^ 0x81]) + content[block + 1 :],
-    ):
-        path.write_bytes(damaged)
-        with refused(BusError, r"a\.mf4: cannot be read as a CAN log") as caught:
-            list(read_messages(path))
-        assert "\n" not in str(caught.value)
-        del caught
-        gc.collect()
-        assert (failed, capfd.readouterr()) == ([], ("", ""))

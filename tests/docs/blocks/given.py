@@ -26,7 +26,7 @@ CHECKOUT: Final = ("contract", "firmware_sim", "data", "examples")
 """Folders of the checkout that the pages' commands read."""
 
 _WRITES: Final = re.compile(
-    r"stillwake (?:can keygen|bundle keygen|bundle keylist|can record|dataset import|ecu provision|run|train|record|"
+    r"stillwake (?:can keygen|bundle keygen|bundle keylist|dataset import|ecu provision|run|train|record|"
     r"develop|export \S+|bundle renew \S+) (?P<output>\S+)(?! --show)"
 )
 _SENSORS: Final = "name,x,y,base\nlower_36,6.9125,-0.5,0\nbase_7,7.647,-0.2045,1\nupper_39,7.4634,0.5,0\n"

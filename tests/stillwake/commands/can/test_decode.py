@@ -10,7 +10,6 @@ from typing import Any
 import can
 import pytest
 
-from can_bridge.logs.frame_log import recording_messages
 from tests.stillwake.commands.can.virtual_bus import VIRTUAL, flat, send_when_heard, taken, write
 
 
@@ -28,10 +27,10 @@ def test_decode_and_monitor_check_the_mac_with_a_key_and_report_without_one(
     setting = ("--set", f"bus.key={tmp_path / 'bus.key'}")
     assert cli("can", "send", "PressureSecured", "--count", 3, "--trip", 1, *setting, *VIRTUAL).code == 0
     frames, log = taken(peer), tmp_path / "signed.log"
-    with recording_messages(log) as append:
+    with can.Logger(log) as writer:
         for i, one in enumerate([*frames, frames[0]]):
             one.timestamp = 100.0 + 0.02 * i
-            append(one)
+            writer.on_message_received(one)
     for key, counts, ends, macs in (
         (
             "bus.key",

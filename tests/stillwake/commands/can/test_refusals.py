@@ -32,19 +32,6 @@ MONITOR = {
     "--dbc missing.dbc": "missing.dbc: No such file",
     "--set bus.interface=nonsense": "nonsense",
 }
-RECORD = {
-    "a.csv": "a log must end in .log, .asc, .blf, .trc, .mf4",
-    "good.log": "--overwrite",
-}
-REPLAY = {
-    "empty.log": "empty.log: holds no CAN frame",
-    "back.log": "back.log: time goes back at frame 2 (001), from 2.000000 to 1.000000 s",
-    "cut.blf": "cut.blf: ",
-    "good.log --only zz": "--only zz: must be identifiers in hexadecimal",
-    "good.log --only 7ff": "holds no CAN frame to send among its 4",
-    "good.log --speed 0": "--speed 0: must be a number above 0",
-    "good.log --speed 1e-9": "the replay would take",
-}
 SEND = {
     "Pressure Pressure0=1e9": "must be in -3276.8..3276.7",
     "": "name a message and its values, or give --raw",
@@ -68,12 +55,9 @@ def test_each_is_one_line(all_refused: Callable[..., None], peer: can.BusABC, tm
     write(tmp_path / "cut.blf", 100)
     (tmp_path / "cut.blf").write_bytes((tmp_path / "cut.blf").read_bytes()[:-100])
     (tmp_path / "empty.log").touch()
-    (tmp_path / "back.log").write_text("(2.0) can0 001#\n(1.0) can0 001#\n")
     (tmp_path / "folder").mkdir()
     all_refused("can decode --summary", DECODE)
     all_refused("can load", LOAD)
     all_refused("can monitor", MONITOR)
-    all_refused(("can", "record", *VIRTUAL), RECORD)
-    all_refused(("can", "replay", *VIRTUAL), REPLAY)
     all_refused(("can", "send", *VIRTUAL), SEND)
     assert taken(peer) == []

@@ -2,13 +2,12 @@
 
 import time
 from pathlib import Path
-from typing import Any
 
 import can
+from can.interfaces.virtual import channels
 
 from can_bridge.bus.conversion import to_message
 from can_bridge.e2e.sender import E2eSender
-from can_bridge.logs.frame_log import recording_messages
 from can_bridge.tools.encode import encode
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 
@@ -30,9 +29,9 @@ def write(path: Path, periods: int) -> list[can.Message]:
             frame = senders[name].frame(encode(name, values)[1], now_ns=round((t + at) * 1e9))
             made.append(to_message(frame))
         made.append(can.Message(timestamp=t + 0.012, arbitration_id=0x18FEF100, data=bytes([i % 256] * 8)))
-    with recording_messages(path) as append:
+    with can.Logger(path) as writer:
         for message in made:
-            append(message)
+            writer.on_message_received(message)
     return made
 
 
@@ -50,13 +49,7 @@ def flat(text: str) -> str:
 def send_when_heard(peer: can.BusABC, messages: list[can.Message]) -> None:
     """A virtual bus keeps nothing for those who come later."""
     deadline = time.monotonic() + 30.0
-    while len(_nodes()) < 2 and time.monotonic() < deadline:
+    while len(channels.get("test-can", [])) < 2 and time.monotonic() < deadline:
         time.sleep(0.01)
     for message in messages:
         peer.send(message)
-
-
-def _nodes() -> list[Any]:
-    from can.interfaces.virtual import channels
-
-    return list(channels.get("test-can", []))
