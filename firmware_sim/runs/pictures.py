@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from can_bridge.wire.messages import Mode
 from firmware_sim.runs.control import SKIPPED
-from firmware_sim.runs.run_log import RunLog
+from firmware_sim.runs.run_log import WITHOUT, RunLog
 from firmware_sim.runs.statistics import planned_steps
 from wake.pictures.drawing import BLOWING, SUCKING
 
@@ -55,13 +55,13 @@ def overview_figure(log: RunLog, uncontrolled: bytes, controlled: bytes) -> Figu
 
 
 def series_figure(log: RunLog, width: float = WIDE) -> Figure:
-    """The ECU's mode, drag, lift, base pressure, action and step time over time."""
+    """The ECU's mode, drag, lift, base pressure, action, step time and on a drive the speed over time."""
     s, t = log.series, log.series["t"]
-    budget_ms, settle = log.metadata.budget_ms, log.metadata.settle
+    budget_ms, settle, on_drive = log.metadata.budget_ms, log.metadata.settle, log.metadata.drive is not None
     # Margins are given: matplotlib's own layout may differ in the last pixel from one drawing to the next.
     figure = Figure(figsize=(width, _SERIES_HEIGHT), dpi=110)
     strip, *axes = figure.subplots(
-        6, 1, sharex=True, height_ratios=(0.35, 2, 2, 2, 2, 2),
+        6 + on_drive, 1, sharex=True, height_ratios=(0.35, *(2,) * (5 + on_drive)),
         gridspec_kw={
             "left": 1.0 / width, "right": 1.0 - 0.2 / width, "hspace": 0.17,
             "bottom": 0.6 / _SERIES_HEIGHT, "top": 1.0 - (0.4 if width > 0.5 * WIDE else 0.8) / _SERIES_HEIGHT,
@@ -81,7 +81,11 @@ def series_figure(log: RunLog, width: float = WIDE) -> Figure:
     axes[4].axhline(budget_ms, color="tab:red", linewidth=1.0, linestyle="--")
     axes[4].text(t[0], budget_ms, " budget", color="tab:red", va="top", fontsize=9)
     axes[4].set_ylim(0.0, 1.1 * slowest)
-    labels = ("$C_d$ (wall)", "$C_l$", "base $C_p$", r"action / $U_\infty W$", "control step / ms")
+    labels = ["$C_d$ (wall)", "$C_l$", "base $C_p$", r"action / $U_\infty W$", "control step / ms"]
+    if on_drive:
+        axes[0].plot(t, s[WITHOUT[0]], color="0.6", linewidth=0.9, label="jets shut", zorder=1)
+        axes[5].plot(t, s["speed"], color="tab:green", linewidth=1.1)
+        labels.append("speed / (m/s)")
     for axis, label in zip(axes, labels, strict=True):
         axis.set_ylabel(label)
         axis.grid(alpha=0.25)
@@ -90,7 +94,9 @@ def series_figure(log: RunLog, width: float = WIDE) -> Figure:
             if log.metadata.averages:
                 axis.axvspan(t[log.enabled_at], t[log.enabled_at] + settle, color="0.93", zorder=0)
     # Above the axes: over a short run the key would lie on the curves.
-    axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, fontsize=9, borderaxespad=0.1)
+    axes[0].legend(
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2 + on_drive, frameon=False, fontsize=9, borderaxespad=0.1
+    )
     axes[-1].set_xlabel(r"$t U_\infty / W$")
     figure.align_ylabels(axes)
     return figure

@@ -15,7 +15,7 @@ from firmware_sim.runs.statistics import NoAverages, averages, latency, planned_
 from firmware_sim.runs.wake_stills import WakeStills
 from wake.pictures.drawing import outline
 
-_COLUMNS: Final = ("t", "Cd", "Cl", "base_Cp", "action", "mode", "step_ms")
+_COLUMNS: Final = ("t", "Cd", "Cl", "base_Cp", "action", "mode", "step_ms", "speed")
 _DIGITS: Final = 5
 """Behind the point: finer than any screen shows."""
 _BINS: Final = 60
@@ -35,6 +35,7 @@ def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
         "period": config.flow.control_period,
         "period_s": config.period_ns / 1e9,
         "action_limit": config.flow.action_limit,
+        "drive": log.metadata.drive,
         "requested": log.enabled_at if log.enabled_at < len(log.series["t"]) else None,
         "uncontrolled_Cd": _uncontrolled(log),
         "columns": {column: _numbers(log.series[column]) for column in _COLUMNS},

@@ -21,6 +21,11 @@
     title: 'Lift Cl', x: false, height: 110, snap: 0.5, onPick: pick, series: [{label: '', colour: '--curve'}],
     lines: [{value: 0}],
   });
+  // At one speed there is nothing to be seen.
+  const speed = run.drive === null ? null : new stillwake.Chart(place('speed'), {
+    title: `Speed of the vehicle / (m/s), drive ${run.drive}`, x: false, height: 110, snap: 5, onPick: pick,
+    series: [{label: '', colour: '--second'}],
+  });
   const strip = new stillwake.ModeStrip(place('modes'), {count, spans: run.spans}, (k) => player.go(k));
   const player = new stillwake.Player(place('player'), {
     count,
@@ -32,6 +37,7 @@
       strip.cursor(k);
       curves.cursor(t[k]);
       lift.cursor(t[k]);
+      if (speed) speed.cursor(t[k]);
     },
   });
   const ends = [t[0], t[count - 1] + run.period];
@@ -40,6 +46,10 @@
   curves.window(...ends);
   lift.data([t, run.columns.Cl]);
   lift.window(...ends);
+  if (speed) {
+    speed.data([t, run.columns.speed]);
+    speed.window(...ends);
+  }
   new stillwake.LatencyHistogram(place('latency')).show(run.latency);
   const log = new stillwake.EventLog(place('events'), {kept: run.events.length, onPick: pick});
   log.add(run.events.map(([k, kind, text], n) => ({n, kind, text, t: t[k], time_s: k * run.period_s})));
