@@ -26,6 +26,7 @@ from stillwake.parts.releases import Trust, open_release
 if TYPE_CHECKING:
     from firmware_sim.bench.real_time.pressures import Pressures
     from firmware_sim.bench.real_time.vehicle_counts import Figures
+    from wake.plant.drive import Drive
 
 NO_COMMANDS: Final = 3
 """Exit status of a run in which no usable command came."""
@@ -49,6 +50,12 @@ def vehicle(
     ] = False,
     start: Annotated[
         Path | None, typer.Option(help="With --live: flow state to begin from (`develop`).", metavar="FILE")
+    ] = None,
+    drive: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE.csv", help="With --live: speeds from when control is wanted on, as of `run --drive`."
+        ),
     ] = None,
     slow_down: Annotated[
         float, typer.Option(help="Divide the vehicle's speed: periods take so many times as long.", min=1.0)
@@ -95,8 +102,16 @@ def vehicle(
             raise ConfigError(f"{option} {given}: of a recording; does not go with --live")
     if start is not None and not live:
         raise ConfigError(f"--start {start}: where a live wake begins; needs --live")
+    if drive is not None and not live:
+        raise ConfigError(f"--drive {drive}: a recording has one speed; needs --live")
     if not isfinite(enable_after):
         raise ConfigError(f"--enable-after {enable_after}: must be a number of seconds")
+    driven = None
+    if drive is not None:
+        from wake.plant.drive import find_drive
+
+        driven = find_drive(drive, config.operating_point).after(enable_after)
+        config = replace(config, flow=driven.substeps(config.flow, config.operating_point))
     release = open_release(bundle, trust)
 
     from can_bridge.bus.backends.python_can import PythonCanBus
@@ -110,11 +125,12 @@ def vehicle(
         stage_times=stage_times,
         freshness=freshness,
         wanted=Wanted(priority=priority, processor=processor),
+        drive=driven,
     )
     with ExitStack() as stack:
         bus = stack.enter_context(PythonCanBus.open(config.bus))
         _print_vehicle(config, release)
-        pressures = _live(stack, config, start) if live else _replay(config, dataset, episode, begin)
+        pressures = _live(stack, config, start, driven) if live else _replay(config, dataset, episode, begin)
         check_sensors(release, pressures.layout)
         console.print(pressures.description, soft_wrap=True, highlight=False)
         is_stopped = stack.enter_context(until_stopped())
@@ -212,7 +228,7 @@ def _replay(config: Config, dataset: Path | None, episode: str | None, begin: fl
     return Replay(read(recording() if dataset is None else dataset), episode, round(first))
 
 
-def _live(stack: ExitStack, config: Config, start: Path | None) -> "Pressures":
+def _live(stack: ExitStack, config: Config, start: Path | None, drive: "Drive | None") -> "Pressures":
     from firmware_sim.bench.real_time.live_wake import LiveWake
 
     with progress_bar("t_c") as bar:
@@ -223,7 +239,7 @@ def _live(stack: ExitStack, config: Config, start: Path | None) -> "Pressures":
                 tasks.append(bar.add_task("wake settles on this grid", total=total, note=""))
             bar.update(tasks[0], completed=round(t, 1))
 
-        wake = stack.enter_context(LiveWake(config, start, settling))
+        wake = stack.enter_context(LiveWake(config, start, settling, drive))
     flow = config.flow
     warning = wake.speed.check(config.period_ns / 1e6, refinement=flow.refinement, substeps=flow.substeps)
     console.print(

@@ -8,6 +8,7 @@ and the flow's time falls behind the clock's by a period.
 import multiprocessing
 import signal
 from collections.abc import Callable
+from contextlib import nullcontext
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import TracebackType
@@ -22,6 +23,7 @@ from contract.errors import PlantError, StillwakeError
 from contract.sensor_layout import SensorLayout
 from firmware_sim.bench.real_time.speed import Speed
 from firmware_sim.ecu.real_time.privileges import stay_ordinary
+from wake.plant.drive import Drive
 
 LONGEST_END_S: Final = 5.0
 """What the process is given to end by itself: the longest control period, and Python's own end."""
@@ -34,6 +36,7 @@ class LiveWake:
         config: flow and body.
         start: a state to begin from; the shipped one, moved to the grid in use, without.
         progress: called with (t_c, t_c in all) while the start settles.
+        drive: speeds of the stream from the first period on; the flow's settings have the time steps for them.
 
     Attributes:
         speed: measured before the start.
@@ -47,12 +50,13 @@ class LiveWake:
         config: Config,
         start: Path | None = None,
         progress: Callable[[float, float], None] = lambda t, total: None,
+        drive: Drive | None = None,
     ) -> None:
         self._layout = layout_of(config.body)
         # Not forked: this process has threads, whose locks a fork would keep as they are.
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_run, args=(theirs, config, start), name="live-wake", daemon=True)
+        self._process = context.Process(target=_run, args=(theirs, config, start, drive), name="live-wake", daemon=True)
         self._process.start()
         theirs.close()
         try:
@@ -122,12 +126,13 @@ class LiveWake:
             self._process.join()
 
 
-def _run(pipe: Connection, config: Config, start: Path | None) -> None:
+def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | None) -> None:
     """The process: settle, then a control period for every action that comes."""
     # A stop may go to all processes of a terminal or a service; the vehicle ends this one after its farewell.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     stay_ordinary()
+    from firmware_sim.bench.driven import driving
     from firmware_sim.bench.real_time.speed import measured
     from wake.plants import open_plant
     from wake.truck.truck_wake import TruckWake
@@ -139,10 +144,12 @@ def _run(pipe: Connection, config: Config, start: Path | None) -> None:
         with open_plant("stillwake", Path(), config, progress=lambda *at: send("settling", *at), start=start) as wake:
             assert isinstance(wake, TruckWake)
             wake.advance(0.0)
-            send("ready", Speed.of(measured(wake)), wake.description, wake.sample().Cp)
-            while True:
-                sample = wake.advance(pipe.recv())
-                send("sample", sample.Cp)
+            speed = Speed.of(measured(wake))
+            with nullcontext() if drive is None else driving(wake, drive, config):
+                send("ready", speed, wake.description, wake.sample().Cp)
+                while True:
+                    sample = wake.advance(pipe.recv())
+                    send("sample", sample.Cp)
     except StillwakeError as error:
         send(error)
     except (EOFError, BrokenPipeError, ConnectionResetError):

@@ -23,6 +23,7 @@ from firmware_sim.ecu.real_time.deadlines import Deadlines
 from firmware_sim.ecu.real_time.inbox import Inbox
 from firmware_sim.ecu.real_time.privileges import Wanted, in_words, taken
 from firmware_sim.ecu.real_time.stage_times import StageTimes, VehicleStage
+from wake.plant.drive import Drive
 
 LEAD_IN_NS: Final = 50_000_000
 """From the loop's making to its first sampling instant."""
@@ -42,6 +43,7 @@ class Course:
         stage_times: file to write them to, at the end.
         freshness: file of the node's power cycles, with `bus.key`.
         wanted: privileges to ask for.
+        drive: speeds from the first period on; the operating point's without one.
     """
 
     periods: int | None = None
@@ -49,6 +51,7 @@ class Course:
     stage_times: Path | None = None
     freshness: Path | None = None
     wanted: Wanted = field(default_factory=Wanted)
+    drive: Drive | None = None
 
 
 def run_vehicle(
@@ -99,6 +102,10 @@ def run_vehicle(
         silence = Silence(messages.command.spec, messages, "ECU", report)
         figures, begun, has_given_up = loop.figures, 0, False
         while not is_stopped() and (course.periods is None or begun < course.periods):
+            if course.drive is not None:
+                # The live wake's time stands still where it is late.
+                driven_s = (begun - figures.unsampled) * config.period_ns / 1e9
+                node.speed = node.stated_speed = course.drive.speed(driven_s)
             loop.period(enable_request=enable_from is not None and begun >= enable_from)
             begun += 1
             if node.has_given_up and not has_given_up:
