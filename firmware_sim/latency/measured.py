@@ -1,7 +1,7 @@
 """One run judged: quantiles of every stage and of the idle loop, misses, and the verdict in a line."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
 from typing import Any, Final, NamedTuple, Self
@@ -146,7 +146,6 @@ class Measured:
 
     def figures(self) -> dict[str, Any]:
         """Flat, for a results file; latencies in ms, None where there are none or one is infinite."""
-        other = self.recorded.cyclictest
         idle = Quantiles.of(self.idle_late)
         return {
             "about": self.about,
@@ -160,7 +159,6 @@ class Measured:
             **self.counts,
             "stages": {stage.value: _ms(quantiles) for stage, quantiles in self.latencies.items()},
             "baseline": _ms(idle) | {"misses": self.idle_misses, "periods": idle.number},
-            "cyclictest": None if other is None else asdict(other),
             "privileges": self.recorded.privileges,
         }
 

@@ -1,4 +1,4 @@
-"""A run's latency for people: rows of its tables, and the report folder's page with its pictures."""
+"""A run's latency for people: rows of its tables, and the report folder's page with its picture."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import isinf
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from firmware_sim.latency.budget import Verdict
-from firmware_sim.latency.histogram_and_timeline import histogram_figure, timeline_figure
+from firmware_sim.latency.histogram import histogram_figure
 from firmware_sim.latency.measured import NEEDED_FOR_P99_9, Measured, Quantiles
 from firmware_sim.latency.stages import Stage
 
@@ -28,12 +28,10 @@ LABELS: Final[Mapping[Stage, str]] = {
 
 
 def stage_rows(run: Measured) -> Iterator[tuple[str, ...]]:
-    """A row for each stage, the idle loop and cyclictest; times in ms."""
+    """A row for each stage, and one for the idle loop; times in ms."""
     for stage, quantiles in run.latencies.items():
         yield (LABELS[stage], *_cells(quantiles), str(run.misses) if stage is Stage.ALL else "")
     yield ("idle loop of the same run", *_cells(Quantiles.of(run.idle_late)), str(run.idle_misses))
-    if (other := run.recorded.cyclictest) is not None:
-        yield (f"cyclictest (mean {other.mean_ms:.2f})", "", "", "", f"{other.max_ms:.2f}", "")
 
 
 def notes(run: Measured) -> Iterator[str]:
@@ -54,7 +52,7 @@ def budget_rows(verdicts: Sequence[Verdict]) -> Iterator[tuple[str, ...]]:
 
 
 def write_report(folder: Path, runs: Sequence[Measured], budgets: Sequence[Sequence[Verdict]]) -> None:
-    """Write page and pictures into a folder that exists.
+    """Write page and picture into a folder that exists.
 
     Args:
         folder: of the report.
@@ -65,10 +63,8 @@ def write_report(folder: Path, runs: Sequence[Measured], budgets: Sequence[Seque
     lines = [f"{run.name}: {run.verdict}\n" for run in runs]
     lines += ["# Latency of the control loop\n", "![how often which latency](histogram.png)\n"]
     for run, verdicts in zip(runs, budgets, strict=True):
-        picture = f"timeline_{run.name}.png"
-        timeline_figure(run).savefig(folder / picture)
         lines += [f"## {run.name}\n", *(f"{note}\n" for note in notes(run)), "Times in ms.\n"]
-        lines += [_table(HEAD, stage_rows(run)), f"![the slowest period]({picture})\n"]
+        lines.append(_table(HEAD, stage_rows(run)))
         if verdicts:
             lines += ["### Budget\n", _table(BUDGET_HEAD, budget_rows(verdicts))]
     (folder / PAGE).write_text("\n".join(lines), encoding="utf-8")

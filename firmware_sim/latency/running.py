@@ -15,8 +15,6 @@ from typing import Final
 
 from contract.errors import BusError, StillwakeError
 from firmware_sim.ecu.real_time.stage_times import EcuStage, VehicleStage, load
-from firmware_sim.latency import cyclictest
-from firmware_sim.latency.cyclictest import Cyclictest
 from firmware_sim.latency.idle_loop import IdleStage
 from firmware_sim.latency.stages import Times
 
@@ -40,7 +38,6 @@ class Recorded:
 
     Attributes:
         vehicle, ecu, idle: rows of `VehicleStage`, `EcuStage` and `IdleStage`.
-        cyclictest: None where it is not installed, or could not run.
         privileges: what the idle loop was granted, in words.
         fault: the line of the ECU's log that names its last fault.
     """
@@ -48,7 +45,6 @@ class Recorded:
     vehicle: Times
     ecu: Times
     idle: Times
-    cyclictest: Cyclictest | None
     privileges: str
     fault: str
 
@@ -93,18 +89,13 @@ def recorded(
         length = str(longest_run(periods, period_ns))
         baseline = [sys.executable, "-m", "firmware_sim.latency.idle_loop", str(tables[IDLE]), str(period_ns), length]
         idle = stack.enter_context(_Child(IDLE, baseline, folder))
-        other = cyclictest.started(period_ns)
-        if other is not None:
-            stack.callback(other.kill)
         _wait(running_vehicle, (running_ecu, idle), periods=periods, period_ns=period_ns, progress=progress)
-        wake_ups = None if other is None else cyclictest.ended(other, END_S)
         for child in (running_ecu, idle):
             child.end()
     return Recorded(
         vehicle=load(tables[VEHICLE], VehicleStage),
         ecu=load(tables[ECU], EcuStage),
         idle=load(tables[IDLE], IdleStage),
-        cyclictest=wake_ups,
         privileges=idle.last_line,
         fault=running_ecu.last_line_with("FAULT") or "its log names no fault",
     )

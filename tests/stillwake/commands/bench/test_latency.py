@@ -71,7 +71,7 @@ def test_a_short_run_on_a_real_bus(cli, tmp_path, short_release):
     assert 0.0 < onnx["baseline"]["p50_ms"] < onnx["stages"]["all"]["p50_ms"]
     assert onnx["baseline"]["periods"] >= 100
     kept = {path.name for path in (tmp_path / "report").iterdir()}
-    assert kept == {"report.md", "histogram.png", "timeline_onnx.png", "onnx", "settings.toml"}
+    assert kept == {"report.md", "histogram.png", "onnx", "settings.toml"}
 
 
 @pytest.mark.processes
