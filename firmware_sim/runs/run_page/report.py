@@ -7,7 +7,7 @@ from contract.atomic import replacing
 from contract.errors import StillwakeError
 from firmware_sim.runs import pages, run_log, wake_stills
 from firmware_sim.runs.control import trouble
-from firmware_sim.runs.pictures import NARROW, latency_figure, overview_figure, series_figure
+from firmware_sim.runs.pictures import overview_figure
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.run_page.inlined import as_json, inlined
@@ -64,9 +64,6 @@ def write_report(folder: RunFolder, target: Path | None = None) -> Path:
         service_rows=service_rows(log),
         bus_heads=HEADS,
         bus_rows=messages,
-        series_picture=pages.data_uri(pages.png_of(series_figure(log))),
-        narrow_series_picture=pages.data_uri(pages.png_of(series_figure(log, NARROW))),
-        latency_picture=pages.data_uri(pages.png_of(latency_figure(log))),
         uncontrolled_picture=pages.data_uri(run.uncontrolled),
         controlled_picture=pages.data_uri(run.controlled),
         settings=settings_lines(log.metadata),

@@ -9,7 +9,7 @@ import pytest
 
 from can_bridge.wire.messages import Mode
 from contract.arrays import Array
-from firmware_sim.runs import pages, run_log, wake_stills
+from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.metadata import InjectedFault
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import WALL
@@ -18,7 +18,7 @@ from firmware_sim.runs.run_page.report import write_report
 from firmware_sim.runs.wake_stills import Scene, WakeRecorder, WakeStills
 from tests.browser import PHONE, Visit, chromium, visit
 from tests.firmware_sim.runs.conftest import shedding_log
-from tests.firmware_sim.runs.run_page.test_report import ONE_PIXEL, written
+from tests.firmware_sim.runs.run_page.test_report import written
 
 pytestmark = pytest.mark.browser
 
@@ -33,14 +33,6 @@ def recorded(times: Array) -> WakeStills:
         levels[:, 2 * k : 2 * k + 16] = 120
         recorder.record(k, float(t), levels.copy)
     return recorder.recorded()
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _figures_without_their_drawing() -> Iterator[None]:
-    """Which is most of a page's time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pages, "png_of", lambda figure: ONE_PIXEL)
-        yield
 
 
 @pytest.fixture(scope="module")
@@ -172,11 +164,17 @@ def test_pages_open_without_a_fault_for_all_readers(browser, runs, comparison, l
         seen.page.context.close()
 
 
-def test_without_scripts_the_pictures_are_there(browser, runs):
+def test_without_scripts_and_on_paper_the_pictures_are_there(browser, runs):
     context = browser.new_context(java_script_enabled=False)
     page = context.new_page()
     page.goto(runs[0].report.as_uri())
     assert page.get_by_alt_text("vorticity under control").is_visible()
-    assert page.locator("picture img").is_visible()
+    assert page.locator("noscript p").is_visible()
     assert not page.locator("#player").is_visible()
     context.close()
+    url = runs[0].report.as_uri()
+    paper = visit(browser, url, home=url)
+    paper.page.emulate_media(media="print")
+    assert paper.page.get_by_alt_text("vorticity under control").is_visible()
+    assert paper.page.locator("#curves canvas").first.is_visible()
+    assert not paper.page.locator("#player").is_visible()
