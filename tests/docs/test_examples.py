@@ -4,11 +4,13 @@ import re
 from pathlib import Path
 from typing import Any
 
+import can
 import numpy as np
 
 from can_bridge.secoc.key import write_key
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
+from contract.recording.importing.forces import read_forces
 from contract.release import bundle
 from contract.shipped import BUNDLE
 
@@ -59,6 +61,25 @@ def test_the_conversion_of_a_rig_s_numbers_gives_coefficients(tmp_path, monkeypa
     # 5 ms is the time W / U_inf, so 1 ms, three samples, is a period of 0.2.
     np.testing.assert_allclose(np.diff(made["t"]), 0.2, rtol=1e-6)
     np.testing.assert_allclose([made[name][7] for name in ("action", "Cd", "Cl", "p3")], [0.05, 1.0, -0.5, -0.5])
+
+
+def test_forces_on_the_bus_become_a_table_on_the_log_s_clock(tmp_path, monkeypatch):
+    (code,) = python_blocks("docs/how-to/train-from-a-can-log.md")
+    monkeypatch.chdir(tmp_path)
+    signals = '\n SG_ Drag : 0|16@1- (0.001,0) [0|0] "" X\n SG_ Side : 16|16@1- (0.001,0) [0|0] "" X\n'
+    Path("balance.dbc").write_text(f'VERSION ""\nBU_: X\nBO_ 416 Balance: 4 X{signals}', encoding="utf-8")
+    with can.Logger("monday.blf") as log:
+        for k in range(3):
+            data = (1000 + k).to_bytes(2, "little") + (65536 - 500).to_bytes(2, "little")
+            log.on_message_received(
+                can.Message(timestamp=1.7e9 + k, arbitration_id=0x1A0, is_extended_id=False, data=data)
+            )
+            log.on_message_received(can.Message(timestamp=1.7e9 + k, arbitration_id=0x120, is_fd=True))
+    exec(compile(code, "page", "exec"), {})
+    table = read_forces(tmp_path / "monday.csv", {})
+    for name, values in (("Cd", [1.0, 1.001, 1.002]), ("Cl", [-0.5] * 3)):
+        np.testing.assert_allclose(table.forces[name].t, [1.7e9, 1.7e9 + 1, 1.7e9 + 2])
+        np.testing.assert_allclose(table.forces[name].values, values)
 
 
 def test_a_node_in_real_time_counts_its_power_cycles(tmp_path, monkeypatch):

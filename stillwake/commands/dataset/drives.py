@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from contract.config.loading import Loaded
-from contract.errors import ConfigError, DatasetError
+from contract.errors import DatasetError
 from contract.recording.facts import PlantFacts
 from contract.sensor_layout import SensorLayout
 
@@ -38,7 +38,6 @@ class DriveOptions:
     Attributes:
         fill, split: see `can_bridge.drives.log_to_series.series_of`.
         forces: FILE for every log, or LOG=FILE for one.
-        dbc: of forces that are a log.
         names: of t, Cd and Cl in the forces' files.
         clock: of the forces' times; None where the file has it.
         shift_s: seconds to add to the forces' times.
@@ -47,7 +46,6 @@ class DriveOptions:
     fill: int
     split: bool
     forces: Sequence[str]
-    dbc: Path | None
     names: Mapping[str, str]
     clock: "ForcesClock | None"
     shift_s: float
@@ -55,7 +53,7 @@ class DriveOptions:
     @property
     def given(self) -> bool:
         """Whether any of them was."""
-        return bool(self.split or self.forces or self.dbc or self.names or self.clock or self.shift_s)
+        return bool(self.split or self.forces or self.names or self.clock or self.shift_s)
 
 
 def is_log(path: Path) -> bool:
@@ -89,7 +87,7 @@ def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
             if not general:
                 raise DatasetError(
                     f"{log}: a log has no drag and lift, and training needs them: give them with --forces, as a table "
-                    f"with t, Cd and Cl, or as a log with --forces-dbc and --forces-map"
+                    f"with t, Cd and Cl"
                 )
             forces_of_logs[log] = general[0]
     return forces_of_logs
@@ -161,7 +159,7 @@ def read_drive(
         only=_asked_set(loaded),
         verify=_verifier(loaded),
     )
-    forces_found = _forces(forces, series, scales, options, loaded.config.operating_point.convective_time, progress)
+    forces_found = _forces(forces, series, scales, options, loaded.config.operating_point.convective_time)
     # As a table of one's own with times has it; and a gap of `fill` rows, with as much room for jitter.
     slack_s = STEP_TOLERANCE * series.period_s
     longest_s = (options.fill + 1.5) * series.period_s
@@ -259,49 +257,23 @@ def _verifier(loaded: Loaded) -> "Verify | None":
 
 
 def _forces(
-    path: Path,
-    series: "LogSeries",
-    scales: "Scales",
-    options: DriveOptions,
-    convective_time: float,
-    progress: Callable[[str], None],
+    path: Path, series: "LogSeries", scales: "Scales", options: DriveOptions, convective_time: float
 ) -> "dict[str, TimeSeries]":
     """Cd and Cl with times on the log's clock."""
-    from contract.recording.importing.forces import FORCES, TimeSeries, read_forces
+    from contract.recording.importing.forces import read_forces
 
     # The sender's own seconds, seen on the log's clock, are as much longer as its periods are.
     pace = series.period_s / scales.period_s
-    if not is_log(path):
-        table = read_forces(path, options.names)
-        clock = options.clock or table.clock
-        if clock is None:
-            raise DatasetError(
-                f"{path}: give with --forces-clock what its times are: log (s on the log's clock), start (s since the "
-                f"log's first pressure) or t_c (W / U_inf since then)"
-            )
-        scale = {"log": 1.0, "start": 1.0, "t_c": convective_time * pace}[clock]
-        origin = (0.0 if clock == "log" else series.start_s) + options.shift_s
-        return {name: one.shifted(scale=scale, origin=origin) for name, one in table.forces.items()}
-    from can_bridge.drives.log_signals import signals_of
-    from can_bridge.logs.log_reader import read_messages
-
-    if options.dbc is None:
-        raise DatasetError(f"{path}: forces in a log need --forces-dbc FILE, which describes their messages")
-    if options.clock == "t_c":
-        raise ConfigError(f"--forces-clock t_c: {path} is a log, and has its times in s: log or start")
-    for name in FORCES:
-        if name not in options.names:
-            raise DatasetError(f"{path}: name the signal with --forces-map {name}=MESSAGE.SIGNAL")
-    wanted = {name: options.names[name] for name in FORCES}
-    signals, first_s = signals_of(path, _counted(path, read_messages(path), progress), options.dbc, wanted)
-    origin = options.shift_s + (series.start_s - first_s if options.clock == "start" else 0.0)
-    found = {}
-    for name, signal in signals.items():
-        # Of frames that were stamped with one time, one.
-        time_s, place = np.unique(signal.time_s, return_index=True)
-        values = signal.values[place]
-        found[name] = TimeSeries(path=path, name=wanted[name], t=time_s + origin, values=values)
-    return found
+    table = read_forces(path, options.names)
+    clock = options.clock or table.clock
+    if clock is None:
+        raise DatasetError(
+            f"{path}: give with --forces-clock what its times are: log (s on the log's clock), start (s since the "
+            f"log's first pressure) or t_c (W / U_inf since then)"
+        )
+    scale = {"log": 1.0, "start": 1.0, "t_c": convective_time * pace}[clock]
+    origin = (0.0 if clock == "log" else series.start_s) + options.shift_s
+    return {name: one.shifted(scale=scale, origin=origin) for name, one in table.forces.items()}
 
 
 def _counted(path: Path, messages: "Iterable[can.Message]", progress: Callable[[str], None]) -> "Iterator[can.Message]":

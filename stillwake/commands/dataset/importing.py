@@ -55,7 +55,7 @@ def import_(
     forces: Annotated[
         list[str],
         typer.Option(
-            help="Cd and Cl of CAN logs: a table with t, Cd and Cl, or a log; LOG=FILE for one log (repeatable).",
+            help="Cd and Cl of CAN logs: a table with t, Cd and Cl; LOG=FILE for one log (repeatable).",
             metavar="[LOG=]FILE",
             rich_help_panel=LOGS,
         ),
@@ -64,20 +64,17 @@ def import_(
         ForcesClock | None,
         typer.Option(
             help="Times of --forces: s on the log's clock, s since its first pressure, or t_c since then. "
-            "Not needed where a table calls its column 't [t_c]', or for a log on the same clock.",
+            "Not needed where a table calls its column 't [t_c]'.",
             rich_help_panel=LOGS,
         ),
     ] = None,
     forces_shift: Annotated[
         float, typer.Option(help="Seconds to add to the times of --forces.", rich_help_panel=LOGS)
     ] = 0.0,
-    forces_dbc: Annotated[
-        Path | None, typer.Option(help="DBC of the messages in --forces, if that is a log.", rich_help_panel=LOGS)
-    ] = None,
     forces_map: Annotated[
         list[str],
         typer.Option(
-            help="NAME=COLUMN in a table of forces, NAME=MESSAGE.SIGNAL in a log; NAME is t, Cd or Cl (repeatable).",
+            help="NAME=COLUMN in a table of forces; NAME is t, Cd or Cl (repeatable).",
             rich_help_panel=LOGS,
         ),
     ] = [],  # noqa: B006
@@ -136,7 +133,7 @@ def import_(
             raise DatasetError(
                 f"{log}: given twice; an episode has one role, so cut the log in two if you have no other"
             )
-    for path in (*(path for path, _ in files), sensors, *([] if forces_dbc is None else [forces_dbc])):
+    for path in (*(path for path, _ in files), sensors):
         if output.resolve() == path.resolve():
             raise OutputError(f"{output}: is one of the files to read; give another name")
     check_output(output, overwrite=overwrite)
@@ -145,7 +142,6 @@ def import_(
         fill=fill,
         split=split,
         forces=forces,
-        dbc=forces_dbc,
         names=renamed(forces_map, "--forces-map"),
         clock=forces_clock,
         shift_s=forces_shift,

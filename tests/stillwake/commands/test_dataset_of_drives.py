@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import can
-import cantools
 import numpy as np
 import pytest
 
@@ -140,42 +138,6 @@ def test_every_format_of_logs_gives_the_drive(place: Place) -> None:
             assert (checked.code, unchecked in checked.out) == (0, False), checked.err
 
 
-def test_forces_come_from_a_second_log_with_its_own_dbc(place: Place) -> None:
-    balance: Any = cantools.database.load_string(
-        'VERSION ""\nBU_: Balance\n'
-        'BO_ 416 Drag: 4 Balance\n SG_ Coefficient : 0|32@1- (0.00001,0) [0|0] "" Vector__XXX\n'
-        'BO_ 2147488665 Side: 4 Balance\n SG_ Coefficient : 0|32@1- (0.00001,0) [0|0] "" Vector__XXX\n'
-    )
-    (place.folder / "balance.dbc").write_text(balance.as_dbc_string())
-    # A BLF keeps no time that lies before 1990.
-    start = 1.7e9
-    write(place.folder / "drive.log", log_of(drive("fd", 200, 1), start_s=start))
-    values, messages = forces(200), []
-    for t, cd, cl in zip(values["t"], values["Cd"], values["Cl"], strict=True):
-        for spec, value in zip(balance.messages, (cd, cl), strict=True):
-            messages.append(
-                can.Message(
-                    timestamp=start + 0.1 * t,
-                    arbitration_id=spec.frame_id,
-                    is_extended_id=spec.is_extended_frame,
-                    data=spec.encode({"Coefficient": value}),
-                )
-            )
-    second = write(place.folder / "balance.asc", messages)
-    third = write(place.folder / "balance.blf", messages)
-    words = ("--forces-dbc", place.folder / "balance.dbc", "--forces-map", "Cd=Drag.Coefficient")
-    # An ASC has its times from its own beginning, 0.2 t_c before the first pressure.
-    for given in (
-        ("--forces", third),
-        ("--forces", second, "--forces-clock", "start", "--forces-shift", -0.02),
-    ):
-        outcome = place.call(*words, "--forces-map", "Cl=Side.Coefficient", *given, "--overwrite")
-        assert outcome.code == 0, outcome.err
-        same_forces(place.read.episodes[0])
-    wrong = place.call(*words, "--forces-map", "Cl=Lift.Coefficient", "--forces", third, "--overwrite")
-    assert "no message 'Lift' for Cl; it has Drag, Side" in wrong.err
-
-
 def test_a_gap_makes_two_episodes_by_name_or_is_filled(place: Place) -> None:
     one = drive("fd", 200, 4)
     write(place.folder / "drive.log", [m for i, m in enumerate(log_of(one)) if not 200 <= i < 210])
@@ -223,7 +185,7 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused: Callable[
             "": "a log has no drag and lift, and training needs them: give them with --forces",
             "--forces a.csv --forces b.csv": "--forces b.csv: is the second one; with more than one write LOG=",
             "--forces missing.csv": "missing.csv: no such file",
-            "--forces drive.log": "forces in a log need --forces-dbc FILE",
+            "--forces drive.log": "drive.log: a table of forces must end in",
             "--forces bare.csv": "give with --forces-clock what its times are",
             "--forces forces.csv --forces-clock log": "it must cover them",
             "--forces forces.csv --forces-shift 0.1": "it must cover them; see --forces-clock and --forces-shift",
