@@ -12,6 +12,7 @@ from contract.config.rules import (
     Settings,
     at_least,
     require,
+    within,
 )
 from contract.config.sources import ours, paper
 from contract.config.units import PASSES, STEPS, WINDOWS
@@ -182,9 +183,16 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     """Of the mesh that it is trained on, as `flow.refinement`: a quarter of the default one's cost, and the coarsest on
     which a controller does what it does on the default one."""
     substeps: AtLeastOne[int] = 15
-    """Time steps a control period on that mesh."""
+    """Time steps a control period on that mesh, at the design speed; more at higher ones."""
+    batch: AtLeastOne[int] = 1
+    """Stretches that an update rests on, each of another stream."""
+    slowest: Annotated[float, within(0.1, 1.0, "the design speed belongs to the range")] = 1.0
+    """Speeds at which it is trained, as ratios to the design speed, from here on."""
+    fastest: Annotated[float, within(1.0, 10.0, "the design speed belongs to the range")] = 1.0
+    """To here: speeds are drawn in between, and change within stretches."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require(self.batch <= self.streams, self, "batch", "at most streams")
         require(self.shortest > self.memory, self, "shortest", "more than memory")
         require(self.longest >= self.shortest, self, "longest", "at least shortest")

@@ -1,5 +1,6 @@
 """The command that trains a model's prior through the flow."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from datetime import date
 from functools import partial
@@ -35,6 +36,9 @@ def refine(
         Path | None, typer.Option(help="Developed wake (.npz) on the default mesh. Default: the shipped one.")
     ] = None,
     threads: Threads = 1,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Processes that share the stretches of an update (refine.batch).")
+    ] = 1,
     restart: Annotated[
         bool, typer.Option("--restart", help="Delete the checkpoints of a run that was stopped, and start over.")
     ] = False,
@@ -69,10 +73,13 @@ def refine(
         own = replace(own, mpc=mpc)
     config = settings("refine", config_file, overrides, uses=USES, base=own).config
 
-    from stillwake.parts.differentiable_wake import differentiable_wake, iterating
+    from stillwake.parts.differentiable_wake import differentiable_wake, iterating, wake_of
+    from train.refinement.stretches import side_by_side
 
     in_the_loop = iterating(folder_read, config) if config.refine.iterations else None
-    with continued(folder), progress_bar("steps", estimate_over=600.0) as bar:
+    names = tuple(name.strip() for name in sensors.split(","))
+    shared = side_by_side(workers, partial(wake_of, config, names)) if workers > 1 else nullcontext()
+    with continued(folder), shared as run, progress_bar("steps", estimate_over=600.0) as bar:
         show = PhaseBars(bar)
         settling = bar.add_task("wake on its mesh", total=1.0, note="")
         refined, periods = refine_model(
@@ -80,7 +87,7 @@ def refine(
             shipped_recording() if dataset is None else dataset,
             config,
             output,
-            sensors=tuple(name.strip() for name in sensors.split(",")),
+            sensors=names,
             flow=partial(
                 differentiable_wake,
                 config,
@@ -88,6 +95,7 @@ def refine(
                 progress=lambda t, total: bar.update(settling, completed=t / total),
             ),
             iterating=in_the_loop,
+            workers=run,
             progress=show,
             resume=not restart,
             threads=threads,

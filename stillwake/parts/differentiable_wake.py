@@ -2,8 +2,11 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import ceil
 from pathlib import Path
 from typing import Final
+
+import numpy as np
 
 from contract.arrays import Array, Index
 from contract.config.body_sensors import layout_of
@@ -30,16 +33,24 @@ class DifferentiableWake:
     """A plant at the beginning of control periods, with the differences of some of its sensors.
 
     Args:
+        plant: the wake.
         columns: (2 p,) of the sensors among the plant's, in pairs.
     """
 
     def __init__(self, plant: TruckWake, columns: Index) -> None:
-        self._plant, self._columns = plant, columns
-        self._tape = Tape(plant, MEMORY_MB)
+        self.plant, self._columns = plant, columns
+        self._tape, self._config = Tape(plant, MEMORY_MB), plant.config
+        self._speeds = np.ones(1)
 
-    def begin(self, state: FlowState) -> Seen:
-        """Go on from there with an empty tape."""
-        self._plant.reset(State(flat=state.flat, substep=0, action=state.action))
+    def begin(self, state: FlowState, speeds: Array) -> Seen:
+        """Go on from there with an empty tape, at speeds (n + 1,) in design speeds; a faster one takes more steps."""
+        plant, config = self.plant, self._config
+        steps = ceil(config.substeps * max(1.0, float(speeds.max())) - 0.3)
+        plant.config = replace(config, substeps=steps)
+        times, faster = config.control_period * np.arange(len(speeds)), speeds - 1.0
+        plant.wind = (lambda t: float(np.interp(t, times, faster))) if faster.any() else None
+        plant.reset(State(flat=state.flat, substep=0, action=state.action))
+        self._speeds = speeds
         self._tape.restart()
         return self._seen()
 
@@ -50,17 +61,20 @@ class DifferentiableWake:
 
     def back(self, weights: Seen) -> float:
         """Go back by a period; the sensitivity to the action commanded in it."""
-        whole = no_weights(len(self._plant.layout))
-        whole.Cp[self._columns] = weights.Cp
-        return self._tape.back(replace(whole, Cd=weights.Cd, Cl=weights.Cl, Uy_probe=weights.Uy))
+        speed = self._speeds[min(len(self._tape), len(self._speeds) - 1)]
+        whole = no_weights(len(self.plant.layout))
+        whole.Cp[self._columns] = weights.Cp / speed**2
+        coefficients = {"Cd": weights.Cd / speed**2, "Cl": weights.Cl / speed**2}
+        return self._tape.back(replace(whole, **coefficients, Uy_probe=weights.Uy / speed))
 
     def state(self) -> FlowState:
         """Where the flow is."""
-        return FlowState(flat=self._plant.flow.flat.copy(), action=self._plant.action)
+        return FlowState(flat=self.plant.flow.flat.copy(), action=self.plant.action)
 
     def _seen(self) -> Seen:
-        sample = self._plant.sample()
-        return Seen(Cp=sample.Cp[self._columns], Cd=sample.Cd, Cl=sample.Cl, Uy=sample.Uy_probe)
+        sample, speed = self.plant.sample(), self._speeds[min(len(self._tape), len(self._speeds) - 1)]
+        q = speed**2
+        return Seen(Cp=sample.Cp[self._columns] / q, Cd=sample.Cd / q, Cl=sample.Cl / q, Uy=sample.Uy_probe / speed)
 
 
 def differentiable_wake(
@@ -75,10 +89,10 @@ def differentiable_wake(
     Raises:
         PlantError: the start is of another body or Reynolds number, or the flow diverges.
     """
-    plant = TruckWake(mesh_of(config).flow, body=config.body)
+    wake = wake_of(config, sensors)
+    plant = wake.plant
     state = developed_state() if start is None else load_state(start)
     moved(state, box_grid(config.body.length), plant, SETTLE_TIME, progress)
-    wake = DifferentiableWake(plant, layout_of(config.body).indices(sensors))
     starts = list[FlowState]()
     reached = 0
     for apart in phases_apart(config.refine.streams, config.flow.control_period):
@@ -87,6 +101,12 @@ def differentiable_wake(
         reached = apart
         starts.append(wake.state())
     return wake, starts
+
+
+def wake_of(config: Config, sensors: Sequence[str]) -> DifferentiableWake:
+    """The plant of a refinement on its mesh, at rest."""
+    plant = TruckWake(mesh_of(config).flow, body=config.body)
+    return DifferentiableWake(plant, layout_of(config.body).indices(sensors))
 
 
 def mesh_of(config: Config) -> Config:

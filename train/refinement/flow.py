@@ -11,10 +11,12 @@ from contract.arrays import Array
 class Seen:
     """What the refinement reads of a sample; with numbers of the same shapes, what a scalar gains by each of them.
 
+    All in units of the present speed.
+
     Attributes:
         Cp: (2 p,) at the sensors, in pairs of mirror images.
         Cd, Cl: of the body.
-        Uy: transverse velocity at the wake probe, in U_inf.
+        Uy: transverse velocity at the wake probe, in the present speed.
     """
 
     Cp: Array
@@ -30,7 +32,10 @@ class Seen:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlowState:
-    """A flow at the beginning of a control period: its numbers in one vector, and the action in force."""
+    """A flow at the beginning of a control period: its numbers in one vector, and the action in force.
+
+    They and actions are in units of the design speed, whatever the present one is.
+    """
 
     flat: Array
     action: float = 0.0
@@ -39,8 +44,12 @@ class FlowState:
 class DifferentiableFlow(Protocol):
     """A plant with a tape (`wake.truck.tape.Tape`), by the few values above."""
 
-    def begin(self, state: FlowState) -> Seen:
-        """Go on from there with an empty tape."""
+    def begin(self, state: FlowState, speeds: Array) -> Seen:
+        """Go on from there with an empty tape.
+
+        Args:
+            speeds: (n + 1,) at the n periods' samples and before, as ratios to the design speed; linear in between.
+        """
         ...
 
     def advance(self, action: float) -> Seen:

@@ -30,6 +30,7 @@ from train.pipeline import deployed, versions
 from train.refinement.feedback import Feedback, scales_of
 from train.refinement.flow import DifferentiableFlow, FlowState, Iterating
 from train.refinement.refine import refine
+from train.refinement.stretches import SideBySide
 from train.samples.rows import prepare
 from train.selection.choice import GIVEN, SensorChoice
 
@@ -46,6 +47,7 @@ def refine_model(
     sensors: Sequence[str],
     flow: Callable[[Sequence[str]], tuple[DifferentiableFlow, Sequence[FlowState]]],
     iterating: Iterating | None = None,
+    workers: SideBySide | None = None,
     progress: Progress = silent,
     resume: bool = True,
     threads: int = 1,
@@ -64,6 +66,7 @@ def refine_model(
         sensors: pairs of mirror images.
         flow: from these sensors to the plant and to developed wakes without jets, one for each stream.
         iterating: the controller's iterations, where they act in the loop of training; of this model with its prior.
+        workers: run the stretches of an update side by side; one after the other without.
         resume: continue an interrupted run; if False, start over.
         threads: of torch.
 
@@ -71,12 +74,14 @@ def refine_model(
         The stored model, and the control periods that the plant was run for.
 
     Raises:
-        ConfigError: the iterations are of a model with other sensors.
+        ConfigError: the iterations are of a model with other sensors, or are to act at other speeds or side by side.
         DatasetError: the recording is another one, or the sensors are no pairs of mirror images.
         PlantError: the flow diverged.
         StillwakeError: a place cannot be written.
     """
     check_pairs(model.layout, sensors)
+    if iterating is not None and (workers or config.refine.slowest < config.refine.fastest):
+        raise ConfigError("refine.iterations = true: at the design speed and with one worker alone")
     if iterating is not None and tuple(sensors) != model.sensors:
         raise ConfigError(
             f"refine.iterations = true: the model's sensors are {', '.join(model.sensors)}; refine it for "
@@ -103,6 +108,7 @@ def refine_model(
             settings.refine,
             np.hypot(deviation[::2], deviation[1::2]),
             seed=settings.train.seed,
+            side_by_side=workers,
             iterating=iterating,
             progress=progress,
             checkpoints=checkpoints,

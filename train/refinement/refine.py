@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from contract.arrays import Array
 from contract.config.learning import RefineConfig
@@ -21,13 +22,16 @@ from train.fitting.progress import Phase, Progress, silent
 from train.fitting.unfinished import Reached
 from train.refinement.feedback import Feedback
 from train.refinement.flow import DifferentiableFlow, FlowState, Iterating
-from train.refinement.windows import Price, Recalled, Stream, differentiate
+from train.refinement.stretches import Done, SideBySide, Task, done
+from train.refinement.windows import Price, Recalled, Stream
 
 LARGEST_GRADIENT: Final = 0.5
 """Norm to which a gradient is cut: single stretches have some that are ten times the others'."""
 MEAN_OVER: Final = 30
 """Updates over which weights are averaged and keep a share of 1 / e."""
 KEEP_EVERY: Final = 5
+SPEED_CHANGE: Final = 0.25
+"""How far towards any other speed a stretch goes, every second time."""
 LAST_ROWS: Final = 20_000
 """Control periods that the predictor of differences is fitted to, the newest."""
 
@@ -67,6 +71,8 @@ class _Training:
                     "flat": torch.from_numpy(one.state.flat),
                     "action": one.state.action,
                     "rows": torch.from_numpy(one.rows),
+                    "speeds": torch.from_numpy(one.speeds),
+                    "speed": one.speed,
                     "committed": one.committed,
                     "stretches": one.stretches,
                     "recalled": None
@@ -92,6 +98,8 @@ class _Training:
             Stream(
                 state=FlowState(flat=one["flat"].numpy(), action=one["action"]),
                 rows=one["rows"].numpy(),
+                speeds=one["speeds"].numpy(),
+                speed=one["speed"],
                 committed=one["committed"],
                 stretches=one["stretches"],
                 recalled=None
@@ -116,6 +124,7 @@ def refine(
     deviations: Array,
     *,
     seed: int,
+    side_by_side: SideBySide | None = None,
     iterating: Iterating | None = None,
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
@@ -126,6 +135,7 @@ def refine(
         make: the feedback as it begins.
         starts: developed wakes without jets, one for each stream.
         deviations: (p,) of the differences in Cp under sensor noise of one global deviation.
+        side_by_side: runs an update's stretches; one after the other on `flow` without.
         iterating: the controller's iterations, where they act in the loop of training.
         seed: of noise and starts. An update draws by its number, so that a resumed training draws the same.
 
@@ -138,12 +148,18 @@ def refine(
         feedback=feedback,
         mean=mean,
         optimiser=torch.optim.Adam(feedback.parameters(), lr=settings.learning_rate),
-        streams=[_begun(start, feedback) for start in starts],
+        streams=[_begun(start, feedback, settings) for start in starts],
     )
     if checkpoints is not None and (tree := checkpoint.load(checkpoints.path(Phase.REFINE), checkpoints.identity)):
         run.take(tree)
+    if side_by_side is None:
+
+        def side_by_side(tasks: Sequence[Task]) -> list[Done]:
+            return [done(task, flow, iterating) for task in tasks]
+
     while run.done < settings.updates:
-        _update(run, flow, iterating, starts, settings, deviations, np.random.default_rng([seed, run.done]), progress)
+        tasks = _tasks(run, starts, settings, deviations, np.random.default_rng([seed, run.done]))
+        _update(run, side_by_side(tasks), settings, progress)
         if checkpoints is not None and (run.done % KEEP_EVERY == 0 or run.done == settings.updates):
             checkpoint.save(checkpoints.path(Phase.REFINE), checkpoints.identity, run.as_tree())
             reached = Reached(phase=Phase.REFINE, step=run.done, total=settings.updates)
@@ -151,41 +167,69 @@ def refine(
     return Refined(feedback=run.mean, stretches=tuple(run.stretches), periods=run.periods)
 
 
-def _update(
-    run: _Training,
-    flow: DifferentiableFlow,
-    iterating: Iterating | None,
-    starts: Sequence[FlowState],
-    settings: RefineConfig,
-    deviations: Array,
-    rng: np.random.Generator,
-    progress: Progress,
-) -> None:
-    number = run.done % len(run.streams)
-    if run.streams[number].stretches >= settings.stretches + 2 * number:
-        run.streams[number] = _begun(starts[int(rng.integers(len(starts)))], run.feedback)
+def _tasks(
+    run: _Training, starts: Sequence[FlowState], settings: RefineConfig, deviations: Array, rng: np.random.Generator
+) -> list[Task]:
+    """The stretches that the next update rests on; streams that are long enough begin again."""
     course = run.done / settings.updates
-    for group in run.optimiser.param_groups:
-        group["lr"] = settings.learning_rate * settings.last_rate**course
     periods = round(settings.shortest + (settings.longest - settings.shortest) * min(1.0, 2.0 * course))
-    # Squares of uniform draws make little noise frequent.
-    noise = settings.sensor_noise * rng.random() ** 2 * deviations * rng.standard_normal((periods, len(deviations)))
-    run.optimiser.zero_grad()
     price = Price(lift=settings.lift_price, motion=settings.motion_price, effort=settings.effort_price)
-    stretch = differentiate(flow, run.feedback, run.streams[number], price, noise, iterating)
-    torch.nn.utils.clip_grad_norm_(run.feedback.parameters(), LARGEST_GRADIENT)
+    tasks = []
+    for place in range(settings.batch):
+        number = (run.done * settings.batch + place) % len(run.streams)
+        if run.streams[number].stretches >= settings.stretches + 2 * number:
+            run.streams[number] = _begun(starts[int(rng.integers(len(starts)))], run.feedback, settings)
+        stream = run.streams[number]
+        # Squares of uniform draws make little noise frequent.
+        noise = settings.sensor_noise * rng.random() ** 2 * deviations * rng.standard_normal((periods, len(deviations)))
+        speed = _next_speed(stream, settings, rng) if settings.slowest < settings.fastest else 1.0
+        tasks.append(
+            Task(
+                number=number,
+                feedback=run.feedback,
+                stream=stream,
+                price=price,
+                noise=noise,
+                speeds=np.linspace(stream.speed, speed, periods + 1),
+            )
+        )
+    return tasks
+
+
+def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator) -> float:
+    """At which a stretch ends: any at first, then mostly about the same."""
+    anywhere = float(rng.uniform(settings.slowest, settings.fastest))
+    share = 1.0 if stream.stretches == 0 else SPEED_CHANGE * float(rng.integers(2))
+    return stream.speed + share * (anywhere - stream.speed)
+
+
+def _update(run: _Training, results: Sequence[Done], settings: RefineConfig, progress: Progress) -> None:
+    for group in run.optimiser.param_groups:
+        group["lr"] = settings.learning_rate * settings.last_rate ** (run.done / settings.updates)
+    cut = [_cut(one.gradients) for one in results]
+    for number, parameter in enumerate(run.feedback.parameters()):
+        parameter.grad = torch.stack([one[number] for one in cut]).mean(dim=0)
     run.optimiser.step()
     run.done += 1
-    run.periods += periods
-    run.stretches.append(stretch.rows)
+    for one in results:
+        run.streams[one.number] = one.stream
+        run.stretches.append(one.stretch.rows)
+        run.periods += one.periods
     while sum(map(len, run.stretches)) > LAST_ROWS:
         run.stretches.pop(0)
     with torch.no_grad():
         share = 1.0 / MEAN_OVER if run.done > MEAN_OVER else 1.0
         for kept, new in zip(run.mean.parameters(), run.feedback.parameters(), strict=True):
             kept.lerp_(new, share)
-    progress(Phase.REFINE, run.done, settings.updates, {"Cd": stretch.Cd, "abs Cl": stretch.abs_Cl})
+    means = {name: float(np.mean([getattr(one.stretch, name) for one in results])) for name in ("Cd", "abs_Cl")}
+    progress(Phase.REFINE, run.done, settings.updates, {"Cd": means["Cd"], "abs Cl": means["abs_Cl"]})
 
 
-def _begun(state: FlowState, feedback: Feedback) -> Stream:
-    return Stream.begun(state, feedback.memory, feedback.columns)
+def _cut(gradients: Sequence[Tensor]) -> list[Tensor]:
+    """A stretch's gradient, no longer than the largest allowed."""
+    norm = float(torch.stack([one.norm() for one in gradients]).norm())
+    return [one * min(1.0, LARGEST_GRADIENT / (norm + 1e-6)) for one in gradients]
+
+
+def _begun(state: FlowState, feedback: Feedback, settings: RefineConfig) -> Stream:
+    return Stream.begun(state, feedback.memory, feedback.columns, settings.slowest)

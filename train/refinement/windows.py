@@ -1,6 +1,8 @@
 """The gradient of a stretch of closed loop, feedback and flow together, and the streams that stretches are cut from."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil, inf
 from typing import Self
 
 import numpy as np
@@ -8,6 +10,7 @@ import torch
 from torch import Tensor
 
 from contract.arrays import Array
+from contract.controller.resampling import places
 from train.refinement.feedback import Feedback
 from train.refinement.flow import DifferentiableFlow, FlowState, Iterating, Iterations, Seen
 
@@ -62,31 +65,41 @@ class Stream:
 
     Attributes:
         state: where it stands.
-        rows: (M, p + 1) as the feedback has read them, oldest first; the present row is still to come.
-        committed: the action of the period that begins.
+        rows: (n, p + 1) of differences and of the action that each period began, oldest first; the present row is still
+            to come. n is the feedback's memory M at the design speed and above, more for slower ones.
+        speeds: (n,) of these rows, in design speeds.
+        speed: at which it stands.
+        committed: the action of the period that begins, in units of the design speed.
         stretches: that it has run.
         recalled: of the controller's iterations; None before the first period, and without them.
     """
 
     state: FlowState
     rows: Array
+    speeds: Array
+    speed: float = 1.0
     committed: float = 0.0
     stretches: int = 0
     recalled: Recalled | None = None
 
     @classmethod
-    def begun(cls, state: FlowState, memory: int, columns: int) -> "Stream":
-        """From a flow without jets."""
-        return cls(state=state, rows=np.zeros((memory, columns)))
+    def begun(cls, state: FlowState, memory: int, columns: int, slowest: float = 1.0) -> "Stream":
+        """From a flow without jets at the design speed; `slowest` is the least speed to come."""
+        rows = ceil(memory / slowest) + (slowest < 1.0)
+        return cls(state=state, rows=np.zeros((rows, columns)), speeds=np.ones(rows))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretch:
-    """What a stretch was: mean coefficients, and its rows (n, p + 1) of true differences and actions."""
+    """What a stretch was: mean coefficients, and its rows (n, p + 1) of true differences and actions as they are read.
+
+    Coefficients and rows are of the present speed.
+    """
 
     Cd: float
     abs_Cl: float
     rows: Array
+    periods: int
 
 
 def differentiate(
@@ -96,6 +109,9 @@ def differentiate(
     price: Price,
     noise: Array,
     iterating: Iterating | None = None,
+    *,
+    speeds: Array | None = None,
+    action_limit: float = inf,
 ) -> Stretch:
     """Add the gradient of the stretch's mean cost to that of the feedback's parameters; the stream goes on.
 
@@ -104,40 +120,76 @@ def differentiate(
     Args:
         noise: (n, p), what is added to the differences that the feedback reads, one row a period.
         iterating: the controller's iterations, which change each command; that change is a number on the way back, as
-            if it did not depend on the weights.
+            if it did not depend on the weights. At the design speed alone.
+        speeds: (n + 1,) at the samples, in design speeds; the design speed without.
+        action_limit: of the jets, whatever the speed is, in units of the design speed.
 
     Raises:
         PlantError: the flow diverged, or the stretch is too long for the tape's memory.
     """
     periods = len(noise)
+    speeds = np.ones(periods + 1) if speeds is None else speeds
     rows: list[Tensor] = list(torch.from_numpy(stream.rows[1:]))
+    past = [*stream.speeds[1:].tolist()]
     leaves, commands, true_rows = list[Tensor](), list[Tensor](), list[list[float]]()
-    seen, actions = [flow.begin(stream.state)], list[float]()
+    seen, actions = [flow.begin(stream.state, speeds)], list[float]()
     iterations = None
     if iterating is not None:
         iterations = iterating.of(feedback.as_prior())
         stream.recalled = stream.recalled or Recalled.begun(iterating, seen[0].Cp)
+    kept = len(stream.rows)
     for k in range(periods):
-        read = seen[-1].differences + noise[k]
-        leaves.append(torch.tensor([*read, stream.committed], dtype=torch.float64, requires_grad=True))
+        speed = float(speeds[k])
+        noted = noise[k] / speed**2
+        leaves.append(
+            torch.tensor([*(seen[-1].differences + noted), stream.committed], dtype=torch.float64, requires_grad=True)
+        )
         true_rows.append([*seen[-1].differences, stream.committed])
         rows.append(leaves[-1])
-        command = feedback(torch.stack(rows[-feedback.memory :]))
+        past.append(speed)
+        command = feedback(read(torch.stack(rows[-kept:]), past[-kept:], feedback.memory)) * speed
         if iterations is not None and stream.recalled is not None:
-            cp = seen[-1].Cp + np.column_stack([0.5 * noise[k], -0.5 * noise[k]]).ravel()
+            cp = seen[-1].Cp + np.column_stack([0.5 * noted, -0.5 * noted]).ravel()
             command = command + stream.recalled.change(iterations, cp, stream.committed, float(command.detach()))
-        commands.append(command)
+        commands.append(command.clamp(-action_limit, action_limit))
         seen.append(flow.advance(stream.committed))
         actions.append(stream.committed)
         stream.committed = float(commands[-1].detach())
-    stream.rows = torch.stack(rows[-feedback.memory :]).detach().numpy()
+    stream.speed = float(speeds[-1])
+    stream.rows, stream.speeds = torch.stack(rows[-kept:]).detach().numpy(), np.array(past[-kept:])
     stream.state, stream.stretches = flow.state(), stream.stretches + 1
     _go_back(flow, seen, actions, leaves, commands, price)
     return Stretch(
         Cd=float(np.mean([one.Cd for one in seen[1:]])),
         abs_Cl=float(np.mean([abs(one.Cl) for one in seen[1:]])),
-        rows=np.array(true_rows),
+        rows=_stretch_read(np.array(true_rows), speeds[:-1]),
+        periods=periods,
     )
+
+
+def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:
+    """(M, p + 1) as the feedback reads them, from rows (n, p + 1) of a stream: at the present speed, as on the vehicle.
+
+    There a row has the action in force at its sample, in units of the speed at that time; the row of the present sample
+    has the one that begins.
+    """
+    where = places(speeds, memory)
+    if where is None:
+        raise ValueError(f"{len(rows)} rows do not reach back over {memory} steps at these speeds")
+    began = rows[:, -1]
+    in_force = torch.cat([began[:1], began[:-1]]) / torch.tensor(speeds, dtype=torch.float64)
+    newer, share = torch.from_numpy(where.newer), torch.from_numpy(where.share)
+    older = (newer - (share > 0.0).long()).clamp(min=0)
+    window = torch.cat([rows[:, :-1], in_force[:, None]], dim=1)
+    window = window[newer] + share[:, None] * (window[older] - window[newer])
+    actions = torch.cat([window[1:, -1], began[-1:] / speeds[-1]])
+    return torch.cat([window[:, :-1], actions[:, None]], dim=1)
+
+
+def _stretch_read(rows: Array, speeds: Array) -> Array:
+    """All rows of a stretch, as far as they go at their speeds."""
+    steps = int(speeds[1:].sum()) + 1
+    return np.asarray(read(torch.from_numpy(rows), speeds.tolist(), steps))
 
 
 def _go_back(

@@ -157,7 +157,10 @@ class Tape:
 
     def _memory(self, steps: int) -> Array:
         """Memory for the flow at each step's start; used again, because the system faults in every new page of it."""
-        return self._spare.pop() if self._spare else np.empty((steps, self._end.size))
+        while self._spare:
+            if len(spare := self._spare.pop()) == steps:
+                return spare
+        return np.empty((steps, self._end.size))
 
     def _make_room(self, flow_mb: float, substeps: int) -> None:
         needed_mb = (1 + substeps) * flow_mb

@@ -13,7 +13,8 @@ ACTIONS = np.array([0.03, -0.02, 0.05, 0.01])
 
 
 @pytest.mark.slow  # numba compiles the adjoint
-def test_slopes_of_all_that_is_seen_are_those_of_differences():
+@pytest.mark.parametrize("speeds", [np.ones(5), np.array([0.8, 0.85, 0.9, 1.0, 1.1])])
+def test_slopes_of_all_that_is_seen_are_those_of_differences(speeds):
     plant = TruckWake(FlowConfig(refinement=0.4, substeps=12))
     plant.advance(0.03)
     wake = DifferentiableWake(plant, plant.layout.indices(SENSORS))
@@ -22,7 +23,7 @@ def test_slopes_of_all_that_is_seen_are_those_of_differences():
 
     def value(actions: np.ndarray) -> float:
         total = 0.0
-        wake.begin(start)
+        wake.begin(start, speeds)
         for action, weight in zip(actions, weights, strict=True):
             seen = wake.advance(float(action))
             total += float(weight.Cp @ seen.Cp)

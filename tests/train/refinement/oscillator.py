@@ -25,7 +25,7 @@ class Oscillator:
         self._tape: list[tuple[Tensor, Tensor, Tensor]] = []
         self._action = 0.0
 
-    def begin(self, state: FlowState) -> Seen:
+    def begin(self, state: FlowState, speeds: np.ndarray | None = None) -> Seen:
         self._x, self._action, self._tape = torch.from_numpy(state.flat.copy()), state.action, []
         self._bar = torch.zeros(2, dtype=torch.float64)
         return self._seen(self._x)

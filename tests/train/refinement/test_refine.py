@@ -1,6 +1,7 @@
 """Training through a flow: its gradient against differences, what it learns, and a stop that costs nothing."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from train.refinement.feedback import Feedback
 from train.refinement.flow import Iterating
 from train.refinement.pipeline import predictor
 from train.refinement.refine import Refined, refine
+from train.refinement.stretches import side_by_side
 from train.refinement.windows import Price, Stream, differentiate
 
 MEMORY, LIMIT = 6, 0.075
@@ -30,22 +32,32 @@ def feedback() -> Feedback:
     return Feedback(MEMORY, 4, (0.3, 0.3, 0.05), LIMIT, 0)
 
 
-def test_the_gradient_is_that_of_flow_and_feedback_together():
+@pytest.mark.parametrize("fastest", [1.0, 1.3])
+def test_the_gradient_is_that_of_flow_and_feedback_together(fastest):
+    """At the design speed, and while the speed rises: the past is then read between its rows."""
+    speeds = np.linspace(1.0, fastest, 10)
     policy, noise = feedback(), 0.01 * np.random.default_rng(0).normal(size=(9, 2))
     torch.nn.init.normal_(policy.output, 0.0, 0.5, generator=torch.Generator().manual_seed(1))
 
     def cost() -> float:
         flow, committed, costs = Oscillator(), 0.0, []
         rows, seen = [np.zeros(3)] * (MEMORY - 1), flow.begin(START)
+        past = [1.0] * (MEMORY - 1)
         for k in range(len(noise)):
-            rows.append(np.append(seen.differences + noise[k], committed))
-            command = float(policy(torch.from_numpy(np.array(rows[-MEMORY:]))))
+            past.append(speeds[k])
+            rows.append(np.append(seen.differences + noise[k] / speeds[k] ** 2, committed))
+            travelled = np.cumsum([0.0, *past[:0:-1]])
+            at = np.array([interpolated(travelled, np.array(rows[::-1]), step) for step in range(MEMORY)])[::-1]
+            in_force = [rows[0][-1], *[row[-1] for row in rows[:-1]]] / np.array(past)
+            acts = [interpolated(travelled, in_force[::-1], step) for step in range(MEMORY)][::-1]
+            at[:, -1] = [*acts[1:], committed / speeds[k]]
+            command = float(policy(torch.from_numpy(at.copy())).detach()) * speeds[k]
             seen, acted, committed = flow.advance(committed), committed, command
             costs.append(seen.Cd + PRICE.lift * seen.Cl**2 + PRICE.motion * seen.Uy**2 + PRICE.effort * acted**2)
         return float(np.mean(costs))
 
-    stretch = differentiate(Oscillator(), policy, Stream.begun(START, MEMORY, 3), PRICE, noise)
-    assert stretch.rows.shape == (9, 3)
+    stretch = differentiate(Oscillator(), policy, Stream.begun(START, MEMORY, 3), PRICE, noise, speeds=speeds)
+    assert stretch.rows.shape == (int(sum(speeds[1:-1])) + 1, 3)
     for weights, index in ((policy.output, (3,)), (policy.first, (2, 1)), (policy.first, (17, 0))):
         assert weights.grad is not None
         costs = []
@@ -56,6 +68,11 @@ def test_the_gradient_is_that_of_flow_and_feedback_together():
         with torch.no_grad():
             weights[index] += 1e-5
         assert float(weights.grad[index]) == pytest.approx((costs[0] - costs[1]) / 2e-5, rel=1e-5)
+
+
+def interpolated(at: np.ndarray, values: np.ndarray, where: float) -> np.ndarray:
+    """Between values (n, ...) at `at` (n,), rising."""
+    return np.array([np.interp(where, at, column) for column in values.reshape(len(at), -1).T]).squeeze()
 
 
 def test_iterations_change_the_command_and_are_given_what_the_vehicle_gives_them():
@@ -118,6 +135,18 @@ def test_it_learns_to_calm_the_oscillator_and_goes_on_after_a_stop(tmp_path):
     for kept, whole in zip(again.feedback.parameters(), done.feedback.parameters(), strict=True):
         np.testing.assert_array_equal(kept.detach().numpy(), whole.detach().numpy())
     assert again.periods == done.periods
+
+
+@pytest.mark.slow  # two processes that load torch
+def test_stretches_side_by_side_are_those_one_after_the_other():
+    settings = replace(SETTINGS, updates=3, batch=2, slowest=0.8, fastest=1.2)
+    given = (feedback, Oscillator(), [START] * 2, settings, np.full(2, 0.1))
+    alone = refine(*given, seed=3)
+    with side_by_side(2, Oscillator) as run:
+        shared = refine(*given, seed=3, side_by_side=run)
+    assert shared.periods == alone.periods == 2 * (12 + 17 + 20)
+    for one, other in zip(shared.feedback.parameters(), alone.feedback.parameters(), strict=True):
+        np.testing.assert_array_equal(one.detach().numpy(), other.detach().numpy())
 
 
 def test_the_predictor_finds_a_linear_system_and_needs_stretches_longer_than_its_memory():

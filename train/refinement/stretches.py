@@ -1,0 +1,87 @@
+"""The stretches that an update rests on, as values: computed in this process, or side by side in others."""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+
+import torch
+from torch import Tensor
+
+from contract.arrays import Array
+from train.refinement.feedback import Feedback
+from train.refinement.flow import DifferentiableFlow, Iterating
+from train.refinement.windows import Price, Stream, Stretch, differentiate
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Task:
+    """A stretch to be run.
+
+    Attributes:
+        number: of its stream.
+        noise, speeds: as `differentiate` takes them.
+    """
+
+    number: int
+    feedback: Feedback
+    stream: Stream
+    price: Price
+    noise: Array
+    speeds: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Done:
+    """A stretch that was run.
+
+    Attributes:
+        stream: as it goes on.
+        gradients: of the feedback's parameters, in their order.
+    """
+
+    number: int
+    stream: Stream
+    stretch: Stretch
+    gradients: tuple[Tensor, ...]
+
+    @property
+    def periods(self) -> int:
+        """That the stream went on."""
+        return self.stretch.periods
+
+
+SideBySide = Callable[[Sequence[Task]], Sequence[Done]]
+
+
+def done(task: Task, flow: DifferentiableFlow, iterating: Iterating | None = None) -> Done:
+    """Run a stretch; raises PlantError as `differentiate` does."""
+    feedback, stream = task.feedback, replace(task.stream)
+    feedback.zero_grad()
+    stretch = differentiate(
+        flow, feedback, stream, task.price, task.noise, iterating, speeds=task.speeds, action_limit=feedback.limit
+    )
+    gradients = tuple(one.grad.clone() for one in feedback.parameters() if one.grad is not None)
+    return Done(number=task.number, stream=stream, stretch=stretch, gradients=gradients)
+
+
+@contextmanager
+def side_by_side(workers: int, flow: Callable[[], DifferentiableFlow]) -> Iterator[SideBySide]:
+    """Processes that each have a plant of their own, made by `flow`."""
+    context = get_context("spawn")
+    with ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(flow,)) as pool:
+        yield lambda tasks: list(pool.map(_run, tasks))
+
+
+_FLOW: list[DifferentiableFlow] = []
+"""Of a worker's process."""
+
+
+def _begin(flow: Callable[[], DifferentiableFlow]) -> None:
+    torch.set_num_threads(1)
+    _FLOW.append(flow())
+
+
+def _run(task: Task) -> Done:
+    return done(task, _FLOW[0])
