@@ -1,0 +1,155 @@
+"""The release at other speeds: steady ones, drives, a speed that lies, other air and another viscosity.
+
+    python -m benchmarks drive [--quick] [--only steady-120] [--json FILE]
+
+Each row is a run of `stillwake run --drive`: 25 t_c of the design speed without control, then the drive, which counts
+from 40 t_c on, beside the same drive with its jets shut. Finished runs are kept, each in a file.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache, partial
+from pathlib import Path
+from statistics import median
+from typing import Annotated, Any, Final, NamedTuple
+
+import typer
+from rich.table import Table
+
+from benchmarks.common.command_line import JsonFile, Parts, console, save, track
+from benchmarks.common.parts import part
+from benchmarks.common.workers import process_pool
+from contract.config.loading import load_config
+from contract.config.tree import Config
+from contract.errors import StillwakeError
+from contract.release import bundle as bundles
+from contract.results import versions
+from contract.shipped import BUNDLE
+from firmware_sim.bench.disturbances import Disturbances
+from firmware_sim.bench.simulation import simulate
+from firmware_sim.bench.spans import Spans
+from firmware_sim.campaign.starts import phases_apart
+from firmware_sim.runs.control import trouble
+from firmware_sim.runs.drive_totals import drive_totals
+from stillwake.parts.differentiable_wake import mesh_of
+from wake.plant.drive import PROFILES, find_drive
+from wake.plants import own_wake
+from wake.truck.state import State
+from wake.truck.truck_wake import TruckWake
+
+LEAD_IN, SETTLE = 25.0, 40.0
+"""t_c of the design speed."""
+
+
+class Case(NamedTuple):
+    """A row: a drive, and what disturbs it."""
+
+    drive: str
+    disturbed: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """As it is chosen, and kept."""
+        return ", ".join((self.drive, *self.disturbed))
+
+
+CASES: Final = (
+    *map(Case, PROFILES),
+    *(Case("ramps", (text,)) for text in ("speed_scale=0.9", "speed_scale=1.1", "speed_late=0.5", "no_speed")),
+    # Frozen in the middle of the first ramp.
+    Case("ramps", ("speed_frozen@10..",)),
+    *(Case("steady-120", (text,)) for text in ("density=1.05", "density:density=1.05,stated=true")),
+    Case("steady-100", ("reynolds=1000",)),
+)
+
+
+def main(
+    json_file: JsonFile = None,
+    parts: Parts = Path("runs/drive"),
+    quick: Annotated[bool, typer.Option("--quick", help="On the mesh of refine.*: a quarter of the time.")] = False,
+    only: Annotated[list[str], typer.Option(help="Name of a row (repeatable); default: all.")] = [],  # noqa: B006
+    phases: Annotated[int, typer.Option(min=1, max=25, help="Starts, of whose figures a row has the median.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, max=16, help="Processes, a run each at a time.")] = 1,
+    bundle: Annotated[Path, typer.Option(help="Another release in place of the shipped one.")] = BUNDLE,
+) -> None:
+    """Run every row from every start and print a table."""
+    if unknown := set(only) - {case.name for case in CASES}:
+        raise StillwakeError(f"--only {min(unknown)}: must be one of {'; '.join(case.name for case in CASES)}")
+    release = bundles.load(bundle)
+    config = mesh_of(load_config()) if quick else load_config()
+    cases = [case for case in CASES if not only or case.name in only]
+    folder = parts / f"{release.digest[:12]}_{config.flow.refinement:g}_{phases}"
+    folder.mkdir(parents=True, exist_ok=True)
+    runs = [(case, phase) for case in cases for phase in range(phases)]
+    with process_pool(workers) as pool:
+        outcomes = list(
+            track(pool.map(partial(_kept, folder, bundle, config, phases), runs), "drive", "runs", len(runs))
+        )
+    rows = [_row(case, outcomes[k * phases : (k + 1) * phases]) for k, case in enumerate(cases)]
+    shown = ("reduction_percent", "net_reduction_percent", "abs_Cl", "abs_Cl_without", "in_control_percent")
+    table = Table("drive", "less drag, %", "net, %", "mean |Cl|", "jets shut", "in control, %")
+    for row in rows:
+        table.add_row(row["name"], *("" if row[name] is None else f"{row[name]:.3g}" for name in shown))
+    console.print(table)
+    facts = {
+        "bundle": release.manifest.name,
+        "digest": release.digest,
+        "mesh": config.flow.refinement,
+        **{"lead_in": LEAD_IN, "settle": SETTLE, "phases": phases},
+        "versions": versions("stillwake", "onnxruntime", "numpy", "numba"),
+    }
+    save(json_file, figures=rows, facts=facts)
+
+
+def _row(case: Case, runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """Medians over the starts; what went wrong in any of them."""
+    medians = {
+        name: None if None in (values := [run[name] for run in runs]) else median(values)
+        for name in runs[0]
+        if name not in ("name", "trouble")
+    }
+    percent = int(case.drive.removeprefix("steady-")) if case.drive.startswith("steady-") else None
+    troubles = [run["trouble"] for run in runs if run["trouble"] is not None]
+    return {
+        "name": case.name,
+        "speed_percent": percent,
+        "disturbed": list(case.disturbed),
+        **medians,
+        "trouble": troubles,
+    }
+
+
+def _kept(folder: Path, bundle: Path, config: Config, phases: int, run: tuple[Case, int]) -> dict[str, Any]:
+    case, phase = run
+    made: dict[str, Any] = part(
+        folder / f"{case.name}_{phase}.json", lambda: outcome(bundle, config, case, phase, phases)
+    )
+    return made
+
+
+def outcome(bundle: Path, config: Config, case: Case, phase: int = 0, phases: int = 1) -> Mapping[str, Any]:
+    """The totals of one run."""
+    release, point = bundles.load(bundle), config.operating_point
+    drive = find_drive(case.drive, point)
+    flow = drive.substeps(config.flow, point)
+    wake = TruckWake(flow, body=config.body)
+    wake.reset(replace(_start(config), substep=0))
+    for _ in range(phases_apart(phases, flow.control_period)[phase]):
+        wake.advance(0.0)
+    spans = Spans(lead_in=LEAD_IN, controlled=drive.duration_s / point.convective_time, settle=SETTLE)
+    log = simulate(
+        release,
+        replace(config, flow=flow, mpc=release.manifest.mpc),
+        spans=spans,
+        wake=wake,
+        disturbances=Disturbances.parse(case.disturbed),
+        drive=drive,
+    )
+    totals = drive_totals(log)
+    assert totals is not None
+    return {**totals.rounded(), "trouble": trouble(log)}
+
+
+@cache
+def _start(config: Config) -> State:
+    return own_wake(config).state()
