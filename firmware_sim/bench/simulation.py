@@ -51,7 +51,7 @@ class Simulation:
         seed: of what they draw.
         ecu: in place of the ECU in Python, which `controller` is for.
         drive: the vehicle's speeds from the request for control on, the first one before; the operating point's without
-            one. There are no averages then, but the drive's totals.
+            one. The drive's totals then stand in place of averages.
 
     Attributes:
         periods: control periods without control, and in all.
@@ -87,8 +87,6 @@ class Simulation:
             self._ecu.ecu.calibrate(calibration)
         self._bundle, self._config, self._spans, self._seed = bundle, config, spans, seed
         self._drive = None if drive is None else drive.after(lead_in * config.period_ns / 1e9)
-        if drive is not None and spans.settle >= (total - lead_in - 1) * config.flow.control_period:
-            raise StillwakeError(f"--settle = {spans.settle:g}: leaves nothing of the drive to be counted")
 
     def _python_ecu(self, bundle: Bundle, controller: RunnableController | None, config: Config) -> LoopEcu:
         controller = OnnxController.of(bundle) if controller is None else controller

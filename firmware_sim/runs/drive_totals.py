@@ -55,14 +55,12 @@ class DriveTotals:
 
 
 def drive_totals(log: RunLog) -> DriveTotals | None:
-    """The totals of a run on a drive; None for any other run, and for one that ends before its settling time."""
+    """The totals of a run on a drive; None for any other run, and for one without averages."""
     run, t = log.metadata, log.series["t"]
-    if run.drive is None or log.enabled_at >= len(t):
+    if run.drive is None or not run.averages or log.enabled_at >= len(t):
         return None
     # Times are sums of periods: half of one is far more than their rounding.
     counted = t >= t[log.enabled_at] + run.settle - 0.5 * run.config.flow.control_period
-    if counted.sum() < 2:
-        return None
     series = {name: values[counted] for name, values in log.series.items()}
     point, speed, ledger = run.config.operating_point, series["speed"], ledger_of(series)
     seconds = series["t"] * point.convective_time

@@ -91,10 +91,10 @@ class Latency:
 
 def averages(log: RunLog) -> Averages | NoAverages:
     """The averages of a run: before control was requested, and from its settling time after that to the end."""
-    if log.metadata.drive is not None:
-        return NoAverages("The speed is the drive's: its energy counts.")
     if not log.metadata.averages:
         return NoAverages("No averages were asked for.")
+    if log.metadata.drive is not None:
+        return NoAverages("The speed is the drive's: its energy counts.")
     t, enabled = log.series["t"], log.enabled_at
     # The sample at which control is requested is still of the wake without it.
     before = slice(0, enabled + 1)

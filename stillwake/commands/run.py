@@ -208,7 +208,7 @@ def run(
             lead_in=lead_in,
             controlled=controlled,
             settle=settle,
-            averages=not no_averages and driven is None,
+            averages=not no_averages,
             drive=driven,
             progress_without=show_without,
             calibration=calibration,

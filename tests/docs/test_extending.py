@@ -103,8 +103,8 @@ def test_every_third_frame_is_lost_at_a_port_and_in_a_run(plant):
     wide = Spans(lead_in=8.0, controlled=28.0, settle=0.0, averages=False)
     log = simulate(load(BUNDLE), config, spans=wide, wake=oscillator, disturbances=made.disturbances)
     (injected,) = log.metadata.faults
-    # From 3 s to 3.6 s there are 30 frames of the vehicle.
-    assert (injected.text, injected.acted) == ("vehicle:every_nth:n=3", 10)
+    # From 3 s to 3.6 s there are 60 frames of the vehicle: pressures and speeds.
+    assert (injected.text, injected.acted) == ("vehicle:every_nth:n=3", 20)
 
 
 def test_clipped_sensors_are_what_the_controller_reads(plant):
