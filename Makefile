@@ -153,7 +153,6 @@ full: test docs
 	$(BIN)/python -m tests.proofs.release --json results/bundle_fuzz.json
 	$(BIN)/python -m benchmarks square --json results/square.json
 	$(BIN)/python -m tests.proofs.bus bus --json results/bus.json
-	$(BIN)/python -m benchmarks two-nodes --json results/two_nodes.json
 	$(BIN)/stillwake run runs/classic --overwrite --set bus.frames=classic --json results/bus_classic.json
 	test -f bus.key || $(BIN)/stillwake can keygen bus.key
 	$(BIN)/stillwake run runs/secured --overwrite --set bus.key=bus.key --json results/bus_secured.json

@@ -58,7 +58,6 @@ MEASUREMENTS: Final = {
     "release-loop": Measurement(
         "release.release_loop", "the shipped release from five phases of the shedding cycle", "minutes"
     ),
-    "two-nodes": Measurement("bus.two_nodes", "two processes on a real bus: frames lost, round trip", "a minute"),
     "ecu-loop": Measurement("ecu.ecu_loop", "the wake driven by each ECU: Python, C, an emulated Cortex-M7", "minutes"),
 }
 PAGES: Final = {

@@ -306,7 +306,7 @@ def write_film(path: Path, log: RunLog, story: Story, width: int = 960) -> int:
 
 def main(
     run: Annotated[Path, typer.Argument(help="Folder written by `stillwake run`.")],
-    output: Annotated[Path, typer.Argument(help="Film to write: .webp or .gif, or .mp4 where ffmpeg is installed.")],
+    output: Annotated[Path, typer.Argument(help="Film to write: .webp or .gif.")],
     begin: Annotated[float | None, typer.Option(help="In t_c; default: 11 before control begins.")] = None,
     end: Annotated[float | None, typer.Option(help="In t_c; default: 50 after control begins.")] = None,
     width: Annotated[int, typer.Option(help="Pixels.", min=400, max=4000)] = 960,

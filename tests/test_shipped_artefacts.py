@@ -17,6 +17,8 @@ from contract.recording import dataset
 from contract.release import bundle, signing
 from contract.runtime.onnx_session import OnnxController
 from contract.sensors import TRUCK
+from wake.truck.state import developed_state
+from wake.truck.truck_wake import TruckWake
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "data" / "stillwake_data"
@@ -45,6 +47,19 @@ def test_the_recording_holds_what_the_documents_say() -> None:
         "extended_chirp": 10000,
     }
     assert rounds == {1: 4400, 2: 4400}
+
+
+@pytest.mark.slow  # the flow is computed
+def test_the_recording_is_what_the_solver_does_from_the_shipped_start() -> None:
+    episode = next(one for one in dataset.read(DATA / "recording.h5").episodes if one.name == "training_1")
+    wake = TruckWake()
+    wake.reset(developed_state())
+    for _ in range(int(episode.provenance.get("lead_steps", 0))):
+        wake.advance(0.0)
+    for k, action in enumerate(episode.series["action"][:4]):
+        # Recorded in 16 bits over +-1. An action a period late or early moves the probe by 1e-3 at once.
+        assert wake.sample().Uy_probe == pytest.approx(episode.series["Uy_probe"][k], abs=1e-4)
+        wake.advance(float(np.clip(action, -0.075, 0.075)))
 
 
 def test_the_release_was_trained_on_the_shipped_recording() -> None:

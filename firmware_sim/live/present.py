@@ -51,7 +51,6 @@ def hello(
         },
         "run": run.number,
         "period_ms": config.period_ns / 1e6,
-        "budget_ms": manifest.budget_ms,
         "convective_time_s": config.operating_point.convective_time,
         "control_period": config.flow.control_period,
         "action_limit": config.flow.action_limit,

@@ -39,7 +39,7 @@ _PACE: Final = 50
 _AT_ONCE: Final = 1000
 """Runs that can be saved in one second."""
 _SELDOM: Final = 5
-"""Periods from one table of the bus, and one histogram, to the next."""
+"""Periods from one table of the bus to the next."""
 
 
 class LiveSession:
@@ -359,7 +359,6 @@ class LiveSession:
                     nodes=run.errors(),
                 )
             )
-            out.append(run.latency.message(run.number))
         if run.picture is not None:
             out.append(pack_field(run.picture))
         return out

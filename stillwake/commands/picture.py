@@ -42,12 +42,6 @@ Amplitude = Annotated[float | None, typer.Option(help="Amplitude of the sine, U_
 Frequency = Annotated[float, typer.Option(help="Frequency of the sine, 1/t_c.")]
 Seed = Annotated[int, typer.Option(help="Seed of the training waveform.", min=0)]
 RunFolder = Annotated[Path | None, typer.Option("--run", help="Folder written by `run`: replay its actions.")]
-DatasetFile = Annotated[
-    Path | None, typer.Option("--dataset", help="Data set: replay the actions of one of its episodes.")
-]
-EpisodeName = Annotated[
-    str | None, typer.Option("--episode", help="Episode of the data set, by its name; default: the first.")
-]
 Duration = Annotated[
     float | None, typer.Option(help="How long to run, in t_c; default: 25, or all of a run folder.", min=0.2)
 ]
@@ -90,8 +84,6 @@ def mean(
     frequency: Frequency = 0.2,
     seed: Seed = 1,
     run: RunFolder = None,
-    dataset: DatasetFile = None,
-    episode: EpisodeName = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
@@ -103,7 +95,7 @@ def mean(
     check_suffix(output)
     check_writable(output)
     config = settings("picture mean", config_file, overrides, uses=MOVING).config
-    actions = _actions(config, duration, forcing, amplitude, frequency, seed, run, dataset, episode)
+    actions = _actions(config, duration, forcing, amplitude, frequency, seed, run)
     skip = steps_of("--settle", settle, config.flow.control_period, least=0)
     if skip >= len(actions):
         raise ConfigError(f"--settle {settle}: must be shorter than the run of {_time(config, len(actions)):g} t_c")
@@ -121,9 +113,7 @@ def mean(
 def animate(
     output: Annotated[
         Path,
-        typer.Argument(
-            help="File to write: .gif or .webp, or .mp4 where ffmpeg is installed; a picture there is replaced."
-        ),
+        typer.Argument(help="File to write: .gif or .webp; a picture there is replaced."),
     ],
     state: StateFile = None,
     duration: Duration = None,
@@ -134,8 +124,6 @@ def animate(
     frequency: Frequency = 0.2,
     seed: Seed = 1,
     run: RunFolder = None,
-    dataset: DatasetFile = None,
-    episode: EpisodeName = None,
     sensors: SensorNames = "",
     every: Annotated[int, typer.Option(help="Control steps between frames.", min=1)] = 1,
     fps: Annotated[int, typer.Option(help="Frames per second.")] = 10,
@@ -152,7 +140,7 @@ def animate(
     check_writable(output)
     config = settings("animate", config_file, overrides, uses=MOVING).config
     left_out = steps_of("--skip", skip, config.flow.control_period, least=0)
-    actions = _actions(config, duration, forcing, amplitude, frequency, seed, run, dataset, episode)
+    actions = _actions(config, duration, forcing, amplitude, frequency, seed, run)
     wake = _start(config, state)
     coloured = _run_sensors(run) if run is not None and not sensors else _names(sensors)
     drawn = WakePicture(wake, field, coloured, width)
@@ -201,24 +189,16 @@ def _actions(
     frequency: float,
     seed: int,
     run: Path | None,
-    dataset: Path | None,
-    episode: str | None,
 ) -> npt.NDArray[np.float64]:
-    """The actions to command in turn, one a control period: from a signal, or from what was recorded."""
-    if (run is not None) + (dataset is not None) + (forcing != "none") > 1:
-        raise ConfigError("--forcing, --run and --dataset exclude each other: give one")
-    if episode is not None and dataset is None:
-        raise ConfigError(f"--episode {episode}: needs --dataset FILE")
+    """The actions to command in turn, one a control period: from a signal, or those of a run."""
+    if run is not None and forcing != "none":
+        raise ConfigError("--forcing and --run exclude each other: give one")
     asked = None if duration is None else steps_of("--duration", duration, config.flow.control_period)
-    usual = round(USUAL_DURATION / config.flow.control_period)
-    if run is not None:
-        recorded = _run_actions(run)
-        steps = len(recorded) if asked is None else asked
-    elif dataset is not None:
-        recorded = _episode_actions(dataset, episode, config.flow.action_limit)
-        steps = min(usual, len(recorded)) if asked is None else asked
-    else:
+    if run is None:
+        usual = round(USUAL_DURATION / config.flow.control_period)
         return _signal(config, usual if asked is None else asked, forcing, amplitude, frequency, seed)
+    recorded = _run_actions(run)
+    steps = len(recorded) if asked is None else asked
     if steps > len(recorded):
         raise ConfigError(f"--duration {duration}: the recording holds {_time(config, len(recorded)):g} t_c")
     return recorded[:steps]
@@ -253,16 +233,3 @@ def _run_sensors(folder: Path) -> tuple[str, ...]:
     from firmware_sim.runs.run_log import load
 
     return load(RunFolder(folder).series).metadata.sensors
-
-
-def _episode_actions(path: Path, name: str | None, limit: float) -> npt.NDArray[np.float64]:
-    from contract.recording.dataset import read
-
-    episodes = {episode.name: episode for episode in read(path).episodes}
-    if name is not None and name not in episodes:
-        raise ConfigError(f"--episode {name}: {path} holds {', '.join(episodes)}")
-    chosen = episodes[name] if name is not None else next(iter(episodes.values()))
-    # An episode may begin some control periods after the start.
-    actions = np.concatenate([np.zeros(int(chosen.provenance.get("lead_steps", 0))), chosen.series["action"]])
-    # One stored in single precision may round the bound itself up.
-    return np.where(np.abs(actions) <= np.float32(limit), np.clip(actions, -limit, limit), actions)

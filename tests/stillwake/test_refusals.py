@@ -123,7 +123,7 @@ BEFORE_THE_WORK = {
     "animate a.gif --skip inf": "--skip inf: must be a number of t_c",
     "animate a.gif --frequency nan": "--frequency nan: must be a positive number",
     "animate a.gif --forcing sine --amplitude nan": "amplitude = nan: must be between",
-    "animate a.png": "a.png: must be a file ending in .gif, .webp or .mp4",
+    "animate a.png": "a.png: must be a file ending in .gif or .webp",
     "picture vorticity a.gif": "a.gif: must be a file ending in .png",
     "picture mean a.png --settle inf": "--settle inf: must be a number of t_c",
     "picture mean a.png --duration 1 --settle 1": "--settle 1.0: must be shorter",

@@ -1,12 +1,11 @@
-"""A run of the wake as a moving picture: GIF and WebP through Pillow, MP4 where ffmpeg is installed."""
+"""A run of the wake as a moving picture: GIF and WebP through Pillow."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.animation import FFMpegWriter
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -21,7 +20,7 @@ Progress = Callable[[int, int], None]
 FASTEST: Final = 50
 """Frames per second: many viewers play a GIF with frames shorter than 20 ms slowly."""
 _GIF_TICK: Final = 10  # ms; the format counts in hundredths of a second
-_SUFFIXES: Final = (".gif", ".webp", ".mp4")
+_SUFFIXES: Final = (".gif", ".webp")
 _WEBP: Final = {"quality": 80, "method": 4, "minimize_size": False, "kmax": 30}
 
 
@@ -61,7 +60,7 @@ def animate(
     """Run the plant from its present state and write what it shows, whole or not at all.
 
     Args:
-        path: ends in .gif, .webp or .mp4.
+        path: ends in .gif or .webp.
         picture: of the same plant.
         wake: the plant, moved to the end of the run.
         actions: commanded in turn, one a control period, (n,); U_inf W.
@@ -75,7 +74,7 @@ def animate(
         The number of frames.
 
     Raises:
-        ConfigError: for another file type, ffmpeg missing, or a run without frames.
+        ConfigError: for another file type, or a run without frames.
         PlantError: for an action beyond the bound, or if the flow diverges.
     """
     check_target(path)
@@ -87,18 +86,13 @@ def animate(
     with replacing(path) as temporary:
         if path.suffix.lower() == ".gif":
             return _write_gif(temporary, picture.palette(), frames, fps, hold)
-        if path.suffix.lower() == ".webp":
-            return _write_webp(temporary, frames, fps, hold)
-        return _write_mp4(temporary, picture, frames, fps, hold)
+        return _write_webp(temporary, frames, fps, hold)
 
 
 def check_target(path: Path) -> None:
     """Raises ConfigError if a moving picture of that name cannot be made."""
-    suffix = path.suffix.lower()
-    if suffix not in _SUFFIXES or path.is_dir():
-        raise ConfigError(f"{path}: must be a file ending in {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}")
-    if suffix == ".mp4" and not FFMpegWriter.isAvailable():
-        raise ConfigError(f"{path}: needs ffmpeg, which is not installed; a name ending in .gif or .webp needs nothing")
+    if path.suffix.lower() not in _SUFFIXES or path.is_dir():
+        raise ConfigError(f"{path}: must be a file ending in {' or '.join(_SUFFIXES)}")
 
 
 def _frames(
@@ -136,19 +130,3 @@ def _write_webp(path: Path, frames: Iterator[Pixels], fps: int, hold: float) -> 
 def _durations(frames: int, each: int, hold: float) -> list[int]:
     """How long each frame stays, in ms."""
     return [each] * (frames - 1) + [each + round(1e3 * hold)]
-
-
-def _write_mp4(path: Path, picture: MovingPicture, frames: Iterator[Pixels], fps: int, hold: float) -> int:
-    # The container is named, because the temporary file's suffix is another; players want even sizes in 4:2:0.
-    options = ["-f", "mp4", "-pix_fmt", "yuv420p", "-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2"]
-    writer: Any = FFMpegWriter(fps=fps, extra_args=options)
-    count = 0
-    # savefig would paint its own background.
-    colour = {"facecolor": picture.figure.get_facecolor()}
-    with writer.saving(picture.figure, str(path), picture.figure.dpi):
-        for _ in frames:
-            writer.grab_frame(**colour)
-            count += 1
-        for _ in range(round(hold * fps)):
-            writer.grab_frame(**colour)
-    return count

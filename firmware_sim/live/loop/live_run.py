@@ -19,7 +19,6 @@ from firmware_sim.live.loop.bus_table import BusTable
 from firmware_sim.live.loop.control_request import ControlRequest
 from firmware_sim.live.loop.drag import DragMeans
 from firmware_sim.live.loop.kept import Counted, KeptPeriod
-from firmware_sim.live.loop.latency_histogram import LatencyHistogram
 from firmware_sim.live.loop.messages import FieldPicture
 from firmware_sim.live.loop.noticing import BOOT, UNPOWERED, Seen
 from firmware_sim.live.loop.scene import Still, scene_of
@@ -66,7 +65,7 @@ class LiveRun:
         disturbances: at work.
         scene: the flow as it is shown.
         before_control: the flow when control was first requested; None before, and without a flow to be shown.
-        drag, latency, bus_table: what a viewer sees of them.
+        drag, bus_table: what a viewer sees of them.
         picture: the flow at the start of the latest period; None without one.
         periods: the latest, oldest first.
         state: of the ECU after the latest period.
@@ -94,8 +93,6 @@ class LiveRun:
         self.request = ControlRequest(lead_in=lead_in, rearm_frames=config.ecu.rearm_frames)
         self.disturbances = SwitchedDisturbances(config, sensors, seed)
         self.drag = DragMeans(config.flow.control_period, kept)
-        self.latency = LatencyHistogram(bundle.manifest.budget_ms, kept)
-        self.latency.start(modelled=ecu.clock_mhz is not None)
         self.bus_table = BusTable(config, message_set(config.bus))
         self.scene = scene_of(wake, kept)
         self.before_control: Still | None = None
@@ -173,7 +170,6 @@ class LiveRun:
         self.disturbances.period_over(k)
         self.disturbances.forget(self.periods[0].k)
         self.bus_table.period_over(self._bus.activity())
-        self.latency.add(row, planned, self._config.vehicle.actuator_delay * self._config.period_ns / 1e6)
         without = self.request.first is None or self.request.first == k
         self.drag.add(row.sample)
         if k % _AVERAGES_EVERY == 0 or self.request.first == k:
@@ -183,8 +179,6 @@ class LiveRun:
     def exchange(self, ecu: LoopEcu, text: str) -> None:
         """Go on with another ECU from the state of the one so far."""
         self._loop.exchange_ecu(ecu.ecu, ecu.step_ns)
-        if ecu.kind != self.ecu.kind or ecu.computed_by != self.ecu.computed_by:
-            self.latency.start(modelled=ecu.clock_mhz is not None)
         self.ecu = ecu
         first = self.periods[0].k if self.periods else 0
         # Of what was before the periods that are kept the last one alone is of use.

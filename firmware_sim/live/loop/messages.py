@@ -3,7 +3,7 @@
 The loop speaks on one channel: JSON messages, each with its `type`, and the flow's picture as bytes (`pack_field`). A
 viewer speaks on a channel of its own, one request a message, and gets one answer to each.
 
-Of `loop`, `hello`, `now`, `bus`, `latency`, `settings` and the picture the latest one is all that a viewer needs; of
+Of `loop`, `hello`, `now`, `bus`, `settings` and the picture the latest one is all that a viewer needs; of
 `periods` and `events` it needs every one. After a `hello`, what came before it is of another run, or comes again.
 A number that is none is null.
 """
@@ -42,7 +42,6 @@ class Hello(TypedDict):
     bundle: dict[str, str]  # name, digest (12 digits), precision, signer or ""
     run: int  # counts the plant's starts; k and t begin again with each
     period_ms: float
-    budget_ms: float
     convective_time_s: float
     control_period: float  # t_c
     action_limit: float  # U_inf W
@@ -138,22 +137,6 @@ class BusNow(TypedDict):
     nodes: list[dict[str, Any]]  # name, state, tx_errors, rx_errors, bus_off, refused
 
 
-class LatencyNow(TypedDict):
-    """Times of the control step, over the latest `kept` periods."""
-
-    type: Literal["latency"]
-    run: int
-    of: str  # "wall clock of the step on this machine" or "modelled cycles of the Cortex-M7"
-    edges: list[float]  # ms, one more than counts
-    counts: list[int]
-    budget_ms: float
-    p50: float | None
-    p99: float | None
-    max: float | None
-    over_budget: int
-    sample_to_jets_ms: float | None  # of the latest command, in virtual time
-
-
 class EventItem(TypedDict):
     """Something that happened, for people."""
 
@@ -188,7 +171,7 @@ class LoopNow(TypedDict):
     text: str  # one line for people: what is waited for, or why it ended; empty while it runs
 
 
-Message = Hello | Periods | Now | BusNow | LatencyNow | Events | SettingsNow | LoopNow
+Message = Hello | Periods | Now | BusNow | Events | SettingsNow | LoopNow
 
 
 Request = dict[str, Any]

@@ -11,14 +11,14 @@ from typing import Any, Final, cast
 from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Events, Hello, Message, Periods
 
 PICTURE: Final = "picture"
-STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus", "latency", PICTURE)
+STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus", PICTURE)
 """In the order in which a viewer gets them: `hello` names the run that the others belong to."""
 MOST_ROWS: Final = 500
 """Periods, or events, in one message: what a viewer that has just come waits for stays small."""
 KEPT_EVENTS: Final = 500
 KEPT_PERIODS: Final = 3000
 """Until a `hello` gives a number."""
-_OF_A_RUN: Final = ("now", "bus", "latency", PICTURE)
+_OF_A_RUN: Final = ("now", "bus", PICTURE)
 
 
 class Hub:

@@ -21,8 +21,8 @@ _STYLES: Final = (
 _WIDGETS: Final = (
     (*_LIVE, "vendor/uPlot.iife.min.js"),
     *((*_LIVE, f"widgets/{name}.js") for name in ("format", "colours", "frames", "wake_view", "chart", "curves")),
-    *((*_LIVE, f"widgets/{name}.js") for name in ("latency_histogram", "event_log")),
-    *((*_OWN, f"{name}.js") for name in ("recorded_wake", "mode_strip", "player", "run_view")),
+    (*_LIVE, "widgets/event_log.js"),
+    *((*_OWN, f"{name}.js") for name in ("latency_histogram", "recorded_wake", "mode_strip", "player", "run_view")),
 )
 _FORBIDDEN: Final = ("</script", "</style", "<!--")
 

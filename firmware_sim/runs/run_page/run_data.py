@@ -75,7 +75,7 @@ def _uncontrolled(log: RunLog) -> float | None:
 
 
 def _latency(log: RunLog) -> dict[str, Any]:
-    """As `firmware_sim.live.loop.messages.LatencyNow`, over the whole run."""
+    """How long the control steps took, in ms: what `latency_histogram.js` draws."""
     budget, timing = log.metadata.budget_ms, latency(log)
     taken = log.series["step_ms"][planned_steps(log)]
     edges = np.linspace(0.0, max(budget, float(np.max(taken, initial=0.0))), _BINS + 1)

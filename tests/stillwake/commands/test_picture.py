@@ -11,22 +11,16 @@ from PIL.GifImagePlugin import GifImageFile
 
 from contract.config.tree import Config
 from contract.errors import StillwakeError
-from contract.recording import dataset
-from contract.shipped import RECORDING
 from firmware_sim.runs import run_log
 from firmware_sim.runs.bus_traffic import BusTraffic
 from stillwake.commands import picture as stillwake_pictures
-from wake.truck.state import developed_state
-from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # figures are drawn and written
-
-PATH = RECORDING
 
 
 def actions(**settings: Any) -> np.ndarray:
     usual: dict[str, Any] = {"duration": None, "forcing": "none", "amplitude": None, "frequency": 0.2, "seed": 1}
-    return stillwake_pictures._actions(Config(), **{**usual, "run": None, "dataset": None, "episode": None, **settings})
+    return stillwake_pictures._actions(Config(), **{**usual, "run": None, **settings})
 
 
 def test_stills_of_a_state(cli, tmp_path):
@@ -54,27 +48,6 @@ def test_an_animation_of_a_forced_wake(cli, tmp_path):
     assert animation.n_frames == 2
 
 
-def test_a_replayed_episode_is_the_recorded_one():
-    episode = next(episode for episode in dataset.read(PATH).episodes if episode.name == "training_1")
-    replayed = actions(dataset=PATH, episode="training_1", duration=0.8)
-    wake = TruckWake()
-    wake.reset(developed_state())
-    for k, action in enumerate(replayed):
-        # Recorded in 16 bits over +-1. An action a period late or early moves the probe by 1e-3 at once.
-        assert wake.sample().Uy_probe == pytest.approx(episode.series["Uy_probe"][k], abs=1e-4)
-        wake.advance(float(action))
-
-
-def test_a_replay_waits_as_long_as_the_episode_did_and_keeps_the_bound(tmp_path):
-    series = {name: np.zeros((3, 90) if name == "Cp" else 3) for name in dataset.UNITS}
-    # What single precision makes of the bound.
-    series["action"] = np.array([0.01, float(np.float32(0.075)), -float(np.float32(0.075))])
-    episode = dataset.Episode(name="a", role="train", series=series, initial_action=0.0, provenance={"lead_steps": 2})
-    dataset.write(tmp_path / "a.h5", dataset.Dataset(episodes=(episode,)))
-    assert series["action"][1] > 0.075
-    assert actions(dataset=tmp_path / "a.h5").tolist() == [0.0, 0.0, 0.01, 0.075, -0.075]
-
-
 def test_a_replayed_run_reaches_the_actions_that_were_in_force(tmp_path, run_metadata):
     in_force = [0.0, 0.01, 0.03, -0.02]
     series = {name: np.zeros(4) for name in run_log.COLUMNS} | {"t": 0.2 * np.arange(4.0), "action": np.array(in_force)}
@@ -93,9 +66,7 @@ def test_actions_that_do_not_exist_are_refused():
         ({"forcing": "sine", "amplitude": 0.2}, r"amplitude = 0\.2: must be between 0 and 0\.075"),
         ({"forcing": "sine", "frequency": 3.0}, r"frequency = 3\.0: must be positive and below 2\.5"),
         ({"forcing": "chirp", "amplitude": 0.01}, "only --forcing sine has one"),
-        ({"forcing": "chirp", "dataset": PATH}, "exclude each other"),
-        ({"episode": "chirp_0"}, "--episode chirp_0: needs --dataset FILE"),
-        ({"dataset": PATH, "episode": "nix"}, "--episode nix: .* holds training_1, training_2"),
+        ({"forcing": "chirp", "run": Path("nowhere")}, "exclude each other"),
         ({"run": Path("nowhere")}, "nowhere/series.npz"),
     ):
         with pytest.raises(StillwakeError, match=message):
