@@ -151,7 +151,6 @@ full: test docs
 		--json results/ecu_loop.json
 	$(BIN)/python -m tests.proofs.flash --json results/flash.json
 	$(BIN)/python -m tests.proofs.release --json results/bundle_fuzz.json
-	$(BIN)/python -m benchmarks square --json results/square.json
 	$(BIN)/python -m tests.proofs.bus bus --json results/bus.json
 	$(BIN)/stillwake run runs/classic --overwrite --set bus.frames=classic --json results/bus_classic.json
 	test -f bus.key || $(BIN)/stillwake can keygen bus.key
@@ -169,7 +168,6 @@ full: test docs
 	$(BIN)/python -m benchmarks sensor-check --json results/sensor_check.json
 	$(PIP) scapy
 	$(BIN)/python -m benchmarks attack-tools --json results/attack_tools.json
-	$(BIN)/python -m benchmarks live-speed --json results/live_speed.json
 	$(BIN)/stillwake can load --json results/can_load_fd.json
 	$(BIN)/stillwake can load --set bus.frames=classic --json results/can_load_classic.json
 	# Beside so much traffic a message of ours can be late: status 3 is a figure here, not a failure.

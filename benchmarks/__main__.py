@@ -40,10 +40,6 @@ class Measurement:
 MEASUREMENTS: Final = {
     "wake-speed": Measurement("wake.speed", "what a time step of the plant costs, and where the time goes"),
     "adjoint": Measurement("wake.adjoint", "gradients through the flow: exactness, cost, memory", "minutes"),
-    "live-speed": Measurement(
-        "wake.live_speed", "on which grids the wake keeps up with 20 ms, under control", "minutes"
-    ),
-    "square": Measurement("wake.square", "a square cylinder in the same solver, and the literature", "minutes"),
     "openfoam": Measurement("wake.openfoam_study", "the same wake by OpenFOAM's icoFoam, forced, controlled", "hours"),
     "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C"),
     "controller-loop": Measurement("controller.loop", "drag with ONNX and C, in float32 and int8, in the closed loop"),

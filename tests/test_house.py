@@ -10,8 +10,8 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ("contract", "wake", "train", "export", "can_bridge", "firmware_sim", "stillwake")
 MOST_MODULES = 15
 """In a folder: more is a listing that nobody reads."""
-MOST_LINES = {"source": 62_000, "benchmarks": 5_260, "tests": 50_000}
-"""Of Python; a ratchet, lowered with every line that goes. Benchmarks are to reach 5,000."""
+MOST_LINES = {"source": 62_000, "benchmarks": 5_000, "tests": 50_000}
+"""Of Python; a ratchet, lowered with every line that goes."""
 
 
 def _sources(*folders: str) -> list[Path]:
