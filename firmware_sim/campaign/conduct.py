@@ -1,4 +1,4 @@
-"""A whole campaign: what is missing is run, the two that hurt most are combined, and every scenario is judged."""
+"""A whole campaign: what is missing is run, and every scenario is judged."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.campaign.execution import execute
 from firmware_sim.campaign.folder import SCHEMA, CampaignFolder
-from firmware_sim.campaign.judgement import Phase, Row, judged, two_worst
+from firmware_sim.campaign.judgement import Phase, Row, judged
 from firmware_sim.campaign.outcome import Outcome
 from firmware_sim.campaign.running import check_run, flow_disturbances
 from firmware_sim.campaign.scenario import UNCONTROLLED, Scenario
@@ -32,7 +32,6 @@ class Campaign:
         timing: spans of every run.
         phases: starts a scenario, equal parts of a shedding cycle apart.
         seed: of everything that is drawn.
-        combine: whether the two scenarios that hurt most are run together at the end.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -41,7 +40,6 @@ class Campaign:
     timing: Timing
     phases: int = 3
     seed: int = 0
-    combine: bool = True
 
     def check(self) -> None:
         """Raises StillwakeError, naming the scenario, for settings or disturbances that no run could have."""
@@ -77,7 +75,7 @@ class Result:
     """A finished campaign.
 
     Attributes:
-        rows: a scenario each, in the plan's order, the combination last.
+        rows: a scenario each, in the plan's order.
         made, kept: runs of this call, and runs that were there already.
     """
 
@@ -110,21 +108,14 @@ def conduct(
     Raises:
         StillwakeError: if the folder cannot be written, there is no start, or the workers fail.
     """
-    stages = _Stages(campaign, folder, starting_states(folder, campaign.config, campaign.phases), progress)
-    scenarios = campaign.scenarios
-    stages.run(scenarios, workers, scheduler, later=campaign.phases if campaign.combine else 0)
-    rows = stages.rows(scenarios)
-    combined = two_worst(rows) if campaign.combine else None
-    if combined is not None:
-        scenarios = (*scenarios, combined)
-        stages.run((combined,), workers, scheduler)
-        rows = stages.rows(scenarios)
-    stages.claim()
-    return Result(rows=rows, made=stages.made, kept=stages.kept)
+    runs = _Runs(campaign, folder, starting_states(folder, campaign.config, campaign.phases), progress)
+    runs.run(workers, scheduler)
+    runs.claim()
+    return Result(rows=runs.rows(), made=runs.made, kept=runs.kept)
 
 
-class _Stages:
-    """The runs of a campaign, stage by stage."""
+class _Runs:
+    """The runs of a campaign."""
 
     def __init__(
         self,
@@ -141,27 +132,26 @@ class _Stages:
         self.made = 0
         self.kept = 0
 
-    def run(self, scenarios: Sequence[Scenario], workers: int, scheduler: str | None, *, later: int = 0) -> None:
-        """Compute what is missing of these; so many more runs are to come."""
-        tasks = {task.name: task for scenario in scenarios for task in self._tasks(scenario)}
+    def run(self, workers: int, scheduler: str | None) -> None:
+        """Compute what is missing."""
+        tasks = {task.name: task for scenario in self._campaign.scenarios for task in self._tasks(scenario)}
         missing = []
         for name, task in tasks.items():
-            if name in self._outcomes:
-                continue
             outcome = self._folder.outcome(name, self._key(task))
             if outcome is None:
                 missing.append(task)
             else:
                 self._outcomes[name] = outcome
                 self.kept += 1
-        self._total = len(self._outcomes) + len(missing) + later
+        self._total = len(tasks)
         self._progress(len(self._outcomes), self._total, "")
         execute(
             missing, self._campaign.bundle, self._starts, workers=workers, scheduler=scheduler, finished=self._finished
         )
 
-    def rows(self, scenarios: Sequence[Scenario]) -> tuple[Row, ...]:
-        """The judgement of these."""
+    def rows(self) -> tuple[Row, ...]:
+        """The judgement of every scenario."""
+        scenarios = self._campaign.scenarios
         return judged(scenarios, {one.name: self._phases(one) for one in scenarios})
 
     def _phases(self, scenario: Scenario) -> list[Phase]:

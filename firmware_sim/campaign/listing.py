@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from itertools import groupby
 
-from firmware_sim.campaign.scenario import COMBINED, Criteria, Scenario
+from firmware_sim.campaign.scenario import Criteria, Scenario
 
 
-def listing(scenarios: Sequence[Scenario], *, phases: int, combine: bool) -> list[str]:
+def listing(scenarios: Sequence[Scenario], *, phases: int) -> list[str]:
     """The plan, a line each."""
     lines = [
-        f"{len(scenarios) + combine} scenarios, from {phases} starting phase{'' if phases == 1 else 's'} each.",
+        f"{len(scenarios)} scenarios, from {phases} starting phase{'' if phases == 1 else 's'} each.",
         "Safe, always required: no invariant of the ECU and the vehicle breaks in any period.",
         f"Useful, unless a scenario has its own rule: {criteria_text(Criteria())}.",
     ]
@@ -21,8 +21,6 @@ def listing(scenarios: Sequence[Scenario], *, phases: int, combine: bool) -> lis
                 lines.append(f"      {'  '.join(parts)}")
             if one.criteria != Criteria():
                 lines.append(f"      useful: {criteria_text(one.criteria)}")
-    if combine:
-        lines += ["", "At the end", f"  {COMBINED}: The two that hurt most while control went on, at the same time."]
     return lines
 
 

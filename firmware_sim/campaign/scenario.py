@@ -13,8 +13,6 @@ UNDISTURBED: Final = "undisturbed"
 """Name of the scenario that all others are held against; every plan has it."""
 UNCONTROLLED: Final = "uncontrolled"
 """In the name of a run without control: of the undisturbed flow, or behind the name of a scenario that changes it."""
-COMBINED: Final = "two_worst"
-"""Name of the scenario that a campaign makes of the two that hurt most."""
 _NAME: Final = re.compile(r"[a-z0-9][a-z0-9_.]*")
 LONGEST_NAME: Final = 80
 """Characters; a name is also part of a file's."""
@@ -114,8 +112,6 @@ def check_names(scenarios: Sequence[Scenario]) -> None:
     for one in scenarios:
         if (other := seen.setdefault(one.name, one)) is not one:
             raise ConfigError(f"scenario {one.name!r} is there twice, in {other.group!r} and in {one.group!r}")
-    if COMBINED in seen:
-        raise ConfigError(f"scenario {COMBINED!r}: the campaign itself makes one of that name")
     if UNDISTURBED not in seen:
         raise ConfigError(f"no scenario {UNDISTURBED!r}: all others are held against it")
 

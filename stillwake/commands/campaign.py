@@ -100,7 +100,7 @@ def campaign(
     spans = {name: defaults[name] if value is None else value for name, value in given.items()}
     planned = _planned(release, config, scenarios, only, spans, seed)
     if list_them or output is None:
-        lines = listing(planned.scenarios, phases=planned.phases, combine=planned.combine)
+        lines = listing(planned.scenarios, phases=planned.phases)
         console.print(*lines, sep="\n", soft_wrap=True, markup=False, highlight=False)
         return
     folder = CampaignFolder(output)
@@ -131,7 +131,7 @@ def _planned(
     from contract.config.body_sensors import layout_of
     from firmware_sim.campaign.conduct import Campaign
     from firmware_sim.campaign.plan_file import whole_plan
-    from firmware_sim.campaign.scenario import COMBINED, Place, matches, selected
+    from firmware_sim.campaign.scenario import Place, selected
     from firmware_sim.campaign.task import MARGIN, Timing
     from firmware_sim.ecu.fit import check_flow, check_sensors
 
@@ -155,7 +155,6 @@ def _planned(
         timing=Timing(lead_in=lead_in, controlled=spans["controlled"], settle=spans["settle"]),
         phases=int(spans["phases"]),
         seed=seed,
-        combine=matches(COMBINED, only),
     )
     campaign.check()
     return campaign

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim.campaign.judgement import Use, two_worst, use_of
+from firmware_sim.campaign.judgement import Use, use_of
 from firmware_sim.campaign.scenario import Criteria
 from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
 
@@ -63,41 +63,3 @@ def test_a_broken_invariant_or_a_run_that_did_not_finish_in_one_phase_is_unsafe(
     figures = failed.figures()
     assert figures["reduction_percent"] is None
     assert json.loads(json.dumps(figures, allow_nan=False)) == figures
-
-
-def made(name: str, group: str, Cd: float, in_control: int = 100, **fields):
-    return scenario_of(name, group, **fields), [phase_of(Cd, in_control=in_control)]
-
-
-def test_the_two_of_least_reduction_are_combined_from_two_groups() -> None:
-    rows = rows_of(
-        made("mild", "A", 0.85, disturb=("noise:level=0.1",)),
-        made("bad", "B", 0.95, disturb=("gust:amplitude=0.1,period=20",), settings=("bus.background.load=0.9",)),
-        made("worse", "A", 0.99, disturb=("noise:level=0.9",)),
-        made("also_bad", "A", 0.97),
-    )
-    both = two_worst(rows)
-    assert both is not None
-    assert both.disturb == ("gust:amplitude=0.1,period=20", "noise:level=0.9")
-    assert both.settings == ("bus.background.load=0.9",)
-    assert "bad and worse" in both.sentence
-
-
-def test_pairs_that_do_not_go_together_are_left_out() -> None:
-    for chosen, rows in (
-        # What shut the jets hides what any other does to them.
-        ("one and two", (made("shut", "A", 1.2, in_control=10), made("one", "B", 0.9), made("two", "C", 0.95))),
-        # Two that set the same thing.
-        (
-            "twelve and mild",
-            (
-                made("twelve", "A", 0.99, settings=("vehicle.actuator_delay=12",)),
-                made("four", "B", 0.98, settings=(" vehicle.actuator_delay = 4",)),
-                made("mild", "C", 0.85),
-            ),
-        ),
-    ):
-        both = two_worst(rows_of(*rows))
-        assert both is not None and chosen in both.sentence, chosen
-    # Without two groups there is none.
-    assert two_worst(rows_of(made("one", "A", 0.9), made("two", "A", 0.95))) is two_worst(rows_of()) is None
