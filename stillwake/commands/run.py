@@ -141,6 +141,8 @@ def run(
     if require_reduction is not None and 0.0 < abs(require_reduction) < 1.0:
         percent = f"for {100 * require_reduction:g} % write {100 * require_reduction:g}"
         raise ConfigError(f"--require-reduction {require_reduction:g}: is a number of percent; {percent}")
+    if drive is not None and plant != "stillwake":
+        raise ConfigError(f"--drive {drive}: needs the own solver, --plant stillwake")
     if ecu not in ECUS:
         raise ConfigError(f"--ecu {ecu}: must be one of {', '.join(ECUS)}")
     disturbances = [*map(parse_node_fault, fault), *map(parse_disturbance, disturb)]

@@ -41,6 +41,11 @@ EXAMPLES: dict[str, Disturbance] = {
     "operating_point:speed=30,density=1.3@1..": kinds.VehiclePoint(speed=30.0, density=1.3, start_s=1.0),
     "action_limit=0.5": kinds.ActionLimit(action_limit=0.5),
     "stuck_jets=-0.5": kinds.StuckJets(stuck_jets=-0.5),
+    "speed_scale=1.1@1..": kinds.SpeedScale(speed_scale=1.1, start_s=1.0),
+    "speed_late=0.5": kinds.SpeedLate(speed_late=0.5),
+    "speed_frozen@1..2": kinds.SpeedFrozen(start_s=1.0, end_s=2.0),
+    "no_speed@0..2": kinds.NoSpeed(end_s=2.0),
+    "density:density=1.05,stated=true": kinds.Density(density=1.05, stated=True),
     "ecu:drop:probability=0.3@1..": NodeFault(
         text="ecu:drop:probability=0.3@1..", node="ecu", fault=Drop(probability=0.3, start_s=1.0)
     ),

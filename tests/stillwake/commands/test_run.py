@@ -16,6 +16,7 @@ from contract.config.loading import load
 from contract.errors import ConfigError
 from contract.release import bundle, signing
 from contract.release.checks import Bundle
+from firmware_sim.bench.disturbances import KINDS as DISTURBANCES
 from firmware_sim.runs import run_log
 from firmware_sim.runs.run_folder import RunFolder
 from stillwake.commands.run import cost_weights, exit_with, run
@@ -35,6 +36,9 @@ BEFORE = {
     "--no-averages --require-reduction 20": "--require-reduction needs averages",
     "--require-reduction nan": "--require-reduction nan: must be a number of percent",
     "--require-reduction 0.2": "--require-reduction 0.2: is a number of percent; for 20 % write 20",
+    "--drive steady-55": "drive 'steady-55': must be a file ending in .csv, or one of steady-60, ",
+    "--drive ramps --plant openfoam": "--drive ramps: needs the own solver, --plant stillwake",
+    "--drive steady-80 --controlled 40": "--controlled = 40 less --settle = 40 leaves 0 t_c: must be at least 10",
     # An ECU in C.
     "--ecu rust": "--ecu rust: must be one of python, c, cortex-m7",
     "--ecu c --set bus.key=k.pem": "bus.key: --ecu c has no authentication",
@@ -169,8 +173,26 @@ def test_a_fault_comes_first_is_kept_and_ends_with_status_3(cli, tmp_path, short
     assert 'role="alert">ECU FAULT: DEADLINE' in (tmp_path / "run" / "report.html").read_text()
 
 
+@pytest.mark.slow
+def test_a_drive_of_a_file_lasts_as_long_as_the_file_and_ends_with_its_energy(cli, tmp_path, short_release, coarse):
+    (tmp_path / "mine.csv").write_text("t_s,speed_m_per_s\n0,30\n1.1,25\n")
+    words = ("--drive", tmp_path / "mine.csv", "--lead-in", 10, "--settle", 1, *coarse.words)
+    outcome = cli("run", tmp_path / "run", "--bundle", short_release, *words, "--require-reduction", 99)
+    assert (outcome.code, outcome.err) == (4, "")
+    log = run_log.load(RunFolder(tmp_path / "run").series)
+    # 1 s is 50 periods, and of 12 time steps for 25 m/s it takes 15 for 30.
+    assert (len(log.series["t"]), log.enabled_at, log.metadata.config.flow.substeps) == (105, 50, 15)
+    assert log.series["speed"][[0, 50, 104]] == pytest.approx([30.0, 30.0, 30.0 - 5.0 * 54 / 55])
+    found = json.loads((tmp_path / "run" / "summary.json").read_text())["drive"]
+    assert (found["name"], found["mean_speed_m_per_s"]) == ("mine.csv", pytest.approx(27.5, abs=0.3))
+    assert f"--require-reduction 99: not reached, it is {found['reduction_percent']:.2f} %" in outcome.out
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "Energy of the drive" in page
+    assert "drive mine.csv" in page
+
+
 def test_the_help_names_every_fault():
-    assert all(kind in (run.__doc__ or "") for kind in KINDS)
+    assert all(kind in (run.__doc__ or "") for kind in (*KINDS, *DISTURBANCES))
 
 
 @pytest.mark.slow

@@ -26,6 +26,7 @@ def test_what_cannot_be_is_one_line(all_refused) -> None:
             "--live --episode x": "--episode x: of a recording; does not go with --live",
             "--live --from 3": "--from 3.0: of a recording; does not go with --live",
             "--start x.npz": "--start x.npz: where a live wake begins; needs --live",
+            "--drive ramps": "--drive ramps: a recording has one speed; needs --live",
             "--slow-down inf": "--slow-down inf: must be a number from 1 to 1000",
             "--enable-after inf": "--enable-after inf: must be a number of seconds",
             "--episode sine": "episode 'sine': the data set has ",
