@@ -5,7 +5,7 @@ from typing import Annotated, Final, Literal
 
 from contract.config.rules import AtLeastOne, Fraction, NonNegative, Positive, Settings, require, within
 from contract.config.sources import ours, paper, standard
-from contract.config.units import BIT_RATE, FLOW_RATE, FRAMES, MILLISECONDS, PERIODS, STEPS
+from contract.config.units import BIT_RATE, FLOW_RATE, FRAMES, MILLISECONDS, PERIODS, STEPS, Unit
 
 LARGEST_NOMINAL_BITRATE: Final = 1_000_000
 LARGEST_DATA_BITRATE: Final = 8_000_000
@@ -163,6 +163,21 @@ class BenefitCheckConfig(
 
 
 @dataclass(frozen=True, kw_only=True)
+class SpeedConfig(
+    Settings, section="ecu.speed", source=ours("what a vehicle can do", page="how-to/drive-at-other-speeds.md")
+):
+    """When the ECU believes the vehicle's speed, with a release that serves a range of speeds."""
+
+    oldest_ms: Annotated[Positive[float], MILLISECONDS] = 500.0
+    """From measuring to the control step; for so long the last speed stays in force where no other one comes."""
+    most_acceleration: Annotated[Positive[float], Unit("m/s2")] = 15.0
+    """Of a vehicle: a speed that is further from the last one is not believed."""
+    margin: Annotated[NonNegative[float], Unit("U_inf")] = 0.02
+    """By how much the speed may leave the release's range before the jets are shut, in design speeds. They come back
+    when it is within the range."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)):
     """Timing and fail-safe behaviour of the ECU."""
 
@@ -203,6 +218,7 @@ class EcuConfig(Settings, source=ours("our ECU; the paper has none", page=_GATE)
     """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
     sensor_check: SensorCheckConfig = field(default_factory=SensorCheckConfig)
     benefit_check: BenefitCheckConfig = field(default_factory=BenefitCheckConfig)
+    speed: SpeedConfig = field(default_factory=SpeedConfig)
     command_step: Annotated[Positive[float], FLOW_RATE, ours("half the full range", page=_GATE)] = 0.075
     """Largest change of the jet command in one period that the command gate lets pass, in U_inf W: three times what
     the training waveform does at full amplitude."""

@@ -3,10 +3,14 @@
 A controller knows steps of `flow.control_period` convective times. At s times its speed a control period lasts s of
 these steps. What lies behind is then read between the rows of the periods, as far back in convective times, that is in
 lengths travelled, as the controller expects it.
+
+Below its own speed the periods are shorter than these steps. A controller that answers in each of them to what it just
+measured would answer faster than it was made to, and jets act on the pressures at the wall at once: it sets the air in
+motion to and fro. What is read and what is commanded therefore go only part of the way in a period (`followed`).
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -17,22 +21,33 @@ class Places(NamedTuple):
     """Where the rows lie that a controller reads, oldest first.
 
     Attributes:
-        newer: (L,) the row of a period, at that time or after it.
-        share: (L,) how far from there towards the row before it, 0 to below 1.
+        newer: (m,) the row of a period, at that time or after it.
+        share: (m,) how far from there towards the row before it, 0 to below 1.
     """
 
     newer: Index
     share: Array
 
     def of(self, rows: Array) -> Array:
-        """(L, ...) the rows between these (n, ...)."""
+        """(m, ...) the rows between these (n, ...)."""
         share = self.share.reshape(-1, *[1] * (rows.ndim - 1))
         newer, older = rows[self.newer], rows[self.newer - (self.share > 0.0)]
         return np.asarray(newer + share * (older - newer))
 
 
-def places(speeds: Sequence[float], length: int) -> Places | None:
-    """Where `length` rows lie, the newest at the newest period; None where the periods do not reach back that far.
+T = TypeVar("T", Array, float)
+
+
+def followed(before: T, new: T, speed: float) -> T:
+    """Where pressures that are kept, or a command, are after a period in which they should get to `new`.
+
+    They get there at the controller's own speed and above; below it they go the share `speed` of the way.
+    """
+    return new if speed >= 1.0 else before + speed * (new - before)
+
+
+def places(speeds: Sequence[float], length: int) -> Places:
+    """Where `length` rows lie, the newest at the newest period; fewer where the periods do not reach back that far.
 
     Args:
         speeds: (n,) at each period's sample, oldest first, as a ratio to the controller's own, above 0; the period that
@@ -46,6 +61,6 @@ def places(speeds: Sequence[float], length: int) -> Places | None:
             age += speeds[at]
             at -= 1
         if at == 0 and age < steps:
-            return None
+            return Places(newer[length - steps :], share[length - steps :])
         newer[-1 - steps], share[-1 - steps] = at, (steps - age) / speeds[at]
     return Places(newer, share)

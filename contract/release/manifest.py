@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import date
-from math import isfinite
+from math import ceil, isfinite
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, get_args
 
@@ -21,8 +21,8 @@ from contract.release.strict_json import digest_of
 from contract.sensor_layout import SensorLayout
 from contract.typed import typed
 
-SCHEMA: Final = "stillwake-bundle/6"
-"""The one that is read: the graphs of older ones take seven cost weights."""
+SCHEMA: Final = "stillwake-bundle/7"
+"""The one that is read: older ones do not state for which speeds they are made."""
 FIRST_SECURITY_VERSION: Final = 1
 """Security version of a release that nothing was raised for: the least that an ECU with a store takes."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
@@ -82,6 +82,14 @@ class SensorEstimator:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SpeedRange:
+    """The vehicle speeds that a controller was made for, as ratios to the operating point's."""
+
+    slowest: float
+    fastest: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Manifest:
     """What the controller in a bundle assumes about the vehicle around it.
 
@@ -110,6 +118,8 @@ class Manifest:
         security_version: an ECU on which a release with a greater one was confirmed refuses this one; raised when an
             older release must not come back.
         hardware: name of the ECU hardware that it may be flashed to; None for any.
+        speeds: for which the ECU gives it a past at steps of the present speed; None for the operating point's alone,
+            whatever the vehicle's is.
     """
 
     name: str
@@ -132,6 +142,13 @@ class Manifest:
     sensor_estimator: SensorEstimator | None = None
     security_version: int = 0
     hardware: str | None = None
+    speeds: SpeedRange | None = None
+
+    @property
+    def past(self) -> int:
+        """Control periods behind the controller's window: more than its rows where the vehicle may be slower."""
+        slowest = 1.0 if self.speeds is None else self.speeds.slowest
+        return self.window if slowest == 1.0 else ceil(self.window / slowest) + 1
 
     @property
     def sizes(self) -> Sizes:
@@ -154,6 +171,10 @@ class Manifest:
         self._check_sensors()
         if self.sensor_estimator is not None:
             self._check_estimator(self.sensor_estimator)
+        if self.speeds is not None and not 0.1 <= self.speeds.slowest <= 1.0 <= self.speeds.fastest <= 10.0:
+            raise BundleManifestError(
+                f"speeds = {self.speeds.slowest!r}..{self.speeds.fastest!r}: must hold 1 and lie in 0.1..10"
+            )
         for name, values, count in (
             ("pressure_mean", self.scaling.pressure_mean, len(self.sensors)),
             ("pressure_std", self.scaling.pressure_std, len(self.sensors)),

@@ -8,7 +8,7 @@ Nothing that comes from outside ends in an exception: not the frames, not the ti
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,35 +25,19 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
 from contract.controller.interface import Controller, ControllerError
+from contract.controller.resampling import followed
 from contract.release.checks import Bundle
-from contract.runtime.onnx_estimator import OnnxEstimator
 from firmware_sim.ecu.benefit_check import BenefitCheck, BenefitCheckState
 from firmware_sim.ecu.calibrating import limits_of, release_calibration, with_calibration
 from firmware_sim.ecu.controller_memory import ControllerMemory
-from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.ecu_state import EcuState, Trace
 from firmware_sim.ecu.fit import check_vehicle
 from firmware_sim.ecu.other_ecu import heard_of_another_ecu
-from firmware_sim.ecu.pressure_reception import PressureReception
-from firmware_sim.ecu.sensor_check import SensorCheck, SensorCheckState
+from firmware_sim.ecu.pressure_reception import PressureReception, Received
+from firmware_sim.ecu.sensor_check import SensorCheckState, sensor_check_of
+from firmware_sim.ecu.speed_reception import SpeedReception, SpeedState
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode, PeriodInputs
 from firmware_sim.ecu.timing import Timing
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Trace:
-    """What happened in the latest step, for observers; nothing in the ECU reads it.
-
-    Attributes:
-        mode: of the loop.
-        action: sent, in U_inf W.
-        forces: predicted (Cd, Cl) over the horizon, (H, 2); None without a plan.
-        interventions: of the command gate.
-    """
-
-    mode: Mode
-    action: float
-    forces: Array | None
-    interventions: Intervention
 
 
 class StepOutcome(NamedTuple):
@@ -130,6 +114,7 @@ class Ecu:
             dynamic_pressure=config.operating_point.dynamic_pressure,
             fresh_age_ns=self._limits.fresh_age_ns,
         )
+        self._speed = SpeedReception.of(manifest, config, self._messages.speed, self._key)
         self._sensor_check = sensor_check_of(bundle, config)
         self._benefit_check = BenefitCheck.of(manifest, config.ecu.benefit_check)
         self._longest_gap = config.ecu.hold_periods + config.ecu.decay_periods
@@ -138,10 +123,12 @@ class Ecu:
             sensors=len(manifest.sensors),
             horizon=manifest.mpc.horizon,
             delay=config.ecu.frozen_actions,
+            past=0 if manifest.speeds is None else manifest.past,
         )
         if authentication is not None:
             verifier = authentication.verifier(self._messages.pressure.spec)
-            start = replace(start, verifier=verifier, freshness=authentication.freshness)
+            speed = replace(start.speed, verifier=authentication.verifier(self._messages.speed.spec))
+            start = replace(start, verifier=verifier, speed=speed, freshness=authentication.freshness)
         self._state = start
         self.restore(start)
         # A renewed bundle's weights are the manifest's, its graph's own those it was exported with.
@@ -228,19 +215,30 @@ class Ecu:
         timing = state.timing.next(now_ns, self._period_ns, config)
         heard = heard_of_another_ecu(frames, self._messages, self._key)
         other_ecu = state.other_ecu.next(heard, timing.step_ns or 0)
-        received = self._reception.of(frames, now_ns, verifier=state.verifier, receiver=state.pressures)
+        speed = state.speed
+        dynamic_pressure: float | None = self._config.operating_point.dynamic_pressure
+        if self._speed is not None:
+            speed = self._speed.next(speed, frames, now_ns)
+            dynamic_pressure = self._speed.dynamic_pressure(speed)
+        received = self._reception.of(
+            frames, now_ns, verifier=state.verifier, receiver=state.pressures, dynamic_pressure=dynamic_pressure
+        )
         usable = received.cp is not None
         pressure_ns = received.sampled_ns if usable else state.pressure_ns
         pressure_counter = received.counter if usable else state.pressure_counter
-        memory = self._with_row(self._after_silence(state.memory, timing), received.cp)
-        sensors, memory, sensor_fault = self._checked(state.sensors, memory, received.cp, timing.skipped)
-        benefit, no_benefit = self._judged(state, memory, usable=usable)
+        if speed.is_off:
+            # Its pressures say nothing about control at other speeds: the window begins again.
+            received = received._replace(cp=None)
+        memory = self._with_row(self._after_silence(state.memory, timing), received.cp, speed)
+        sensors, memory, sensor_fault = self._checked(state.sensors, memory, received, timing.skipped)
+        benefit, no_benefit = self._judged(state, memory, usable=received.cp is not None)
         bus_off = _bus_fault(state.health, health)
         inputs = PeriodInputs(
             usable=usable,
             enable_request=received.enable_request,
             unusable_because=received.unusable_because,
             window_full=memory.is_full,
+            off_speed=speed.is_off,
             fault=timing.fault or bus_off or other_ecu.fault or sensor_fault or no_benefit or fault,
             updating=updating,
         )
@@ -272,6 +270,7 @@ class Ecu:
             missed=state.missed + (not usable),
             sensors=sensors,
             benefit=benefit,
+            speed=speed,
             health=health,
             other_ecu=other_ecu,
             verifier=received.verifier,
@@ -308,20 +307,26 @@ class Ecu:
             return memory.emptied()
         # More silent periods than these change nothing: the window is empty and the jets follow the last command.
         for _ in range(min(timing.skipped, max(self._longest_gap, len(memory.under_way.pending)) + 1)):
-            memory = self._with_row(memory, None).commanded(memory.under_way.newest)
+            memory = memory.bridged(self._longest_gap).commanded(memory.under_way.newest)
         return memory
 
-    def _with_row(self, memory: ControllerMemory, cp: Array | None) -> ControllerMemory:
-        """The memory with this period's row."""
-        return memory.bridged(self._longest_gap) if cp is None else memory.observed(cp)
+    def _with_row(self, memory: ControllerMemory, cp: Array | None, speed: SpeedState) -> ControllerMemory:
+        """The memory with this period's row; none at a speed that the release does not serve."""
+        if speed.is_off:
+            return memory.emptied()
+        if cp is None:
+            return memory.bridged(self._longest_gap)
+        return memory.observed(cp, 1.0 if speed.ratio is None else speed.ratio)
 
     def _checked(
-        self, state: SensorCheckState, memory: ControllerMemory, cp: Array | None, skipped: int
+        self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
     ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
         """The sensor check after this period, the memory without a sensor that lies, and why the jets must shut."""
         if self._sensor_check is None:
             return state, memory, None
-        after, fault = self._sensor_check.next(state, memory.window, memory.rows, cp, skipped=skipped)
+        after, fault = self._sensor_check.next(
+            state, memory.window, memory.rows, received.cp, reading=received.reading, skipped=skipped
+        )
         if after.set_aside is not None:
             memory = memory.with_column(after.set_aside, after.estimates[:, after.set_aside])
         return after, memory, fault
@@ -365,21 +370,14 @@ class Ecu:
                 planned, answer = memory.planned(self._controller, self._weights)
             except ControllerError:
                 return _Decision(memory=memory, action=0.0, fault=Reason.INTERNAL)
-            return _Decision(
-                memory=planned, action=float(answer.plan[self._config.ecu.frozen_actions]), forces=answer.forces
-            )
+            speed, wanted = memory.speed, float(answer.plan[self._config.ecu.frozen_actions])
+            action = followed(latest, wanted * speed, speed)
+            return _Decision(memory=planned, action=action, forces=answer.forces * speed**2)
         if mode is OperatingMode.HOLD:
             return _Decision(memory=memory, action=latest)
         if mode is OperatingMode.DECAY:
             return _Decision(memory=memory, action=0.5 * latest)
         return _Decision(memory=memory.without_plan(), action=0.0)
-
-
-def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
-    """The check of a bundle's pressures; None if it has no estimator, or the settings want none."""
-    figures, wanted = bundle.manifest.sensor_estimator, config.ecu.sensor_check
-    estimator = OnnxEstimator.of(bundle) if wanted.enabled else None
-    return None if figures is None or estimator is None else SensorCheck.of(figures, estimator, wanted)
 
 
 def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:

@@ -8,15 +8,18 @@ from dataclasses import dataclass, field
 from typing import Self
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
+from can_bridge.command_gate import Intervention
 from can_bridge.e2e.receiver import Check, ReceiverState
 from can_bridge.e2e.sender import SenderState
 from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.receiver import VerifierState
-from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus
+from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus, Mode
+from contract.arrays import Array
 from firmware_sim.ecu.benefit_check import BenefitCheckState
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.other_ecu import OtherEcu
 from firmware_sim.ecu.sensor_check import SensorCheckState
+from firmware_sim.ecu.speed_reception import SpeedState
 from firmware_sim.ecu.state_machine import FailSafe
 from firmware_sim.ecu.timing import Timing
 
@@ -41,6 +44,7 @@ class EcuState:
         other_ecu: whether another ECU is on the bus.
         sensors: whether the pressures are to be believed.
         benefit: whether control helps.
+        speed: of the vehicle, as believed; as at power-on with a release that does not need it.
     """
 
     memory: ControllerMemory
@@ -55,16 +59,17 @@ class EcuState:
     missed: int
     sensors: SensorCheckState
     benefit: BenefitCheckState = field(default_factory=BenefitCheckState)
+    speed: SpeedState = field(default_factory=SpeedState)
     health: BusHealth = HEALTHY
     other_ecu: OtherEcu = field(default_factory=OtherEcu)
     verifier: VerifierState = field(default_factory=VerifierState)
     freshness: Freshness = field(default_factory=Freshness)
 
     @classmethod
-    def power_on(cls, *, window: int, sensors: int, horizon: int, delay: int) -> Self:
+    def power_on(cls, *, window: int, sensors: int, horizon: int, delay: int, past: int = 0) -> Self:
         """Nothing received and nothing sent; sizes as in `ControllerMemory.empty`."""
         return cls(
-            memory=ControllerMemory.empty(length=window, sensors=sensors, horizon=horizon, delay=delay),
+            memory=ControllerMemory.empty(length=window, sensors=sensors, horizon=horizon, delay=delay, past=past),
             fail_safe=FailSafe(),
             pressures=ReceiverState(),
             commands=SenderState(),
@@ -74,7 +79,7 @@ class EcuState:
             pressure_counter=None,
             overruns=0,
             missed=0,
-            sensors=SensorCheckState.start(window=window, sensors=sensors),
+            sensors=SensorCheckState.start(window=past or window, sensors=sensors),
         )
 
     def status(self, bundle_hash: int) -> EcuStatus:
@@ -93,3 +98,20 @@ class EcuState:
             bundle_hash=bundle_hash,
             set_aside=self.sensors.mask,
         )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trace:
+    """What happened in the latest step, for observers; nothing in the ECU reads it.
+
+    Attributes:
+        mode: of the loop.
+        action: sent, in U_inf W.
+        forces: predicted (Cd, Cl) over the horizon, (H, 2), in units of the design speed; None without a plan.
+        interventions: of the command gate.
+    """
+
+    mode: Mode
+    action: float
+    forces: Array | None
+    interventions: Intervention

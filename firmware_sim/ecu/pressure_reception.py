@@ -26,6 +26,7 @@ class Received(NamedTuple):
     Attributes:
         verifier, receiver: their states after them.
         cp: usable pressures, (S,); None without.
+        reading: the same in units of the design speed, in which a sensor that rests does not follow the speed.
         enable_request: of the vehicle; None if no frame came that is to be believed.
         unusable_because: why there are no usable pressures, if there are none.
         sampled_ns: when the usable ones were sampled.
@@ -37,6 +38,7 @@ class Received(NamedTuple):
     cp: Array | None
     enable_request: bool | None
     unusable_because: Reason
+    reading: Array | None = None
     sampled_ns: int | None = None
     counter: int | None = None
 
@@ -49,7 +51,7 @@ class PressureReception:
         message: of the set in use.
         key: None without authentication.
         e2e: when the stream is to be trusted.
-        dynamic_pressure: Pa at Cp = 1.
+        dynamic_pressure: Pa at Cp = 1 and the design speed.
         fresh_age_ns: oldest pressures that may be planned on.
     """
 
@@ -59,8 +61,23 @@ class PressureReception:
     dynamic_pressure: float
     fresh_age_ns: int
 
-    def of(self, frames: Sequence[Frame], now_ns: int, *, verifier: VerifierState, receiver: ReceiverState) -> Received:
-        """The newest trusted pressures of a period, or why there are none that can be used."""
+    def of(
+        self,
+        frames: Sequence[Frame],
+        now_ns: int,
+        *,
+        verifier: VerifierState,
+        receiver: ReceiverState,
+        dynamic_pressure: float | None,
+    ) -> Received:
+        """The newest trusted pressures of a period, or why there are none that can be used.
+
+        Args:
+            frames: of the period, oldest first.
+            now_ns: time of the step.
+            verifier, receiver: their states before it.
+            dynamic_pressure: Pa at Cp = 1 at the present speed; None where that is not known.
+        """
         spec = self.message.spec
         verifier, frames, none_authentic = verified(verifier, frames, spec=spec, key=self.key)
         receiver, reception = receive(receiver, frames, spec=spec, config=self.e2e)
@@ -78,10 +95,13 @@ class PressureReception:
         if not (fresh and all(pressure.valid)):
             because = Reason.SENSOR_INVALID if fresh else Reason.STALE
             return unusable._replace(enable_request=pressure.enable_request, unusable_because=because)
+        if dynamic_pressure is None:
+            return unusable._replace(enable_request=pressure.enable_request, unusable_because=Reason.NO_SPEED)
         return Received(
             verifier,
             receiver,
-            cp=np.array(pressure.pressure_pa) / self.dynamic_pressure,
+            cp=np.array(pressure.pressure_pa) / dynamic_pressure,
+            reading=np.array(pressure.pressure_pa) / self.dynamic_pressure,
             enable_request=pressure.enable_request,
             unusable_because=Reason.NONE,
             sampled_ns=sampled_ns,

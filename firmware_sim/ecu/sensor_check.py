@@ -26,10 +26,13 @@ import numpy as np
 
 from can_bridge.wire.messages import Reason
 from contract.arrays import Array
+from contract.config.tree import Config
 from contract.config.vehicle import SensorCheckConfig
 from contract.controller.estimator import Hypotheses, pairs
 from contract.controller.interface import ControllerError
+from contract.release.checks import Bundle
 from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimator
+from contract.runtime.onnx_estimator import OnnxEstimator
 
 SCORE_PERIODS: Final = 32
 """Over which squares are averaged: a shedding cycle, since a lie may agree with the flow for part of one."""
@@ -71,7 +74,8 @@ class SensorCheckState:
         score: running mean of the fast mean's square, less the noise, in variances of sound sensors.
         readings: (S,) the latest; NaN before the first.
         flat: (S,) periods in a row in which they were the same before.
-        estimates: (L, S) of each sensor by all the others, a row for each row of the controller's window.
+        estimates: (n, S) of each sensor by all the others, a row for each of the latest periods: as many as the
+            controller's window has rows, or its past.
         set_aside: the sensor that lies; None without one.
         doubt: periods in doubt less those out of it.
         implausible: control must not rest on the pressures.
@@ -176,7 +180,14 @@ class SensorCheck:
         return cls(estimator=estimator, fast=fast, slow=slow, config=config)
 
     def next(
-        self, state: SensorCheckState, window: Array, rows: int, cp: Array | None, *, skipped: int = 0
+        self,
+        state: SensorCheckState,
+        window: Array,
+        rows: int,
+        cp: Array | None,
+        *,
+        reading: Array | None = None,
+        skipped: int = 0,
     ) -> tuple[SensorCheckState, Reason | None]:
         """After a period.
 
@@ -184,15 +195,16 @@ class SensorCheck:
             state: before it.
             window: (L, S + 1) the controller's, with this period's row.
             rows: how many of them have come.
-            cp: this period's readings, (S,); None without any: nothing is judged.
+            cp: this period's pressures, (S,); None without any: nothing is judged.
+            reading: the same as they came, whatever the speed is; `cp` without.
             skipped: periods without a step before this one, for each of which the window has a row as well.
 
         Returns:
             The state after it, and why the ECU must switch itself off, if it must.
         """
-        length = len(window)
+        length, kept_rows = len(window), len(state.estimates)
         if cp is None or rows == 0:
-            kept = replace(state, estimates=_appended(state.estimates, state.estimates[-1], 1 + min(skipped, length)))
+            kept = replace(state, estimates=_appended(state.estimates, state.estimates[-1], 1 + min(skipped, kept_rows)))
             return kept, Reason.IMPLAUSIBLE if kept.implausible else None
         seen = window
         if rows < length:
@@ -203,14 +215,15 @@ class SensorCheck:
             by_view = self.estimator.estimates(seen)
         except ControllerError:
             # The window goes on, and its companions with it.
-            held = _appended(state.estimates, state.estimates[-1], 1 + min(skipped, length))
+            held = _appended(state.estimates, state.estimates[-1], 1 + min(skipped, kept_rows))
             return replace(state, estimates=held), Reason.INTERNAL
-        estimates = _appended(state.estimates, state.estimates[-1], min(skipped, length))
+        estimates = _appended(state.estimates, state.estimates[-1], min(skipped, kept_rows))
         own = by_view[self.hypotheses.view.diagonal(), np.arange(len(cp))]
         estimates = _appended(estimates, own, 1)
-        flat = np.where(cp == state.readings, state.flat + 1, 0.0)
+        reading = cp if reading is None else reading
+        flat = np.where(reading == state.readings, state.flat + 1, 0.0)
         means = self._averaged(state, self.hypotheses.residuals(cp, by_view)) if rows == length else {}
-        state = replace(state, readings=cp.copy(), flat=flat, estimates=estimates, **means)
+        state = replace(state, readings=reading.copy(), flat=flat, estimates=estimates, **means)
         verdict = self._verdict(state, seen, full=rows == length)
         # As a rule it stands, and a state is costly to make.
         if any(getattr(state, name) != value for name, value in verdict.items()):
@@ -286,6 +299,13 @@ class SensorCheck:
             doubt = min(config.doubt_periods, max(0, state.doubt + (1 if doubted else -1)))
         implausible = doubt >= config.doubt_periods or (state.implausible and doubt > 0)
         return {"set_aside": set_aside, "doubt": doubt, "implausible": implausible}
+
+
+def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
+    """The check of a bundle's pressures; None if it has no estimator, or the settings want none."""
+    figures, wanted = bundle.manifest.sensor_estimator, config.ecu.sensor_check
+    estimator = OnnxEstimator.of(bundle) if wanted.enabled else None
+    return None if figures is None or estimator is None else SensorCheck.of(figures, estimator, wanted)
 
 
 class _Split(NamedTuple):

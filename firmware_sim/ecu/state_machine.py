@@ -28,7 +28,7 @@ class OperatingMode(Enum):
     ARMED = auto()
     """The request is low: control starts when it rises."""
     WARMUP = auto()
-    """Control is wanted, but the controller's window is not full."""
+    """Control is wanted, but the controller's window is not full, or the speed is not one that the release serves."""
     CONTROL = auto()
     """The jets follow the controller."""
     HOLD = auto()
@@ -71,6 +71,7 @@ class PeriodInputs:
         enable_request: of the vehicle, in that frame; None if none came.
         unusable_because: why pressures are not usable; ignored if they are.
         window_full: the controller can plan.
+        off_speed: the vehicle is slower or faster than the release is made for.
         fault: for which the ECU must switch itself off in this period, whatever came.
         updating: a new release is to be written.
     """
@@ -79,6 +80,7 @@ class PeriodInputs:
     enable_request: bool | None
     unusable_because: Reason
     window_full: bool
+    off_speed: bool = False
     fault: Reason | None = None
     updating: bool = False
 
@@ -125,6 +127,10 @@ def _missing(period: Period) -> Reason:
     return Reason.NONE if period.inputs.usable else period.inputs.unusable_because
 
 
+def _waiting(period: Period) -> Reason:
+    return Reason.OFF_SPEED if period.inputs.usable and period.inputs.off_speed else _missing(period)
+
+
 def _unless_refused(reason: Reason) -> Callable[[Period], Reason]:
     """A vehicle none of whose frames is authentic cannot make its request heard: the reason alone says why."""
     return lambda period: Reason.NOT_AUTHENTIC if _missing(period) is Reason.NOT_AUTHENTIC else reason
@@ -135,7 +141,7 @@ WRITING: Final = Because("UPDATING", lambda period: Reason.UPDATING)
 QUIET: Final = Because("NONE; NOT_AUTHENTIC if no frame is", _unless_refused(Reason.NONE))
 STANDS: Final = Because("NOT_ARMED; NOT_AUTHENTIC if no frame is", _unless_refused(Reason.NOT_ARMED))
 MISSING: Final = Because("why pressures are missing", _missing)
-WHILE_MISSING: Final = Because("NONE; if pressures are missing, why", _missing)
+WAITING: Final = Because("NONE; OFF_SPEED at such a speed; if pressures are missing, why", _waiting)
 OWN: Final = Because("of the fault", lambda period: period.inputs.fault or Reason.INTERNAL)
 FIRST: Final = Because("the first one stays", lambda period: period.kept)
 
@@ -168,7 +174,10 @@ TOO_MANY: Final = Condition(
     "`loss_limit` of the last `loss_window` missing, this one too",
     lambda period: not period.inputs.usable and period.lost >= period.config.loss_limit,
 )
-FILLING: Final = Condition("the window is not full", lambda period: not period.inputs.window_full)
+FILLING: Final = Condition(
+    "the window is not full, or the release is not made for the speed",
+    lambda period: period.inputs.off_speed or not period.inputs.window_full,
+)
 USABLE: Final = Condition("usable pressures", lambda period: period.inputs.usable)
 SHORT: Final = Condition(
     "no more than `hold_periods` missing in a row", lambda period: period.misses <= period.config.hold_periods
@@ -219,8 +228,8 @@ TRANSITIONS: Final = (
     _row(f"INIT ARMED {_WANTED}", INVALID, _S.FAULT, MISSING),
     _row(f"INIT ARMED {_WANTED}", TOO_LONG, _S.FAULT, MISSING, "hold_periods + decay_periods + 1"),
     _row(f"INIT ARMED {_WANTED}", TOO_MANY, _S.FAULT, MISSING, "loss_limit"),
-    _row("INIT", ALWAYS, _S.WARMUP, WHILE_MISSING),
-    _row(f"ARMED {_WANTED}", FILLING, _S.WARMUP, WHILE_MISSING),
+    _row("INIT", ALWAYS, _S.WARMUP, WAITING),
+    _row(f"ARMED {_WANTED}", FILLING, _S.WARMUP, WAITING),
     _row(f"ARMED {_WANTED}", USABLE, _S.CONTROL, NO_REASON),
     _row("ARMED WARMUP CONTROL HOLD", SHORT, _S.HOLD, MISSING),
     _row(f"ARMED {_WANTED}", ALWAYS, _S.DECAY, MISSING, "hold_periods + 1"),
@@ -229,7 +238,7 @@ TRANSITIONS: Final = (
         "FAULT",
         Condition(f"{REARMED.text}; {FILLING.text}", lambda p: REARMED.holds(p) and FILLING.holds(p)),
         _S.WARMUP,
-        NO_REASON,
+        WAITING,
         "rearm_frames",
     ),
     _row("FAULT", REARMED, _S.CONTROL, NO_REASON, "rearm_frames"),

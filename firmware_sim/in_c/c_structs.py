@@ -25,7 +25,7 @@ from contract.errors import LibraryError
 from firmware_sim.ecu.benefit_check import BenefitCheckState
 from firmware_sim.ecu.controller_memory import ControllerMemory
 from firmware_sim.ecu.delay_line import DelayLine
-from firmware_sim.ecu.ecu import Trace
+from firmware_sim.ecu.ecu_state import Trace
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.other_ecu import OtherEcu
 from firmware_sim.ecu.sensor_check import SensorCheckState

@@ -10,7 +10,7 @@ from contract.errors import StillwakeError
 from contract.release import bundle
 from contract.shipped import BUNDLE
 from export.to_onnx.sensor_estimator import read_estimator
-from firmware_sim.ecu.ecu import sensor_check_of
+from firmware_sim.ecu.sensor_check import sensor_check_of
 
 
 def passage(steps: int = 120) -> Passage:

@@ -9,8 +9,8 @@ import pytest
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
-from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE, VEHICLE_SPEED
+from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure, VehicleSpeed
 from contract.config.controller import MpcConfig
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
@@ -29,7 +29,7 @@ class RecordingController:
         self.plan = plan
         self.calls: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
 
-    def control_step(self, window, plan, free, weights=None) -> ControlStep:
+    def control_step(self, window, plan, free, weights=None, speed=1.0) -> ControlStep:
         self.calls.append((window.copy(), plan.copy(), free.copy()))
         # As the graph does: the shifted plan where it is committed, new actions elsewhere.
         new = np.array([self.plan(i) for i in range(len(plan))])
@@ -53,7 +53,7 @@ class Bench:
         self.ecu = Ecu(bundle, controller, config)
         self.now_ns = 1_000_000
         self.status: EcuStatus | None = None
-        self.sender = E2eSender(PRESSURE)
+        self.sender, self.speed_sender = E2eSender(PRESSURE), E2eSender(VEHICLE_SPEED)
         self.frames = 0
 
     def pressure(self, cp=(0.1, 0.2, 0.3, 0.4), *, enable=True, valid=(True,) * 4, age_ns=0) -> Frame:
@@ -64,6 +64,12 @@ class Bench:
             pressure_pa=tuple(value * scale for value in cp), valid=valid, enable_request=enable, age_ns=age_ns
         )
         return self.sender.frame(codec.emit_pressure(message), now_ns=self.now_ns)
+
+    def speed(self, ratio: float | None, *, age_ns: int = 0, density: float | None = None) -> Frame:
+        """A frame with the vehicle's speed, in design speeds."""
+        speed = None if ratio is None else ratio * self.config.operating_point.speed
+        message = VehicleSpeed(speed_m_per_s=speed, age_ns=age_ns, density_kg_per_m3=density)
+        return self.speed_sender.frame(codec.emit_vehicle_speed(message), now_ns=self.now_ns)
 
     def step(self, *frames: Frame, periods: int = 1) -> JetCommand:
         """One step with these frames; the clock then moves on by `periods`."""

@@ -147,7 +147,9 @@ def differentiate(
         true_rows.append([*seen[-1].differences, stream.committed])
         rows.append(leaves[-1])
         past.append(speed)
-        command = feedback(read(torch.stack(rows[-kept:]), past[-kept:], feedback.memory)) * speed
+        before = leaves[-1][-1]
+        command = feedback(read(torch.stack(rows[-kept:]), past[-kept:], feedback.memory), speed) * speed
+        command = before + min(1.0, speed) * (command - before)
         if iterations is not None and stream.recalled is not None:
             cp = seen[-1].Cp + np.column_stack([0.5 * noted, -0.5 * noted]).ravel()
             command = command + stream.recalled.change(iterations, cp, stream.committed, float(command.detach()))
@@ -173,8 +175,9 @@ def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:
     There a row has the action in force at its sample, in units of the speed at that time; the row of the present sample
     has the one that begins.
     """
+    rows = _followed(rows, speeds)
     where = places(speeds, memory)
-    if where is None:
+    if len(where.newer) < memory:
         raise ValueError(f"{len(rows)} rows do not reach back over {memory} steps at these speeds")
     began = rows[:, -1]
     in_force = torch.cat([began[:1], began[:-1]]) / torch.tensor(speeds, dtype=torch.float64)
@@ -184,6 +187,19 @@ def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:
     window = window[newer] + share[:, None] * (window[older] - window[newer])
     actions = torch.cat([window[1:, -1], began[-1:] / speeds[-1]])
     return torch.cat([window[:, :-1], actions[:, None]], dim=1)
+
+
+def _followed(rows: Tensor, speeds: Sequence[float]) -> Tensor:
+    """Rows whose differences are as the vehicle keeps them (`contract.controller.resampling.followed`)."""
+    if min(speeds) >= 1.0:
+        return rows
+    weights = np.zeros((len(rows), len(rows)))
+    weights[0, 0] = 1.0
+    for k in range(1, len(rows)):
+        share = min(1.0, speeds[k])
+        weights[k, :k] = (1.0 - share) * weights[k - 1, :k]
+        weights[k, k] = share
+    return torch.cat([torch.from_numpy(weights) @ rows[:, :-1], rows[:, -1:]], dim=1)
 
 
 def _stretch_read(rows: Array, speeds: Array) -> Array:

@@ -81,7 +81,7 @@ def run(
         StillwakeError: the bus cannot be opened, or a file cannot be written.
     """
     messages = message_set(config.bus)
-    pressure = messages.pressure.spec
+    pressure, speed = messages.pressure.spec, messages.speed.spec
     reception = Reception(messages=messages, interface=config.bus.interface)
     stages = None
     if options.stage_times is not None:
@@ -99,6 +99,7 @@ def run(
     def keep(counters: Counters) -> None:
         if freshness is not None:
             freshness.accepted(pressure.frame_id, counters.state.verifier.freshness)
+            freshness.accepted(speed.frame_id, counters.state.speed.verifier.freshness)
 
     with ExitStack() as stack:
         privileges = stack.enter_context(taken(options.wanted))

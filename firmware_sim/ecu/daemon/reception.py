@@ -29,7 +29,7 @@ class Taken(NamedTuple):
 
     Attributes:
         pressures: oldest first, stamped in the ECU's clock.
-        others: by the names of what the ECU sends, likewise: only another ECU can have sent sound ones.
+        others: the vehicle's speed, and frames by the names of what the ECU sends, which only another ECU can have sent.
     """
 
     pressures: list[Frame]
@@ -67,7 +67,7 @@ class Reception:
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
         date_ns: Callable[[], int] = time.time_ns,
     ) -> None:
-        self._pressure, self._own = messages.pressure.spec, (messages.command.spec, messages.status.spec)
+        self._pressure, *self._rest = messages.specs
         self._believes_stamps = interface in STAMPED_WITH_THE_DATE
         self._monotonic_ns, self._date_ns = monotonic_ns, date_ns
         self.heard = Heard()
@@ -88,7 +88,7 @@ class Reception:
         self.heard.add([frame])
         if self._pressure.names(frame):
             self._pressures.put(frame)
-        elif any(spec.names(frame) for spec in self._own):
+        elif any(spec.names(frame) for spec in self._rest):
             self._others.put(frame)
 
     def take(self) -> Taken:

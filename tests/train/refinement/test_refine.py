@@ -32,33 +32,37 @@ def feedback() -> Feedback:
     return Feedback(MEMORY, 4, (0.3, 0.3, 0.05), LIMIT, 0)
 
 
-@pytest.mark.parametrize("fastest", [1.0, 1.3])
-def test_the_gradient_is_that_of_flow_and_feedback_together(fastest):
-    """At the design speed, and while the speed rises: the past is then read between its rows."""
-    speeds = np.linspace(1.0, fastest, 10)
+@pytest.mark.parametrize("last", [1.0, 1.3, 0.8])
+def test_the_gradient_is_that_of_flow_and_feedback_together(last):
+    """At the design speed, and while the speed rises or falls: the past is then read between its rows."""
+    speeds = np.linspace(1.0, last, 10)
     policy, noise = feedback(), 0.01 * np.random.default_rng(0).normal(size=(9, 2))
     torch.nn.init.normal_(policy.output, 0.0, 0.5, generator=torch.Generator().manual_seed(1))
+    torch.nn.init.normal_(policy.slope, 0.0, 0.5, generator=torch.Generator().manual_seed(2))
 
     def cost() -> float:
         flow, committed, costs = Oscillator(), 0.0, []
-        rows, seen = [np.zeros(3)] * (MEMORY - 1), flow.begin(START)
-        past = [1.0] * (MEMORY - 1)
+        rows, seen = [np.zeros(3)] * (MEMORY + 1), flow.begin(START)
+        past = [1.0] * (MEMORY + 1)
         for k in range(len(noise)):
             past.append(speeds[k])
-            rows.append(np.append(seen.differences + noise[k] / speeds[k] ** 2, committed))
+            share, new = min(1.0, speeds[k]), seen.differences + noise[k] / speeds[k] ** 2
+            rows.append(np.append(rows[-1][:2] + share * (new - rows[-1][:2]), committed))
             travelled = np.cumsum([0.0, *past[:0:-1]])
             at = np.array([interpolated(travelled, np.array(rows[::-1]), step) for step in range(MEMORY)])[::-1]
             in_force = [rows[0][-1], *[row[-1] for row in rows[:-1]]] / np.array(past)
             acts = [interpolated(travelled, in_force[::-1], step) for step in range(MEMORY)][::-1]
             at[:, -1] = [*acts[1:], committed / speeds[k]]
-            command = float(policy(torch.from_numpy(at.copy())).detach()) * speeds[k]
+            command = float(policy(torch.from_numpy(at.copy()), speeds[k]).detach()) * speeds[k]
+            command = committed + share * (command - committed)
             seen, acted, committed = flow.advance(committed), committed, command
             costs.append(seen.Cd + PRICE.lift * seen.Cl**2 + PRICE.motion * seen.Uy**2 + PRICE.effort * acted**2)
         return float(np.mean(costs))
 
-    stretch = differentiate(Oscillator(), policy, Stream.begun(START, MEMORY, 3), PRICE, noise, speeds=speeds)
+    stream = Stream.begun(START, MEMORY, 3, min(speeds))
+    stretch = differentiate(Oscillator(), policy, stream, PRICE, noise, speeds=speeds)
     assert stretch.rows.shape == (int(sum(speeds[1:-1])) + 1, 3)
-    for weights, index in ((policy.output, (3,)), (policy.first, (2, 1)), (policy.first, (17, 0))):
+    for weights, index in ((policy.output, (3,)), (policy.first, (2, 1)), (policy.first, (17, 0)), (policy.slope, (2, 1))):
         assert weights.grad is not None
         costs = []
         for step in (1e-5, -2e-5):

@@ -1,0 +1,124 @@
+"""The vehicle's speed through the air, by which pressures become coefficients and actions become flow rates.
+
+A release that serves a range of speeds needs it. In this order: authentication, the end-to-end check, the age, the
+plausibility. A speed that is not to be trusted leaves the last one in force for a while: a vehicle does not change its
+speed in a fraction of a second.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from can_bridge.e2e.receiver import ReceiverState, receive
+from can_bridge.secoc.key import Key
+from can_bridge.secoc.receiver import VerifierState, verified
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import Message
+from can_bridge.wire.messages import VehicleSpeed
+from contract.config.operating_point import OperatingPoint
+from contract.config.tree import Config
+from contract.config.vehicle import E2eConfig, SpeedConfig
+from contract.release.manifest import Manifest, SpeedRange
+
+SHORTEST_S: Final = 0.1
+"""Over which a change of the speed is judged, at least: so that its rounding and a late frame are no acceleration."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedState:
+    """After a control period.
+
+    Attributes:
+        ratio: to the design speed, of the vehicle as last believed; None if that is too long ago.
+        density: of the air in kg/m3, as the vehicle stated it with that, or the operating point's.
+        measured_ns: when it was measured.
+        is_off: it is outside the release's range; once outside it has to come back by the margin.
+        verifier, receiver: of the message.
+    """
+
+    ratio: float | None = None
+    density: float = 0.0
+    measured_ns: int = 0
+    is_off: bool = False
+    verifier: VerifierState = field(default_factory=VerifierState)
+    receiver: ReceiverState = field(default_factory=ReceiverState)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedReception:
+    """How the frames of the speed message are judged.
+
+    Attributes:
+        message: of the set in use.
+        key: None without authentication.
+        e2e: when the stream is to be trusted.
+        design: the operating point of the release.
+        speeds: that it serves, in design speeds.
+        config: ages and limits.
+    """
+
+    message: Message[VehicleSpeed]
+    key: Key | None
+    e2e: E2eConfig
+    design: OperatingPoint
+    speeds: SpeedRange
+    config: SpeedConfig
+
+    @classmethod
+    def of(
+        cls, manifest: Manifest, config: Config, message: Message[VehicleSpeed], key: Key | None
+    ) -> "SpeedReception | None":
+        """For a release; None for one that does not need the speed."""
+        if manifest.speeds is None:
+            return None
+        return cls(
+            message=message,
+            key=key,
+            e2e=config.bus.e2e,
+            design=manifest.operating_point,
+            speeds=manifest.speeds,
+            config=config.ecu.speed,
+        )
+
+    def next(self, state: SpeedState, frames: Sequence[Frame], now_ns: int) -> SpeedState:
+        """After the frames of a period, oldest first."""
+        spec = self.message.spec
+        verifier, frames, _ = verified(state.verifier, frames, spec=spec, key=self.key)
+        receiver, reception = receive(state.receiver, frames, spec=spec, config=self.e2e)
+        state = replace(state, verifier=verifier, receiver=receiver)
+        frame = reception.live
+        speed = None if frame is None else self.message.parse(frame.data[: spec.protected])
+        if frame is not None and speed is not None and speed.speed_m_per_s is not None:
+            state = self._believed(state, speed, frame.timestamp_ns - speed.age_ns, now_ns)
+        if now_ns - state.measured_ns > self._oldest_ns or state.ratio is None:
+            return replace(state, ratio=None)
+        within = self.config.margin if not state.is_off else 0.0
+        is_off = not self.speeds.slowest - within <= state.ratio <= self.speeds.fastest + within
+        return replace(state, is_off=is_off)
+
+    def dynamic_pressure(self, state: SpeedState) -> float | None:
+        """Pa at Cp = 1, at the design speed where the speed is outside the range; None without a speed."""
+        if state.ratio is None:
+            return None
+        ratio = 1.0 if state.is_off else state.ratio
+        return 0.5 * state.density * (ratio * self.design.speed) * (ratio * self.design.speed)
+
+    @property
+    def _oldest_ns(self) -> int:
+        return round(self.config.oldest_ms * 1e6)
+
+    def _believed(self, state: SpeedState, speed: VehicleSpeed, measured_ns: int, now_ns: int) -> SpeedState:
+        """With a new speed, unless it is old, or no vehicle gets from the last one to it so fast."""
+        if speed.speed_m_per_s is None or not 0 <= now_ns - measured_ns <= self._oldest_ns:
+            return state
+        if state.ratio is not None:
+            most = self.config.most_acceleration * max((now_ns - state.measured_ns) * 1e-9, SHORTEST_S)
+            if abs(speed.speed_m_per_s - state.ratio * self.design.speed) > most:
+                return state
+        density = speed.density_kg_per_m3
+        return replace(
+            state,
+            ratio=speed.speed_m_per_s / self.design.speed,
+            density=self.design.density if density is None else density,
+            measured_ns=measured_ns,
+        )
