@@ -17,7 +17,6 @@ import urllib.request
 from collections.abc import Iterator, Sequence
 from contextlib import chdir, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -27,7 +26,6 @@ import typer.main
 from contract.shipped import BUNDLE, RECORDING
 from stillwake import __main__ as command_line
 
-DBC = files("contract").joinpath("stillwake.dbc")
 VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=walk")
 UDP = ("--set", "bus.interface=udp_multicast", "--set", "bus.channel=239.74.163.9")
 
@@ -81,7 +79,6 @@ CALLS = (
     call("ecu info --bus virtual:walk", needs=["flash"]),
     call("can send Pressure", *VIRTUAL),
     call("can decode drive.log"),
-    call("can decode drive.log --dbc", DBC, needs=["bus"]),
     call("can monitor --log drive.log"),
     call("can load"),
     call("flash", BUNDLE, "--bus", "virtual:walk", "--access", "access.key", needs=["flash"]),

@@ -16,7 +16,7 @@ from rich.table import Table
 from contract.atomic import replacing
 from contract.errors import BusError, ConfigError
 from contract.results import versions, write_result
-from stillwake.commands.can.options import BUS, UNCHECKED, Dbc, key_of, positive
+from stillwake.commands.can.options import BUS, UNCHECKED, key_of, positive
 from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.outputs import Overwrite, check_json, check_output
 from stillwake.console.progress import now_and_then
@@ -156,7 +156,6 @@ def _own_frames(
 
 def decode(
     file: Annotated[Path, typer.Argument(help="Log: .log (candump), .asc, .blf or .trc.", show_default=False)],
-    dbc: Dbc = None,
     summary: Annotated[bool, typer.Option("--summary", help="The tables at the end alone.")] = False,
     csv_file: Annotated[
         Path | None, typer.Option("--csv", help="Also write a row for every signal here.", metavar="FILE")
@@ -171,11 +170,11 @@ def decode(
     A line for each frame, then a table of the messages: counts, rates, losses,
     checks and the load of the bus, whose bit rates are settings. A counter is
     compared with the frame before it. With --set bus.key=FILE the MAC and
-    freshness of secured messages are checked first. stillwake's own messages
-    are known; --dbc brings others, with cantools.
+    freshness of secured messages are checked first. Of other messages it
+    prints the bytes; `cantools decode` reads those.
     """
     from can_bridge.logs.log_reader import check_suffix, read_messages
-    from can_bridge.tools.dbc_decoder import decoder_of
+    from can_bridge.tools import signals
     from can_bridge.tools.summary import summarise
 
     uses = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.e2e", "bus.key")
@@ -183,10 +182,10 @@ def decode(
     check_suffix(file)
     check_json(json_file)
     if csv_file is not None:
-        if csv_file.resolve() in (file.resolve(), None if dbc is None else dbc.resolve()):
-            raise BusError(f"{csv_file}: is one of the files to read; give another name")
+        if csv_file.resolve() == file.resolve():
+            raise BusError(f"{csv_file}: is the file to read; give another name")
         check_output(csv_file, overwrite=overwrite)
-    decoder, key = decoder_of(dbc), key_of(config.key)
+    key = key_of(config.key)
     bar = progress_bar("frames")
     # Without a line for each frame, something else has to show that the work goes on.
     with _csv_rows(csv_file) as write_row, bar if summary else nullcontext():
@@ -203,7 +202,7 @@ def decode(
             else:
                 console.print(_line(traffic), soft_wrap=True, highlight=False)
 
-        log_summary = summarise(read_messages(file), decoder=decoder, config=config, key=key, seen=seen)
+        log_summary = summarise(read_messages(file), decoder=signals.decode, config=config, key=key, seen=seen)
         if log_summary.first_s is None:
             raise BusError(f"{file}: holds no CAN frame")
     if json_file is not None:

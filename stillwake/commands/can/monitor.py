@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Protocol
 import typer
 
 from contract.errors import BusError, ConfigError
-from stillwake.commands.can.options import BUS, Dbc, Duration, key_of, positive
+from stillwake.commands.can.options import BUS, Duration, key_of, positive
 from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.progress import INTERVAL
 from stillwake.console.settings import settings
@@ -33,7 +33,6 @@ MOST_AT_ONCE = 2000
 
 
 def monitor(
-    dbc: Dbc = None,
     log: Annotated[
         Path | None, typer.Option(help="Show this log in place of a bus, in its own time.", metavar="FILE")
     ] = None,
@@ -58,10 +57,8 @@ def monitor(
     lost counts frames that are missing by their counters, refused those that
     a receiver would not have used; E2E is the newest frame's check. With
     --set bus.key=FILE the MAC and freshness of secured messages are checked
-    first. stillwake's own messages are known; --dbc brings others, with
-    cantools.
+    first. Of other messages it shows the bytes; `cantools monitor` decodes them.
     """
-    from can_bridge.tools.dbc_decoder import decoder_of
     from can_bridge.tools.monitor import MonitorState
 
     uses = ("bus.e2e", "bus.key") if log is not None else (*BUS, "bus.e2e", "bus.key")
@@ -72,7 +69,7 @@ def monitor(
             raise ConfigError("--speed: goes with --log; a bus has its own time")
     if seconds is not None:
         positive("--for", seconds)
-    state = MonitorState(decoder=decoder_of(dbc), e2e=config.e2e, key=key_of(config.key))
+    state = MonitorState(e2e=config.e2e, key=key_of(config.key))
     is_live = not once and console.is_interactive
     with ExitStack() as stack:
         if log is not None:

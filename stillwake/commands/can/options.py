@@ -14,10 +14,6 @@ if TYPE_CHECKING:
 BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate")
 """Settings that reach a bus."""
 
-Dbc = Annotated[
-    Path | None,
-    typer.Option("--dbc", help="DBC file of other messages on the bus; stillwake's own are known.", metavar="FILE"),
-]
 Duration = Annotated[float | None, typer.Option("--for", help="End after so many seconds.", metavar="SECONDS")]
 
 LONGEST_S: Final = 1e7

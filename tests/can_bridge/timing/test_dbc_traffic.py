@@ -1,6 +1,7 @@
 """Traffic out of a DBC."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -128,3 +129,9 @@ def test_what_describes_no_bus_is_refused_in_one_line(tmp_path):
             read_traffic(path, BusConfig(), TAKEN, seed=0)
         assert str(raised.value).startswith(f"{path}: "), name
         assert "\n" not in str(raised.value), name
+
+
+def test_without_cantools_the_error_names_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "cantools.database", None)
+    with refused(BusError, r"\.dbc: reading it needs cantools: pip install '\.\[bus\]' in a checkout"):
+        read_traffic(SHIPPED, BusConfig(), TAKEN, seed=0)

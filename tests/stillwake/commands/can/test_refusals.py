@@ -11,8 +11,7 @@ DECODE = {
     "missing.log": "missing.log: there is no such file",
     "empty.log": "empty.log: holds no CAN frame",
     "cut.blf": "cut.blf: ",
-    "good.log --dbc empty.log": "empty.log: no description of a CAN bus",
-    "good.log --csv good.log": "is one of the files to read",
+    "good.log --csv good.log": "is the file to read",
     "good.log --csv folder": "it is a directory",
     "good.log --json folder": "it is a directory",
     "good.log --set bus.interface=virtual": "`can decode` does not use it",
@@ -29,7 +28,6 @@ MONITOR = {
     "--speed 2": "--speed: goes with --log",
     "--log empty.log --speed -1": "--speed -1: must be a number above 0",
     "--for inf": "--for inf: must be a number above 0",
-    "--dbc missing.dbc": "missing.dbc: No such file",
     "--set bus.interface=nonsense": "nonsense",
 }
 SEND = {
