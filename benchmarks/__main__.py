@@ -54,6 +54,7 @@ MEASUREMENTS: Final = {
     "release-loop": Measurement(
         "release.release_loop", "the shipped release from five phases of the shedding cycle", "minutes"
     ),
+    "drive": Measurement("release.drive", "the release at other speeds: steady, drives, a speed that lies", "hours"),
     "ecu-loop": Measurement("ecu.ecu_loop", "the wake driven by each ECU: Python, C, an emulated Cortex-M7", "minutes"),
 }
 PAGES: Final = {
