@@ -13,7 +13,7 @@ from contract.model.model_folder import Provenance
 from contract.release import bundle
 from contract.release.bundle import MadeEstimator, with_estimator
 from contract.release.checks import CONTROLLER
-from contract.release.manifest import FIRST_SECURITY_VERSION, Manifest
+from contract.release.manifest import FIRST_SECURITY_VERSION, Manifest, SpeedRange
 from export.release.gated import Gated
 
 
@@ -42,6 +42,13 @@ class Vehicle:
             budget_ms=config.period_ns / 1e6,
             compute_time_ms=config.ecu.compute_time_ms,
         )
+
+
+def speeds_of(provenance: Provenance) -> SpeedRange | None:
+    """The speeds that a model's prior was trained at; None where it was the design speed alone, or there is no prior."""
+    refined = provenance.config.get("refine", {})
+    slowest, fastest = refined.get("slowest", 1.0), refined.get("fastest", 1.0)
+    return SpeedRange(slowest=slowest, fastest=fastest) if slowest < fastest else None
 
 
 def write_release(
@@ -90,6 +97,7 @@ def write_release(
         program_sha256=lowered.program_sha256,
         provenance={**provenance.training(), "export": asdict(gated.graph)},
         security_version=FIRST_SECURITY_VERSION,
+        speeds=speeds_of(provenance),
     )
     contents = {CONTROLLER: lowered.graph}
     if estimator is not None:

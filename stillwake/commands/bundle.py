@@ -265,6 +265,8 @@ def rows(release: Bundle) -> list[tuple[str, str]]:
     mpc, point, scaling = manifest.mpc, manifest.operating_point, manifest.scaling
     weights = ", ".join(f"{name} {value:g}" for name, value in vars(mpc.weights).items())
     positions = zip(manifest.sensors, manifest.sensor_positions or (), strict=manifest.sensor_positions is not None)
+    speeds = manifest.speeds
+    served = "all, each taken for U_inf" if speeds is None else f"{speeds.slowest:g} to {speeds.fastest:g} U_inf"
     ranges = zip(manifest.sensors, scaling.pressure_mean, scaling.pressure_std, strict=True)
     return [
         ("name", manifest.name),
@@ -281,6 +283,7 @@ def rows(release: Bundle) -> list[tuple[str, str]]:
         ("MPC weights", f"{weights}{'; of the reported cost, no action depends on them' * manifest.is_linear}"),
         ("limit", f"|a| <= {manifest.action_limit:g} U_inf W"),
         ("operating point", f"W {point.width:g} m, U_inf {point.speed:g} m/s, rho {point.density:g} kg/m3"),
+        ("speeds", served),
         ("timing", f"control period {manifest.control_period:g} t_c, {manifest.budget_ms:g} ms; of it "
          f"{manifest.compute_time_ms:g} ms for the control step"),
         *((f"scaling {name}", f"Cp {mean:.4f} +- {std:.4f}") for name, mean, std in ranges),

@@ -1,5 +1,6 @@
 """Releases: what is written loads, answers like the reference and names its program, in the graph and in C alike."""
 
+from dataclasses import replace
 from datetime import date
 
 import numpy as np
@@ -10,11 +11,12 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
 from contract.controller.estimator import ESTIMATOR
+from contract.errors import BundleManifestError
 from contract.model.model_folder import Provenance
 from contract.release import bundle, signing
 from contract.release.bundle import MadeEstimator
 from contract.release.checks import CONTROLLER
-from contract.release.manifest import Manifest, SensorEstimator
+from contract.release.manifest import Manifest, SensorEstimator, SpeedRange
 from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits
@@ -55,6 +57,23 @@ def release(path, lowerings: Gated, **changes) -> None:
     )
     settings = {"name": "test", "created": date(2026, 1, 2), "vehicle": Vehicle.of(Config()), "provenance": provenance}
     write_release(path, lowerings, **{**settings, **changes})
+
+
+def test_the_speeds_that_a_prior_was_trained_at_are_the_releases(tmp_path, program):
+    provenance = Provenance(
+        dataset_sha256="0" * 64,
+        weights_sha256="1" * 64,
+        metrics={},
+        versions={},
+        config={"refine": {"slowest": 0.6, "fastest": 1.4}},
+    )
+    release(tmp_path / "release", gated(program, "float32"), provenance=provenance)
+    manifest = bundle.load(tmp_path / "release").manifest
+    assert manifest.speeds == SpeedRange(slowest=0.6, fastest=1.4)
+    # 5 steps of the design speed last as long as 9 periods at the slowest.
+    assert manifest.past == 10
+    with pytest.raises(BundleManifestError, match=r"speeds = 1\.1\.\.1\.4: must hold 1"):
+        replace(manifest, speeds=SpeedRange(slowest=1.1, fastest=1.4))
 
 
 def test_a_sensor_estimator_is_made_for_the_manifest_and_written_with_it(tmp_path, program):
