@@ -1,19 +1,15 @@
 """A campaign as one self-contained HTML page: the matrix first, then curves, then a page a group; table and figures."""
 
-import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from datetime import date
 from itertools import groupby
 from typing import Any, Final
-
-from PIL import Image
 
 from contract.atomic import replacing
 from contract.config import loading
 from firmware_sim.campaign import matrix_words, paper, result_figures
 from firmware_sim.campaign.conduct import Campaign, Result
 from firmware_sim.campaign.folder import CampaignFolder
-from firmware_sim.campaign.judgement import Row
 from firmware_sim.campaign.listing import criteria_text
 from firmware_sim.campaign.scenario import Criteria
 from firmware_sim.runs import pages
@@ -63,7 +59,8 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
             criteria=criteria_text(Criteria()),
             words_of=criteria_text,
             groups=[
-                (title, list(_group(rows))) for title, rows in groupby(result.rows, lambda row: row.scenario.group)
+                (title, [(row, matrix_words.cells(row)) for row in rows])
+                for title, rows in groupby(result.rows, lambda row: row.scenario.group)
             ],
             curves=[(_CURVES[name][0], pages.data_uri(png), _CURVES[name][1]) for name, png in pictures.items()],
             settings=list(_leaves({name: loading.to_tree(campaign.config)[name] for name in _USED})),
@@ -71,20 +68,6 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
     )
     with replacing(folder.report) as temporary:
         temporary.write_text(page, encoding="utf-8")
-
-
-def _group(rows: Iterator[Row]) -> Iterator[tuple[Row, Sequence[str], str | None]]:
-    for row in rows:
-        course = result_figures.course_figure(row)
-        yield row, matrix_words.cells(row), None if course is None else pages.data_uri(_small(pages.png_of(course)))
-
-
-def _small(png: bytes) -> bytes:
-    """The picture in 64 colours, which lines on white do with: a page holds dozens."""
-    buffer = io.BytesIO()
-    with Image.open(io.BytesIO(png)) as picture:
-        picture.convert("RGB").quantize(64, dither=Image.Dither.NONE).save(buffer, format="PNG", optimize=True)
-    return buffer.getvalue()
 
 
 def _leaves(tree: Mapping[str, Any], above: str = "") -> Iterator[str]:

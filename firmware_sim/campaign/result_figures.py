@@ -1,4 +1,4 @@
-"""Figures of a campaign: drag and side force over noise and delay, each group at a glance, and the course of runs.
+"""Figures of a campaign: drag and side force over noise and delay, and each group at a glance.
 
 Colours are those of Okabe and Ito, which colour-blind readers distinguish; marks differ as well.
 """
@@ -20,7 +20,6 @@ from firmware_sim.campaign.scenario import UNDISTURBED
 BLUE: Final = "#0072B2"
 ORANGE: Final = "#E69F00"
 VERMILLION: Final = "#D55E00"
-GREEN: Final = "#009E73"
 COLOURS: Final = {Use.USEFUL: BLUE, Use.MARGINAL: ORANGE, Use.NONE: VERMILLION}
 MARKS: Final = {Use.USEFUL: "o", Use.MARGINAL: "D", Use.NONE: "X"}
 _WIDTH: Final = 10.0
@@ -115,35 +114,6 @@ def overview_figure(rows: Sequence[Row]) -> Figure:
         left.plot([], [], linestyle="", marker=MARKS[use], color=COLOURS[use], label=str(use))
     left.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, fontsize=8, borderaxespad=0.1)
     return figure
-
-
-def course_figure(row: Row) -> Figure | None:
-    """Drag, side force and action over time from every start, the flow without control in grey; None without a run."""
-    runs = [(phase.under.course, phase.free.course) for phase in row.phases]
-    if all(under is None for under, _ in runs):
-        return None
-    figure = Figure(figsize=(_WIDTH, 2.9), dpi=80)
-    panels = figure.subplots(3, 1, sharex=True, gridspec_kw={"hspace": 0.12})
-    figure.subplots_adjust(left=0.08, right=0.99, bottom=0.16, top=0.98)
-    for (under, free), colour in zip(runs, _cycle(len(runs)), strict=True):
-        for axes, name in zip(panels, ("Cd", "Cl", "action"), strict=True):
-            if free is not None and name != "action":
-                axes.plot(np.array(free.t) - free.enabled_t, getattr(free, name), color="0.75", linewidth=0.8)
-            if under is not None:
-                axes.plot(np.array(under.t) - under.enabled_t, getattr(under, name), color=colour, linewidth=0.9)
-    for axes, label in zip(panels, ("$C_d$", "$C_l$", "action"), strict=True):
-        axes.set_ylabel(label, fontsize=8)
-        axes.tick_params(labelsize=7)
-        axes.grid(alpha=0.25)
-        axes.axvline(0.0, color="0.4", linewidth=0.8, linestyle=":")
-    panels[-1].set_xlabel("$t_c$ after control is requested", fontsize=8)
-    figure.align_ylabels(panels)
-    return figure
-
-
-def _cycle(count: int) -> list[str]:
-    colours = [BLUE, ORANGE, GREEN, VERMILLION]
-    return [colours[number % len(colours)] for number in range(count)]
 
 
 def _panels(xlabel: str) -> tuple[Figure, tuple[Axes, Axes]]:
