@@ -63,8 +63,10 @@ class Listening:
     def warm_up(self, steps: int) -> None:
         self.inner.warm_up(steps)
 
-    def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> ControlStep:
-        self.latest = self.inner.control_step(window, plan, free, weights)
+    def control_step(
+        self, window: Array, plan: Array, free: Array, weights: Array | None = None, speed: float = 1.0
+    ) -> ControlStep:
+        self.latest = self.inner.control_step(window, plan, free, weights, speed)
         return self.latest
 
     def taken(self) -> ControlStep | None:

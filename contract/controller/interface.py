@@ -10,7 +10,10 @@ window     (L, S+1)  oldest row first; row k is (Cp_k at the manifest's sensors,
 plan       (H,)      the previous step's plan, as it came out; the controller shifts it by one step
 free       (H,)      1 where the optimiser may change the shifted plan, 0 where it is committed (delay)
 weights    (8,)      cost weights in the order of `CostWeights`; optional, defaults to the manifest's
+speed      ()        the vehicle's speed as a ratio to the design speed; optional, 1 by default
 =========  ========  =====================================================================================
+
+A graph whose plan does not depend on the speed has no such input.
 
 =========  ========  =====================================================================================
 output     shape     meaning
@@ -30,7 +33,7 @@ from contract.arrays import Array
 from contract.config.controller import CostWeights
 from contract.errors import StillwakeError
 
-INPUTS: Final = ("window", "plan", "free", "weights")
+INPUTS: Final = ("window", "plan", "free", "weights", "speed")
 OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
 TERMS: Final = tuple(item.name for item in fields(CostWeights))
 """Cost terms in the order of every array of them."""
@@ -52,7 +55,7 @@ class Sizes:
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """The shape of every input and output by its name."""
-        inputs = ((self.window, self.sensors + 1), (self.horizon,), (self.horizon,), (len(TERMS),))
+        inputs = ((self.window, self.sensors + 1), (self.horizon,), (self.horizon,), (len(TERMS),), ())
         outputs = ((self.horizon,), (self.horizon, FORCES), (len(TERMS),), ())
         return dict(zip(INPUTS + OUTPUTS, inputs + outputs, strict=True))
 
@@ -77,7 +80,9 @@ class ControlStep:
 class Controller(Protocol):
     """What computes control steps: all that the ECU and the gates of the export need."""
 
-    def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> ControlStep:
+    def control_step(
+        self, window: Array, plan: Array, free: Array, weights: Array | None = None, speed: float = 1.0
+    ) -> ControlStep:
         """One control step; without weights the controller's own default applies.
 
         Raises:

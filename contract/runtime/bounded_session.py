@@ -29,6 +29,7 @@ class BoundedGraph:
         shapes: that its inputs and outputs must have, by name.
         feeds: zeros for every input without a default.
         outputs: names, in order.
+        optional: names in `shapes` that the graph may lack.
     """
 
     name: str
@@ -36,6 +37,7 @@ class BoundedGraph:
     shapes: Mapping[str, tuple[int, ...]]
     feeds: Mapping[str, npt.NDArray[np.float32]]
     outputs: tuple[str, ...]
+    optional: tuple[str, ...] = ()
 
     def session(self) -> Any:
         """The session to compute with; raises BundleControllerError if it does not load or has other shapes."""
@@ -93,7 +95,7 @@ class BoundedGraph:
         except Exception as error:
             raise BundleControllerError(f"{self.name} does not load: {shown(error)}") from error
         for name, shape in self.shapes.items():
-            if found.get(name) != list(shape):
+            if found.get(name) != list(shape) and not (name in self.optional and name not in found):
                 raise BundleControllerError(
                     f"{self.name}: {name!r} has shape {found.get(name)}, must have {list(shape)}"
                 )

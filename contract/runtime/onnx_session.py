@@ -33,6 +33,7 @@ class OnnxController:
     def __init__(self, model: bytes, sizes: Sizes) -> None:
         self._graph = _graph(model, sizes)
         self._session = self._graph.session()
+        self._knows_speed = any(item.name == "speed" for item in self._session.get_overridable_initializers())
         self.description = f"ONNX Runtime {onnxruntime.__version__}"
 
     @classmethod
@@ -58,9 +59,13 @@ class OnnxController:
         """
         self._graph.run_on_zeros(self._session, steps, limit_s)
 
-    def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> ControlStep:
+    def control_step(
+        self, window: Array, plan: Array, free: Array, weights: Array | None = None, speed: float = 1.0
+    ) -> ControlStep:
         """One control step in float32 (`contract.controller.interface`); raises ControllerError if it fails."""
         feeds = {"window": window, "plan": plan, "free": free} | ({} if weights is None else {"weights": weights})
+        if self._knows_speed:
+            feeds["speed"] = np.array(speed)
         try:
             outputs = self._session.run(
                 list(OUTPUTS), {name: value.astype(np.float32) for name, value in feeds.items()}
@@ -74,4 +79,4 @@ class OnnxController:
 def _graph(model: bytes, sizes: Sizes) -> BoundedGraph:
     shapes = sizes.shapes()
     feeds = {name: np.zeros(shapes[name], dtype=np.float32) for name in ("window", "plan", "free")}
-    return BoundedGraph(name=CONTROLLER, model=model, shapes=shapes, feeds=feeds, outputs=OUTPUTS)
+    return BoundedGraph(name=CONTROLLER, model=model, shapes=shapes, feeds=feeds, outputs=OUTPUTS, optional=("speed",))

@@ -47,7 +47,7 @@ def _facts(settings: Settings) -> dict[str, str | int]:
         "KIND": "linear" if settings.is_linear else "learned",
         "WORK": "" if settings.is_linear else f"{settings.number('SW_ITERATIONS')} iterations over ",
         "PROGRAM": settings.text("SW_PROGRAM_SHA256"),
-        "INPUT_BYTES": _FLOAT_BYTES * (window * (sensors + 1) + 2 * horizon + len(TERMS)),
+        "INPUT_BYTES": _FLOAT_BYTES * (window * (sensors + 1) + 2 * horizon + len(TERMS) + 1),
         "OUTPUT_BYTES": _FLOAT_BYTES * (horizon * (1 + FORCES) + len(TERMS) + 1),
         "PRODUCTS": f"{settings.multiply_accumulates():,}",
     }

@@ -65,6 +65,7 @@ class CController:
             plan=ctypes.c_float * horizon,
             free=ctypes.c_float * horizon,
             weights=ctypes.c_float * len(TERMS),
+            speed=ctypes.c_float,
         )
         self._output = _structure(
             "sw_output",
@@ -87,13 +88,17 @@ class CController:
 
     def warm_up(self, steps: int) -> None:
         """Run on zeros, so that the first real step finds its code and weights in memory."""
+        window, plan, free = (np.zeros(array.shape) for array in (self._window, self._plan, self._free))
         for _ in range(steps):
-            self.control_step(*(np.zeros(array.shape) for array in (self._window, self._plan, self._free)))
+            self.control_step(window, plan, free)
 
-    def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> ControlStep:
+    def control_step(
+        self, window: Array, plan: Array, free: Array, weights: Array | None = None, speed: float = 1.0
+    ) -> ControlStep:
         """One control step in float32; raises ControllerError if an input or a result is not finite."""
         self._window[:], self._plan[:], self._free[:] = window, plan, free
         self._weights[:] = self._default_weights if weights is None else weights
+        self._input.speed = speed
         status = self._step(
             ctypes.c_void_p(self._workspace.ctypes.data), ctypes.byref(self._input), ctypes.byref(self._output)
         )

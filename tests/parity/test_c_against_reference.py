@@ -101,7 +101,7 @@ def test_nothing_is_carried_from_step_to_step_and_no_scratch_is_read_before_it_i
         assert found.cost == expected.cost
 
 
-@pytest.mark.parametrize("where", ["window", "plan", "weights"])
+@pytest.mark.parametrize("where", ["window", "plan", "weights", "speed"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_number_that_is_not_finite_is_reported(small, where, value):
     program, controller = small
@@ -110,6 +110,7 @@ def test_a_number_that_is_not_finite_is_reported(small, where, value):
         "window": case.window.copy(),
         "plan": case.plan.copy(),
         "weights": np.array(program.mpc.weights.as_tuple()),
+        "speed": np.array(1.0),
     }
     arguments[where][(-1,) * arguments[where].ndim] = value
     with pytest.raises(ControllerError, match="a number is not finite"):

@@ -37,10 +37,12 @@ class TimedController:
         self._now_ns = now_ns
         self.times = PlanTimes() if times is None else times
 
-    def control_step(self, window: Array, plan: Array, free: Array, weights: Array | None = None) -> ControlStep:
+    def control_step(
+        self, window: Array, plan: Array, free: Array, weights: Array | None = None, speed: float = 1.0
+    ) -> ControlStep:
         """The other's."""
         self.times.began_ns = self._now_ns()
         try:
-            return self._controller.control_step(window, plan, free, weights)
+            return self._controller.control_step(window, plan, free, weights, speed)
         finally:
             self.times.ended_ns = self._now_ns()

@@ -7,7 +7,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from contract.controller.interface import Sizes
+from contract.controller.interface import OUTPUTS, Sizes
 
 SIZES = Sizes(window=2, sensors=1, horizon=3)
 SHAPES = SIZES.shapes()
@@ -29,12 +29,11 @@ def graph_of(nodes: Sequence[onnx.NodeProto] = (), constants: Sequence[onnx.Tens
         helper.make_node("Identity", ["weights"], ["terms"]),
         helper.make_node("ReduceSum", ["plan"], ["cost"], keepdims=0),
     ]
-    names = list(SHAPES)
     graph = helper.make_graph(
         [*nodes, *own],
         "planted",
-        [value(name, SHAPES[name]) for name in names[:4]],
-        [value(name, SHAPES[name]) for name in names[4:]],
+        [value(name, SHAPES[name]) for name in ("window", "plan", "free", "weights")],
+        [value(name, SHAPES[name]) for name in OUTPUTS],
         [constant("weights", np.ones(8)), constant("zero_forces", np.zeros((3, 2))), *constants],
     )
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=8)

@@ -69,6 +69,14 @@ def test_weights_are_optional_and_their_default_is_the_manifests(release):
     assert (controller.control_step(window, plan, free, np.eye(8)[5]).plan != default.plan).any()
 
 
+def test_an_input_of_another_name_or_a_speed_of_another_shape_is_refused(release):
+    for name, message in (("tempo", r"failed on a window of zeros: .*'tempo'"), ("speed", r"'speed' has shape \[2\]")):
+        model = graphs.graph_of()
+        model.graph.input.append(graphs.value(name, (2,)))
+        with pytest.raises(BundleControllerError, match=message):
+            OnnxController.of(unchecked(release, model.SerializeToString()))
+
+
 def test_a_graph_without_end_is_stopped(monkeypatch, release):
     controller = OnnxController(graphs.endless(), graphs.SIZES)
     with pytest.raises(BundleControllerError, match=r"0 of 3 steps on zeros were done after 0\.\d s: at most 0\.3 s"):

@@ -60,7 +60,7 @@ def test_the_weights_are_those_of_the_period_in_the_order_of_the_controllers_inp
     given: list[tuple[float, ...]] = []
 
     class Weighed(RecordingController):
-        def control_step(self, window, plan, free, weights=None):
+        def control_step(self, window, plan, free, weights=None, speed=1.0):
             given.append(tuple(weights.tolist()))
             return super().control_step(window, plan, free)
 

@@ -38,6 +38,7 @@ typedef struct {
     float plan[SW_HORIZON];              /* the previous step's plan as it came out; it is shifted by one step here */
     float free[SW_HORIZON];              /* 1 where the shifted plan may be changed, 0 where it is committed */
     float weights[SW_TERMS];             /* of the cost terms */
+    float speed;                         /* the vehicle's, as a ratio to the design speed */
 } sw_input;
 
 /* Its answer. */
@@ -53,7 +54,7 @@ typedef enum {
     SW_NOT_FINITE = 1 /* an input or a result is not a finite number: do not command the plan */
 } sw_status;
 
-/* Start: an empty window, no plan, every action free, the program's cost weights. */
+/* Start: an empty window, no plan, every action free, the program's cost weights, the design speed. */
 void sw_input_reset(sw_input *input);
 
 /* Move the window on by one row: pressures Cp at the sensors, and the action commanded one step before. */

@@ -12,6 +12,7 @@ void sw_input_reset(sw_input *input)
         input->free[k] = 1.0f;
     }
     for (int i = 0; i < SW_TERMS; i++) input->weights[i] = sw_default_weights[i];
+    input->speed = 1.0f;
 }
 
 void sw_input_push(sw_input *input, const float pressures[SW_SENSORS], float previous_action)

@@ -170,9 +170,10 @@ def test_onnx_runtime_has_no_thread_that_could_spin(release):
     controller = OnnxController.of(release)
     before = threads()
     shapes = release.manifest.sizes.shapes()
+    window, plan, free = (np.zeros(shapes[name]) for name in ("window", "plan", "free"))
     another = OnnxController.of(release)
     for _ in range(10):
         for one in (controller, another):
-            one.control_step(*(np.zeros(shapes[name]) for name in ("window", "plan", "free")))
+            one.control_step(window, plan, free)
     # A pool of threads would have come with the second session; some of another test may have gone.
     assert threads() <= before
