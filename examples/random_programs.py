@@ -30,7 +30,7 @@ def random_program(
         seed: of the draw.
         model: widths and window; the paper's if None.
         mpc: optimiser settings; the paper's if None.
-        prior_memory: of a prior with five units; 0 for none.
+        prior_memory: of a prior with five units that know the speed; 0 for none.
     """
     rng = np.random.default_rng(seed)
     model = ModelConfig() if model is None else model
@@ -114,8 +114,13 @@ def _prior(rng: np.random.Generator, pairs: int, memory: int) -> dict[str, Array
     """Units of some size, and differences that die out slowly."""
     predictor = rng.normal(0.0, 0.3 / np.sqrt(memory), (pairs, memory, pairs + 1))
     predictor[np.arange(pairs), -1, np.arange(pairs)] += 0.7
-    hidden = rng.normal(0.0, 3.0 / np.sqrt(memory), (5, memory, pairs + 1))
-    return {"hidden": hidden, "output": rng.normal(0.0, 0.5, 5), "predictor": predictor}
+    # Filters of a few rows each, and one of all.
+    count = min(memory, 7)
+    filters = np.triu(np.tril(rng.uniform(0.0, 1.0, (memory, count)), 2), -1)
+    filters[:, 0] = rng.uniform(0.0, 1.0, memory)
+    first, slope = rng.normal(0.0, 1.5 / np.sqrt(count), (2, 5, count, pairs + 1))
+    output = rng.normal(0.0, 0.5, 5)
+    return {"filters": filters, "first": first, "slope": slope, "output": output, "predictor": predictor}
 
 
 def _uniform(rng: np.random.Generator, shape: tuple[int, ...], fan_in: int) -> Array:

@@ -70,7 +70,7 @@ class EagerController:
         forces: Tensor = self._decoder_output(x) * self._force_std + self._force_mean
         return forces
 
-    def start(self, window: Array, committed: Tensor, chosen: Tensor) -> Tensor:
+    def start(self, window: Array, committed: Tensor, chosen: Tensor, speed: float) -> Tensor:
         """The plan (H,) that the optimiser starts from: the prior as two products with the flattened past."""
         prior = self._program.prior
         if prior is None:
@@ -79,11 +79,12 @@ class EagerController:
         pairs = values[:, :-1].reshape(len(values), -1, 2).diff(dim=2).squeeze(2).neg()
         actions, plan = values[:, -1].roll(-1), list[Tensor]()
         rows = torch.column_stack([pairs, actions])[-memory:]
-        hidden, output, predictor = map(self._tensor, (prior.hidden, prior.output, prior.predictor))
+        filters, output, predictor = map(self._tensor, (prior.filters, prior.output, prior.predictor))
+        hidden = torch.lerp(self._tensor(prior.first), self._tensor(prior.first + prior.slope), speed - 1.0)
         for action, is_free in zip(committed, chosen, strict=True):
             # The present row's action is not known yet: the past ends before it.
             past = torch.cat([rows[: 1 if len(plan) == 0 else 0], rows[:-1]])[-memory:]
-            units = torch.tanh(nn.functional.linear(past.flatten(), hidden.flatten(1)))
+            units = torch.tanh(nn.functional.linear((filters.T @ past).flatten(), hidden.flatten(1)))
             plan.append(self._program.action_limit * torch.tanh(units @ output) if is_free else action)
             rows = torch.cat([past[-memory:], torch.cat([rows[-1, :-1], plan[-1][None]])[None]])
             following = nn.functional.linear(rows[-memory:].flatten(), predictor.flatten(1))
@@ -107,7 +108,7 @@ class EagerController:
         )
 
     def control_step(
-        self, window: Array, plan: Array, free: Array, weights: Array | None = None
+        self, window: Array, plan: Array, free: Array, weights: Array | None = None, speed: float = 1.0
     ) -> tuple[Array, Array, Array, float]:
         """(new_plan, forces, terms, cost) as float64 arrays; arguments as in `contract.release.bundle`."""
         limit = self._program.action_limit
@@ -118,7 +119,7 @@ class EagerController:
             z = self.encode(window)
         committed = torch.roll(self._tensor(plan), -1)
         committed[-1] = float(plan[-1])
-        start = committed = self.start(window, committed, chosen)
+        start = committed = self.start(window, committed, chosen, speed)
         # Only the free actions are parameters, so the optimiser cannot know the committed ones.
         free_actions = committed[chosen].clone().requires_grad_(True)
         mpc = self._program.mpc

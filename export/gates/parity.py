@@ -8,6 +8,7 @@ falls between the two roundings, the move itself differs by some part of lr.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -15,9 +16,13 @@ from contract.arrays import Array
 from contract.controller.interface import Controller
 from contract.errors import ExportError
 from contract.runtime.onnx_session import OnnxController
+from export.program.controller_program import ControllerProgram
 from export.program.linear_program import LinearProgram
 from export.program.random_windows import random_window
 from export.reference.specification import AnyProgram, specified_step
+
+SPEEDS: Final = (1.0, 0.6, 1.4)
+"""Of the vehicle, as ratios to the design speed, at which cases are judged in turn where the program depends on it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +62,7 @@ class ControlCase:
     plan: Array
     free: Array
     weights: Array | None
+    speed: float = 1.0
 
 
 def control_cases(
@@ -83,7 +89,14 @@ def control_cases(
             plan=_as_float32(plan),
             free=free,
             weights=None if weights is None else _as_float32(weights),
+            speed=case_speed(program, i),
         )
+
+
+def case_speed(program: AnyProgram, number: int) -> float:
+    """The speed that a case is judged at."""
+    depends = isinstance(program, ControllerProgram) and program.knows_speed
+    return float(np.float32(SPEEDS[number % len(SPEEDS)])) if depends else 1.0
 
 
 def check_parity(
@@ -118,8 +131,8 @@ def check_lowering(
     tolerance = ParityTolerance() if tolerance is None else tolerance
     differences = []
     for case in control_cases(program, windows):
-        expected = specified_step(program, case.window, case.plan, case.free, case.weights)
-        found = lowering.control_step(case.window, case.plan, case.free, case.weights)
+        expected = specified_step(program, case.window, case.plan, case.free, case.weights, case.speed)
+        found = lowering.control_step(case.window, case.plan, case.free, case.weights, case.speed)
         differences.append(
             (
                 np.abs(found.plan - expected.plan).max(),

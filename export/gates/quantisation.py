@@ -12,6 +12,7 @@ import numpy as np
 from contract.arrays import Array
 from contract.controller.interface import ControlStep
 from contract.errors import ExportError
+from export.gates.parity import case_speed
 from export.program.controller_program import ControllerProgram
 from export.reference.model import encode
 from export.reference.mpc import control_step, evaluate, starting_plan
@@ -52,16 +53,19 @@ class QuantisationReport:
     mean_cost_gap: float
 
 
-Answer = Callable[[Array, Array, Array], ControlStep]
-"""A control step: window (L, S+1), previous plan (H,), mask of free actions (H,)."""
+Answer = Callable[[Array, Array, Array, None, float], ControlStep]
+"""A control step: window (L, S+1), previous plan (H,), mask of free actions (H,), weights, speed."""
 
 
 def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[ControlStep]:
-    """The float program's answers to consecutive windows (L, S+1), each plan the warm start of the next."""
+    """The float program's answers to consecutive windows (L, S+1), each plan the warm start of the next.
+
+    Where the program depends on the speed, every window is answered at another one.
+    """
     plan, free = np.zeros(program.mpc.horizon), np.ones(program.mpc.horizon)
     found = []
-    for window in windows:
-        found.append(control_step(program, window, plan, free))
+    for number, window in enumerate(windows):
+        found.append(control_step(program, window, plan, free, None, case_speed(program, number)))
         plan = found[-1].plan
     return found
 
@@ -78,9 +82,10 @@ def compare_answers(
     plan, free = np.zeros(h), np.ones(h)
     weights = np.array(program.mpc.weights.as_tuple())
     errors, gaps = [], []
-    for window, exact in zip(windows, exact_steps, strict=True):
-        rounded = answer(window, plan, free)
-        start = starting_plan(program, window, plan, free)
+    for number, (window, exact) in enumerate(zip(windows, exact_steps, strict=True)):
+        speed = case_speed(program, number)
+        rounded = answer(window, plan, free, None, speed)
+        start = starting_plan(program, window, plan, free, speed)
         priced = evaluate(program, encode(program, window), rounded.plan, float(window[-1, -1]), weights, start)
         errors.append(rounded.plan - exact.plan)
         gaps.append(priced.cost - exact.cost)

@@ -51,10 +51,10 @@ class ControllerProgram:
         if self.encoder_rows < 1:
             raise ExportError(f"encoder_rows = {self.encoder_rows}: must be at least 1")
         if self.prior is not None and self.prior.memory < 2:
-            raise ExportError(f"prior.hidden: a memory of {self.prior.memory} rows, must be at least 2")
+            raise ExportError(f"prior.filters: a memory of {self.prior.memory} rows, must be at least 2")
         if self.prior is not None and 2 * self.prior.pairs != len(self.sensors):
             raise ExportError(
-                f"prior.hidden: {self.prior.pairs} differences, must be {len(self.sensors)} / 2 (the sensors' pairs)"
+                f"prior.first: {self.prior.pairs} differences, must be {len(self.sensors)} / 2 (the sensors' pairs)"
             )
         if not (np.isfinite(self.action_limit) and self.action_limit > 0):
             raise ExportError(f"action_limit = {self.action_limit}: must be positive and finite")
@@ -95,6 +95,11 @@ class ControllerProgram:
     def window(self) -> int:
         """L, control steps of history: what the encoder or the prior reads, whichever is longer."""
         return max(self.encoder_rows, 0 if self.prior is None else self.prior.memory)
+
+    @property
+    def knows_speed(self) -> bool:
+        """Whether the vehicle's speed changes a plan."""
+        return self.prior is not None and self.prior.knows_speed
 
     @property
     def latent(self) -> int:

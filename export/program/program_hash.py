@@ -9,6 +9,7 @@ import numpy as np
 
 from export.program.controller_program import ControllerProgram
 from export.program.linear_program import LinearProgram
+from export.program.weights import PriorWeights
 
 
 def program_sha256(program: ControllerProgram | LinearProgram) -> str:
@@ -18,8 +19,10 @@ def program_sha256(program: ControllerProgram | LinearProgram) -> str:
     if isinstance(program, LinearProgram):
         tree |= {"linear": {"model": program.model, "gain": program.gain}}
     else:
-        parts = ("encoder", "dynamics", "decoder", *(() if program.prior is None else ("prior",)))
-        tree |= {name: asdict(getattr(program, name)) for name in parts} | {"encoder_rows": program.encoder_rows}
+        parts = {name: asdict(getattr(program, name)) for name in ("encoder", "dynamics", "decoder")}
+        tree |= parts | {"encoder_rows": program.encoder_rows}
+        if program.prior is not None:
+            tree["prior"] = _of_prior(program.prior)
     settings = {
         **tree,
         "action_limit": program.action_limit,
@@ -28,6 +31,14 @@ def program_sha256(program: ControllerProgram | LinearProgram) -> str:
     }
     digest.update(json.dumps(settings, sort_keys=True, default=_fingerprint).encode())
     return digest.hexdigest()
+
+
+def _of_prior(prior: PriorWeights) -> dict[str, Any]:
+    """Its tensors; those of version 0.9 where it had no others, so that a model of it has its release's hash."""
+    tensors = asdict(prior)
+    if prior.knows_speed or not np.array_equal(prior.filters, np.eye(prior.memory)):
+        return tensors
+    return {"hidden": prior.first, "output": prior.output, "predictor": prior.predictor}
 
 
 def _fingerprint(value: object) -> str:

@@ -176,22 +176,34 @@ class PriorWeights:
     layer has a bias, so a mirrored wake gets the mirrored plan where the pairs are mirror images.
 
     Attributes:
-        hidden: (n, M, p + 1), oldest row first; units are tanh of its products with the past.
+        filters: (M, F) weights of the rows, oldest first; units read the F filtered rows.
+        first: (n, F, p + 1), units are tanh of its products with the filtered rows at the design speed.
+        slope: (n, F, p + 1), what `first` gains for each design speed that the vehicle is faster.
         output: (n,), the action is limit tanh(output . units).
         predictor: (p, M, p + 1), the next differences from the past that ends with the present row.
     """
 
-    hidden: Array
+    filters: Array
+    first: Array
+    slope: Array
     output: Array
     predictor: Array
 
     @classmethod
     def from_state(cls, state: State) -> "PriorWeights":
-        """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit."""
+        """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit.
+
+        A model of version 0.9 has one tensor "hidden" (n, M, p + 1) in place of filters, first and slope.
+        """
         tensors = _Tensors("prior", state)
-        units, memory, columns = tensors.shape("hidden", 3)
+        is_dense = "hidden" in state
+        first = "hidden" if is_dense else "first"
+        units, inputs, columns = shape = tensors.shape(first, 3)
+        memory = inputs if is_dense else tensors.size("filters", axis=0)
         weights = cls(
-            hidden=tensors.take("hidden", (units, memory, columns)),
+            filters=np.eye(inputs) if is_dense else tensors.take("filters", (memory, inputs)),
+            first=tensors.take(first, shape),
+            slope=np.zeros(shape) if is_dense else tensors.take("slope", shape),
             output=tensors.take("output", (units,)),
             predictor=tensors.take("predictor", (columns - 1, memory, columns)),
         )
@@ -201,12 +213,21 @@ class PriorWeights:
     @property
     def memory(self) -> int:
         """M, rows of the past."""
-        return int(self.hidden.shape[1])
+        return len(self.filters)
 
     @property
     def pairs(self) -> int:
         """p, differences."""
-        return int(self.hidden.shape[2]) - 1
+        return int(self.first.shape[2]) - 1
+
+    @property
+    def knows_speed(self) -> bool:
+        """Whether the vehicle's speed changes a plan."""
+        return bool(self.slope.any())
+
+    def by_rows(self, weights: Array) -> Array:
+        """(n, M, p + 1): what weights (n, F, p + 1) of filtered rows are for the rows themselves."""
+        return np.asarray(np.einsum("mf,nfc->nmc", self.filters, weights))
 
 
 class _Tensors:

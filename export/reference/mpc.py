@@ -26,7 +26,12 @@ ADAM_BETAS: Final = (0.9, 0.999)
 
 
 def control_step(
-    program: ControllerProgram, window: Array, plan: Array, free: Array, weights: Array | None = None
+    program: ControllerProgram,
+    window: Array,
+    plan: Array,
+    free: Array,
+    weights: Array | None = None,
+    speed: float = 1.0,
 ) -> ControlStep:
     """What `controller.onnx` computes; arguments as in `contract.controller.interface`.
 
@@ -35,20 +40,21 @@ def control_step(
         plan: (H,) the previous step's plan as it came out.
         free: (H,) 1 where the shifted plan may be changed, 0 where it is committed.
         weights: (8,) cost weights; the program's if None.
+        speed: of the vehicle, as a ratio to the design speed.
     """
     previous_action = float(window[-1, -1])
     z = encode(program, window)
-    start = starting_plan(program, window, plan, free)
+    start = starting_plan(program, window, plan, free, speed)
     optimised = optimise(program, z, start, previous_action, free, weights)
     return evaluate(program, z, optimised, previous_action, weights, start)
 
 
-def starting_plan(program: ControllerProgram, window: Array, plan: Array, free: Array) -> Array:
+def starting_plan(program: ControllerProgram, window: Array, plan: Array, free: Array, speed: float = 1.0) -> Array:
     """Where the optimiser starts, (H,): the prior's plan, or without a prior the shifted previous one."""
     shifted = shift(plan)
     if program.prior is None:
         return shifted
-    return prior_plan(program.prior, window, shifted, free, program.action_limit)
+    return prior_plan(program.prior, window, shifted, free, program.action_limit, speed)
 
 
 def shift(plan: Array) -> Array:

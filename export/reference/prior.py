@@ -3,9 +3,11 @@
 A feedback that was trained through the flow (`train.refinement`) is followed over the horizon, on differences that an
 autoregressive model predicts. With rows (y_i, a_i) of the sensors' differences and the action, and a past of M rows,
 
-    a_{t+k} = limit tanh(output . tanh(hidden . rows t+k-M .. t+k-1)),    y_{t+k+1} = predictor . rows t+k-M+1 .. t+k,
+    a_{t+k} = limit tanh(output . tanh((first + (speed - 1) slope) . filters^T rows t+k-M .. t+k-1)),
+    y_{t+k+1} = predictor . rows t+k-M+1 .. t+k,
 
-where an action that is committed stands as it is. The feedback does not read the row of its own step, because on the
+where an action that is committed stands as it is. The speed is the vehicle's over the design speed, over the whole
+horizon. The feedback does not read the row of its own step, because on the
 vehicle the command that is made from the pressures of t acts in period t+1, which is how it was trained. So a plan that
 is made a period ahead needs no prediction; a late actuator, and what the horizon has beyond it, do.
 """
@@ -17,7 +19,9 @@ from export.program.weights import PriorWeights
 from export.reference.history import history_of
 
 
-def prior_plan(prior: PriorWeights, window: Array, committed: Array, free: Array, limit: float) -> Array:
+def prior_plan(
+    prior: PriorWeights, window: Array, committed: Array, free: Array, limit: float, speed: float = 1.0
+) -> Array:
     """The plan (H,) that the optimiser starts from.
 
     Args:
@@ -25,12 +29,14 @@ def prior_plan(prior: PriorWeights, window: Array, committed: Array, free: Array
         committed: (H,) the actions where they are not free.
         free: (H,) 1 where the prior decides.
         limit: bound on |a|, in U_inf W.
+        speed: of the vehicle, as a ratio to the design speed.
     """
     past, y = past_of(window, prior.memory)
+    hidden = prior.first + (speed - 1.0) * prior.slope
     plan = []
     for k, action in enumerate(committed):
         if free[k] > 0.5:
-            units = np.tanh(np.tensordot(prior.hidden, past, axes=2))
+            units = np.tanh(np.tensordot(hidden, prior.filters.T @ past, axes=2))
             action = limit * np.tanh(prior.output @ units)
         plan.append(action)
         past = np.vstack([past[1:], [*y, action]])

@@ -12,9 +12,17 @@ AnyProgram = ControllerProgram | LinearProgram
 
 
 def specified_step(
-    program: AnyProgram, window: Array, plan: Array, free: Array, weights: Array | None = None
+    program: AnyProgram,
+    window: Array,
+    plan: Array,
+    free: Array,
+    weights: Array | None = None,
+    speed: float = 1.0,
 ) -> ControlStep:
-    """One control step in float64; arguments as in `contract.controller.interface`."""
+    """One control step in float64; arguments as in `contract.controller.interface`.
+
+    A linear controller does not know the speed.
+    """
     if isinstance(program, LinearProgram):
         return linear_control_step(program, window, plan, free, weights)
-    return control_step(program, window, plan, free, weights)
+    return control_step(program, window, plan, free, weights, speed)

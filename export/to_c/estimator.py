@@ -12,7 +12,7 @@ import numpy as np
 from contract.controller.estimator import ESTIMATOR, REACH
 from contract.errors import ExportError
 from export.int8.rounded_estimator import RoundedEstimator
-from export.to_c.int8_arrays import Values
+from export.to_c.float32_arrays import Values
 from export.to_c.int8_format import FULL_RANGE_WIDTH, INT16_QMAX, LANES, packed
 from export.to_c.library import numbers_source
 from export.to_onnx.sensor_estimator import read_estimator

@@ -5,11 +5,17 @@ both LSTM biases added up. Vectors are padded with zeros to whole registers.
 """
 
 import numpy as np
+import numpy.typing as npt
 
 from contract.arrays import Array
 from contract.errors import ExportError
 from export.program.controller_program import ControllerProgram
+from export.program.weights import PriorWeights
 from export.reference.mpc import ADAM_BETAS
+
+Integers = npt.NDArray[np.int32]
+Values = Array | npt.NDArray[np.int8] | Integers | npt.NDArray[np.uint32]
+"""Of an array in C: numbers in float64 become float."""
 
 LANES = 16
 """float32 numbers in the widest vector register that compilers are to fill; narrower ones take two or more."""
@@ -18,8 +24,8 @@ PRIOR_OUTPUTS_AT_A_TIME = 4
 """As `sw_prior.c` computes them."""
 
 
-def float_arrays(program: ControllerProgram) -> dict[str, Array]:
-    """Every array of `sw_weights.h` by its C name, in float64.
+def float_arrays(program: ControllerProgram) -> dict[str, Values]:
+    """Every array of `sw_weights.h` by its C name.
 
     Raises:
         ExportError: a program without residual blocks in its decoder.
@@ -122,11 +128,43 @@ def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
     }
 
 
-def prior_arrays(program: ControllerProgram) -> dict[str, Array]:
-    """The prior's products with a past, units first, filled up to whole fours; nothing where there is no prior."""
+def prior_arrays(program: ControllerProgram) -> dict[str, Values]:
+    """The prior's filters, each from its first row to its last, and its layers; nothing where there is no prior.
+
+    The slopes of the units stand below `first`, on inputs of their own, where they are not all zero.
+    """
     if program.prior is None:
         return {}
-    prior, length = program.prior, program.prior.hidden[0].size
-    products = np.concatenate([prior.hidden.reshape(-1, length), prior.predictor.reshape(-1, length)])
-    filled = np.pad(products, [(0, -len(products) % PRIOR_OUTPUTS_AT_A_TIME), (0, 0)])
-    return {"sw_prior_weight": filled.T, "sw_prior_output": prior.output}
+    prior, units = program.prior, len(program.prior.output)
+    ranges = _filter_ranges(prior)
+    layers = (prior.first, prior.slope) if prior.knows_speed else (prior.first,)
+    products = np.concatenate([layer.reshape(units, -1) for layer in layers], axis=1)
+    filled = np.pad(products, [(0, -units % PRIOR_OUTPUTS_AT_A_TIME), (0, 0)])
+    return {
+        "sw_prior_filter_rows": ranges,
+        "sw_prior_filter": np.concatenate(
+            [column[first : first + count] for column, (first, count) in zip(prior.filters.T, ranges, strict=True)]
+        ),
+        "sw_prior_weight": filled.T,
+        "sw_prior_output": prior.output,
+        "sw_prior_predictor": prior.predictor.reshape(prior.pairs, -1),
+    }
+
+
+def prior_settings(prior: PriorWeights) -> dict[str, int]:
+    """What `sw_settings.h` has of the filters, and whether the units know the speed."""
+    ranges = _filter_ranges(prior)
+    return {
+        "SW_PRIOR_FILTERS": len(ranges),
+        "SW_PRIOR_FILTER_ROWS": int(ranges[:, 1].sum()),
+        "SW_PRIOR_SLOPE": int(prior.knows_speed),
+    }
+
+
+def _filter_ranges(prior: PriorWeights) -> Integers:
+    """(F, 2): the first row that a filter reads, and how many there are up to its last; one where all are zero."""
+    ranges = []
+    for column in prior.filters.T:
+        read = np.flatnonzero(column) if column.any() else np.zeros(1, int)
+        ranges.append((read[0], read[-1] + 1 - read[0]))
+    return np.array(ranges, dtype=np.int32)

@@ -14,7 +14,7 @@ from export.int8.activation_ranges import ActivationRanges
 from export.int8.nearest import Int8Matrix
 from export.int8.rounded_program import RoundedProgram
 from export.program.weights import LAYER_NORM_EPSILON, DecoderWeights, Norm
-from export.to_c.float32_arrays import optimiser_arrays, prior_arrays, scaling_arrays
+from export.to_c.float32_arrays import Integers, Values, optimiser_arrays, prior_arrays, scaling_arrays
 from export.to_c.int8_format import (
     ELU_ARGUMENT_MAX,
     ELU_ARGUMENT_ONE,
@@ -38,9 +38,6 @@ from export.to_c.int8_format import (
     padded_size,
     qmax,
 )
-
-Integers = npt.NDArray[np.int32]
-Values = Array | npt.NDArray[np.int8] | Integers | npt.NDArray[np.uint32]
 
 
 def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, Values]:

@@ -21,8 +21,8 @@ from export.program.program_hash import program_sha256
 from export.program.weights import LAYER_NORM_EPSILON
 from export.reference.mpc import ADAM_BETAS
 from export.reference.specification import AnyProgram
-from export.to_c.float32_arrays import LANES, float_arrays
-from export.to_c.int8_arrays import Values, int8_arrays
+from export.to_c.float32_arrays import LANES, Values, float_arrays, prior_settings
+from export.to_c.int8_arrays import int8_arrays
 from export.to_c.int8_format import c_constants
 
 _LINE: Final = 16
@@ -106,6 +106,7 @@ def settings(program: ControllerProgram, precision: Precision) -> dict[str, int 
         "SW_ENCODER_ROWS": program.encoder_rows,
         "SW_PRIOR_UNITS": 0 if program.prior is None else len(program.prior.output),
         "SW_PRIOR_MEMORY": 1 if program.prior is None else program.prior.memory,
+        **({} if program.prior is None else prior_settings(program.prior)),
         **({"SW_LANES": LANES} if precision == "float32" else c_constants()),
     }
 

@@ -30,11 +30,12 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
     graph = Graph()
     window, plan, free = (graph.input(name, shapes[name]) for name in ("window", "plan", "free"))
     weights = graph.default("weights", program.mpc.weights.as_tuple())
+    speed = graph.default("speed", 1.0) if program.knows_speed else None
 
     dynamics, decoder = Dynamics(graph, program, store), Decoder(graph, program, store)
     start = shifted(graph, plan, program.mpc.horizon)
     if program.prior is not None:
-        start = lower_prior(graph, program.prior, program.sizes, program.action_limit, window, start, free)
+        start = lower_prior(graph, program.prior, program.sizes, program.action_limit, window, start, free, speed)
     cost = Cost(graph, program.mpc, weights, previous_action(graph, program.sizes, window), start)
     z = lower_encoder(graph, program, window, store)
 

@@ -1,6 +1,7 @@
 """The prior of the plan as ONNX nodes: one Scan over the horizon (`export.reference.prior`).
 
-The past is one row, oldest differences first. Its weights are float32 in either precision: there are 5,000 of them.
+The past is one row, oldest differences first. Filters and units are one matrix on it, which is made once in a control
+step where the units know the speed. Its weights are float32 in either precision.
 """
 
 from contract.controller.interface import Sizes
@@ -11,22 +12,35 @@ from export.to_onnx.history import lower_history
 
 
 def lower_prior(
-    graph: Graph, prior: PriorWeights, sizes: Sizes, limit: float, window: str, committed: str, free: str
+    graph: Graph,
+    prior: PriorWeights,
+    sizes: Sizes,
+    limit: float,
+    window: str,
+    committed: str,
+    free: str,
+    speed: str | None,
 ) -> str:
     """The plan (1, H) that the optimiser starts from.
 
     Args:
         limit: bound on |a|.
         window, committed, free: (L, S+1); (1, H) actions where they are not free; (H,).
+        speed: (); None where the units do not know it.
     """
     columns, length = prior.pairs + 1, prior.memory * (prior.pairs + 1)
     bound = graph.constant(float32_within(limit))
     past, y = _past(graph, prior, sizes, window)
+    hidden, slope = (prior.by_rows(weights).reshape(-1, length).T for weights in (prior.first, prior.slope))
+    matrix = graph.constant(hidden, "prior.hidden")
+    if speed is not None:
+        beyond = graph.op("Sub", speed, graph.constant(1.0))
+        matrix = graph.op("Add", matrix, graph.op("Mul", beyond, graph.constant(slope, "prior.slope")))
 
     body = graph.body()
     rows, now = body.input("past", (1, length)), body.input("y", (1, prior.pairs))
     held, chosen = body.input("committed", (1,)), body.input("free", (1,))
-    units = body.op("Tanh", body.op("MatMul", rows, graph.constant(prior.hidden.reshape(-1, length).T, "prior.hidden")))
+    units = body.op("Tanh", body.op("MatMul", rows, matrix))
     wanted = body.op("Tanh", body.op("MatMul", units, graph.constant(prior.output[:, None], "prior.output")))
     decide = body.op("Greater", chosen, body.constant(0.5))
     action = body.op("Where", decide, body.op("Mul", wanted, bound), held)

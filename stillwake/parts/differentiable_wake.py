@@ -138,7 +138,7 @@ def iterating(model: Path, config: Config) -> Iterating:
         raise ConfigError(f"refine.iterations = true: {model} has no prior yet; refine it first without")
 
     def of(weights: Mapping[str, Array]) -> ControlSteps:
-        made = replace(program, prior=replace(prior, hidden=weights["hidden"], output=weights["output"]))
+        made = replace(program, prior=replace(prior, **weights))
         return ControlSteps(controller=OnnxController(build_controller(made).SerializeToString(), made.sizes))
 
     return Iterating(window=program.window, horizon=program.mpc.horizon, of=of)

@@ -49,8 +49,8 @@ def in_integers(rounded: RoundedProgram) -> CController:
 def assert_close(program: ControllerProgram, controller: CController, count: int) -> None:
     errors, forces, gaps = [], [], []
     for case in control_cases(program, count=count):
-        expected = control_step(program, case.window, case.plan, case.free, case.weights)
-        found = controller.control_step(case.window, case.plan, case.free, case.weights)
+        expected = control_step(program, case.window, case.plan, case.free, case.weights, case.speed)
+        found = controller.control_step(case.window, case.plan, case.free, case.weights, case.speed)
         errors.append(found.plan - expected.plan)
         forces.append(found.forces - expected.forces)
         gaps.append(found.cost - expected.cost)

@@ -4,6 +4,8 @@ The int8 graph is compared with the reference running on the dequantised weights
 both graphs compute in float32 (`export.gates.parity` explains the figures).
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,22 @@ def test_paper_size(precision):
     report = check_parity(effective(lowered), model, random_windows(program, 4, seed=1))
     # Far from the small gradients and kinks that the gate leaves room for, actions agree to float32's rounding.
     assert report.action < 2e-6
+
+
+def test_the_speed_is_an_input_where_the_plan_depends_on_it():
+    program = random_program(2, model=SMALL, mpc=MpcConfig(horizon=6), prior_memory=24)
+    assert program.prior is not None
+    blind = replace(program, prior=replace(program.prior, slope=np.zeros_like(program.prior.slope)))
+    window = random_window(program, np.random.default_rng(0))
+    for one, name in ((program, ["speed"]), (blind, [])):
+        graph = build_controller(one)
+        assert [item.name for item in graph.graph.input][4:] == name
+        controller = OnnxController(graph.SerializeToString(), one.sizes)
+        slow, given, default = (
+            controller.control_step(window, np.zeros(6), np.ones(6), None, *speed).plan for speed in ([0.6], [1.0], [])
+        )
+        np.testing.assert_array_equal(given, default)
+        assert np.array_equal(slow, default) == (one is blind)
 
 
 def test_a_closed_loop_of_steps_stays_together():

@@ -38,8 +38,8 @@ def one_thread():
 def assert_same_step(program: ControllerProgram, case: ControlCase) -> None:
     expected_plan, expected_forces, expected_terms, expected_cost = EagerController(
         program, torch.float64
-    ).control_step(case.window, case.plan, case.free, case.weights)
-    found = control_step(program, case.window, case.plan, case.free, case.weights)
+    ).control_step(case.window, case.plan, case.free, case.weights, case.speed)
+    found = control_step(program, case.window, case.plan, case.free, case.weights, case.speed)
     np.testing.assert_allclose(found.plan, expected_plan, rtol=0, atol=TOLERANCE)
     np.testing.assert_allclose(found.forces, expected_forces, rtol=0, atol=TOLERANCE)
     np.testing.assert_allclose(found.terms, expected_terms, rtol=0, atol=TOLERANCE)
@@ -49,7 +49,7 @@ def assert_same_step(program: ControllerProgram, case: ControlCase) -> None:
 @each("seed", range(8))
 def test_control_step_of_random_small_nets(seed):
     program = drawn_program(seed)
-    for case in control_cases(program, count=2, seed=seed):
+    for case in control_cases(program, count=3, seed=seed):
         assert_same_step(program, case)
 
 

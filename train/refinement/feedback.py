@@ -1,10 +1,11 @@
 """The feedback that becomes the prior of the plan: memory in, next action out, odd in the mirror image.
 
 The memory is reduced by fixed filters: the newest rows each by itself, then means under bumps that widen with age. What
-is learned is a layer of tanh units behind them. Filters and layer are one matrix in the controller
-(`export.program.weights.PriorWeights`), so that nothing on the vehicle knows of filters.
+is learned is a layer of tanh units behind them, and how it changes with the vehicle's speed. On the vehicle the
+filters stand in front of it as here (`export.program.weights.PriorWeights`), so that a second layer costs little.
 """
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -19,6 +20,8 @@ BUMPS: Final = 10
 """Means over what is older."""
 FIRST_PAIR, OTHER_PAIRS, ACTION = 0.4, 0.15, 0.05
 """Scales of the first pair's difference in Cp, of each other pair's, and of the action: roughly their deviations."""
+SPEED_SCALE: Final = 0.4
+"""Of the speed less the design speed, in design speeds: how far a vehicle's may be from it."""
 
 
 def scales_of(pairs: int) -> tuple[float, ...]:
@@ -39,7 +42,9 @@ def filters(memory: int) -> Tensor:
 
 
 class Feedback(nn.Module):
-    """a_{t+1} = limit tanh(output . tanh(first . filtered rows)); begins as no control, because `output` is zero.
+    """a_{t+1} = limit tanh(output . tanh((first + sigma slope) . filtered rows)), sigma the scaled speed.
+
+    It begins as no control, because `output` is zero, and as one that does not know the speed, because `slope` is.
 
     Args:
         memory: M, rows (differences, action) that it reads.
@@ -58,6 +63,7 @@ class Feedback(nn.Module):
         generator = torch.Generator().manual_seed(seed)
         self.first = nn.Parameter(torch.randn((inputs, units), generator=generator, dtype=torch.float64) / inputs**0.5)
         self.output = nn.Parameter(torch.zeros(units, dtype=torch.float64))
+        self.slope = nn.Parameter(torch.zeros_like(self.first.detach()))
 
     @property
     def memory(self) -> int:
@@ -69,25 +75,33 @@ class Feedback(nn.Module):
         """p + 1."""
         return len(self._scales)
 
-    def forward(self, rows: Tensor) -> Tensor:
-        """The next action from rows (M, p + 1), oldest first."""
+    def forward(self, rows: Tensor, speed: float = 1.0) -> Tensor:
+        """The next action from rows (M, p + 1), oldest first, at a speed in design speeds."""
         inputs = (self._filters.T @ (rows / self._scales)).flatten()
-        action: Tensor = self.limit * torch.tanh(torch.tanh(inputs @ self.first) @ self.output)
+        first = self.first + (speed - 1.0) / SPEED_SCALE * self.slope
+        action: Tensor = self.limit * torch.tanh(torch.tanh(inputs @ first) @ self.output)
         return action
 
-    def begin_with(self, hidden: Array, output: Array) -> None:
-        """Take the weights of a prior that was made from such a feedback; of another one, the nearest."""
-        by_filter = np.einsum("umc,c->mcu", hidden, self._scales.numpy()).reshape(self.memory, -1)
-        first, *_ = np.linalg.lstsq(self._filters.numpy(), by_filter, rcond=None)
+    def begin_with(self, prior: Mapping[str, Array]) -> None:
+        """Take the weights of a prior that was made from such a feedback; of one with other filters, the nearest.
+
+        A prior of version 0.9 has one tensor "hidden" (units, M, p + 1) in place of filters, first and slope.
+        """
+        theirs = prior.get("filters", np.eye(self.memory))
+        first = prior["first"] if "first" in prior else prior["hidden"]
+        slope = SPEED_SCALE * prior.get("slope", np.zeros_like(first))
         with torch.no_grad():
-            self.first.copy_(torch.from_numpy(first.reshape(self.first.shape)))
-            self.output.copy_(torch.from_numpy(output))
+            self.output.copy_(torch.from_numpy(prior["output"]))
+            for parameter, weights in ((self.first, first), (self.slope, slope)):
+                by_row = np.einsum("mf,ufc,c->mcu", theirs, weights, self._scales.numpy()).reshape(self.memory, -1)
+                nearest, *_ = np.linalg.lstsq(self._filters.numpy(), by_row, rcond=None)
+                parameter.copy_(torch.from_numpy(nearest.reshape(parameter.shape)))
 
     def as_prior(self) -> dict[str, Array]:
-        """What a prior takes of it: "hidden" (units, M, p + 1) and "output" (units,)."""
-        return {"hidden": self.hidden().numpy(), "output": self.output.detach().numpy()}
-
-    def hidden(self) -> Tensor:
-        """(units, M, p + 1): filters, scales and the first layer in one."""
-        by_filter = self.first.detach().reshape(self._filters.shape[1], len(self._scales), -1)
-        return torch.einsum("mf,fcu->umc", self._filters, by_filter) / self._scales
+        """What a prior takes of it, with the scales folded in: all tensors but the predictor."""
+        size = (self._filters.shape[1], len(self._scales), -1)
+        layers = {"first": self.first, "slope": self.slope / SPEED_SCALE, "output": self.output}
+        found = {name: layer.detach().numpy() for name, layer in layers.items()}
+        for name in ("first", "slope"):
+            found[name] = np.moveaxis(found[name].reshape(size), -1, 0) / self._scales.numpy()
+        return {"filters": self._filters.numpy(), **found}

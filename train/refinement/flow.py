@@ -83,7 +83,7 @@ class Iterating:
 
     Attributes:
         window, horizon: L and H.
-        of: from the prior's "hidden" and "output" (`train.refinement.feedback.Feedback`) to the control step with them.
+        of: from the prior's tensors (`train.refinement.feedback.Feedback.as_prior`) to the control step with them.
     """
 
     window: int

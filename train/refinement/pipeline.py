@@ -127,8 +127,9 @@ def _begun(settings: Config, pairs: int, prior: Mapping[str, Array] | None) -> F
     """The feedback as it begins: as the model's prior if that has its sizes, else as no control."""
     size, scales = settings.refine, scales_of(pairs)
     made = Feedback(size.memory, size.units, scales, settings.flow.action_limit, settings.train.seed)
-    if prior is not None and prior["hidden"].shape == (size.units, size.memory, len(scales)):
-        made.begin_with(prior["hidden"], prior["output"])
+    wanted = (size.units, size.memory, len(scales))
+    if prior is not None and (len(prior["output"]), *prior["predictor"].shape[1:]) == wanted:
+        made.begin_with(prior)
     return made
 
 

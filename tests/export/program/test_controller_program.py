@@ -45,7 +45,10 @@ def parts():
         "action_limit": 0.075,
         "sensors": ("base_0", "base_9"),
         "encoder_rows": 4,
-        "prior": {"hidden": np.ones((3, 6, 2)), "output": np.ones(3), "predictor": np.ones((1, 6, 2))},
+        "prior": {
+            **{name: np.ones((3, 2, 2)) for name in ("first", "slope")},
+            **{"filters": np.ones((6, 2)), "output": np.ones(3), "predictor": np.ones((1, 6, 2))},
+        },
     }
 
 
@@ -87,7 +90,8 @@ def test_what_does_not_fit_is_refused_by_its_name():
         ({"sensors": ("base_0", "base_0")}, "'base_0' is named twice"),
         ({"sensors": ()}, "at least one"),
         ({"encoder_rows": 0}, "encoder_rows = 0"),
-        (tensor("prior", "hidden", 3, 6, 3), r"prior\.predictor: shape"),
+        (tensor("prior", "first", 3, 2, 3), r"prior\.slope: shape"),
+        (tensor("prior", "hidden", 3, 6, 2), r"prior\.f\w+: unknown tensor"),
         ({"action_limit": float("inf")}, "action_limit = inf"),
         ({"action_limit": -0.075}, r"action_limit = -0\.075"),
         (scaled(pressure_std=(1.0, 0.0)), r"scaling\.pressure_std"),

@@ -3,6 +3,8 @@
 #ifndef SW_PRIOR_H
 #define SW_PRIOR_H
 
+#include <stdint.h>
+
 #include "sw_settings.h"
 
 #ifdef __cplusplus
@@ -15,18 +17,26 @@ extern "C" {
 
 #if SW_PRIOR_UNITS > 0
 
-/* Products with a past: the units' arguments, then the next differences; filled up with zeros to four at a time. */
-#define SW_PRIOR_OUTPUTS ((SW_PRIOR_UNITS + SW_SENSORS / 2 + 3) / 4 * 4)
+/* Inputs of the units: the filtered rows and, where SW_PRIOR_SLOPE is 1, the same times speed - 1. */
+#define SW_PRIOR_FILTERED (SW_PRIOR_FILTERS * SW_PRIOR_ROW)
+#define SW_PRIOR_INPUTS ((1 + SW_PRIOR_SLOPE) * SW_PRIOR_FILTERED)
+/* The units, filled up with zeros to four at a time. */
+#define SW_PRIOR_OUTPUTS ((SW_PRIOR_UNITS + 3) / 4 * 4)
 
-extern const float sw_prior_weight[SW_PRIOR_PAST][SW_PRIOR_OUTPUTS]; /* what each number of a past adds */
+extern const int32_t sw_prior_filter_rows[SW_PRIOR_FILTERS][2]; /* the first row of a past that it reads, and how many */
+extern const float sw_prior_filter[SW_PRIOR_FILTER_ROWS];       /* the rows' weights, filter by filter */
+extern const float sw_prior_weight[SW_PRIOR_INPUTS][SW_PRIOR_OUTPUTS];
 extern const float sw_prior_output[SW_PRIOR_UNITS];
+extern const float sw_prior_predictor[SW_PRIOR_ROW - 1][SW_PRIOR_PAST];
 
 #else
+#define SW_PRIOR_INPUTS 1
 #define SW_PRIOR_OUTPUTS 1
 #endif
 
 typedef struct {
     float rows[SW_PRIOR_MEMORY + SW_HORIZON][SW_PRIOR_ROW]; /* oldest first: what was, then what is predicted */
+    float inputs[SW_PRIOR_INPUTS];
     float outputs[SW_PRIOR_OUTPUTS];
 } sw_prior_scratch;
 
