@@ -34,7 +34,7 @@ def program_sha256(program: ControllerProgram | LinearProgram) -> str:
 
 
 def _of_prior(prior: PriorWeights) -> dict[str, Any]:
-    """Its tensors; those of version 0.9 where it had no others, so that a model of it has its release's hash."""
+    """Its tensors, without filters as they were before there were any: so its release keeps its hash."""
     tensors = asdict(prior)
     if prior.knows_speed or not np.array_equal(prior.filters, np.eye(prior.memory)):
         return tensors

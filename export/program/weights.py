@@ -193,7 +193,7 @@ class PriorWeights:
     def from_state(cls, state: State) -> "PriorWeights":
         """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit.
 
-        A model of version 0.9 has one tensor "hidden" (n, M, p + 1) in place of filters, first and slope.
+        A model that was refined without filters has one tensor "hidden" (n, M, p + 1) in place of three.
         """
         tensors = _Tensors("prior", state)
         is_dense = "hidden" in state

@@ -85,7 +85,7 @@ class Feedback(nn.Module):
     def begin_with(self, prior: Mapping[str, Array]) -> None:
         """Take the weights of a prior that was made from such a feedback; of one with other filters, the nearest.
 
-        A prior of version 0.9 has one tensor "hidden" (units, M, p + 1) in place of filters, first and slope.
+        One that was trained without filters on the vehicle has "hidden" (units, M, p + 1) in place of three tensors.
         """
         theirs = prior.get("filters", np.eye(self.memory))
         first = prior["first"] if "first" in prior else prior["hidden"]

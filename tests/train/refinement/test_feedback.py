@@ -70,7 +70,7 @@ def test_the_prior_of_a_program_is_the_feedback_a_period_ahead(feedback):
     # A mirrored wake gets the mirrored plan.
     image = window[:, [1, 0, 3, 2, 4]] * [1, 1, 1, 1, -1]
     np.testing.assert_allclose(plans(feedback.as_prior(), image, -committed), -found)
-    # In version 0.9 filters, scales and units were one tensor, which does not know the speed.
+    # An older prior has filters, scales and units in one tensor, which does not know the speed.
     first = feedback.first.detach().numpy().reshape(-1, 3, 5)
     hidden = np.einsum("mf,fcu->umc", filters(MEMORY).numpy(), first) / SCALES
     old = {"hidden": hidden, "output": feedback.output.detach().numpy()}
