@@ -33,7 +33,7 @@ def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
     """
     emit = _emitters().get(name)
     if emit is None:
-        raise BusError(f"{name}: is none of {', '.join(NAMES)}; other frames go with --raw ID#DATA")
+        raise BusError(f"{name}: is none of {', '.join(NAMES)}; `python -m can.player` sends other frames, from a log")
     spec, known, build = emit
     values: dict[str, float] = dict.fromkeys(known, 0.0)
     for text in assignments:

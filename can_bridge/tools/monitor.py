@@ -1,14 +1,13 @@
-"""What a live view of a bus shows, apart from any terminal: frames in, rows out; keys in, a view out."""
+"""What a live view of a bus shows, apart from any terminal: frames in, rows out."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 from can_bridge.secoc.key import Key as MacKey
-from can_bridge.tools import signals
 from can_bridge.tools.observed_traffic import Mac, Traffic, observe
 from can_bridge.tools.raw_bus import id_text
-from can_bridge.tools.signals import PROTECTION, Decoder
+from can_bridge.tools.signals import PROTECTION
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import E2eConfig
 
@@ -52,7 +51,6 @@ class MonitorState:
     """Everything seen so far.
 
     Attributes:
-        decoder: what frames are read with.
         e2e: how their counters are judged.
         key: of secured messages; without it their authentication is not checked.
         messages: by identifier.
@@ -61,7 +59,6 @@ class MonitorState:
         frames: data frames.
     """
 
-    decoder: Decoder = signals.decode
     e2e: E2eConfig = field(default_factory=E2eConfig)
     key: MacKey | None = field(default=None, repr=False)
     messages: Mapping[Key, Traffic] = field(default_factory=dict)
@@ -74,16 +71,12 @@ class MonitorState:
         key = (frame.is_extended, frame.frame_id)
         if key not in self.messages and len(self.messages) >= MOST_MESSAGES:
             return replace(self, unlisted=self.unlisted + 1, frames=self.frames + 1)
-        traffic = observe(self.messages.get(key), frame, decoder=self.decoder, e2e=self.e2e, key=self.key)
+        traffic = observe(self.messages.get(key), frame, e2e=self.e2e, key=self.key)
         return replace(self, messages={**self.messages, key: traffic}, frames=self.frames + 1)
 
     def seen_other(self) -> "MonitorState":
         """The state after one more remote or error frame."""
         return replace(self, others=self.others + 1)
-
-    def reset(self) -> "MonitorState":
-        """As before the first frame."""
-        return replace(self, messages={}, unlisted=0, others=0, frames=0)
 
     @property
     def lost(self) -> int:
@@ -147,79 +140,3 @@ def _rows_of(traffic: Traffic, now_ns: int) -> list[Row]:
         )
         for signal, value, unit in cells
     ]
-
-
-@dataclass(frozen=True, kw_only=True)
-class View:
-    """What the user chose to see.
-
-    Attributes:
-        matching: the filter.
-        is_typing: keys go into the filter.
-        is_paused: the table stands still, while frames are counted on.
-        top: the first row shown.
-        quits, resets: what the latest key asked for.
-    """
-
-    matching: str = ""
-    is_typing: bool = False
-    is_paused: bool = False
-    top: int = 0
-    quits: bool = False
-    resets: bool = False
-
-
-KEYS_HELP: Final = "q quit   space pause   r reset   / filter   up, down scroll"
-TYPING_HELP: Final = "words of message, identifier or signal; Enter keeps the filter, Esc drops it"
-
-_ENTER: Final = ("\r", "\n")
-_ERASE: Final = ("\x7f", "\b")
-_ESCAPE: Final = "\x1b"
-_UP: Final = ("\x1b[A", "\x1bOA", "k")
-_DOWN: Final = ("\x1b[B", "\x1bOB", "j")
-_QUIT: Final = ("q", "Q", "\x03", "\x04")
-
-
-def press(view: View, key: str) -> View:
-    """The view after a key, as a terminal sends it; unknown keys change nothing."""
-    view = replace(view, resets=False)
-    if view.is_typing:
-        return _typed(view, key)
-    if key in _QUIT:
-        return replace(view, quits=True)
-    if key in (" ", "p"):
-        return replace(view, is_paused=not view.is_paused)
-    if key == "r":
-        return replace(view, resets=True, is_paused=False, top=0)
-    if key in ("/", "f"):
-        return replace(view, is_typing=True, top=0)
-    if key == _ESCAPE:
-        return replace(view, matching="", top=0)
-    if key in _UP:
-        return replace(view, top=max(0, view.top - 1))
-    if key in _DOWN:
-        return replace(view, top=view.top + 1)
-    return view
-
-
-def _typed(view: View, key: str) -> View:
-    if key in _ENTER:
-        return replace(view, is_typing=False)
-    if key == _ESCAPE:
-        return replace(view, matching="", is_typing=False)
-    if key in _ERASE:
-        return replace(view, matching=view.matching[:-1])
-    if key in ("\x03", "\x04"):
-        return replace(view, quits=True)
-    return replace(view, matching=view.matching + key) if key.isprintable() else view
-
-
-def split_keys(typed: str) -> list[str]:
-    """Single keys of what a terminal sent at once; the sequences of arrow keys stay whole."""
-    keys: list[str] = []
-    i = 0
-    while i < len(typed):
-        length = 3 if typed[i] == _ESCAPE and typed[i + 1 : i + 2] in ("[", "O") else 1
-        keys.append(typed[i : i + length])
-        i += length
-    return keys

@@ -12,7 +12,7 @@ from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import GOOD, Check, ReceiverState, receive
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.receiver import VerifierState, verified
-from can_bridge.tools.signals import Decoded, Decoder
+from can_bridge.tools.signals import Decoded, decode
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import MessageSpec
 from contract.config.vehicle import E2eConfig
@@ -50,7 +50,7 @@ class Traffic:
 
     Attributes:
         latest: the newest frame.
-        decoded: its content; None if no decoder knows the message.
+        decoded: its content; None of a message that is not ours.
         count: frames.
         first_ns: time of the first.
         recent_ns: times of the newest, oldest first, at most RATE_OVER + 1.
@@ -132,19 +132,16 @@ class Traffic:
         return (self.count - 1) * 1e9 / span if span > 0 else 0.0
 
 
-def observe(
-    before: Traffic | None, frame: Frame, *, decoder: Decoder, e2e: E2eConfig, key: Key | None = None
-) -> Traffic:
+def observe(before: Traffic | None, frame: Frame, *, e2e: E2eConfig, key: Key | None = None) -> Traffic:
     """What is known after one more frame of the message.
 
     Args:
         before: None for its first frame.
         frame: stamped with the time it came.
-        decoder: what to read it with.
         e2e: which steps of the counter still count as a loss, and not as a wrong sequence.
         key: of secured messages; without it their authentication is not checked.
     """
-    decoded = decoder(frame)
+    decoded = decode(frame)
     if before is None:
         before = Traffic(latest=frame, decoded=decoded, count=0, first_ns=frame.timestamp_ns, recent_ns=())
     receiver, verifier = before.receiver, before.verifier

@@ -5,7 +5,7 @@ Names and units are those of `contract/stillwake.dbc`.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.classic_codec import STALE_NS
@@ -68,12 +68,6 @@ class Decoded:
     name: str
     signals: tuple[Signal, ...]
     spec: MessageSpec | None = None
-
-
-class Decoder(Protocol):
-    """Decodes a frame; None for a message it does not know. Never raises."""
-
-    def __call__(self, frame: Frame) -> Decoded | None: ...
 
 
 _OWN: Final[Mapping[int, Message[Pressure] | Message[VehicleSpeed] | Message[JetCommand] | Message[EcuStatus]]] = {

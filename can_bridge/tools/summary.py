@@ -9,7 +9,6 @@ import can
 from can_bridge.secoc.key import Key
 from can_bridge.tools.observed_traffic import Mac, Traffic, observe
 from can_bridge.tools.raw_bus import frame_of, id_text
-from can_bridge.tools.signals import Decoder
 from can_bridge.wire.frame_bits import frame_ns
 from contract.config.vehicle import BusConfig
 
@@ -83,7 +82,6 @@ class Summary:
 def summarise(
     messages: Iterable[can.Message],
     *,
-    decoder: Decoder,
     config: BusConfig,
     key: Key | None = None,
     seen: Callable[[Traffic], None] = lambda traffic: None,
@@ -92,7 +90,6 @@ def summarise(
 
     Args:
         messages: in the order of the file.
-        decoder: what frames are read with.
         config: bit rates, for the load, and how counters are judged. A frame without bit-rate switch is charged the
             nominal rate throughout.
         key: of secured messages; without it their authentication is not checked.
@@ -119,6 +116,6 @@ def summarise(
             data_bitrate=config.data_bitrate if message.bitrate_switch else config.nominal_bitrate,
         )
         place = (frame.is_extended, frame.frame_id)
-        summary.messages[place] = observe(summary.messages.get(place), frame, decoder=decoder, e2e=config.e2e, key=key)
+        summary.messages[place] = observe(summary.messages.get(place), frame, e2e=config.e2e, key=key)
         seen(summary.messages[place])
     return summary

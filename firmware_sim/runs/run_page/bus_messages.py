@@ -5,7 +5,6 @@ from typing import Final
 from can_bridge.logs.log_reader import read_messages
 from can_bridge.tools.observed_traffic import Traffic
 from can_bridge.tools.raw_bus import id_text
-from can_bridge.tools.signals import decode
 from can_bridge.tools.summary import summarise
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
@@ -26,7 +25,7 @@ def bus_rows(folder: RunFolder, log: RunLog) -> Rows:
     if log.traffic.frames > MOST_FRAMES or not folder.frames.is_file():
         return []
     bus = log.metadata.config.bus
-    traffic = summarise(read_messages(folder.frames), decoder=decode, config=bus)
+    traffic = summarise(read_messages(folder.frames), config=bus)
     return [_row(one) for _, one in sorted(traffic.messages.items())]
 
 

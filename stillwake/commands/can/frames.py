@@ -33,17 +33,11 @@ if TYPE_CHECKING:
 
 
 def send(
-    message: Annotated[
-        str | None, typer.Argument(help="Message, by its name in the DBC, e.g. Pressure.", show_default=False)
-    ] = None,
+    message: Annotated[str, typer.Argument(help="Message, by its name in the DBC, e.g. Pressure.", show_default=False)],
     values: Annotated[
         list[str] | None,
         typer.Argument(help="SIGNAL=VALUE, in the signal's unit or a name from its table; 0 where left out."),
     ] = None,
-    raw: Annotated[
-        list[str],
-        typer.Option(help="Any frame, as candump has it: ID#DATA, ID#R, ID##<flags>DATA of CAN FD (repeatable)."),
-    ] = [],  # noqa: B006
     count: Annotated[int, typer.Option(help="Send it so often.", min=1)] = 1,
     period: Annotated[float, typer.Option(help="Seconds between two.")] = 0.02,
     counter: Annotated[int, typer.Option(help="E2E counter of the first one.", min=0, max=255)] = 0,
@@ -61,12 +55,13 @@ def send(
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Send one of stillwake's messages, with its E2E header, or any frame.
+    """Send one of stillwake's messages, with its E2E header.
 
     The codec refuses what the wire cannot carry. A receiver trusts a stream
     after some good frames, not after one: see --count. Messages of the secured set
     are signed with bus.key and --trip; whoever has accepted them refuses the
     node whose place they took, until that one's power cycles are ahead again.
+    Other frames go with python-can: `python -m can.player` sends those of a log.
 
     stillwake can send Pressure Pressure0=-12.5 Valid0=1 --bus socketcan:can0
     """
@@ -74,11 +69,7 @@ def send(
 
     config = settings("can send", config_file, with_bus(bus_name, overrides), uses=(*BUS, "bus.key")).config.bus
     positive("--period", period)
-    if message is None and trip is not None:
-        raise ConfigError("--trip: goes with a message of the secured set; frames of --raw are sent as they are")
-    if (message is None) == (not raw):
-        raise ConfigError("can send: name a message and its values, or give --raw, one of the two")
-    frames = _raw_frames(raw) if message is None else _own_frames(message, values or [], counter, trip, config)
+    stamped = _frames(message, values or [], counter, trip, config)
     sent = 0
     with open_bus(config) as bus, until_stopped() as is_stopped, progress_bar("rounds") as shown:
         task = shown.add_task("sending", total=count, note="")
@@ -89,31 +80,18 @@ def send(
             if left > 0:
                 time.sleep(min(left, 0.2))
                 continue
-            for one in frames(time.time()):
-                bus.send_message(one)
+            bus.send_message(stamped(time.time()))
             sent += 1
             show(sent)
-    console.print(f"sent {sent if message is not None else sent * len(raw)} frames", highlight=False)
+    console.print(f"sent {sent} frames", highlight=False)
     if sent < count:
         raise KeyboardInterrupt
 
 
-def _raw_frames(texts: list[str]) -> "Callable[[float], list[can.Message]]":
-    from can_bridge.tools.candump_text import parse
-
-    messages = [parse(text) for text in texts]
-
-    def stamped(now_s: float) -> "list[can.Message]":
-        for message in messages:
-            message.timestamp = now_s
-        return messages
-
-    return stamped
-
-
-def _own_frames(
+def _frames(
     name: str, values: list[str], counter: int, trip: int | None, config: "BusConfig"
-) -> "Callable[[float], list[can.Message]]":
+) -> "Callable[[float], can.Message]":
+    """What makes the next frame of the stream, stamped with a time."""
     from can_bridge.bus.conversion import to_message
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.e2e.sender import E2eSender, SenderState
@@ -144,12 +122,12 @@ def _own_frames(
     key = key_of(config.key)
     freshness = Freshness(trip=trip or 1)
 
-    def made(now_s: float) -> "list[can.Message]":
+    def made(now_s: float) -> "can.Message":
         nonlocal freshness
         frame = sender.frame(data, now_ns=round(now_s * 1e9))
         frame = secured(frame, spec=spec, key=key, freshness=freshness)
         freshness = freshness.next()
-        return [to_message(frame)]
+        return to_message(frame)
 
     return made
 
@@ -174,7 +152,6 @@ def decode(
     prints the bytes; `cantools decode` reads those.
     """
     from can_bridge.logs.log_reader import check_suffix, read_messages
-    from can_bridge.tools import signals
     from can_bridge.tools.summary import summarise
 
     uses = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.e2e", "bus.key")
@@ -202,7 +179,7 @@ def decode(
             else:
                 console.print(_line(traffic), soft_wrap=True, highlight=False)
 
-        log_summary = summarise(read_messages(file), decoder=signals.decode, config=config, key=key, seen=seen)
+        log_summary = summarise(read_messages(file), config=config, key=key, seen=seen)
         if log_summary.first_s is None:
             raise BusError(f"{file}: holds no CAN frame")
     if json_file is not None:

@@ -1,12 +1,10 @@
-"""The model of the live view: rows of known streams, every key."""
+"""The model of the live view: rows of known streams."""
 
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from can_bridge.tools.monitor import MOST_MESSAGES, MonitorState, View, press, rows, split_keys
+from can_bridge.tools.monitor import MOST_MESSAGES, MonitorState, rows
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from tests.can_bridge.tools.test_observed_traffic import frame
@@ -67,49 +65,6 @@ def test_filter_wants_every_word():
         assert [one.is_first for one in matching] == [True, False, False][: len(signals)], words
 
 
-def pressed(*keys: str) -> View:
-    view = View()
-    for key in keys:
-        view = press(view, key)
-    return view
-
-
-def test_keys():
-    for keys, view in [
-        (["q"], View(quits=True)),
-        (["\x03"], View(quits=True)),
-        ([" "], View(is_paused=True)),
-        (["p", " "], View()),
-        (["r"], View(resets=True)),
-        ([" ", "r"], View(resets=True)),
-        (["r", "x"], View()),
-        (["/", "f", "q", "r"], View(matching="fqr", is_typing=True)),
-        (["f", "a", " ", "b", "\r"], View(matching="a b")),
-        (["/", "a", "b", "\x7f", "\n"], View(matching="a")),
-        (["/", "\x7f"], View(is_typing=True)),
-        (["/", "a", "\x1b"], View()),
-        (["/", "a", "\r", "\x1b"], View()),
-        (["/", "a", "\x1b[A", "\t"], View(matching="a", is_typing=True)),
-        (["/", "\x03"], View(is_typing=True, quits=True)),
-        (["\x1b[B", "j", "\x1bOB"], View(top=3)),
-        (["j", "k", "\x1b[A"], View()),
-        (["j", "/"], View(is_typing=True)),
-        (["z", "\x1b[C", "é"], View()),
-    ]:
-        assert pressed(*keys) == view, (keys, view)
-
-
-def test_keys_typed_at_once_are_separated():
-    for typed, keys in [("", []), ("qr", ["q", "r"]), ("\x1b[A\x1b[Bq", ["\x1b[A", "\x1b[B", "q"]), ("\x1b", ["\x1b"])]:
-        assert split_keys(typed) == keys, typed
-
-
-@given(st.lists(st.text(max_size=3)))
-def test_no_key_makes_it_fail(keys):
-    view = pressed(*keys)
-    assert view.top >= 0
-
-
 def test_random_identifiers_fill_neither_memory_nor_table():
     known = frame(PRESSURE, 0)
     state = state_of(known)
@@ -120,4 +75,3 @@ def test_random_identifiers_fill_neither_memory_nor_table():
     # What is listed is still followed.
     assert state.frames == MOST_MESSAGES + 502
     assert state.messages[False, PRESSURE.frame_id].count == 2
-    assert state.reset() == MonitorState()

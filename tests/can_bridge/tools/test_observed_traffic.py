@@ -12,7 +12,6 @@ from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.securing import secure
 from can_bridge.tools.observed_traffic import RATE_OVER, SILENT_AFTER, Mac, Traffic, observe
-from can_bridge.tools.signals import decode
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE_SECURED, SPECS, MessageSpec
 from contract.config.vehicle import E2eConfig
@@ -30,7 +29,7 @@ def frame(spec: MessageSpec, counter: int, t_ns: int = 0) -> Frame:
 def after(frames: list[Frame]) -> Traffic:
     traffic = None
     for one in frames:
-        traffic = observe(traffic, one, decoder=decode, e2e=E2E)
+        traffic = observe(traffic, one, e2e=E2E)
     assert traffic is not None
     return traffic
 
@@ -97,7 +96,7 @@ def test_a_forged_or_replayed_frame_is_separated_from_the_genuine_ones_around_it
     frames = [signed(0, count=0), signed(1, count=1, key=OTHER_KEY), signed(1, count=1), signed(0, count=0)]
     traffic, verdicts = None, []
     for one in frames:
-        traffic = observe(traffic, one, decoder=decode, e2e=E2E, key=KEY)
+        traffic = observe(traffic, one, e2e=E2E, key=KEY)
         verdicts.append((traffic.verdict, traffic.mac, traffic.is_good))
     assert traffic is not None
     assert verdicts == [

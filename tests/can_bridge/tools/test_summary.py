@@ -2,13 +2,12 @@
 
 import can
 
-from can_bridge.tools.signals import decode
 from can_bridge.tools.summary import summarise
 from contract.config.vehicle import BusConfig
 
 
 def load(messages: list[can.Message]) -> float:
-    summary = summarise(messages, decoder=decode, config=BusConfig())
+    summary = summarise(messages, config=BusConfig())
     assert summary.load is not None
     return summary.load
 
@@ -37,5 +36,5 @@ def test_a_frame_without_bit_rate_switch_takes_longer():
 
 def test_a_log_that_runs_backwards_spans_from_its_earliest_to_its_latest_frame():
     frames = [can.Message(timestamp=t, data=bytes(8)) for t in (9.0, 1.0, 5.0)]
-    summary = summarise(frames, decoder=decode, config=BusConfig())
+    summary = summarise(frames, config=BusConfig())
     assert (summary.first_s, summary.last_s, summary.span_s) == (1.0, 9.0, 8.0)

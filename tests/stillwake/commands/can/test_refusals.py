@@ -25,21 +25,17 @@ LOAD = {
 MONITOR = {
     "--log empty.log": "empty.log: holds no CAN frame",
     "": "that bus exists within a run only",
-    "--speed 2": "--speed: goes with --log",
-    "--log empty.log --speed -1": "--speed -1: must be a number above 0",
+    "--log empty.log --for 2": "--for: goes with a bus",
     "--for inf": "--for inf: must be a number above 0",
     "--set bus.interface=nonsense": "nonsense",
 }
 SEND = {
     "Pressure Pressure0=1e9": "must be in -3276.8..3276.7",
-    "": "name a message and its values, or give --raw",
-    "Pressure --raw 123#": "one of the two",
-    "--raw 12#": "must be ID#DATA",
+    "Pressures": "other frames, from a log",
     "PressureSecured": "name its key with --set bus.key=FILE",
     "PressureSecured --set bus.key=key.bin": "name its power cycle with --trip",
     "PressureSecured --trip 2 --set bus.key=no.bin": "no.bin: cannot read the key",
     "Pressure --trip 2": "Pressure has no freshness value",
-    "--raw 123# --trip 2": "--trip: goes with a message of the secured set",
     "Pressure --set bus.key=key.bin": "is sent without authentication",
     "PressureClassic --counter 16": "--counter 16: must be in 0..15 for PressureClassic",
     "Pressure --period nan": "--period nan: must be a number above 0",

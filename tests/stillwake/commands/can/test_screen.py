@@ -1,19 +1,16 @@
-"""The picture of the live view: whole at 80 columns, paged to the screen, what fails in red."""
+"""The picture of the live view: whole at 80 columns, what fails in red."""
 
 from dataclasses import replace
 from io import StringIO
 
-from hypothesis import given
-from hypothesis import strategies as st
 from rich.console import Console
 from rich.text import Text
 
-from can_bridge.tools.monitor import MonitorState, Row, View, rows
+from can_bridge.tools.monitor import MonitorState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS
-from stillwake.commands.can.monitor_screen import STALE_S, line, page, screen
+from stillwake.commands.can.monitor_screen import STALE_S, line, screen
 from tests.can_bridge.tools.test_observed_traffic import frame
-from tests.examples import examples
 
 
 def everything() -> MonitorState:
@@ -25,10 +22,9 @@ def everything() -> MonitorState:
     return state.seen(Frame(frame_id=0x18FEF100, data=bytes(64), is_extended=True)).seen_other()
 
 
-def picture(state: MonitorState, view: View, width: int, height: int | None = None, now_ns: int = 0) -> str:
+def picture(state: MonitorState, width: int, now_ns: int = 0) -> str:
     console = Console(file=StringIO(), width=width, force_terminal=True, color_system="standard", record=True)
-    drawing = screen(state, view, now_ns, source="virtual x", width=width, height=height, keys=height is not None)
-    console.print(drawing)
+    console.print(screen(state, now_ns, source="virtual x", matching="", width=width))
     return console.export_text(styles=True)
 
 
@@ -39,7 +35,7 @@ def plain(text: str) -> list[str]:
 
 
 def test_it_is_whole_at_80_columns():
-    lines = plain(picture(everything(), View(), 80))
+    lines = plain(picture(everything(), 80))
     assert max(map(len, lines)) <= 80
     head = lines[1]
     for name in ("message, signal", "id, value", "unit", "age, s", "1/s", "lost", "refused", "E2E"):
@@ -61,38 +57,8 @@ def test_it_is_whole_at_80_columns():
 
 def test_what_a_receiver_refuses_is_red_and_what_is_old_is_dim():
     state = MonitorState().seen(frame(SPECS[0], 0)).seen(frame(SPECS[0], 0))
-    assert "\x1b[31mrepeated" in picture(state, View(), 100)
+    assert "\x1b[31mrepeated" in picture(state, 100)
     fresh = MonitorState().seen(frame(SPECS[0], 0))
-    assert "\x1b[31m" not in picture(fresh, View(), 100)
-    assert "\x1b[2m" not in picture(fresh, View(), 100)
-    assert "\x1b[2m" in picture(fresh, View(), 100, now_ns=round((STALE_S + 0.1) * 1e9))
-
-
-def test_it_fits_the_screen_and_names_the_keys():
-    for height in [12, 24, 40]:
-        lines = plain(picture(everything(), View(), 100, height))
-        assert len(lines) <= height, height
-        assert lines[-1].startswith("q quit   space pause   r reset   / filter   up, down scroll"), height
-        assert lines[-1].endswith("more rows"), height
-        typing = plain(picture(everything(), View(is_typing=True, matching="flo"), 100, height))
-        assert "filter: flo_" in typing[0], height
-        assert "Esc drops it" in typing[-1], height
-        assert "paused" in plain(picture(everything(), View(is_paused=True), 100, height))[0], height
-
-
-def heights(shown: list[Row]) -> int:
-    return sum(2 if one.is_first else 1 for one in shown)
-
-
-@examples(30)
-@given(top=st.integers(0, 200), lines=st.integers(3, 200))
-def test_pages_show_all_rows_in_order_and_never_more_than_fit(top, lines):
-    found = rows(everything(), 0)
-    shown = page(found, top, lines)
-    assert heights(shown) <= lines
-    assert shown[0].is_first
-    names = [(one.message, one.signal) for one in found]
-    begin = names.index((shown[0].message, shown[0].signal))
-    assert [(one.message, one.signal) for one in shown] == names[begin : begin + len(shown)]
-    # From `top` on, unless that would leave the end of the screen empty.
-    assert begin == top or begin + len(shown) == len(found)
+    assert "\x1b[31m" not in picture(fresh, 100)
+    assert "\x1b[2m" not in picture(fresh, 100)
+    assert "\x1b[2m" in picture(fresh, 100, now_ns=round((STALE_S + 0.1) * 1e9))
