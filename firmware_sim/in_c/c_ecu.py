@@ -19,8 +19,7 @@ from contract.controller.c_folder import library_sources, read_sources
 from contract.controller.calibration import NAMES, Calibration
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
-from firmware_sim.ecu.ecu_state import Trace
-from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.ecu_state import EcuState, Trace
 from firmware_sim.in_c import c_settings
 from firmware_sim.in_c.c_structs import Structs, c_time
 from firmware_sim.in_c.compiler import compile_c, compiler_version, host_compiler

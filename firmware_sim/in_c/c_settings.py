@@ -25,16 +25,18 @@ from can_bridge.wire.message_specs import (
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, Mode, Reason
 from contract.arrays import Array
 from contract.config.tree import Config
+from contract.config.vehicle import SpeedConfig
 from contract.controller.c_folder import ECU_SETTINGS
 from contract.controller.calibration import Calibration
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
-from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS
+from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, Manifest, SpeedRange
 from firmware_sim.ecu.benefit_check import BenefitCheck
 from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.fit import check_vehicle
 from firmware_sim.ecu.other_ecu import SILENCE_NS
 from firmware_sim.ecu.sensor_check import ALIKE, COPIED, DRIFT_ALLOWED, MOVING, NOISE_ALLOWED, SCORE_PERIODS
+from firmware_sim.ecu.speed_reception import SHORTEST_S
 from firmware_sim.ecu.timing import LATEST_NS
 
 HEADER: Final = ECU_SETTINGS
@@ -68,6 +70,7 @@ def ecu_settings(bundle: Bundle, config: Config) -> bytes:
     """
     check_vehicle(bundle, config)
     _check(config)
+    _check_speed(bundle.manifest.speeds, config.ecu.speed)
     lines = [f"#define {name} {_literal(value)}" for name, value in _definitions(bundle, config).items()]
     text = "\n".join(lines)
     return (
@@ -90,6 +93,13 @@ def _check(config: Config) -> None:
         raise ConfigError(
             f"ecu.hold_periods and ecu.decay_periods come to {held_ns} ns: the ECU in C takes at most {LATEST_NS}"
         )
+
+
+def _check_speed(speeds: SpeedRange | None, config: SpeedConfig) -> None:
+    if speeds is not None and config.margin >= speeds.slowest:
+        raise ConfigError(f"ecu.speed.margin = {config.margin}: must be below the slowest speed, {speeds.slowest}")
+    if config.oldest_ms * 1e6 > LATEST_NS:
+        raise ConfigError(f"ecu.speed.oldest_ms = {config.oldest_ms}: the ECU in C takes at most {LATEST_NS / 1e6}")
 
 
 def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]:
@@ -152,6 +162,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         "SW_GATE_STEP": limits.step_m2_per_s,
         "SW_FRESH_AGE_NS": f"INT64_C({limits.fresh_age_ns})",
         "SW_HELD_AGE_NS": f"INT64_C({limits.held_age_ns})",
+        **_of_speeds(manifest, ecu.speed),
         **_of_benefit_check(BenefitCheck.of(manifest, ecu.benefit_check)),
         "SW_SENSOR_CHECK": int(estimator is not None),
         "SW_LIAR_LEVEL": check.liar_level,
@@ -176,6 +187,23 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
                 "SW_SLOW_DEVIATIONS": _rows(np.array(estimator.slow)),
             }
         ),
+    }
+
+
+def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float | str]:
+    """SW_PAST is 0 for a release that serves one speed alone: nothing of the rest is then compiled in."""
+    if manifest.speeds is None:
+        return {"SW_PAST": 0}
+    return {
+        "SW_PAST": manifest.past,
+        "SW_SLOWEST": float(manifest.speeds.slowest),
+        "SW_FASTEST": float(manifest.speeds.fastest),
+        "SW_SPEED_MARGIN": float(config.margin),
+        "SW_OLDEST_SPEED_NS": f"INT64_C({round(config.oldest_ms * 1e6)})",
+        "SW_SHORTEST_S": SHORTEST_S,
+        "SW_MOST_ACCELERATION": float(config.most_acceleration),
+        "SW_DESIGN_SPEED": float(manifest.operating_point.speed),
+        "SW_DESIGN_DENSITY": float(manifest.operating_point.density),
     }
 
 

@@ -23,12 +23,12 @@ from can_bridge.wire.messages import Reason
 from contract.arrays import Array
 from contract.errors import LibraryError
 from firmware_sim.ecu.benefit_check import BenefitCheckState
-from firmware_sim.ecu.controller_memory import ControllerMemory
+from firmware_sim.ecu.controller_memory import ControllerMemory, Past
 from firmware_sim.ecu.delay_line import DelayLine
-from firmware_sim.ecu.ecu_state import Trace
-from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.ecu_state import EcuState, Trace
 from firmware_sim.ecu.other_ecu import OtherEcu
 from firmware_sim.ecu.sensor_check import SensorCheckState
+from firmware_sim.ecu.speed_reception import SpeedState
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode
 from firmware_sim.ecu.timing import Timing
 from firmware_sim.in_c.compiler import preprocessed
@@ -105,10 +105,14 @@ class Structs:
 
     def trace(self, ecu: Any) -> Trace:
         """Trace of a `sw_ecu`."""
+        forces = self._array(ecu.output.forces, np.float32) if ecu.trace.planned else None
+        if forces is not None and self._serves_speeds:
+            # Of the newest row, on which was planned.
+            forces = forces * list(ecu.state.memory.past.speeds)[-1] ** 2
         return Trace(
             mode=_MODES[ecu.state.fail_safe.mode].on_wire,
             action=ecu.trace.action,
-            forces=self._array(ecu.output.forces, np.float32) if ecu.trace.planned else None,
+            forces=forces,
             interventions=Intervention(ecu.trace.interventions),
         )
 
@@ -118,7 +122,7 @@ class Structs:
         Raises:
             ValueError, IndexError: an enumeration has none of its values.
         """
-        memory, sensors, pressures = state.memory, state.sensors, state.pressures
+        memory, sensors = state.memory, state.sensors
         fail_safe, timing = state.fail_safe, state.timing
         return EcuState(
             memory=ControllerMemory(
@@ -127,6 +131,7 @@ class Structs:
                 gap=memory.gap,
                 plan=self._array(memory.plan, np.float32),
                 under_way=DelayLine(tuple(memory.under_way)[: memory.frozen + 1]),
+                past=self._past(memory.past) if self._serves_speeds else None,
             ),
             fail_safe=FailSafe(
                 mode=_MODES[fail_safe.mode],
@@ -136,12 +141,8 @@ class Structs:
                 reason=Reason(fail_safe.reason),
                 enable_request=bool(fail_safe.enable_request),
             ),
-            pressures=ReceiverState(
-                stream=_STREAMS[pressures.stream],
-                last_counter=pressures.last_counter if pressures.has_counter else None,
-                window=tuple(map(Check, list(pressures.window)[: pressures.checks])),
-                counts=tuple(pressures.counts),
-            ),
+            pressures=_received(state.pressures),
+            speed=_speed(state.speed) if self._serves_speeds else SpeedState(),
             commands=SenderState(counter=state.command_counter),
             statuses=SenderState(counter=state.status_counter),
             timing=Timing(
@@ -190,13 +191,9 @@ class Structs:
         self._set_sensors(state.sensors, value.sensors)
         for item in fields(BenefitCheckState):
             setattr(state.benefit, item.name, getattr(value.benefit, item.name))
-        pressures, received = state.pressures, value.pressures
-        pressures.stream = _STREAMS.index(received.stream)
-        pressures.has_counter = received.last_counter is not None
-        pressures.last_counter = received.last_counter or 0
-        pressures.checks = len(received.window)
-        pressures.window = [item.value for item in received.window]
-        pressures.counts = [_count(item) for item in received.counts]
+        _set_received(state.pressures, value.pressures)
+        if self._serves_speeds:
+            _set_speed(state.speed, value.speed)
         fail_safe, safe = state.fail_safe, value.fail_safe
         fail_safe.mode, fail_safe.reason = _MODES.index(safe.mode), safe.reason
         fail_safe.enable_request, fail_safe.lost = safe.enable_request, safe.lost
@@ -219,6 +216,10 @@ class Structs:
         self._copy(memory.window, value.window)
         self._copy(memory.plan, value.plan.astype(np.float32))
         memory.frozen, memory.under_way = len(value.under_way.pending), list(value.under_way.values)
+        if value.past is not None:
+            memory.past.count = value.past.count
+            self._copy(memory.past.rows, value.past.rows)
+            self._copy(memory.past.speeds, value.past.speeds)
 
     def _set_sensors(self, sensors: Any, value: SensorCheckState) -> None:
         sensors.set_aside = -1 if value.set_aside is None else value.set_aside
@@ -252,9 +253,49 @@ class Structs:
         rows = self.ffi.typeof(member)
         return flat if rows.item.kind == "primitive" else flat.reshape(rows.length, -1)
 
+    def _past(self, past: Any) -> Past:
+        return Past(rows=self._array(past.rows), speeds=self._array(past.speeds), count=past.count)
+
+    @property
+    def _serves_speeds(self) -> bool:
+        """Whether the library is of a release that serves a range of speeds."""
+        return "past" in dict(self.ffi.typeof("sw_memory").fields)
+
     def _known(self, member: Any, *, known: int) -> Array:
         found = self._array(member)
         return found if known else np.full_like(found, np.nan)
+
+
+def _received(receiver: Any) -> ReceiverState:
+    return ReceiverState(
+        stream=_STREAMS[receiver.stream],
+        last_counter=receiver.last_counter if receiver.has_counter else None,
+        window=tuple(map(Check, list(receiver.window)[: receiver.checks])),
+        counts=tuple(receiver.counts),
+    )
+
+
+def _set_received(receiver: Any, value: ReceiverState) -> None:
+    receiver.stream = _STREAMS.index(value.stream)
+    receiver.has_counter, receiver.last_counter = value.last_counter is not None, value.last_counter or 0
+    receiver.checks, receiver.window = len(value.window), [item.value for item in value.window]
+    receiver.counts = [_count(item) for item in value.counts]
+
+
+def _speed(speed: Any) -> SpeedState:
+    return SpeedState(
+        ratio=speed.ratio if speed.known else None,
+        density=speed.density,
+        measured_ns=speed.measured_ns,
+        is_off=bool(speed.is_off),
+        receiver=_received(speed.receiver),
+    )
+
+
+def _set_speed(speed: Any, value: SpeedState) -> None:
+    speed.known, speed.ratio = value.ratio is not None, value.ratio or 0.0
+    speed.density, speed.measured_ns, speed.is_off = value.density, c_time(value.measured_ns), value.is_off
+    _set_received(speed.receiver, value.receiver)
 
 
 def flattened(value: object, name: str = "") -> dict[str, Any]:
@@ -274,15 +315,17 @@ def as_c_has_it(state: EcuState) -> dict[str, Any]:
 
     Of two ECUs that agree, one in C and one in Python, the values are equal; `differing` compares them.
     """
-    found = {name: leaf for name, leaf in flattened(state).items() if not name.startswith(("verifier.", "freshness."))}
+    found = {name: leaf for name, leaf in flattened(state).items() if not name.startswith(_NOT_IN_C)}
     found["health.state"] = found["health.state"] is BusState.BUS_OFF
     found["pressures.counts"] = tuple(map(_count, state.pressures.counts))
+    found["speed.receiver.counts"] = tuple(map(_count, state.speed.receiver.counts))
     for name in _COUNTED:
         found[name] = _count(found[name])
     found["sensors.flat"] = np.minimum(state.sensors.flat, LARGEST["uint32"])
     return found
 
 
+_NOT_IN_C: Final = ("verifier.", "freshness.", "speed.verifier.")
 _COUNTED: Final = (
     "memory.gap", "other_ecu.frames", "fail_safe.misses", "fail_safe.good", "overruns", "missed", "sensors.doubt",
     "health.tx_errors", "health.rx_errors", "health.bus_off",

@@ -21,6 +21,7 @@ from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.other_ecu import SILENCE_NS, OtherEcu
 from firmware_sim.ecu.state_machine import OperatingMode
 from firmware_sim.ecu.timing import LATEST_NS
+from tests.proofs.ecu_in_c.drive import edges, oldest_ns
 
 LARGEST: Final = 2**32 - 1
 """A count in C."""
@@ -53,6 +54,7 @@ class Edges:
             self._counts,
             self._company,
             self._benefit,
+            self._speed,
         )
         for move in self._rng.sample(moves, self._rng.randrange(1, 4)):
             state = move(state, now_ns)
@@ -82,19 +84,21 @@ class Edges:
 
     def _receiver(self, state: EcuState, now_ns: int) -> EcuState:
         del now_ns
+        return replace(state, pressures=self._received(state.pressures))
+
+    def _received(self, state: ReceiverState) -> ReceiverState:
         rng, e2e = self._rng, self._config.bus.e2e
         stream = rng.choice(list(StreamState))
         length = 0 if stream is StreamState.NODATA else rng.choice((e2e.window, rng.randrange(1, e2e.window + 1)))
-        last = state.pressures.last_counter
+        last = state.last_counter
         if last is None and stream is not StreamState.NODATA:
             last = rng.randrange(self._counters)
-        changed = ReceiverState(
+        return ReceiverState(
             stream=stream,
             last_counter=None if last is None else (last - rng.randrange(-1, e2e.max_delta + 2)) % self._counters,
             window=tuple(rng.choices(list(Check), weights=(3, 1, 1, 1, 2, 1), k=length)),
-            counts=tuple(rng.choice((count, LARGEST, LARGEST - 1)) for count in state.pressures.counts),
+            counts=tuple(rng.choice((count, LARGEST, LARGEST - 1)) for count in state.counts),
         )
-        return replace(state, pressures=changed)
 
     def _timing(self, state: EcuState, now_ns: int) -> EcuState:
         rng, ecu, period = self._rng, self._config.ecu, self._config.period_ns
@@ -148,7 +152,7 @@ class Edges:
             state.timing, step_ns=max(-1, min(LATEST_NS, now_ns - elapsed)), lag_ns=0, off_time=0, fault=None
         )
         moved = replace(state, fail_safe=fail_safe, timing=timing, other_ecu=OtherEcu())
-        return self._memory(self._pressures(moved, now_ns), now_ns)
+        return self._memory(self._pressures(self._speed(moved, now_ns), now_ns), now_ns)
 
     def _memory(self, state: EcuState, now_ns: int) -> EcuState:
         del now_ns
@@ -159,6 +163,22 @@ class Edges:
         longest = ecu.hold_periods + ecu.decay_periods
         gap = rng.choice((0, min(longest + 1, self._around(longest))))
         return replace(state, memory=replace(state.memory, under_way=DelayLine(tuple(values)), gap=gap))
+
+    def _speed(self, state: EcuState, now_ns: int) -> EcuState:
+        """At an end of the range, by a measurement of the largest age or nearly so."""
+        rng = self._rng
+        if state.memory.past is None:
+            return state
+        measured_ns = now_ns - rng.choice((0, oldest_ns(self._config.ecu.speed.oldest_ms))) + rng.randrange(-2, 3)
+        changed = replace(
+            state.speed,
+            ratio=rng.choice((None, 1.0, 1.0, 1.3, 0.7, *edges(self._config))),
+            density=rng.choice((1.2, 0.9)),
+            measured_ns=max(-(10**9), min(2**63 - 1, measured_ns)),
+            is_off=rng.random() < 0.3,
+            receiver=self._received(state.speed.receiver) if rng.random() < 0.3 else state.speed.receiver,
+        )
+        return replace(state, speed=changed)
 
     def _on_wire(self, flow_m2_per_s: float) -> float:
         """An action as it could have been sent, or one or two steps of the wire away, in U_inf W."""

@@ -67,7 +67,7 @@ PLANTED: Final = (
     ),
     Planted(
         "a 29-bit identifier is taken for the pressures'", "classic", "sw_receiver.c",
-        "frame->id == SW_PRESSURE_ID && !frame->is_extended", "frame->id == SW_PRESSURE_ID",
+        "frame->id == message->id && !frame->is_extended", "frame->id == message->id",
     ),
     Planted(
         "a check of the receiver's window is counted as an error", "late actuator, long windows", "sw_receiver.c",
@@ -85,5 +85,53 @@ PLANTED: Final = (
     Planted(
         "a fault does not ask for a request that falls", "as shipped", "sw_fail_safe.c",
         "now.request = !inputs->has_request || inputs->enable_request;", "",
+    ),
+    Planted(
+        "a command above the design speed follows by a share as well", "classic, at all speeds", "sw_past.c",
+        "speed >= 1.0 ? to : before", "speed > 1.2 ? to : before",
+    ),
+    Planted(
+        "a row between two others has the other one's share", "at all speeds", "sw_past.c",
+        "newer + share * (past->rows[older][c] - newer)", "newer + (1.0 - share) * (past->rows[older][c] - newer)",
+    ),
+    Planted(
+        "a row that lies at a period's end is left for the one before", "classic, at all speeds", "sw_past.c",
+        "age + past->speeds[at] <= steps", "age + past->speeds[at] < steps",
+    ),
+    Planted(
+        "the margin narrows the range", "at all speeds", "sw_speed.c",
+        "SW_SLOWEST - margin", "SW_SLOWEST + margin",
+    ),
+    Planted(
+        "a speed at the end of the range is outside", "classic, at all speeds", "sw_speed.c",
+        "speed->ratio <= SW_FASTEST + margin", "speed->ratio < SW_FASTEST + margin",
+    ),
+    Planted(
+        "a speed is kept a nanosecond too short", "at all speeds", "sw_speed.c",
+        "age_of(speed, now_ns) > (uint64_t)SW_OLDEST_SPEED_NS", "age_of(speed, now_ns) >= (uint64_t)SW_OLDEST_SPEED_NS",
+    ),
+    Planted(
+        "a stated density is left out", "at all speeds", "sw_speed.c",
+        "stated.density_kg_per_m3 > 0.0 ? stated.density_kg_per_m3 : SW_DESIGN_DENSITY", "SW_DESIGN_DENSITY",
+    ),
+    Planted(
+        "no acceleration is judged over less than a period", "classic, at all speeds", "sw_speed.c",
+        "elapsed_s > SW_SHORTEST_S ? elapsed_s : SW_SHORTEST_S", "elapsed_s",
+    ),
+    Planted(
+        "outside its speeds the past stays", "at all speeds", "sw_ecu.c",
+        "if (state->speed.is_off) {\n        sw_memory_emptied(memory);", "if (state->speed.is_off) {",
+    ),
+    Planted(
+        "a past stays where it is when the delay changes", "classic, at all speeds", "sw_memory.c",
+        "if (later != 0) sw_memory_emptied(memory);", "if (later > 1) sw_memory_emptied(memory);",
+    ),
+    Planted(
+        "a sensor that rests is sought in what follows the speed", "at all speeds", "sw_ecu.c",
+        "const double *reading = received.reading;", "const double *reading = received.cp;",
+    ),
+    Planted(
+        "what is under way is taken to be in units of the present speed", "classic, at all speeds", "sw_memory.c",
+        "const double sent = memory->under_way[k] / speed;", "const double sent = memory->under_way[k];",
     ),
 )  # fmt: skip

@@ -24,6 +24,7 @@ from contract.controller.calibration import Calibration
 from firmware_sim.ecu.calibrating import limits_of
 from tests.proofs.ecu.hostile_world import START_NS, Path, RandomEvents
 from tests.proofs.ecu.promises import Delivered
+from tests.proofs.ecu_in_c.drive import Drive
 from tests.proofs.ecu_in_c.library import FRAMES
 from tests.proofs.ecu_in_c.python_twin import Answers, Period
 from tests.proofs.ecu_in_c.variants import DEVIATION, bundle_of
@@ -58,8 +59,10 @@ class Traffic:
         self._spec: MessageSpec = self._messages.pressure.spec
         self._profile: Any = profile_of(self._spec)
         self._pascal, self._limit = config.operating_point.dynamic_pressure, self._messages.pressure_limit_pa
-        self._horizon, self._limits = horizon, limits_of(bundle_of(config), config)
-        self._path, self._counter, self._number = Path(), 0, 0
+        bundle = bundle_of(config)
+        self._horizon, self._limits = horizon, limits_of(bundle, config)
+        self._drive = None if bundle.manifest.speeds is None else Drive(config, self._rng)
+        self._path, self._speed_path, self._counter, self._number = Path(), Path(), 0, 0
         self._now_ns, self._stands = START_NS, 0
         self._health, self._inbox = BusHealth(), list[Frame]()
         self._lies = cycle(self._rng.sample(LIES, len(LIES)))
@@ -82,6 +85,10 @@ class Traffic:
         if events.reset_vehicle:
             self._counter = rng.randrange(256)
             self._path.forget()
+        if self._drive is not None:
+            self._drive.move(odd)
+            self._pascal = self._drive.dynamic_pressure
+            self._state_speed(self._drive, events, now_ns, odd)
         self._sample(events, cp, now_ns, odd, request=events.request)
         self._number += 1
         if not events.steps:
@@ -99,7 +106,7 @@ class Traffic:
             updating=self._updating > 0,
             answers=self._answers(events.deed, events.value, estimates, odd),
             restarts=restarts,
-            calibration=self._calibration() if rng.random() < odd / 10 else None,
+            calibration=self._calibration() if rng.random() < 0.005 + odd / 10 else None,
         )
 
     def _calibration(self) -> Calibration:
@@ -193,6 +200,13 @@ class Traffic:
             self._inbox.append(self._stamped(item.frame, now_ns, events.queued_ns, odd))
         while rng.random() < odd / 3:
             self._inbox.insert(rng.randrange(len(self._inbox) + 1), self._other(now_ns, odd))
+
+    def _state_speed(self, drive: Drive, events: Any, now_ns: int, odd: float) -> None:
+        """The frame with the vehicle's speed on its way, into the inbox."""
+        frame = drive.frame(now_ns, events.queued_ns, odd)
+        item = None if frame is None else Delivered(frame, None)
+        for one in self._speed_path.carried(item, events.command, self._number, Random(events.chance)):
+            self._inbox.append(one.frame)
 
     def _protected(self, data: bytes, counter: int) -> Frame:
         spec = self._spec

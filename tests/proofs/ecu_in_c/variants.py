@@ -4,9 +4,9 @@ from dataclasses import replace
 from typing import Final
 
 from contract.config.tree import Config
-from contract.config.vehicle import BenefitCheckConfig, BusConfig, E2eConfig, EcuConfig, SensorCheckConfig
+from contract.config.vehicle import BenefitCheckConfig, BusConfig, E2eConfig, EcuConfig, SensorCheckConfig, SpeedConfig
 from contract.release.checks import Bundle
-from contract.release.manifest import SensorEstimator
+from contract.release.manifest import SensorEstimator, SpeedRange
 from tests.proofs.ecu.hostile_world import small_bundle
 
 UNCHECKED: Final = SensorCheckConfig(enabled=False)
@@ -53,9 +53,23 @@ VARIANTS: Final = {
             benefit_check=BenefitCheckConfig(enabled=False),
         ),
     ),
+    "at all speeds": Config(
+        ecu=EcuConfig(
+            sensor_check=SensorCheckConfig(flat_periods=3),
+            deadline_misses=11,
+            speed=SpeedConfig(oldest_ms=60.0, most_acceleration=150.0),
+        )
+    ),
+    "classic, at all speeds": Config(
+        bus=BusConfig(frames="classic"),
+        ecu=EcuConfig(delay_steps=2, plan_ahead=False, sensor_check=UNCHECKED, speed=SpeedConfig(margin=0.1)),
+    ),
 }
 """Both sets of messages; planning ahead or not; late actuators; with and without the checks; windows of one
-period and of as many as the state in C has room for."""
+period and of as many as the state in C has room for; releases that serve a range of speeds, where the settings of the
+speed are not the default ones."""
+
+SPEEDS: Final = SpeedRange(slowest=0.6, fastest=1.4)
 
 DEVIATION: Final = 0.02
 """Deviation of sound sensors' residuals in Cp, which the traffic's estimates have."""
@@ -66,4 +80,5 @@ def bundle_of(config: Config) -> Bundle:
     bundle = small_bundle(config)
     rows = tuple(tuple(DEVIATION * (1.0 + 0.1 * (i + 2 * j)) for i in range(4)) for j in range(4))
     figures = SensorEstimator(fast=rows, slow=rows)
-    return replace(bundle, manifest=replace(bundle.manifest, sensor_estimator=figures))
+    speeds = None if config.ecu.speed == SpeedConfig() else SPEEDS
+    return replace(bundle, manifest=replace(bundle.manifest, sensor_estimator=figures, speeds=speeds))

@@ -46,6 +46,7 @@ void sw_parse_pressure(const uint8_t *data, sw_pressure *pressure)
     pressure->age_ns = age < AGE_LIMIT ? (int64_t)age * SW_AGE_RESOLUTION_NS : SW_STALE_NS;
 }
 
+#if SW_PAST > 0
 void sw_parse_speed(const uint8_t *data, sw_speed *speed)
 {
     const uint32_t steps = sw_word(&data[SPEED]);
@@ -54,6 +55,7 @@ void sw_parse_speed(const uint8_t *data, sw_speed *speed)
     speed->density_kg_per_m3 = (double)data[DENSITY] * SW_DENSITY_RESOLUTION;
     speed->age_ns = (int64_t)data[SPEED_AGE] * SW_AGE_RESOLUTION_NS;
 }
+#endif
 
 void sw_emit_command(uint8_t *data, const sw_jet_command *command)
 {

@@ -37,6 +37,7 @@ void sw_parse_pressure(const uint8_t *data, sw_pressure *pressure)
     pressure->age_ns = (int64_t)sw_word(&data[AGE]) * SW_AGE_RESOLUTION_NS;
 }
 
+#if SW_PAST > 0
 void sw_parse_speed(const uint8_t *data, sw_speed *speed)
 {
     const uint32_t steps = sw_word(&data[SPEED]);
@@ -45,6 +46,7 @@ void sw_parse_speed(const uint8_t *data, sw_speed *speed)
     speed->density_kg_per_m3 = (double)data[DENSITY] * SW_DENSITY_RESOLUTION;
     speed->age_ns = (int64_t)sw_word(&data[SPEED_AGE]) * SW_AGE_RESOLUTION_NS;
 }
+#endif
 
 void sw_emit_command(uint8_t *data, const sw_jet_command *command)
 {

@@ -17,10 +17,22 @@ typedef struct {
 
 static double newest(const sw_memory *memory) { return memory->under_way[memory->frozen]; }
 
-static void with_row(sw_memory *memory, const double *cp)
+/* This period's row; none at a speed that the release does not serve, whose pressures say nothing about control at
+ * others.
+ */
+static void with_row(sw_ecu_state *state, const double *cp)
 {
+    sw_memory *memory = &state->memory;
+    double ratio = 1.0;
+#if SW_PAST > 0
+    if (state->speed.is_off) {
+        sw_memory_emptied(memory);
+        return;
+    }
+    if (state->speed.known) ratio = state->speed.ratio;
+#endif
     if (cp != NULL) {
-        sw_memory_observed(memory, cp);
+        sw_memory_observed(memory, cp, ratio);
     } else {
         sw_memory_bridged(memory);
     }
@@ -44,12 +56,12 @@ static void after_silence(sw_memory *memory, const sw_timing *timing)
 }
 
 /* The sensor check after this period: the memory without a sensor that lies, and why the jets must shut. */
-static uint8_t check_sensors(sw_ecu *ecu, const double *cp)
+static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *reading)
 {
     uint8_t fault = SW_REASON_NONE;
 #if SW_SENSOR_CHECK
     const sw_sensors *sensors = &ecu->state.sensors;
-    fault = sw_sensors_next(&ecu->state.sensors, &ecu->work.estimator, &ecu->state.memory, cp,
+    fault = sw_sensors_next(&ecu->state.sensors, &ecu->work.estimator, &ecu->state.memory, cp, reading,
                             ecu->state.timing.skipped);
     if (sensors->set_aside >= 0) {
         sw_memory_with_column(&ecu->state.memory, sensors->set_aside, sensors->estimates);
@@ -57,6 +69,7 @@ static uint8_t check_sensors(sw_ecu *ecu, const double *cp)
 #else
     (void)ecu;
     (void)cp;
+    (void)reading;
 #endif
     return fault;
 }
@@ -116,7 +129,9 @@ static decision planned(sw_ecu *ecu)
     const int finite = are_finite(ecu->output.plan, SW_HORIZON) & are_finite(&ecu->output.forces[0][0], 2 * SW_HORIZON);
     if (status == SW_OK && finite) {
         for (int k = 0; k < SW_HORIZON; k++) ecu->state.memory.plan[k] = ecu->output.plan[k];
-        due.action = (double)ecu->output.plan[ecu->state.memory.frozen];
+        const double speed = sw_memory_speed(&ecu->state.memory);
+        const double wanted = (double)ecu->output.plan[ecu->state.memory.frozen] * speed;
+        due.action = sw_followed(newest(&ecu->state.memory), wanted, speed);
         due.fault = SW_REASON_NONE;
         ecu->trace.planned = 1;
     }
@@ -204,8 +219,20 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
 {
     sw_ecu_state *state = &ecu->state;
     sw_received received;
-    sw_reception(&received, &state->pressures, frames, count, now_ns);
-    const double *cp = received.usable ? received.cp : NULL;
+    double dynamic_pressure = SW_DYNAMIC_PRESSURE;
+    uint8_t off_speed = 0;
+#if SW_PAST > 0
+    sw_speed_next(&state->speed, frames, count, now_ns);
+    dynamic_pressure = sw_speed_dynamic_pressure(&state->speed);
+    off_speed = state->speed.is_off;
+#endif
+    sw_reception(&received, &state->pressures, frames, count, now_ns, dynamic_pressure);
+    const double *cp = received.usable && !off_speed ? received.cp : NULL;
+#if SW_PAST > 0
+    const double *reading = received.reading;
+#else
+    const double *reading = cp;
+#endif
     if (received.usable) {
         state->has_pressures = 1;
         state->pressure_ns = received.sampled_ns;
@@ -215,9 +242,9 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
     }
     sw_other_ecu_next(&state->other_ecu, frames, count, state->timing.step_ns);
     after_silence(&state->memory, &state->timing);
-    with_row(&state->memory, cp);
-    const uint8_t sensor_fault = check_sensors(ecu, cp);
-    const uint8_t no_benefit = check_benefit(state, received.usable);
+    with_row(state, cp);
+    const uint8_t sensor_fault = check_sensors(ecu, cp, reading);
+    const uint8_t no_benefit = check_benefit(state, cp != NULL);
     const uint8_t faults[] = {state->timing.fault, bus_fault(&state->health, &ecu->surroundings.health),
                               (uint8_t)(state->other_ecu.is_there ? SW_REASON_OTHER_ECU : SW_REASON_NONE),
                               sensor_fault, no_benefit, ecu->surroundings.fault};
@@ -226,6 +253,7 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
     inputs->enable_request = received.enable_request;
     inputs->unusable_because = received.unusable_because;
     inputs->window_full = state->memory.rows == SW_WINDOW;
+    inputs->off_speed = off_speed;
     inputs->fault = first_of(faults, (int)sizeof faults);
     inputs->updating = ecu->surroundings.updating;
 }
@@ -252,6 +280,9 @@ void sw_ecu_init(sw_ecu *ecu)
     ecu->surroundings.fault = SW_REASON_NONE;
     ecu->state.timing.fault = SW_REASON_NONE;
     ecu->state.pressures.stream = SW_NODATA;
+#if SW_PAST > 0
+    ecu->state.speed.receiver.stream = SW_NODATA;
+#endif
     sw_fail_safe_start(&ecu->state.fail_safe);
     sw_sensors_start(&ecu->state.sensors);
 }
@@ -267,7 +298,24 @@ int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values)
     return beyond;
 }
 
-/* Whether all that is used as an index, shifted by, or added up is within its range. */
+static int could_receive(const sw_receiver *receiver)
+{
+    return receiver->stream <= SW_INVALID && receiver->checks <= SW_E2E_WINDOW;
+}
+
+#if SW_PAST > 0
+/* A speed, and periods at speeds, that are divided by. */
+static int could_drive(const sw_ecu_state *state)
+{
+    const sw_past *past = &state->memory.past;
+    int sound = could_receive(&state->speed.receiver) & (past->count <= SW_PAST);
+    sound &= !state->speed.known || state->speed.density > 0.0;
+    for (uint32_t k = 0; k < past->count && sound; k++) sound = past->speeds[SW_PAST - 1u - k] > 0.0;
+    return sound;
+}
+#endif
+
+/* Whether all that is used as an index, shifted by, divided by, or added up is within its range. */
 static int could_be(const sw_ecu_state *state)
 {
     const sw_memory *memory = &state->memory;
@@ -280,7 +328,11 @@ static int could_be(const sw_ecu_state *state)
 #else
     const int benefit = 1;
 #endif
-    const int stream = state->pressures.stream <= SW_INVALID && state->pressures.checks <= SW_E2E_WINDOW;
+#if SW_PAST > 0
+    const int stream = could_receive(&state->pressures) & could_drive(state);
+#else
+    const int stream = could_receive(&state->pressures);
+#endif
     const int step = state->timing.step_ns >= -1 && state->timing.step_ns <= SW_LATEST_NS;
     const int lag = state->timing.lag_ns >= -SW_PERIOD_NS && state->timing.lag_ns <= SW_PERIOD_NS;
     return window & sensors & benefit & stream & step & lag & (state->fail_safe.mode <= SW_UPDATE);

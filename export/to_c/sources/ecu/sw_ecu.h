@@ -35,6 +35,13 @@ extern "C" {
 #define SW_PAIRS (SW_SENSORS * (SW_SENSORS - 1) / 2)
 #define SW_HYPOTHESES (SW_SENSORS + SW_PAIRS)
 
+/* Rows of estimates that are kept: of the window, or of the past behind it where a release serves a range of speeds. */
+#if SW_PAST > 0
+#define SW_KEPT SW_PAST
+#else
+#define SW_KEPT SW_WINDOW
+#endif
+
 /* Times are in ns of one clock that never goes back, from 0 to this: 73 years. Others are a fault of the clock. */
 #define SW_LATEST_NS ((int64_t)1 << 61)
 
@@ -53,7 +60,7 @@ typedef enum {
     SW_INIT,    /* no usable pressures since power-on */
     SW_STANDBY, /* the request for control stands as it did at power-on: it must fall first */
     SW_ARMED,   /* the request is low */
-    SW_WARMUP,  /* control is wanted, but the window is not full */
+    SW_WARMUP,  /* control is wanted, but the window is not full, or the speed is not one that the release serves */
     SW_CONTROL, /* the jets follow the controller */
     SW_HOLD,    /* pressures are missing: the last command stays */
     SW_DECAY,   /* for longer: it is halved each period */
@@ -127,6 +134,25 @@ typedef struct {
     int64_t skipped;
 } sw_timing;
 
+#if SW_PAST > 0
+/* The rows of the latest control periods at the speeds they had; the last `count` have come, the others are zero. */
+typedef struct {
+    uint32_t count;
+    double rows[SW_PAST][SW_COLUMNS]; /* as in the window, each in units of its own speed */
+    double speeds[SW_PAST];           /* in design speeds */
+} sw_past;
+
+/* The vehicle's speed through the air. */
+typedef struct {
+    sw_receiver receiver; /* of the message */
+    uint8_t known;        /* whether one is believed that is not too old */
+    uint8_t is_off;       /* outside the release's range; once outside it has to come back by the margin */
+    double ratio;         /* to the design speed; 0 if it is not known */
+    double density;       /* of the air in kg/m3, with that speed */
+    int64_t measured_ns;
+} sw_speed_state;
+#endif
+
 typedef struct {
     uint32_t rows; /* of the window that have come, the last ones */
     uint32_t gap;  /* periods in a row without pressures */
@@ -134,6 +160,9 @@ typedef struct {
     float plan[SW_HORIZON];
     uint32_t frozen; /* actions at the head of a plan that are under way, by the actuator's delay */
     double under_way[SW_HORIZON]; /* actions sent, oldest first, `frozen` + 1 of them; zeros behind */
+#if SW_PAST > 0
+    sw_past past; /* from which the window is read */
+#endif
 } sw_memory;
 
 /* The sensor check; rows of the arrays are hypotheses. */
@@ -150,7 +179,7 @@ typedef struct {
     double slow[SW_HYPOTHESES][SW_SENSORS];
     double noise[SW_HYPOTHESES][SW_SENSORS];
     double score[SW_HYPOTHESES][SW_SENSORS];
-    double estimates[SW_WINDOW][SW_SENSORS];
+    double estimates[SW_KEPT][SW_SENSORS]; /* of each sensor by the others, in the latest periods */
 } sw_sensors;
 
 /* The benefit check; pressures in Cp. */
@@ -178,6 +207,9 @@ typedef struct {
     sw_sensors sensors;
     sw_benefit benefit;
     sw_receiver pressures;
+#if SW_PAST > 0
+    sw_speed_state speed;
+#endif
     sw_fail_safe fail_safe;
     sw_timing timing;
     sw_other_ecu other_ecu;
@@ -209,7 +241,7 @@ typedef struct {
 typedef struct {
     double action; /* sent, in U_inf W */
     uint8_t interventions;
-    uint8_t planned; /* whether `output` is of this step */
+    uint8_t planned; /* whether `output` is of this step; it is in units of the present speed */
 } sw_trace;
 
 /* Scratch memory of the parts that take turns. */

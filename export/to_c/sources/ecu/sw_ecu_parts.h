@@ -65,13 +65,6 @@ typedef struct {
 } sw_pressure;
 
 typedef struct {
-    double speed_m_per_s;     /* 0 where it is not known */
-    double density_kg_per_m3; /* of the air; 0 where it is not known */
-    uint8_t known;            /* whether the vehicle knows its speed */
-    int64_t age_ns;
-} sw_speed;
-
-typedef struct {
     int32_t flow; /* in steps of the wire */
     uint8_t mode; /* SW_MODE_ */
     uint8_t enable;
@@ -90,8 +83,17 @@ typedef struct {
 /* From SW_PRESSURE_BYTES bytes. */
 void sw_parse_pressure(const uint8_t *data, sw_pressure *pressure);
 
+#if SW_PAST > 0
+typedef struct {
+    double speed_m_per_s;     /* 0 where it is not known */
+    double density_kg_per_m3; /* of the air; 0 where it is not known */
+    uint8_t known;            /* whether the vehicle knows its speed */
+    int64_t age_ns;
+} sw_speed;
+
 /* From SW_SPEED_BYTES bytes. */
 void sw_parse_speed(const uint8_t *data, sw_speed *speed);
+#endif
 
 /* Into SW_COMMAND_BYTES and SW_STATUS_BYTES bytes with an empty header; SW_PLAN_AHEAD is JetCommand's NextPeriod. */
 void sw_emit_command(uint8_t *data, const sw_jet_command *command);
@@ -99,8 +101,15 @@ void sw_emit_status(uint8_t *data, const sw_ecu_status *status);
 
 /* --- sw_receiver.c --- */
 
+/* A message that is received. */
+typedef struct {
+    uint32_t id;
+    int bytes;
+    uint16_t data_id;
+} sw_message;
+
 /* The state after one period. Returns the newest frame that was good by itself, or NULL. */
-const sw_frame *sw_receive(sw_receiver *receiver, const sw_frame *frames, int count);
+const sw_frame *sw_receive(sw_receiver *receiver, const sw_message *message, const sw_frame *frames, int count);
 
 /* --- sw_reception.c: from a period's frames to pressures that may be planned on, or why there are none --- */
 
@@ -112,26 +121,63 @@ typedef struct {
     uint8_t counter;          /* of the usable ones' frame */
     int64_t sampled_ns;       /* theirs */
     double cp[SW_SENSORS];    /* theirs */
+#if SW_PAST > 0
+    double reading[SW_SENSORS]; /* the same in units of the design speed: a resting sensor does not follow the speed */
+#endif
 } sw_received;
 
-void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *frames, int count, int64_t now_ns);
+/* dynamic_pressure is in Pa at Cp = 1 at the present speed; 0 where that is not known. */
+void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *frames, int count, int64_t now_ns,
+                  double dynamic_pressure);
+
+/* Whether what a frame carries is of now, or older by at most oldest_ns. */
+int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t oldest_ns);
 
 /* After the step at step_ns with these frames: commands and statuses among them are another ECU's. */
 void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count, int64_t step_ns);
 
+/* --- sw_speed.c: the vehicle's speed, where a release serves a range of speeds --- */
+
+#if SW_PAST > 0
+/* After a period's frames. */
+void sw_speed_next(sw_speed_state *speed, const sw_frame *frames, int count, int64_t now_ns);
+
+/* Pa at Cp = 1, at the design speed where the speed is outside the range; 0 without a speed. */
+double sw_speed_dynamic_pressure(const sw_speed_state *speed);
+#endif
+
+/* --- sw_past.c: rows of periods read again at steps of the present speed --- */
+
+/* Where pressures that are kept, or a command, are after a period in which they should get to `to`. */
+double sw_followed(double before, double to, double speed);
+
+#if SW_PAST > 0
+/* With this period's row, whose pressures follow those of the row before it. */
+void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed);
+
+void sw_past_empty(sw_past *past);
+
+/* The window at steps of the present speed. Returns how many of its rows have come. */
+uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS]);
+#endif
+
 /* --- sw_memory.c: window, plan and actions under way --- */
 
-void sw_memory_observed(sw_memory *memory, const double cp[SW_SENSORS]);
+/* With a row for this period at a speed, in design speeds. */
+void sw_memory_observed(sw_memory *memory, const double cp[SW_SENSORS], double speed);
 void sw_memory_bridged(sw_memory *memory);
 void sw_memory_emptied(sw_memory *memory);
 void sw_memory_commanded(sw_memory *memory, double action);
 void sw_memory_without_plan(sw_memory *memory);
 
+/* Of the newest row, in design speeds. */
+double sw_memory_speed(const sw_memory *memory);
+
 /* With so many frozen actions, fewer than SW_HORIZON: another delay of the actuator. */
 void sw_memory_freeze(sw_memory *memory, int frozen);
 
-/* Other pressures of one sensor in the rows that have come; values has a row a row of the window. */
-void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW_WINDOW][SW_SENSORS]);
+/* Other pressures of one sensor in the rows that have come; values has a row a row of the window, or of the past. */
+void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW_KEPT][SW_SENSORS]);
 
 /* The control step's input. */
 void sw_memory_input(const sw_memory *memory, const float weights[SW_TERMS], sw_input *input);
@@ -151,11 +197,11 @@ void sw_estimate(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLU
 void sw_sensors_start(sw_sensors *sensors);
 
 #if SW_SENSOR_CHECK
-/* After a period with the memory's window; cp is NULL without pressures. Returns the SW_REASON_ for which the ECU must
- * switch itself off, or SW_REASON_NONE.
+/* After a period with the memory's window; cp is NULL without pressures, and `reading` has them as they came, whatever
+ * the speed is. Returns the SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
  */
 uint8_t sw_sensors_next(sw_sensors *sensors, sw_estimator_work *work, const sw_memory *memory, const double *cp,
-                        int64_t skipped);
+                        const double *reading, int64_t skipped);
 #endif
 
 /* --- sw_benefit.c --- */
@@ -175,6 +221,7 @@ typedef struct {
     uint8_t enable_request;
     uint8_t unusable_because;
     uint8_t window_full;
+    uint8_t off_speed; /* the vehicle is slower or faster than the release is made for */
     uint8_t fault; /* SW_REASON_, or SW_REASON_NONE */
     uint8_t updating;
 } sw_period_inputs;

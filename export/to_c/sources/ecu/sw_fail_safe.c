@@ -20,7 +20,7 @@ typedef enum {
     INVALID,        /* the stream is not to be trusted */
     TOO_LONG,       /* more than hold and decay periods missing in a row */
     TOO_MANY,       /* SW_LOSS_LIMIT of the last SW_LOSS_WINDOW missing, this one too */
-    FILLING,        /* the window is not full */
+    FILLING,        /* the window is not full, or the release is not made for the speed */
     USABLE,         /* pressures */
     SHORT           /* no more than the hold periods missing in a row */
 } condition;
@@ -31,6 +31,7 @@ typedef enum {
     WRITING,
     STANDS,  /* NOT_ARMED; NOT_AUTHENTIC if no frame is */
     MISSING, /* why pressures are missing; none if they are not */
+    WAITING, /* the same; OFF_SPEED at such a speed */
     OWN,     /* of the fault */
     FIRST    /* the first one stays */
 } because;
@@ -81,13 +82,13 @@ static const transition transitions[] = {
     {INIT | ARMED | WANTED, INVALID, SW_FAULT, MISSING},
     {INIT | ARMED | WANTED, TOO_LONG, SW_FAULT, MISSING},
     {INIT | ARMED | WANTED, TOO_MANY, SW_FAULT, MISSING},
-    {INIT, ALWAYS, SW_WARMUP, MISSING},
-    {ARMED | WANTED, FILLING, SW_WARMUP, MISSING},
+    {INIT, ALWAYS, SW_WARMUP, WAITING},
+    {ARMED | WANTED, FILLING, SW_WARMUP, WAITING},
     {ARMED | WANTED, USABLE, SW_CONTROL, NO_REASON},
     {ARMED | WARMUP | CONTROL | HOLD, SHORT, SW_HOLD, MISSING},
     {ARMED | WANTED, ALWAYS, SW_DECAY, MISSING},
     /* A latched fault. */
-    {FAULT, REARMED_FILLING, SW_WARMUP, NO_REASON},
+    {FAULT, REARMED_FILLING, SW_WARMUP, WAITING},
     {FAULT, REARMED, SW_CONTROL, NO_REASON},
     {FAULT, ALWAYS, SW_FAULT, FIRST},
 };
@@ -106,6 +107,8 @@ static uint8_t unless_refused(const period *now, uint8_t reason)
     return missing(now) == SW_REASON_NOT_AUTHENTIC ? (uint8_t)SW_REASON_NOT_AUTHENTIC : reason;
 }
 
+static int is_filling(const period *now) { return now->inputs->off_speed || !now->inputs->window_full; }
+
 static int rearmed(const period *now) { return now->inputs->usable && now->rises && now->good >= SW_REARM_FRAMES; }
 
 static int holds(uint8_t when, const period *now)
@@ -123,7 +126,7 @@ static int holds(uint8_t when, const period *now)
         result = rearmed(now);
         break;
     case REARMED_FILLING:
-        result = rearmed(now) && !now->inputs->window_full;
+        result = rearmed(now) && is_filling(now);
         break;
     case LOW:
         result = !now->request;
@@ -147,7 +150,7 @@ static int holds(uint8_t when, const period *now)
         result = !usable && now->lost >= SW_LOSS_LIMIT;
         break;
     case FILLING:
-        result = !now->inputs->window_full;
+        result = is_filling(now);
         break;
     case USABLE:
         result = usable;
@@ -176,6 +179,9 @@ static uint8_t reason_of(uint8_t because_of, const period *now)
         break;
     case MISSING:
         reason = missing(now);
+        break;
+    case WAITING:
+        reason = now->inputs->usable && now->inputs->off_speed ? (uint8_t)SW_REASON_OFF_SPEED : missing(now);
         break;
     case OWN:
         reason = now->inputs->fault;
@@ -249,7 +255,7 @@ void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs)
 
 void sw_fail_safe_latch(sw_fail_safe *fail_safe, uint8_t reason)
 {
-    const sw_period_inputs inputs = {0, 0, 0, reason, 0, reason, 0};
+    const sw_period_inputs inputs = {0, 0, 0, reason, 0, 0, reason, 0};
     const period now = {&inputs, fail_safe->enable_request, 0, fail_safe->reason, fail_safe->misses, 0, 0};
     const transition *row = taken(fail_safe->mode, &now);
     fail_safe->mode = row->to;

@@ -1,7 +1,9 @@
 /* What the control step must be given again in the next period: window, plan and actions under way.
  *
  * The row of the window at period k is (Cp_k, a_{k-1}): the pressures now, and the action in force when they were
- * sampled. The twin of firmware_sim/ecu/controller_memory.py and delay_line.py.
+ * sampled. Where a release serves a range of speeds, the window is read from a past, pressures, actions and plan are in
+ * units of the present speed, and what is sent and under way stays in units of the design speed. The twin of
+ * firmware_sim/ecu/controller_memory.py and delay_line.py.
  */
 #include "sw_ecu_parts.h"
 
@@ -15,21 +17,26 @@ static int clipped(int index, int last)
     return index > last ? last : index;
 }
 
-static void extended(sw_memory *memory, const double cp[SW_SENSORS])
+static void extended(sw_memory *memory, const double cp[SW_SENSORS], double speed)
 {
     double row[SW_COLUMNS]; /* cp may be a row of the window */
     for (int s = 0; s < SW_SENSORS; s++) row[s] = cp[s];
-    row[SW_SENSORS] = memory->under_way[0];
+    row[SW_SENSORS] = memory->under_way[0] / speed;
+#if SW_PAST > 0
+    sw_past_extend(&memory->past, row, speed);
+    memory->rows = sw_past_read(&memory->past, memory->window);
+#else
     for (int k = 0; k + 1 < SW_WINDOW; k++) {
         for (int c = 0; c < SW_COLUMNS; c++) memory->window[k][c] = memory->window[k + 1][c];
     }
     for (int c = 0; c < SW_COLUMNS; c++) memory->window[SW_WINDOW - 1][c] = row[c];
     if (memory->rows < SW_WINDOW) memory->rows++;
+#endif
 }
 
-void sw_memory_observed(sw_memory *memory, const double cp[SW_SENSORS])
+void sw_memory_observed(sw_memory *memory, const double cp[SW_SENSORS], double speed)
 {
-    extended(memory, cp);
+    extended(memory, cp, speed);
     memory->gap = 0;
 }
 
@@ -40,7 +47,7 @@ void sw_memory_bridged(sw_memory *memory)
         /* The controller never plans from pressures long past. */
         sw_memory_emptied(memory);
     } else if (memory->rows > 0) {
-        extended(memory, memory->window[SW_WINDOW - 1]);
+        extended(memory, memory->window[SW_WINDOW - 1], sw_memory_speed(memory));
     } else {
         /* Before the first row there is none to stand in. */
     }
@@ -52,6 +59,19 @@ void sw_memory_emptied(sw_memory *memory)
         for (int c = 0; c < SW_COLUMNS; c++) memory->window[k][c] = 0.0;
     }
     memory->rows = 0;
+#if SW_PAST > 0
+    sw_past_empty(&memory->past);
+#endif
+}
+
+double sw_memory_speed(const sw_memory *memory)
+{
+#if SW_PAST > 0
+    return memory->past.count > 0u ? memory->past.speeds[SW_PAST - 1] : 1.0;
+#else
+    (void)memory;
+    return 1.0;
+#endif
 }
 
 void sw_memory_commanded(sw_memory *memory, double action)
@@ -63,7 +83,8 @@ void sw_memory_commanded(sw_memory *memory, double action)
 
 /* What was sent stays as it was sent. What moves is when it is taken to act: under way are the latest actions, and a row
  * of the window has the action that was in force by the new delay. An action from before the oldest row is taken for
- * that row's. The plan moves along: the action that it has for the next period is the same as before.
+ * that row's. The plan moves along: the action that it has for the next period is the same as before. A past begins
+ * again.
  */
 void sw_memory_freeze(sw_memory *memory, int frozen)
 {
@@ -83,6 +104,9 @@ void sw_memory_freeze(sw_memory *memory, int frozen)
         memory->plan[k] = plan[clipped(k - later, SW_HORIZON - 1)];
     }
     memory->frozen = (uint32_t)frozen;
+#if SW_PAST > 0
+    if (later != 0) sw_memory_emptied(memory);
+#endif
 }
 
 void sw_memory_without_plan(sw_memory *memory)
@@ -90,14 +114,20 @@ void sw_memory_without_plan(sw_memory *memory)
     for (int k = 0; k < SW_HORIZON; k++) memory->plan[k] = 0.0f;
 }
 
-void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW_WINDOW][SW_SENSORS])
+void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW_KEPT][SW_SENSORS])
 {
+#if SW_PAST > 0
+    for (int k = SW_PAST - (int)memory->past.count; k < SW_PAST; k++) memory->past.rows[k][sensor] = values[k][sensor];
+    memory->rows = sw_past_read(&memory->past, memory->window);
+#else
     for (int k = SW_WINDOW - (int)memory->rows; k < SW_WINDOW; k++) memory->window[k][sensor] = values[k][sensor];
+#endif
 }
 
 void sw_memory_input(const sw_memory *memory, const float weights[SW_TERMS], sw_input *input)
 {
     const int frozen = (int)memory->frozen;
+    const double speed = sw_memory_speed(memory);
     for (int k = 0; k < SW_WINDOW; k++) {
         for (int c = 0; c < SW_COLUMNS; c++) input->window[k][c] = (float)memory->window[k][c];
     }
@@ -108,6 +138,10 @@ void sw_memory_input(const sw_memory *memory, const float weights[SW_TERMS], sw_
     /* The control step shifts the plan by a step. What comes first then is under way to a late actuator: as sent,
      * whatever the gate, a hold or the wire made of the plan.
      */
-    for (int k = 1; k <= frozen; k++) input->plan[k] = (float)memory->under_way[k];
+    for (int k = 1; k <= frozen; k++) {
+        const double sent = memory->under_way[k] / speed;
+        input->plan[k] = (float)sent;
+    }
     for (int i = 0; i < SW_TERMS; i++) input->weights[i] = weights[i];
+    input->speed = (float)speed;
 }

@@ -1,4 +1,4 @@
-/* The receiving end of the protected pressures (PRS_E2EProtocol: profile check, then state machine).
+/* The receiving end of a protected message (PRS_E2EProtocol: profile check, then state machine).
  *
  * Each frame gets a check from its CRC and counter; the period gets the worst of them that the state machine cares for,
  * and the latest periods' checks decide whether the stream is to be trusted.
@@ -6,13 +6,16 @@
 #include "sw_ecu_parts.h"
 
 /* An 11-bit identifier; a 29-bit one of the same number is another node's. */
-static int is_pressure(const sw_frame *frame) { return frame->id == SW_PRESSURE_ID && !frame->is_extended; }
+static int is_of(const sw_message *message, const sw_frame *frame)
+{
+    return frame->id == message->id && !frame->is_extended;
+}
 
 /* The check of a frame; the receiver follows its counter. */
-static sw_check checked(sw_receiver *receiver, const sw_frame *frame)
+static sw_check checked(sw_receiver *receiver, const sw_message *message, const sw_frame *frame)
 {
-    if (frame->length != SW_PRESSURE_BYTES) return SW_CHECK_ERROR;
-    if (!sw_e2e_check(frame->data, SW_PRESSURE_BYTES, SW_PRESSURE_DATA_ID)) return SW_CHECK_ERROR;
+    if ((int)frame->length != message->bytes) return SW_CHECK_ERROR;
+    if (!sw_e2e_check(frame->data, message->bytes, message->data_id)) return SW_CHECK_ERROR;
     const uint32_t counter = sw_e2e_counter(frame->data);
     const uint32_t steps = (counter + (uint32_t)SW_E2E_COUNTERS - receiver->last_counter) % (uint32_t)SW_E2E_COUNTERS;
     /* The first frame has nothing to be compared with. */
@@ -81,13 +84,13 @@ static void advance(sw_receiver *receiver, sw_check period)
     }
 }
 
-const sw_frame *sw_receive(sw_receiver *receiver, const sw_frame *frames, int count)
+const sw_frame *sw_receive(sw_receiver *receiver, const sw_message *message, const sw_frame *frames, int count)
 {
     const sw_frame *accepted = NULL;
     uint32_t found = 0;
     for (int i = 0; i < count; i++) {
-        if (!is_pressure(&frames[i])) continue;
-        const sw_check check = checked(receiver, &frames[i]);
+        if (!is_of(message, &frames[i])) continue;
+        const sw_check check = checked(receiver, message, &frames[i]);
         counted(receiver, check);
         found |= 1u << check;
         if (check == SW_CHECK_OK || check == SW_CHECK_OK_SOME_LOST) accepted = &frames[i];

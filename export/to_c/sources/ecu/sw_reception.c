@@ -6,20 +6,22 @@
 
 #define ALL_VALID ((1u << SW_SENSORS) - 1u)
 
-/* Whether pressures are of now or of shortly before. A frame that waited in a queue, or was late before it was sent, is
- * as old as it is. No frame is of a time before 0; the order of comparisons keeps the differences within 64 bits.
+/* A frame that waited in a queue, or was late before it was sent, is as old as it is. No frame is of a time before 0; the
+ * order of comparisons keeps the differences within 64 bits.
  */
-static int is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns)
+int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t oldest_ns)
 {
     if (timestamp_ns < 0) return 0;
     const int64_t sampled_ns = timestamp_ns - age_ns;
-    return sampled_ns <= now_ns && sampled_ns >= now_ns - SW_FRESH_AGE_NS;
+    return sampled_ns <= now_ns && sampled_ns >= now_ns - oldest_ns;
 }
 
-void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *frames, int count, int64_t now_ns)
+void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *frames, int count, int64_t now_ns,
+                  double dynamic_pressure)
 {
+    static const sw_message message = {SW_PRESSURE_ID, SW_PRESSURE_BYTES, SW_PRESSURE_DATA_ID};
     sw_pressure pressure;
-    const sw_frame *frame = sw_receive(receiver, frames, count);
+    const sw_frame *frame = sw_receive(receiver, &message, frames, count);
     received->usable = 0;
     received->has_request = 0;
     received->enable_request = 0;
@@ -37,16 +39,25 @@ void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *
     }
     received->has_request = 1;
     received->enable_request = pressure.enable_request;
-    if (!is_fresh(frame->timestamp_ns, pressure.age_ns, now_ns)) {
+    if (!sw_is_fresh(frame->timestamp_ns, pressure.age_ns, now_ns, SW_FRESH_AGE_NS)) {
         received->unusable_because = SW_REASON_STALE;
     } else if (pressure.valid != ALL_VALID) {
         received->unusable_because = SW_REASON_SENSOR_INVALID;
+#if SW_PAST > 0
+    } else if (dynamic_pressure <= 0.0) {
+        received->unusable_because = SW_REASON_NO_SPEED;
+#endif
     } else {
         received->usable = 1;
         received->unusable_because = SW_REASON_NONE;
         received->counter = sw_e2e_counter(frame->data);
         received->sampled_ns = frame->timestamp_ns - pressure.age_ns;
-        for (int i = 0; i < SW_SENSORS; i++) received->cp[i] = pressure.pressure_pa[i] / SW_DYNAMIC_PRESSURE;
+        for (int i = 0; i < SW_SENSORS; i++) {
+            received->cp[i] = pressure.pressure_pa[i] / dynamic_pressure;
+#if SW_PAST > 0
+            received->reading[i] = pressure.pressure_pa[i] / SW_DYNAMIC_PRESSURE;
+#endif
+        }
     }
 }
 

@@ -21,7 +21,7 @@ void sw_sensors_start(sw_sensors *sensors)
             sensors->noise[h][s] = 0.0;
             sensors->score[h][s] = 0.0;
         }
-        for (int k = 0; k < SW_WINDOW; k++) sensors->estimates[k][s] = 0.0;
+        for (int k = 0; k < SW_KEPT; k++) sensors->estimates[k][s] = 0.0;
     }
 }
 
@@ -74,23 +74,23 @@ static double others_mean(const double values[SW_SENSORS], int own)
 /* The row of the deviations for a hypothesis and a sensor: with two exchanged, each is estimated by all others. */
 static int row_of(int hypothesis, int sensor) { return hypothesis < SW_SENSORS ? hypothesis : sensor; }
 
-/* The newest estimates stand for one row more of the window, and for each period without a step. */
+/* The newest estimates stand for one row more, and for each period without a step. */
 static void prolong(sw_sensors *sensors, int64_t skipped)
 {
-    const int rows = skipped < SW_WINDOW ? (int)skipped + 1 : SW_WINDOW;
-    for (int k = 0; k < SW_WINDOW; k++) {
-        const int from = k + rows < SW_WINDOW ? k + rows : SW_WINDOW - 1;
+    const int rows = skipped < SW_KEPT ? (int)skipped + 1 : SW_KEPT;
+    for (int k = 0; k < SW_KEPT; k++) {
+        const int from = k + rows < SW_KEPT ? k + rows : SW_KEPT - 1;
         for (int s = 0; s < SW_SENSORS; s++) sensors->estimates[k][s] = sensors->estimates[from][s];
     }
 }
 
 /* How often in a row each reading was the same before. */
-static void count_flat(sw_sensors *sensors, const double cp[SW_SENSORS])
+static void count_flat(sw_sensors *sensors, const double *reading)
 {
     for (int s = 0; s < SW_SENSORS; s++) {
-        const int same = sensors->has_read && cp[s] == sensors->readings[s];
+        const int same = sensors->has_read && reading[s] == sensors->readings[s];
         sensors->flat[s] = same ? sw_counted(sensors->flat[s], 1) : 0;
-        sensors->readings[s] = cp[s];
+        sensors->readings[s] = reading[s];
     }
     sensors->has_read = 1;
 }
@@ -286,14 +286,14 @@ static void judge(sw_sensors *sensors, const double window[SW_WINDOW][SW_COLUMNS
 }
 
 uint8_t sw_sensors_next(sw_sensors *sensors, sw_estimator_work *work, const sw_memory *memory, const double *cp,
-                        int64_t skipped)
+                        const double *reading, int64_t skipped)
 {
     prolong(sensors, skipped);
     if (cp != NULL && memory->rows > 0) {
         const int first = SW_WINDOW - (int)memory->rows;
         sw_estimate(work, memory->window, first);
-        for (int s = 0; s < SW_SENSORS; s++) sensors->estimates[SW_WINDOW - 1][s] = work->estimates[s][s];
-        count_flat(sensors, cp);
+        for (int s = 0; s < SW_SENSORS; s++) sensors->estimates[SW_KEPT - 1][s] = work->estimates[s][s];
+        count_flat(sensors, reading);
         if (first == 0) average_all(sensors, cp, work);
         judge(sensors, memory->window, first);
     }

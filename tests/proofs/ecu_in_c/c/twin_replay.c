@@ -58,7 +58,7 @@ static int reception_is_sound(void)
     frame.timestamp_ns = -1;
     for (int i = 0; i < 2 * SW_E2E_WINDOW; i++) {
         sw_e2e_protect(frame.data, SW_PRESSURE_BYTES, SW_PRESSURE_DATA_ID, (uint8_t)(i % SW_E2E_COUNTERS));
-        sw_reception(&received, &receiver, &frame, 1, 0);
+        sw_reception(&received, &receiver, &frame, 1, 0, SW_DYNAMIC_PRESSURE);
     }
     return receiver.stream == SW_VALID && !received.usable && received.unusable_because == SW_REASON_STALE;
 }

@@ -1,0 +1,86 @@
+"""The vehicle's speed, by chance: it drifts, jumps, leaves the release's range and returns, is lost, old or unknown."""
+
+from random import Random
+
+from can_bridge.e2e.profiles import profile_of
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.message_specs import SPEED_RESOLUTION_M_PER_S
+from can_bridge.wire.messages import VehicleSpeed
+from contract.config.tree import Config
+from tests.proofs.ecu_in_c.variants import SPEEDS
+
+
+class Drive:
+    """A vehicle with a release that serves a range of speeds.
+
+    Args:
+        config: of the vehicle.
+        rng: chance.
+
+    Attributes:
+        ratio: the speed, in design speeds.
+        density: of the air in kg/m3.
+    """
+
+    def __init__(self, config: Config, rng: Random) -> None:
+        self._rng, self._message, self._settings = rng, message_set(config.bus).speed, config.ecu.speed
+        self._design = config.operating_point
+        self.ratio, self.density = 1.0, self._design.density
+        self._towards, self._stated, self._counter, self._silent, self._old_ns = 1.0, False, 0, 0, 0
+        self.speeds = edges(config)
+
+    @property
+    def dynamic_pressure(self) -> float:
+        """Pa at Cp = 1."""
+        return 0.5 * self.density * (self.ratio * self._design.speed) ** 2
+
+    def move(self, odd: float) -> None:
+        """One period."""
+        rng = self._rng
+        if rng.random() < 0.03:
+            inside = rng.uniform(SPEEDS.slowest, SPEEDS.fastest)
+            self._towards = rng.choice((1.0, inside, inside, rng.choice(self.speeds), rng.uniform(0.1, 2.0)))
+        reach = 2.0 if rng.random() < 0.02 + odd / 30 else 0.03
+        self.ratio += max(-reach, min(reach, self._towards - self.ratio))
+        if rng.random() < 0.01:
+            self._stated = rng.random() < 0.6
+            self.density = rng.uniform(0.9, 1.4) if self._stated else self._design.density
+        if rng.random() < 0.01 + odd / 30:
+            self._silent = rng.randrange(1, 40)
+            self._old_ns = rng.choice((0, 0, 10_000_000, 50_000_000, 60_000_000, 400_000_000))
+        self._silent = max(0, self._silent - 1)
+
+    def frame(self, now_ns: int, queued_ns: int, odd: float) -> Frame | None:
+        """On the bus in this period; None if there is none."""
+        rng, spec = self._rng, self._message.spec
+        if self._silent and not self._old_ns:
+            return None
+        speed = self.ratio * self._design.speed if rng.random() >= 0.02 + odd / 10 else rng.choice((None, 0.0, 300.0))
+        data = self._message.emit(
+            VehicleSpeed(
+                speed_m_per_s=speed,
+                age_ns=self._old_ns if self._silent else 0,
+                density_kg_per_m3=self.density if self._stated else None,
+            )
+        )
+        sound = profile_of(spec).protect(data, data_id=spec.data_id, counter=self._counter)
+        self._counter = (self._counter + 1) % profile_of(spec).counter_period
+        sent_ns = now_ns - queued_ns
+        if rng.random() < odd / 5:
+            # Of the largest age, or nearly so, or of the future.
+            sent_ns = now_ns - rng.choice((0, oldest_ns(self._settings.oldest_ms))) + rng.randrange(-1, 2)
+        return Frame(frame_id=spec.frame_id, data=sound, is_fd=spec.is_fd, timestamp_ns=max(0, min(2**63 - 1, sent_ns)))
+
+
+def oldest_ns(oldest_ms: float) -> int:
+    """The largest age that is believed."""
+    return round(oldest_ms * 1e6)
+
+
+def edges(config: Config) -> list[float]:
+    """Ratios at the ends of the range, without and with the margin, and a step of the wire beside them."""
+    design, margin = config.operating_point.speed, config.ecu.speed.margin
+    ends = (SPEEDS.slowest, SPEEDS.slowest - margin, SPEEDS.fastest, SPEEDS.fastest + margin)
+    steps = [round(end * design / SPEED_RESOLUTION_M_PER_S) + off for end in ends for off in (-1, 0, 1)]
+    return [step * SPEED_RESOLUTION_M_PER_S / design for step in steps]
