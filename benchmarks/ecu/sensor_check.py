@@ -37,8 +37,7 @@ from contract.sensor_faults import Bias, Dead, Drift, Noise, SensorFault, Stuck,
 from contract.shipped import RECORDING
 from export.to_onnx.sensor_estimator import read_estimator
 from firmware_sim.bench.disturbances import GLOBAL_DEVIATION
-from firmware_sim.ecu.sensor_check import sensor_check_of
-from firmware_sim.ecu.sensor_check import SensorCheck, SensorCheckState
+from firmware_sim.ecu.sensor_check import SensorCheck, SensorCheckState, sensor_check_of
 from stillwake.parts.releases import open_release
 
 LONGEST: Final = 250

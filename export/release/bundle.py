@@ -45,7 +45,7 @@ class Vehicle:
 
 
 def speeds_of(provenance: Provenance) -> SpeedRange | None:
-    """The speeds that a model's prior was trained at; None where it was the design speed alone, or there is no prior."""
+    """The speeds that a model's prior was trained at; None for the design speed alone, or no prior."""
     refined = provenance.config.get("refine", {})
     slowest, fastest = refined.get("slowest", 1.0), refined.get("fastest", 1.0)
     return SpeedRange(slowest=slowest, fastest=fastest) if slowest < fastest else None

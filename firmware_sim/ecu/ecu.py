@@ -20,7 +20,7 @@ from can_bridge.secoc.node import Authentication, key_of, secured
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
-from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Reason
+from can_bridge.wire.messages import EcuStatus, JetCommand, Reason
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration

@@ -204,7 +204,8 @@ class SensorCheck:
         """
         length, kept_rows = len(window), len(state.estimates)
         if cp is None or rows == 0:
-            kept = replace(state, estimates=_appended(state.estimates, state.estimates[-1], 1 + min(skipped, kept_rows)))
+            held = _appended(state.estimates, state.estimates[-1], 1 + min(skipped, kept_rows))
+            kept = replace(state, estimates=held)
             return kept, Reason.IMPLAUSIBLE if kept.implausible else None
         seen = window
         if rows < length:

@@ -8,8 +8,7 @@ from can_bridge.bus.interface import BusHealth
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus, Reason
 from contract.controller.calibration import Calibration
-from firmware_sim.ecu.ecu_state import Trace
-from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.ecu_state import EcuState, Trace
 
 
 class SteppedEcu(Protocol):

@@ -29,7 +29,7 @@ class Taken(NamedTuple):
 
     Attributes:
         pressures: oldest first, stamped in the ECU's clock.
-        others: the vehicle's speed, and frames by the names of what the ECU sends, which only another ECU can have sent.
+        others: the vehicle's speed, and frames by the names of what the ECU sends: those only another ECU can send.
     """
 
     pressures: list[Frame]

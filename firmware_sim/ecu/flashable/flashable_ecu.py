@@ -18,8 +18,7 @@ from can_bridge.uds.services import REQUEST_ID
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus, Reason
 from contract.config.tree import Config
-from firmware_sim.ecu.ecu_state import Trace
-from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.ecu_state import EcuState, Trace
 from firmware_sim.ecu.flashable.calibration_link import is_for_xcp
 from firmware_sim.ecu.flashable.diagnostic_link import MOST_FRAMES
 from firmware_sim.ecu.flashable.equipment import Equipment

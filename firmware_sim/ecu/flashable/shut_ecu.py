@@ -12,8 +12,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Reason
 from contract.config.tree import Config
-from firmware_sim.ecu.ecu_state import Trace
-from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.ecu_state import EcuState, Trace
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode
 
 NO_BUNDLE: Final = 0

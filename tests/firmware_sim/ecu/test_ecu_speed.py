@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from can_bridge.wire.messages import Mode, Reason
+from can_bridge.wire.messages import EcuStatus, Mode, Reason
 from contract.config.operating_point import OperatingPoint
 from contract.release.manifest import SpeedRange
 from tests.firmware_sim.conftest import WINDOW, Bench, RecordingController, make_bench, make_bundle
@@ -29,8 +29,13 @@ def drive(bench: Bench, ratio: float | None, periods: int, cp: float = 0.1, **st
     return [bench.step(bench.speed(ratio, **stated), bench.pressure(pressure)) for _ in range(periods)]
 
 
+def status(bench: Bench) -> EcuStatus:
+    assert bench.status is not None
+    return bench.status
+
+
 def reason(bench: Bench) -> Reason:
-    return bench.status.reason
+    return status(bench).reason
 
 
 def test_the_window_has_steps_of_the_present_speed_and_the_jets_follow_it():
@@ -63,7 +68,7 @@ def test_without_a_speed_the_last_one_stands_for_a_while_and_then_no_pressure_is
     assert not bench.good(3)[-1].enable and reason(bench) is Reason.NO_SPEED
     bench = bench_at()
     drive(bench, 1.0, 6)
-    assert bench.status.state is Mode.CONTROL
+    assert status(bench).state is Mode.CONTROL
     for unknown in (lambda: (), lambda: (bench.speed(None),)):
         modes = []
         while reason(bench) is Reason.NONE:
@@ -75,7 +80,7 @@ def test_without_a_speed_the_last_one_stands_for_a_while_and_then_no_pressure_is
         # As after any latched fault: a new request, and the stream of speeds is to be trusted again.
         [bench.step(bench.speed(1.0), bench.pressure(enable=False)) for _ in range(2)]
         drive(bench, 1.0, 6)
-        assert bench.status.state is Mode.CONTROL
+        assert status(bench).state is Mode.CONTROL
 
 
 def test_outside_its_speeds_the_jets_are_shut_and_come_back_by_themselves_with_hysteresis():
@@ -88,7 +93,7 @@ def test_outside_its_speeds_the_jets_are_shut_and_come_back_by_themselves_with_h
     # Standing still is no fault either, however long it lasts.
     for ratio in (0.5, 0.4, 0.2, 0.0):
         drive(bench, ratio, 20)
-        assert (bench.status.state, reason(bench)) == (Mode.WARMUP, Reason.OFF_SPEED), ratio
+        assert (status(bench).state, reason(bench)) == (Mode.WARMUP, Reason.OFF_SPEED), ratio
     for ratio in (0.2, 0.4, 0.5, 0.59):
         drive(bench, ratio, 20)
     assert reason(bench) is Reason.OFF_SPEED
@@ -118,7 +123,7 @@ def test_old_speeds_do_not_count_and_the_density_scales_the_pressures():
 def test_its_state_is_a_value():
     bench = bench_at()
     drive(bench, 0.9, 9)
-    kept = pickle.loads(pickle.dumps(bench.ecu.state))  # noqa: S301
+    kept = pickle.loads(pickle.dumps(bench.ecu.state))
     assert kept == bench.ecu.state
     now_ns, frames = bench.now_ns, [bench.speed(0.95), bench.pressure()]
     first = bench.ecu.next(bench.ecu.state, now_ns, frames)

@@ -62,7 +62,8 @@ def test_the_gradient_is_that_of_flow_and_feedback_together(last):
     stream = Stream.begun(START, MEMORY, 3, min(speeds))
     stretch = differentiate(Oscillator(), policy, stream, PRICE, noise, speeds=speeds)
     assert stretch.rows.shape == (int(sum(speeds[1:-1])) + 1, 3)
-    for weights, index in ((policy.output, (3,)), (policy.first, (2, 1)), (policy.first, (17, 0)), (policy.slope, (2, 1))):
+    first, slope = policy.first, policy.slope
+    for weights, index in ((policy.output, (3,)), (first, (2, 1)), (first, (17, 0)), (slope, (2, 1))):
         assert weights.grad is not None
         costs = []
         for step in (1e-5, -2e-5):
