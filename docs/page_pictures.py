@@ -12,7 +12,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -102,19 +101,18 @@ def write(path: Path, png: bytes) -> None:
 @contextmanager
 def _server() -> Iterator[str]:
     """The page's address while it runs."""
-    with tempfile.TemporaryDirectory() as saves:
-        command = [sys.executable, "-m", "stillwake", "bench", "serve", "--port", "0", "--fast", "--saves", saves]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        try:
-            assert process.stdout is not None
-            found = (re.search(r"http://\S+", line) for line in process.stdout)
-            url = next(filter(None, found), None)
-            if url is None:
-                raise StillwakeError("the server ended before it had an address")
-            yield url.group()
-        finally:
-            process.terminate()
-            process.wait()
+    command = [sys.executable, "-m", "stillwake", "bench", "serve", "--port", "0", "--fast"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        found = (re.search(r"http://\S+", line) for line in process.stdout)
+        url = next(filter(None, found), None)
+        if url is None:
+            raise StillwakeError("the server ended before it had an address")
+        yield url.group()
+    finally:
+        process.terminate()
+        process.wait()
 
 
 def note(pictures: Iterable[Path]) -> None:

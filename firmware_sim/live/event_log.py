@@ -1,12 +1,11 @@
 """The latest events, for people. A repeated event is listed ever more seldom, except what viewers set."""
 
-from collections import deque
 from typing import Final, NamedTuple
 
 from firmware_sim.live.loop.messages import EventItem
 
 KEPT: Final = 500
-"""Latest events."""
+"""Latest events that wait to be asked for."""
 QUIET_S: Final = 1.0
 """Virtual time without the same event; then one event has their number, and the time doubles."""
 LONGEST_S: Final = 16.0
@@ -20,14 +19,9 @@ class _Repeated(NamedTuple):
 
 
 class EventLog:
-    """Events of a session; their numbers go on from one run of the loop to the next.
-
-    Attributes:
-        kept: the latest.
-    """
+    """Events of a session; their numbers go on from one run of the loop to the next."""
 
     def __init__(self) -> None:
-        self.kept: deque[EventItem] = deque(maxlen=KEPT)
         self._new: list[EventItem] = []
         self._repeated: dict[str, _Repeated] = {}
         self._count = 0
@@ -64,5 +58,4 @@ class EventLog:
     def _publish(self, kind: str, text: str, time_s: float, t: float) -> None:
         item: EventItem = {"n": self._count, "time_s": time_s, "t": t, "kind": kind, "text": text}
         self._count += 1
-        self.kept.append(item)
         self._new = [*self._new, item][-KEPT:]

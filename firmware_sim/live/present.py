@@ -14,8 +14,7 @@ from contract.config.tree import Config
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from contract.release.checks import Bundle
 from firmware_sim.ecu.state_machine import OperatingMode
-from firmware_sim.live.loop.kept import KeptPeriod
-from firmware_sim.live.loop.live_run import LiveRun
+from firmware_sim.live.loop.live_run import LiveRun, Period
 from firmware_sim.live.loop.messages import PERIOD_COLUMNS, SCHEMA, Choice, Hello, Now, Periods
 from firmware_sim.live.loop.noticing import UNPOWERED, Seen
 from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings
@@ -81,16 +80,15 @@ def hello(
     }
 
 
-def periods(run: int, kept: Iterable[KeptPeriod], base: Index) -> Periods:
+def periods(run: int, new: Iterable[Period], base: Index) -> Periods:
     """New rows; `base` are the columns of the sensors on the base."""
-    rows = [[_number(value) for value in _values(period, base)] for period in kept]
+    rows = [[_number(value) for value in _values(period, base)] for period in new]
     columns = [list(column) for column in zip(*rows, strict=True)]
     return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
 
 
-def now(run: LiveRun, seen: Seen, *, fps: float, paused: bool, computed_by: str, losses: int) -> Now:
-    """As of the latest period, of which there must be one; `losses` are the latest periods judged together."""
-    latest, period_s = run.periods[-1], run.period_ns / 1e9
+def now(run: LiveRun, latest: Period, seen: Seen, *, fps: float, paused: bool, computed_by: str, losses: int) -> Now:
+    """As of the latest period; `losses` are the latest periods judged together."""
     fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
     planned = forces is not None and latest.planned_ns is not None
     # The first entry acts in the latest period: it is seen in the sample at its end.
@@ -115,13 +113,13 @@ def now(run: LiveRun, seen: Seen, *, fps: float, paused: bool, computed_by: str,
         "drag_Cd": run.drag.now,
         "reduction_percent": run.drag.reduction_percent,
         "fps": fps,
-        "real_time": fps * period_s,
+        "real_time": fps * run.period_ns / 1e9,
         "paused": paused,
         "computed_by": "" if seen.state == UNPOWERED else computed_by,
     }
 
 
-def _values(period: KeptPeriod, base: Index) -> list[float]:
+def _values(period: Period, base: Index) -> list[float]:
     row, sample = period.row, period.row.sample
     own = {
         "k": period.k,

@@ -4,17 +4,14 @@ from typing import Any, Final, NamedTuple
 
 from contract.errors import ConfigError
 
-_TRUE: Final = ("clear", "power_cycle", "save", "restart")
-ACTIONS: Final = ("set", "query", "pause", *_TRUE)
-"""set: values for `LiveSettings.changed`. query: the same as the text of a link. pause: or go on. clear: everything but
-request, controller and plant as at the start, and a latched fault re-armed. power_cycle: of the ECU. save: the run so
-far, as a folder. restart: the plant from its start."""
-_LONGEST: Final = 2000
-"""Characters of a link's query."""
+_TRUE: Final = ("clear", "power_cycle", "restart")
+ACTIONS: Final = ("set", "pause", *_TRUE)
+"""set: values for `LiveSettings.changed`. pause: or go on. clear: everything but request, controller and plant as at
+the start, and a latched fault re-armed. power_cycle: of the ECU. restart: the plant from its start."""
 
 
 class Asked(NamedTuple):
-    """One of `ACTIONS`; the value is a dict for set, a str for query, a bool else."""
+    """One of `ACTIONS`; the value is a dict for set, a bool else."""
 
     action: str
     value: Any
@@ -34,8 +31,6 @@ def asked(request: object) -> Asked:
     action, value = actions[0], request[actions[0]]
     if action == "set" and not isinstance(value, dict):
         raise ConfigError("request: set must be an object of settings")
-    if action == "query" and not (isinstance(value, str) and len(value) <= _LONGEST):
-        raise ConfigError(f"request: query must be a text of at most {_LONGEST} characters")
     if action == "pause" and not isinstance(value, bool):
         raise ConfigError("request: pause must be true or false")
     if action in _TRUE and value is not True:

@@ -8,8 +8,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from datetime import datetime
-from pathlib import Path
 from typing import Any, Final
 
 from contract.config.tree import Config
@@ -22,22 +20,18 @@ from firmware_sim.ecu.fit import check_sensors
 from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.live import present
 from firmware_sim.live.event_log import EventLog
-from firmware_sim.live.loop.kept import KeptPeriod
-from firmware_sim.live.loop.live_run import LiveRun
+from firmware_sim.live.loop.live_run import LiveRun, Period
 from firmware_sim.live.loop.messages import Answer, Choice, Hello, Message, SettingsNow, pack_field
 from firmware_sim.live.loop.noticing import START, noticed
 from firmware_sim.live.requests import Asked, asked
-from firmware_sim.live.saving import origin_of, save
-from firmware_sim.live.setting_words import changes, weights_text
-from firmware_sim.live.settings import CONTROLLERS, LiveSettings, from_query
+from firmware_sim.live.setting_words import changes
+from firmware_sim.live.settings import CONTROLLERS, LiveSettings
 from wake.plant.protocol import LoopPlant
 
 OFF: Final = "off"
 """The controller that is none."""
 _PACE: Final = 50
 """Latest periods whose wall-clock times give the frames a second."""
-_AT_ONCE: Final = 1000
-"""Runs that can be saved in one second."""
 _SELDOM: Final = 5
 """Periods from one table of the bus to the next."""
 
@@ -52,14 +46,12 @@ class LiveSession:
         ecu: makes an ECU, just powered on, by the controller's name; each is made once.
         ahead: of a controller's name what makes its ECU ahead, because that takes seconds; None where it does not.
         controllers, plants: what there is to choose, and what is missing.
-        saves: folder in which runs are saved.
         settings: to begin with. Whether control is requested in them counts for nothing: it is after `enable_after`.
         enable_after: t_c from a start until control is requested by itself.
-        kept: latest periods that are kept.
+        kept: latest periods that a page should keep, and that wait for `messages` at most.
         seed: of what disturbances draw.
-        command: words of the command line that started it, for saved runs.
         clock: wall clock in s.
-        today: date and time of day, for the names of saved runs.
+        saves, command: not used any more.
 
     Raises:
         StillwakeError: if plant or ECU cannot be had, or do not fit each other, the bundle and the vehicle.
@@ -75,14 +67,13 @@ class LiveSession:
         ahead: Callable[[str], Callable[[], None] | None] = lambda name: None,
         controllers: Sequence[Choice],
         plants: Sequence[Choice],
-        saves: Path,
         settings: LiveSettings | None = None,
         enable_after: float = 10.0,
         kept: int = 3000,
         seed: int = 0,
-        command: tuple[str, ...] = (),
         clock: Callable[[], float] = time.monotonic,
-        today: Callable[[], datetime] = datetime.now,
+        saves: object = None,
+        command: object = None,
     ) -> None:
         check_bit_rates(config)
         if config.bus.key:
@@ -91,7 +82,7 @@ class LiveSession:
         self._make_ecu, self._ahead, self._own = ecu, ahead, release_calibration(bundle, config)
         self._made: dict[str, tuple[LoopEcu, EcuState]] = {}
         self._choices = {"controller": tuple(controllers), "plant": tuple(plants)}
-        self._saves, self._command, self._clock, self._today = saves, command, clock, today
+        self._clock = clock
         self._lead_in = round(enable_after / config.flow.control_period)
         self._kept, self._seed = kept, seed
         self._automatic = True
@@ -100,7 +91,7 @@ class LiveSession:
         self._seen = START
         self._runs = 0
         self._events = EventLog()
-        self._rows: list[KeptPeriod] = []
+        self._rows: list[Period] = []
         self._ticks: deque[float] = deque(maxlen=_PACE)
         self._settings = LiveSettings() if settings is None else settings
         self._check_choices(self._settings)
@@ -131,23 +122,24 @@ class LiveSession:
             self._settings = replace(self._settings, enable=True)
             self._settings_due = True
             self._note("loop", "the lead-in is over: the vehicle requests control")
-        self._rows.append(run.step())
+        latest = run.step()
+        self._rows.append(latest)
         del self._rows[: -self._kept]
         self._ticks.append(self._clock())
         seen = run.seen()
         for kind, text in noticed(self._seen, seen):
             self._note(kind, text)
         self._seen = seen
-        self._events.pass_to(run.time_s(run.k), run.periods[-1].row.sample.t)
+        self._events.pass_to(run.time_s(run.k), latest.row.sample.t)
         self._now_due = True
 
     def before(self, request: object) -> Callable[[], None] | None:
         """What makes the ECU that is asked for, in a thread of its own; None where it is there, or cannot be had."""
         try:
             action, value = asked(request)
-            if action not in ("set", "query"):
+            if action != "set":
                 return None
-            after = self._changed(self._settings, from_query(value) if action == "query" else value)
+            after = self._changed(value)
             self._check_choices(after)
         except StillwakeError:
             return None
@@ -173,8 +165,8 @@ class LiveSession:
             out.append({"type": "events", "run": run.number, "items": items})
         if self._settings_due:
             out.append(self._settings_now())
-        if self._now_due and run.periods:
-            out += self._present()
+        if self._now_due and run.latest is not None:
+            out += self._present(run.latest)
         self._rows = []
         self._hello_due = self._settings_due = self._now_due = False
         return out
@@ -185,36 +177,21 @@ class LiveSession:
         match request.action:
             case "set":
                 self._change(request.value)
-            case "query":
-                self._follow(request.value)
             case "clear":
                 answer["note"] = self._clear()
             case "power_cycle":
                 self._power_cycle()
             case "pause":
                 self._pause(request.value)
-            case "save":
-                answer["saved"] = self._save()
             case "restart":
                 self._start(self._settings)
                 self._note("set", "the plant starts again")
 
     def _change(self, given: dict[str, Any]) -> None:
-        self._apply(self._changed(self._settings, given), enable=given.get("enable"))
+        self._apply(self._changed(given), enable=given.get("enable"))
 
-    def _follow(self, query: str) -> None:
-        """Have the settings of a link; those that it does not name are as at the start."""
-        values = from_query(query)
-        # A link made under control is no reason to cut short the time that the mean without control needs.
-        enable = values.pop("enable", None)
-        after = self._changed(LiveSettings(enable=self._settings.enable), values)
-        if enable is None or self._run.request.waits:
-            self._apply(after, enable=None)
-        else:
-            self._apply(replace(after, enable=enable), enable=enable)
-
-    def _changed(self, settings: LiveSettings, given: dict[str, Any]) -> LiveSettings:
-        return settings.changed(given, self._bundle.manifest.sensors, self._bundle.manifest.mpc.weights)
+    def _changed(self, given: dict[str, Any]) -> LiveSettings:
+        return self._settings.changed(given, self._bundle.manifest.sensors, self._bundle.manifest.mpc.weights)
 
     def _apply(self, after: LiveSettings, *, enable: bool | None) -> None:
         """Have other settings from the next period on; if that cannot be, an error, and all is as it was."""
@@ -242,10 +219,7 @@ class LiveSession:
             if before.controller != OFF:
                 run.cut_supply()
             return
-        own = self._bundle.manifest.mpc.weights
-        same = after.controller == before.controller
-        ecu = self._ecu(after.controller, after)
-        run.exchange(ecu, weights_text(before, after, own) if same else ecu.computed_by)
+        run.exchange(self._ecu(after.controller, after))
         if before.controller == OFF:
             run.power_on()
 
@@ -269,20 +243,6 @@ class LiveSession:
     def _pause(self, value: bool) -> None:
         self._paused, self._now_due = value, True
         self._ticks.clear()
-
-    def _save(self) -> str:
-        """The name of the folder of the periods that are kept."""
-        run = self._run
-        if not run.periods:
-            raise ConfigError("save: no period has passed yet")
-        now = self._today()
-        name = f"live-{now:%Y%m%d-%H%M%S}"
-        names = (name, *(f"{name}-{n}" for n in range(2, _AT_ONCE)))
-        name = next(item for item in names if not (self._saves / item).exists())
-        origin = origin_of(now.date(), self._command, run.periods[0].k)
-        save(self._saves / name, run, self._bundle, self._config, seed=self._seed, origin=origin)
-        self._note("set", f"the run is saved as {name}")
-        return name
 
     # Beginning.
 
@@ -338,11 +298,12 @@ class LiveSession:
 
     # What is new.
 
-    def _present(self) -> list[Message | bytes]:
+    def _present(self, latest: Period) -> list[Message | bytes]:
         run = self._run
         out: list[Message | bytes] = [
             present.now(
                 run,
+                latest,
                 self._seen,
                 fps=self._fps(),
                 paused=self._paused,
@@ -350,7 +311,7 @@ class LiveSession:
                 losses=self._config.ecu.loss_window,
             )
         ]
-        if run.periods[-1].k % _SELDOM == 0 or self._paused:
+        if latest.k % _SELDOM == 0 or self._paused:
             out.append(
                 run.bus_table.message(
                     run.number,
@@ -364,7 +325,7 @@ class LiveSession:
         return out
 
     def _settings_now(self) -> SettingsNow:
-        return {"type": "settings", "settings": self._settings.to_tree(), "query": self._settings.to_query()}
+        return {"type": "settings", "settings": self._settings.to_tree()}
 
     def _fps(self) -> float:
         ticks = self._ticks

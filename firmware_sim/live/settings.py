@@ -1,4 +1,4 @@
-"""What a viewer can set on the running loop, as one value: comparable, checked, and as the query of a link.
+"""What a viewer can set on the running loop, as one value, comparable and checked.
 
 Every fault is a disturbance of `firmware_sim.bench.disturbances`, written as a run has it on its command line.
 """
@@ -6,7 +6,6 @@ Every fault is a disturbance of `firmware_sim.bench.disturbances`, written as a 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Final, Self
-from urllib.parse import parse_qsl, urlencode
 
 from contract.config.controller import CostWeights
 from contract.controller.calibration import LARGEST_WEIGHT, WEIGHTS
@@ -14,7 +13,7 @@ from contract.errors import ConfigError
 
 CONTROLLERS: Final = ("int8", "c", "cortex-m7", "off")
 """ECU in Python with the release's ONNX graph; its twin in C on this machine; the same on an emulated core; no supply.
-The first name is older than graphs of float32: links and scripts have it."""
+The first name is older than graphs of float32: scripts have it."""
 PLANTS: Final = ("wake", "recording")
 """The flow solver, which answers the jets; recorded pressures, which do not."""
 
@@ -120,45 +119,6 @@ class LiveSettings:
     def to_tree(self) -> dict[str, Any]:
         """Plain values, accepted back by `changed`."""
         return asdict(self)
-
-    def to_query(self) -> str:
-        """What differs from the start, as the query of a link; `from_query` reads it."""
-        start, pairs = LiveSettings(), list[tuple[str, str]]()
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if value == getattr(start, item.name):
-                continue
-            if item.name == "weights":
-                pairs += [(name, f"{getattr(value, name):g}") for name in WEIGHTS]
-            else:
-                pairs.append((item.name, _as_text(value)))
-        return urlencode(pairs)
-
-
-def from_query(query: str) -> dict[str, Any]:
-    """Values for `LiveSettings.changed`, which judges them, from what `to_query` wrote."""
-    values, weights = dict[str, Any](), dict[str, Any]()
-    for name, text in parse_qsl(query, keep_blank_values=True):
-        if name in WEIGHTS:
-            weights[name] = _number(text)
-        elif name in SLIDERS:
-            values[name] = _number(text)
-        elif name in _SWITCHES:
-            values[name] = {"0": False, "1": True}.get(text, text)
-        else:
-            values[name] = text
-    return values | ({"weights": weights} if weights else {})
-
-
-def _as_text(value: Any) -> str:
-    return str(int(value)) if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _number(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text
 
 
 def _checked(name: str, value: Any, sensors: Sequence[str]) -> Any:

@@ -5,7 +5,6 @@ Stills are lossy WebP in grey, level + 128. A decoder that every browser has the
 
 import io
 import json
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -80,31 +79,30 @@ class WakeStills:
 
 
 class WakeRecorder:
-    """Keeps the latest stills of a run that goes on.
+    """Keeps the stills of a run that goes on.
 
     Args:
         scene: what they show.
-        periods: of the run, or of its latest part that is kept.
+        periods: of the run.
     """
 
     def __init__(self, scene: Scene, periods: int) -> None:
         self._scene = scene
         self._every = max(1, -(-periods // MOST_STILLS))
-        self._kept: deque[tuple[int, float, bytes]] = deque(maxlen=max(1, -(-periods // self._every)))
+        self._kept: list[tuple[int, float, bytes]] = []
 
     def record(self, k: int, t: float, levels: Callable[[], Levels]) -> None:
         """At the start of period k, time t in t_c; the levels are asked for only where a still is due."""
         if k % self._every == 0:
             self._kept.append((k, t, encode(levels())))
 
-    def recorded(self, first: int = 0) -> WakeStills:
-        """What is kept, with the periods counted from `first`, and none from before it."""
-        kept = [(k - first, t, still) for k, t, still in self._kept if k >= first]
+    def recorded(self) -> WakeStills:
+        """What is kept."""
         return WakeStills(
             scene=self._scene,
-            k=np.array([k for k, _, _ in kept], dtype=np.int64),
-            t=np.array([t for _, t, _ in kept], dtype=np.float64),
-            stills=tuple(still for _, _, still in kept),
+            k=np.array([k for k, _, _ in self._kept], dtype=np.int64),
+            t=np.array([t for _, t, _ in self._kept], dtype=np.float64),
+            stills=tuple(still for _, _, still in self._kept),
         )
 
 

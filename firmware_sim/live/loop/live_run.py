@@ -1,13 +1,9 @@
 """One run of the live loop, from a start of its plant: stepped period by period, disturbed and observed meanwhile."""
 
-import pickle
-from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
-from can_bridge.bus.simulated.medium import Transmission
 from can_bridge.command_gate import Intervention
-from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
@@ -18,12 +14,12 @@ from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.live.loop.bus_table import BusTable
 from firmware_sim.live.loop.control_request import ControlRequest
 from firmware_sim.live.loop.drag import DragMeans
-from firmware_sim.live.loop.kept import Counted, KeptPeriod
 from firmware_sim.live.loop.messages import FieldPicture
 from firmware_sim.live.loop.noticing import BOOT, UNPOWERED, Seen
-from firmware_sim.live.loop.scene import Still, scene_of
-from firmware_sim.live.loop.switching import LINGER_S, Happening, SwitchedDisturbances
+from firmware_sim.live.loop.scene import scene_of
+from firmware_sim.live.loop.switching import LINGER_S, SwitchedDisturbances
 from firmware_sim.runs.bus_traffic import NodeErrors
+from firmware_sim.runs.run_log import Row
 from wake.plant.protocol import LoopPlant
 
 BOOT_S: Final = 0.2
@@ -33,17 +29,20 @@ _AVERAGES_EVERY: Final = 5
 """Periods."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class EcuChange:
-    """From a period on another ECU, or another goal.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Period:
+    """One control period.
 
     Attributes:
-        k: the period.
-        text: what computes, or what was changed.
+        k: its number.
+        requested: whether control was.
+        planned_ns: what a step that planned took in virtual time; None without one.
     """
 
     k: int
-    text: str
+    row: Row
+    requested: bool
+    planned_ns: int | None
 
 
 class LiveRun:
@@ -57,19 +56,18 @@ class LiveRun:
         ecu: just powered on.
         seed: of what is drawn.
         lead_in: periods after which control is requested by itself.
-        kept: latest periods to be kept.
+        kept: latest periods whose drag is remembered.
 
     Attributes:
         number, wake, ecu: as given; the ECU may be exchanged.
         request: when control is requested.
         disturbances: at work.
         scene: the flow as it is shown.
-        before_control: the flow when control was first requested; None before, and without a flow to be shown.
         drag, bus_table: what a viewer sees of them.
         picture: the flow at the start of the latest period; None without one.
-        periods: the latest, oldest first.
+        latest: period; None before the first.
         state: of the ECU after the latest period.
-        changes: of the ECU.
+        is_off: the ECU has no supply.
 
     Raises:
         StillwakeError: if the plant lacks a sensor of the bundle, or the bus cannot carry virtual time.
@@ -94,24 +92,11 @@ class LiveRun:
         self.disturbances = SwitchedDisturbances(config, sensors, seed)
         self.drag = DragMeans(config.flow.control_period, kept)
         self.bus_table = BusTable(config, message_set(config.bus))
-        self.scene = scene_of(wake, kept)
-        self.before_control: Still | None = None
+        self.scene = scene_of(wake)
         self.picture: FieldPicture | None = None
-        self.periods: deque[KeptPeriod] = deque(maxlen=kept)
-        self.changes = [EcuChange(k=0, text=ecu.computed_by)]
-        self._frames: list[Frame] = []
-        self._waits: dict[int, int] = {}
-        self._withheld: Happening | None = None
-        self._cut: Happening | None = None
-        wired = wire(
-            wake,
-            sensors,
-            config,
-            ecu,
-            self.disturbances,
-            capture=self._frames.append,
-            observe=self._observe,
-        )
+        self.latest: Period | None = None
+        self.is_off = False
+        wired = wire(wake, sensors, config, ecu, self.disturbances, observe=self.bus_table)
         self._loop, self._bus, self._ports, self.node = wired.loop, wired.bus, wired.ports, wired.node
         self._k = 0
         self.state: EcuState = ecu.ecu.state
@@ -130,60 +115,35 @@ class LiveRun:
         """When period k begins, in s of the run."""
         return k * self._config.period_ns / 1e9
 
-    @property
-    def is_off(self) -> bool:
-        """The ECU has no supply."""
-        return self._cut is not None
-
-    def step(self) -> KeptPeriod:
+    def step(self) -> Period:
         """One control period.
 
         Raises:
             StillwakeError: if the flow diverges.
         """
         k, loop = self._k, self._loop
-        before = Counted(activity=self._bus.activity(), bus=loop.totals(), acted=self.disturbances.acted())
         requested = self.request.requests(
             k, self.state.fail_safe, is_up=loop.ecu_is_up, given_up=self.node.has_given_up
         )
-        self._note_withheld(k, requested)
         self.picture = self.scene.look(k)
-        if self.request.first == k:
-            self.before_control = self.scene.still()
         row = loop.period(enable_request=requested)
         self.state = self.ecu.ecu.state
         planned = loop.planned_ns[-1] if loop.planned_ns else None
         loop.planned_ns.clear()
-        kept = KeptPeriod(
-            k=k,
-            row=row,
-            requested=requested,
-            before=before,
-            planned_ns=planned,
-            waits_ns=self._waits,
-            frames=pickle.dumps(self._frames),
-        )
-        self._waits = {}
-        self._frames.clear()
+        self.latest = Period(k=k, row=row, requested=requested, planned_ns=planned)
         self._k = k + 1
-        self.periods.append(kept)
         self.disturbances.period_over(k)
-        self.disturbances.forget(self.periods[0].k)
         self.bus_table.period_over(self._bus.activity())
         without = self.request.first is None or self.request.first == k
         self.drag.add(row.sample)
         if k % _AVERAGES_EVERY == 0 or self.request.first == k:
             self.drag.update(without_control=without)
-        return kept
+        return self.latest
 
-    def exchange(self, ecu: LoopEcu, text: str) -> None:
+    def exchange(self, ecu: LoopEcu) -> None:
         """Go on with another ECU from the state of the one so far."""
         self._loop.exchange_ecu(ecu.ecu, ecu.step_ns)
         self.ecu = ecu
-        first = self.periods[0].k if self.periods else 0
-        # Of what was before the periods that are kept the last one alone is of use.
-        begun = [item for item in self.changes if item.k <= first]
-        self.changes = [*begun[-1:], *self.changes[len(begun) :], EcuChange(k=self._k, text=text)]
 
     def help(self) -> bool:
         """End what has latched, or will latch because of earlier faults, by a new request; return whether one is due.
@@ -199,21 +159,16 @@ class LiveRun:
     def power_cycle(self) -> None:
         """Cut the ECU's supply for a moment: it starts again."""
         self._reset(round(BOOT_S * 1e9))
-        self.disturbances.note("reset", self._k, is_instant=True).acted = 1
 
     def cut_supply(self) -> None:
         """The ECU is silent until `power_on`. Its CAN transceiver still acknowledges frames."""
         self._reset(_FOR_GOOD_NS)
-        self._cut = self.disturbances.note(f"reset:boot_s={_FOR_GOOD_NS / 1e9:g}", self._k, is_instant=True)
-        self._cut.acted = 1
+        self.is_off = True
 
     def power_on(self) -> None:
         """The ECU starts."""
-        assert self._cut is not None
         self._reset(round(BOOT_S * 1e9))
-        off_s = (self._k - self._cut.start) * self._config.period_ns / 1e9
-        self._cut.text = f"reset:boot_s={off_s + BOOT_S!r}"
-        self._cut = None
+        self.is_off = False
 
     def seen(self) -> Seen:
         """As of the latest period."""
@@ -239,27 +194,8 @@ class LiveRun:
         """Error counters of the nodes, by their names."""
         return {name: NodeErrors.of(port.health(), port.refused) for name, port in self._ports.items()}
 
-    def counted(self) -> Counted:
-        """Up to now."""
-        return Counted(activity=self._bus.activity(), bus=self._loop.totals(), acted=self.disturbances.acted())
-
     def _reset(self, boot_ns: int) -> None:
         self.request.helped_until = 0
         self._bus.advance_to(self._loop.now_ns)
         self._loop.reset_ecu(boot_ns)
         self.state = self.ecu.ecu.state
-
-    def _note_withheld(self, k: int, requested: bool) -> None:
-        """A request that is taken back after the first is a disturbance of the run."""
-        if requested and self._withheld is not None:
-            self._withheld.end, self._withheld = k, None
-        elif not requested and self.request.first is not None:
-            if self._withheld is None:
-                self._withheld = self.disturbances.note("no_request", k)
-            self._withheld.acted += 1
-
-    def _observe(self, seen: Transmission) -> None:
-        self.bus_table(seen)
-        if not seen.frame.is_extended:
-            waited = seen.begin_ns - seen.queued_ns
-            self._waits[seen.frame.frame_id] = max(waited, self._waits.get(seen.frame.frame_id, 0))

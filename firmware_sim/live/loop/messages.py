@@ -65,7 +65,7 @@ class Hello(TypedDict):
     weights: dict[str, float]  # the release's
     weight_slider: dict[str, Any]
     settings: dict[str, Any]  # `LiveSettings.to_tree`
-    kept: int  # periods that the loop keeps, and a page should
+    kept: int  # periods that a page should keep
 
 
 PERIOD_COLUMNS: Final = (
@@ -156,11 +156,10 @@ class Events(TypedDict):
 
 
 class SettingsNow(TypedDict):
-    """After every change; `query` makes a link that reproduces them."""
+    """After every change."""
 
     type: Literal["settings"]
     settings: dict[str, Any]
-    query: str
 
 
 class LoopNow(TypedDict):
@@ -179,12 +178,11 @@ Request = dict[str, Any]
 
 
 class Answer(TypedDict, total=False):
-    """`error` is one line, and then nothing was changed; `note` reports what was done; `saved` is a run's folder."""
+    """`error` is one line, and then nothing was changed; `note` reports what was done."""
 
     id: int
     error: str
     note: str
-    saved: str
 
 
 class FieldPicture(NamedTuple):

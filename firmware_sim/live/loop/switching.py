@@ -26,50 +26,20 @@ from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.bench.run_faults import NODES, NodeFault
 from firmware_sim.live.loop.switched_port import Plug, SwitchedPort
-from firmware_sim.runs.metadata import InjectedFault
 
 LINGER_S: Final = 1.0
 """Virtual time: five times the longest delay that can be set."""
 
 
 @dataclass(kw_only=True, eq=False)
-class Happening:
-    """What disturbed the loop for a while.
-
-    Attributes:
-        serial: counts from 0 in a run.
-        text: without its time.
-        start: first period.
-        end: the period in which it no longer acted; None while it does.
-        acted: how often so far, as `InjectedFault` counts it.
-        is_instant: it happened at the start of `start`.
-    """
-
-    serial: int
-    text: str
-    start: int
-    end: int | None = None
-    acted: int = 0
-    is_instant: bool = False
-
-    def injected(self, period_ns: int, acted_before: int) -> InjectedFault:
-        """With its time in s of the run, and how often it acted since it had acted so often."""
-        start = repr(self.start * period_ns / NS)
-        end = "" if self.end is None else repr(self.end * period_ns / NS)
-        return InjectedFault(
-            text=f"{self.text}@{start}" if self.is_instant else f"{self.text}@{start}..{end}",
-            acted=self.acted - acted_before,
-        )
-
-
-@dataclass(kw_only=True, eq=False)
 class _Item:
-    """A happening at work."""
+    """What is at work; `end` is the period in which it no longer acts, and `text` is without its time."""
 
-    happening: Happening
+    text: str
     group: str
     span: Span
     work: Disturbing
+    end: int = 0
     plugs: list[tuple[SwitchedPort, Plug]] = field(default_factory=list)
 
 
@@ -82,7 +52,6 @@ class SwitchedDisturbances:
         seed: of everything that is drawn.
 
     Attributes:
-        happened: what disturbed the run, in order; what is over can be `forgotten`.
         read: (S,) what the transducers read last; NaN before.
     """
 
@@ -97,7 +66,6 @@ class SwitchedDisturbances:
         self._lingering: list[_Item] = []
         self._ports: dict[str, SwitchedPort] = {}
         self._bus: SimulatedBus | None = None
-        self.happened: list[Happening] = []
         self.read = np.full(len(self._sensors), np.nan)
 
     def readings(self, cp: Array, now_ns: int) -> Array:
@@ -139,7 +107,7 @@ class SwitchedDisturbances:
             acting = [item for item in self._items if item.group == group]
             here = [text for text in texts if _group(text) == group]
             pairs = zip(acting, here, strict=False)
-            same = len(list(takewhile(lambda pair: pair[0].happening.text == pair[1], pairs)))
+            same = len(list(takewhile(lambda pair: pair[0].text == pair[1], pairs)))
             new += [(text, group) for text in here[same:]]
             for item in acting[same:]:
                 self._end(item, k)
@@ -149,31 +117,14 @@ class SwitchedDisturbances:
             self._begin(text, group, k)
         return bool(new)
 
-    def note(self, text: str, k: int, *, is_instant: bool = False) -> Happening:
-        """Keep what disturbs the loop from period k on, and is done elsewhere."""
-        happening = Happening(serial=self._before["all"], text=text, start=k, is_instant=is_instant)
-        self._before["all"] += 1
-        self.happened.append(happening)
-        return happening
-
     def period_over(self, k: int) -> None:
-        """Count what was done up to the end of period k, and take out what has nothing left to do."""
-        for item in (*self._items, *self._lingering):
-            item.happening.acted = item.work.injected()[0].acted
+        """Take out what has nothing left to do at the end of period k."""
         linger = round(LINGER_S * NS / self._config.period_ns)
-        for item in [one for one in self._lingering if (one.happening.end or 0) + linger <= k + 1]:
+        for item in [one for one in self._lingering if one.end + linger <= k + 1]:
             self._lingering.remove(item)
             item.work.end()
             for port, plug in item.plugs:
                 port.take_out(plug)
-
-    def acted(self) -> dict[int, int]:
-        """How often each of those at work has acted, by its serial number."""
-        return {happening.serial: happening.acted for happening in self.happened if happening.end is None}
-
-    def forget(self, before: int) -> None:
-        """What was over before this period."""
-        self.happened = [happening for happening in self.happened if not _is_over(happening, before)]
 
     def _begin(self, text: str, group: str, k: int) -> None:
         assert self._bus is not None
@@ -182,7 +133,8 @@ class SwitchedDisturbances:
         (one,) = disturbances.items
         work = Disturbing(disturbances, self._config, self._sensors, self._seed, dict(self._before))
         span = one.fault if isinstance(one, NodeFault) else one
-        item = _Item(happening=self.note(text, k), group=group, span=span, work=work)
+        item = _Item(text=text, group=group, span=span, work=work)
+        self._before["all"] += 1
         if group in NODES:
             self._before[group] += 1
             around, port = work.connect(self._bus), self._ports[group]
@@ -190,7 +142,7 @@ class SwitchedDisturbances:
         self._items.append(item)
 
     def _end(self, item: _Item, k: int) -> None:
-        item.happening.end = k
+        item.end = k
         # What acts asks this very value whether it does, and the end of an open span is not known before.
         object.__setattr__(item.span, "end_s", k * self._config.period_ns / NS)
         self._items.remove(item)
@@ -201,7 +153,3 @@ class SwitchedDisturbances:
 def _group(text: str) -> str:
     node = text.partition(":")[0]
     return node if node in NODES else "sensors"
-
-
-def _is_over(happening: Happening, before: int) -> bool:
-    return happening.start < before if happening.is_instant else happening.end is not None and happening.end <= before

@@ -58,7 +58,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       else if (type === 'picture') this.wake.picture(message.levels, message.width, message.height);
       else if (type === 'bus') this.bus.show(message);
       else if (type === 'events') this.happened(message.items);
-      else if (type === 'settings') this.follow(message);
+      else if (type === 'settings') this.follow(message.settings);
       else if (type === 'periods') this.passed(message.columns.mode);
       this.request();
     }
@@ -91,15 +91,12 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       const release = `Release ${name} (${precision}, ${digest}${signer ? '' : ', unsigned'})`;
       const plant = `${hello.plant}, Re = ${format.count(hello.reynolds)}`;
       write(at('about'), `${release} on ${plant}. stillwake ${hello.version}.`);
-      this.follow({settings: hello.settings, query: this.query || ''});
-      this.toolbar.openLink();
+      this.follow(hello.settings);
     }
 
-    follow({settings, query}) {
+    follow(settings) {
       this.settings = settings;
-      this.query = query;
       this.controls.show(settings);
-      document.body.dataset.settings = query;
     }
 
     happened(items) {

@@ -1,4 +1,4 @@
-"""What the server answers: the page and its files, the two sockets, saved runs."""
+"""What the server answers: the page and its files, and the two sockets."""
 
 import asyncio
 import json
@@ -8,8 +8,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
-from shutil import make_archive
-from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from tornado.web import HTTPError, RequestHandler, StaticFileHandler
@@ -32,7 +30,6 @@ MOST_UNANSWERED: Final = 8
 """Requests of one viewer."""
 TRY_AGAIN_LATER: Final = 1013
 """Status of a WebSocket's end (IANA's registry of RFC 6455)."""
-_PIECE: Final = 256 * 1024
 _HEADERS: Final = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'; object-src 'none'",
@@ -60,14 +57,12 @@ class Served:
     Attributes:
         supervisor: of the loop.
         access: who may.
-        saves: the folder of saved runs.
         stalled_s: see `STALLED_S`.
         viewers: that are open.
     """
 
     supervisor: Supervisor
     access: Access
-    saves: Path
     stalled_s: float
     viewers: set["Stream"] = field(default_factory=set)
 
@@ -233,20 +228,3 @@ class Control(Socket):
     async def _answer(self, answer: Answer, number: int | None) -> None:
         with suppress(WebSocketClosedError):
             await self.send(as_json(answer if number is None else {**answer, "id": number}))
-
-
-class SavedRun(Guarded):
-    """A run that the loop saved, as a zip."""
-
-    async def get(self, name: str) -> None:
-        if name not in self.served.supervisor.saved:
-            raise HTTPError(404, reason="no run of this name was saved here")
-        self.set_header("Content-Type", "application/zip")
-        self.set_header("Content-Disposition", f'attachment; filename="{name}.zip"')
-        self.set_header("Cache-Control", "no-store")
-        with TemporaryDirectory() as folder:
-            path = await asyncio.to_thread(make_archive, f"{folder}/run", "zip", self.served.saves, name)
-            with open(path, "rb") as file:
-                while piece := file.read(_PIECE):
-                    self.write(piece)
-                    await self.flush()

@@ -16,7 +16,7 @@ from tornado.web import Application
 from contract.errors import StillwakeError
 from firmware_sim.live.serving.access import Access
 from firmware_sim.live.serving.control import LONGEST_REQUEST
-from firmware_sim.live.serving.handlers import STALLED_S, Control, Files, Guarded, SavedRun, Served, Stream
+from firmware_sim.live.serving.handlers import STALLED_S, Control, Files, Guarded, Served, Stream
 from firmware_sim.live.serving.stepping import MakeSession
 from firmware_sim.live.serving.supervisor import Supervisor
 
@@ -33,16 +33,15 @@ MOST_CONNECTIONS: Final = 128
 """Two of each viewer, and as many that load files; half of the file descriptors that any system gives a process."""
 
 
-def application(supervisor: Supervisor, access: Access, saves: Path, *, stalled_s: float = STALLED_S) -> Application:
+def application(supervisor: Supervisor, access: Access, *, stalled_s: float = STALLED_S) -> Application:
     """What is answered where.
 
     Args:
         supervisor: of the loop.
         access: who may look at it and act on it.
-        saves: the folder of saved runs.
         stalled_s: a viewer that takes no message for so long is closed.
     """
-    served = Served(supervisor=supervisor, access=access, saves=saves, stalled_s=stalled_s)
+    served = Served(supervisor=supervisor, access=access, stalled_s=stalled_s)
     own: dict[str, Any] = {"served": served}
     return Application(
         [
@@ -50,7 +49,6 @@ def application(supervisor: Supervisor, access: Access, saves: Path, *, stalled_
             (r"/static/([A-Za-z0-9._/-]+)", Files, {**own, "path": str(PAGE)}),
             (r"/stream", Stream, own),
             (r"/control", Control, own),
-            (r"/saved/([A-Za-z0-9][A-Za-z0-9._-]*)\.zip", SavedRun, own),
         ],
         default_handler_class=NotFound,
         default_handler_args=own,
@@ -103,7 +101,6 @@ async def serve(
     *,
     address: str = LOCALHOST,
     port: int = PORT,
-    saves: Path,
     fast: bool = False,
     is_stopped: Callable[[], bool],
     ready: Callable[[str], None],
@@ -115,7 +112,6 @@ async def serve(
         make: the loop, in a process of its own.
         address: to listen at; with another one than this machine's loopback, requests need a token.
         port: 0 for any that is free.
-        saves: the folder of saved runs.
         fast: whether a period may take less time than it does on a vehicle.
         is_stopped: looked at again and again.
         ready: called with the page's address, once it can be opened.
@@ -127,7 +123,7 @@ async def serve(
     sockets = _bound(address, port)
     access = Access.to(address)
     supervisor = Supervisor(make, fast=fast, report=report)
-    server = BoundedServer(application(supervisor, access, saves))
+    server = BoundedServer(application(supervisor, access))
     server.add_sockets(sockets)
     ready(page_url(address, sockets[0].getsockname()[1], access))
     loop = asyncio.create_task(supervisor.run())

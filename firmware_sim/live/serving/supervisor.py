@@ -32,7 +32,6 @@ class Supervisor:
 
     Attributes:
         hub: messages of the loop.
-        saved: names of the runs that it saved.
     """
 
     def __init__(
@@ -44,7 +43,6 @@ class Supervisor:
         short_life_s: float = SHORT_LIFE_S,
     ) -> None:
         self.hub = Hub()
-        self.saved = set[str]()
         self._make, self._fast, self._report, self._short_life_s = make, fast, report, short_life_s
         self._watching = set[asyncio.Event]()
         self._waiting = dict[int, asyncio.Future[Answer]]()
@@ -106,14 +104,11 @@ class Supervisor:
         self._waiting[number] = answer
         try:
             await self._events.run_in_executor(self._sender, process.ask, number, request)
-            result = await answer
+            return await answer
         except StillwakeError as error:
             return Answer(error=str(error))
         finally:
             self._waiting.pop(number, None)
-        if "saved" in result:
-            self.saved.add(result["saved"])
-        return result
 
     @contextmanager
     def watched(self) -> Iterator[asyncio.Event]:

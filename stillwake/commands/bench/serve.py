@@ -1,19 +1,16 @@
 """The command that shows the closed loop on a page in a browser."""
 
 import asyncio
-import shlex
-import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
 
-from contract.atomic import check_writable
 from stillwake.commands.run import cost_weights
 from stillwake.console.settings import WEIGHTS, settings
 from stillwake.console.stopping import until_stopped
-from stillwake.console.terminal import ConfigFile, Overrides, console, visible
+from stillwake.console.terminal import ConfigFile, Overrides, console
 from stillwake.parts.releases import Trust, describe, open_release
 
 USES: Final = (
@@ -52,15 +49,14 @@ def serve(
         float, typer.Option(help="Time until control is requested, t_c.", min=0.2, max=1000.0)
     ] = 10.0,
     fast: Annotated[bool, typer.Option("--fast", help="As fast as this machine computes, if that is faster.")] = False,
-    saves: Annotated[Path, typer.Option(help="Folder in which runs are saved.", metavar="FOLDER")] = Path("runs"),
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Run the closed loop on a page in a browser, where it can be watched and disturbed.
 
     The page shows the wake, the forces, the bus and the ECU while they run, and acts on them: sensors and frames that
-    fail, late jets, a babbling node, power cycles, other cost weights, another controller. What was run can be saved
-    as `run` would have written it. Several browsers may look at once.
+    fail, late jets, a babbling node, power cycles, other cost weights, another controller. Several browsers may look
+    at once. `run --disturb` keeps as a run what was tried here.
 
     The loop runs at the vehicle's pace at most, and slower where the machine is slower. Only this machine can open the
     page, unless --host names another address; the link that is printed then has a token, which every request needs.
@@ -72,7 +68,6 @@ def serve(
     from firmware_sim.live.settings import LiveSettings
     from stillwake.parts.live_parts import LiveParts
 
-    check_writable(saves, folder=True)
     loaded = settings("bench serve", config_file, overrides, uses=USES)
     release = open_release(bundle, trust)
     own, weights = release.manifest.mpc.weights, cost_weights(loaded, release)
@@ -88,8 +83,8 @@ def serve(
         start=start,
         settings=first,
         enable_after=enable_after,
-        saves=saves,
-        command=("stillwake", *(visible(shlex.quote(word)) for word in sys.argv[1:])),
+        saves=Path(),
+        command=(),
     )
 
     def ready(url: str) -> None:
@@ -103,7 +98,6 @@ def serve(
                 make,
                 address=host,
                 port=port,
-                saves=saves,
                 fast=fast,
                 is_stopped=is_stopped,
                 ready=ready,

@@ -2,8 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +12,6 @@ from contract.config.tree import Config
 from contract.errors import LibraryError
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.stepped import LoopEcu
-from firmware_sim.live import saving
 from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Answer, Choice
 from firmware_sim.live.session import LiveSession
 from tests.firmware_sim.bench.harness import LiveOscillator, Waves
@@ -35,7 +32,6 @@ PLANTS: tuple[Choice, ...] = (
 )
 ENABLE_AFTER = 2.0
 """t_c: ten periods."""
-NOON = datetime(2026, 1, 2, 12, 0, 0)
 
 
 def oscillator(name: str) -> LoopPlant:
@@ -63,7 +59,6 @@ class Live:
 
     def __init__(
         self,
-        saves: Path,
         *,
         wake: Callable[[str], LoopPlant] = oscillator,
         kept: int = 400,
@@ -81,11 +76,9 @@ class Live:
             ecu=self._ecu,
             controllers=CONTROLLERS,
             plants=PLANTS,
-            saves=saves,
             enable_after=enable_after,
             kept=kept,
             clock=iter(np.arange(10**6) / 40.0).__next__,
-            today=lambda: NOON,
             **more,
         )
         self.rows: dict[str, list[Any]] = {name: [] for name in PERIOD_COLUMNS}
@@ -133,11 +126,7 @@ class Live:
 
 @dataclass(frozen=True)
 class MakeShown:
-    """Picklable maker of a session with a flow; its runs are saved in `saves`, without pictures."""
-
-    saves: Path
+    """Picklable maker of a session with a flow."""
 
     def __call__(self, show: Callable[[str], None]) -> LiveSession:
-        for name in ("draw", "write_report"):
-            setattr(saving, name, lambda *_: None)
-        return Live(self.saves, wake=shown).session
+        return Live(wake=shown).session

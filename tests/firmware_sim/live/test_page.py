@@ -8,10 +8,11 @@ import asyncio
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from queue import Queue
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ from tests.firmware_sim.live.harness import CONFIG, MakeShown
 pytestmark = pytest.mark.browser
 
 PATIENCE_S = 60.0
-START = LiveSettings(enable=True).to_query()
+START = LiveSettings(enable=True)
 """The loop's settings once control has begun and nothing is disturbed."""
 _WARMTH = """() => {
     const canvas = document.querySelector('#wake canvas');
@@ -57,22 +58,14 @@ _CUT = """(labels) => [...document.querySelectorAll('#controls select')].filter(
 """Selects that are narrower than the longest label."""
 
 
-class Server(NamedTuple):
-    url: str
-    saves: Path
-
-
 @pytest.fixture(scope="module")
-def server(tmp_path_factory) -> Iterator[Server]:
-    """In a thread of its own."""
-    saves = tmp_path_factory.mktemp("saves")
+def server() -> Iterator[str]:
+    """Its address; in a thread of its own."""
     stop, urls = threading.Event(), Queue[str]()
-    serving = serve(
-        MakeShown(saves), port=0, saves=saves, is_stopped=stop.is_set, ready=urls.put, report=lambda line: None
-    )
+    serving = serve(MakeShown(), port=0, is_stopped=stop.is_set, ready=urls.put, report=lambda line: None)
     thread = threading.Thread(target=asyncio.run, args=(serving,))
     thread.start()
-    yield Server(urls.get(timeout=PATIENCE_S), saves)
+    yield urls.get(timeout=PATIENCE_S)
     stop.set()
     thread.join(PATIENCE_S)
 
@@ -83,7 +76,7 @@ def opened(server) -> Iterator[Callable[..., Visit]]:
     with chromium() as browser:
 
         def opened(tail: str = "", **window: Any) -> Visit:
-            seen = visit(browser, server.url + tail, home=server.url, **window)
+            seen = visit(browser, server + tail, home=server, **window)
             seen.page.set_default_timeout(1e3 * PATIENCE_S)
             return seen
 
@@ -111,9 +104,9 @@ def wait_for(seen: Visit, selector: str) -> None:
     seen.page.locator(selector).first.wait_for()
 
 
-def wait_for_settings(seen: Visit, query: str) -> None:
+def wait_for_settings(seen: Visit, settings: LiveSettings) -> None:
     """Until these are the loop's settings."""
-    seen.page.locator(f'body[data-settings="{query}"]').wait_for()
+    until(lambda: seen.page.evaluate("stillwake.page.settings") == settings.to_tree())
 
 
 def ask(seen: Visit, **request: Any) -> dict[str, Any]:
@@ -146,8 +139,8 @@ PRESSED = {"noise": ("End", "1"), "bias": ("Home", "-3"), "loss": ("End", "1"), 
 
 
 def test_each_control_acts_on_the_loop_by_keyboard_alone(live):
-    def becomes(selector: str, shown: str, query: str) -> None:
-        live.page.locator(f'body[data-settings*="{query}"]').wait_for()
+    def becomes(selector: str, shown: str, **changed: Any) -> None:
+        wait_for_settings(live, replace(START, **changed))
         until(lambda: live.page.locator(selector).input_value() == shown)
         ask(live, clear=True)
         ask(live, set={"controller": "int8", "plant": "wake"})
@@ -156,18 +149,18 @@ def test_each_control_acts_on_the_loop_by_keyboard_alone(live):
 
     for name, choice in CHOSEN.items():
         live.page.locator(f"[data-setting={name}]").select_option(choice)
-        becomes(f"[data-setting={name}]", choice, f"{name}={choice}")
+        becomes(f"[data-setting={name}]", choice, **{name: choice})
     for name, (key, value) in PRESSED.items():
         live.page.locator(f"[data-setting={name}]").press(key)
-        becomes(f"[data-setting={name}]", value, f"{name}={value}")
+        becomes(f"[data-setting={name}]", value, **{name: float(value)})
     live.page.locator("[data-weight=lift]").press("End")
-    becomes("[data-weight=lift]", "100", f"lift={WEIGHT.greatest:g}")
+    becomes("[data-weight=lift]", "100", weights=replace(CONFIG.mpc.weights, lift=WEIGHT.greatest))
     live.page.locator("[data-setting=babble]").press("Space")
-    becomes("[data-setting=babble]", "on", "babble=1")
+    becomes("[data-setting=babble]", "on", babble=True)
     # A fault that is still latched would not end in ARMED.
     wait_for(live, "#headline .pill >> text=CONTROL")
     live.page.locator("[data-setting=enable]").press("Space")
-    wait_for_settings(live, "")
+    wait_for_settings(live, LiveSettings())
     wait_for(live, "#headline .pill >> text=ARMED")
 
 
@@ -191,18 +184,12 @@ def test_a_fault_shows_what_the_ecu_does_and_one_button_ends_it(live):
     wait_for(live, "#headline .pill >> text=CONTROL")
 
 
-def test_a_refusal_is_shown_and_a_saved_run_can_be_taken_away(live, server):
+def test_a_refusal_is_shown(live):
     live.page.evaluate("stillwake.page.ask({set: {noise: 7}})")
     wait_for(live, "#toast >> text=Not done: live setting noise = 7: must be in 0..1")
     live.page.locator("#toast-done").click()
     assert live.page.locator("[data-setting=noise]").input_value() == "0"
-    live.page.locator("#save").click()
-    wait_for(live, "#toast a")
-    folder = server.saves / str(live.page.locator("#toast code").text_content())
-    assert (folder / "series.npz").exists()
-    with live.page.expect_download() as download:
-        live.page.locator("#toast a").click()
-    assert download.value.suggested_filename == f"{folder.name}.zip"
+    assert not live.page.locator("#toast").is_visible()
 
 
 @pytest.mark.proofs  # of the page in two windows, the wide one stays
@@ -267,7 +254,7 @@ def test_page_and_loop_mean_the_same_numbers(live):
     assert live.page.evaluate("stillwake.Curves.SHADED") == {str(int(mode)): kind for mode, kind in shaded.items()}
     states = live.page.evaluate("stillwake.StateMachine.STATES")
     assert sorted(states) == sorted(["UNPOWERED", "BOOT", *OperatingMode.__members__])
-    # What has another word on the wire, and so in a saved run.
+    # What has another word on the wire, and so in a run's series.
     others = {mode.name for mode in OperatingMode if mode.on_wire.name != mode.name}
     assert others == set(live.page.evaluate("stillwake.StateMachine.OFF"))
     # A weight that is sent back stays nearly the same: at most half of a slider's step, 12 %, is lost.

@@ -1,4 +1,4 @@
-"""The live loop is the loop of a run, whatever is set on it meanwhile, and what it saves is such a run."""
+"""The live loop is the loop of a run, whatever is set on it meanwhile."""
 
 import gc
 import json
@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.logs.log_reader import read_messages
 from can_bridge.wire.frame import Frame
 from contract.errors import StillwakeError
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
-from firmware_sim.live import event_log, saving
+from firmware_sim.bench.wiring import Wired, wire
+from firmware_sim.live import event_log
+from firmware_sim.live.loop import live_run
 from firmware_sim.live.requests import ACTIONS
-from firmware_sim.runs import run_log, wake_stills
-from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.run_log import Row, RunLog
 from tests.examples import examples
 from tests.firmware_sim.bench.harness import NAMES, LiveOscillator, Waves
 from tests.firmware_sim.conftest import make_bundle
@@ -27,42 +27,61 @@ from wake.plant.sample import Sample
 
 
 @pytest.fixture
-def live(tmp_path, monkeypatch) -> Live:
-    """Its saved runs have no pictures and no report, which take seconds."""
-    for name in ("draw", "write_report"):
-        monkeypatch.setattr(saving, name, lambda *arguments: None)
-    return Live(tmp_path)
+def live() -> Live:
+    return Live()
 
 
-def same_as_a_run(live: Live, saves) -> run_log.RunLog:
-    """What the session saves is, to the bit, the run that its own texts describe."""
-    folder = RunFolder(saves / live.ask(save=True)["saved"])
-    saved, frames = run_log.load(folder.series), list[Frame]()
-    periods = len(saved.series["t"])
+class Watched:
+    """The loop under a session: every row and frame of it."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.rows, self.frames = list[Row](), list[Frame]()
+        self._patch = monkeypatch
+        monkeypatch.setattr(live_run, "wire", self._wire)
+
+    def _wire(self, *parts: Any, **others: Any) -> Wired:
+        self.wired = wire(*parts, capture=self.frames.append, **others)
+        period = self.wired.loop.period
+
+        def watched(*, enable_request: bool) -> Row:
+            self.rows.append(period(enable_request=enable_request))
+            return self.rows[-1]
+
+        self._patch.setattr(self.wired.loop, "period", watched)
+        return self.wired
+
+
+def same_as_a_run(live: Live, watched: Watched, texts: tuple[str, ...]) -> None:
+    """What the session has done is, to the bit, the run with these disturbances."""
+    periods, frames = len(watched.rows), list[Frame]()
     again = Simulation(
         make_bundle(),
         CONFIG,
         spans=Spans(lead_in=ENABLE_AFTER, controlled=0.2 * periods - ENABLE_AFTER, settle=0.0, averages=False),
         controller=Waves(),
-        disturbances=Disturbances.parse(one.text for one in saved.metadata.faults),
+        disturbances=Disturbances.parse(texts),
     ).run(LiveOscillator(CONFIG), capture=frames.append)
+    wired = watched.wired
+    done = RunLog.of(
+        watched.rows, 10, wired.loop.totals(), again.metadata, LiveOscillator.layout, traffic=wired.traffic()
+    )
     for name, values in again.series.items():
         if name != "step_ms":
-            np.testing.assert_array_equal(saved.series[name], values, err_msg=name)
-    assert [one.acted for one in saved.metadata.faults] == [one.acted for one in again.metadata.faults]
-    assert saved.traffic.nodes == again.traffic.nodes
-    assert (saved.bus, saved.traffic, saved.enabled_at) == (again.bus, again.traffic, again.enabled_at)
-    assert saved.metadata.status == again.metadata.status
+            np.testing.assert_array_equal(done.series[name], values, err_msg=name)
+    assert (done.bus, done.traffic, done.enabled_at) == (again.bus, again.traffic, again.enabled_at)
+    assert live.made["int8"].status() == again.metadata.status
+    assert watched.frames == frames
+    # What viewers get are these rows.
     assert live.rows["k"] == list(range(periods))
-    np.testing.assert_allclose(live.rows["Cd"], saved.series["Cd"], atol=1e-9)
-    logged = [(item.arbitration_id, bytes(item.data)) for item in read_messages(folder.frames)]
-    assert logged == [(frame.frame_id, frame.data) for frame in frames]
-    return saved
+    for name in ("t", "Cd", "Cl", "base_Cp", "action", "mode", "reason"):
+        np.testing.assert_allclose(live.rows[name], again.series[name], atol=1e-9, err_msg=name)
 
 
-def test_what_is_set_disturbs_as_the_same_texts_disturb_a_run(live, tmp_path):
+def test_what_is_set_disturbs_as_the_same_texts_disturb_a_run(monkeypatch):
     """Each item draws from the place that it has among all. Left alone until then, it is an ordinary run."""
-    assert live.run(15).rows["requested"] == [0] * 10 + [1] * 5
+    watched = Watched(monkeypatch)
+    live = Live().run(15)
+    assert live.rows["requested"] == [0] * 10 + [1] * 5
     live.set(noise=0.5).run(5).set(loss=0.25).run(10).set(noise=0.8, dead=NAMES[2], delay_ms=50).run(10)
     live.set(noise=0.0, loss=0.3, babble=True).run(12).set(babble=False, delay_ms=0).run(3)
     assert live.state == "FAULT"
@@ -77,22 +96,36 @@ def test_what_is_set_disturbs_as_the_same_texts_disturb_a_run(live, tmp_path):
     assert (live.state, live.heard["now"]["given_up"]) == ("ARMED", True)
     live.ask(clear=True)
     assert live.run(10).state == "CONTROL"
-    saved = same_as_a_run(live, tmp_path)
-    texts = [one.text for one in saved.metadata.faults]
-    assert texts[:3] == ["noise:level=0.5@0.3..0.6", "ecu:drop:probability=0.25,at=receive@0.4..0.8", texts[2]]
-    assert f"dead:sensor={NAMES[2]}@0.8..1.1" in texts
-    assert "vehicle:babble@0.8..1.04" in texts
-    assert "reset@1.5" in texts
-    assert [text for text in texts if text.startswith("no_request")][1] == "no_request@1.9..1.96"
+    same_as_a_run(
+        live,
+        watched,
+        (
+            "noise:level=0.5@0.3..0.6",
+            "ecu:drop:probability=0.25,at=receive@0.4..0.8",
+            # What stands behind one that changes ends with it, and begins again.
+            "noise:level=0.8@0.6..0.8",
+            f"dead:sensor={NAMES[2]}@0.6..0.8",
+            "vehicle:delay:delay_s=0.05@0.6..1.04",
+            f"dead:sensor={NAMES[2]}@0.8..1.1",
+            "vehicle:babble@0.8..1.04",
+            "ecu:drop:probability=0.3,at=receive@0.8..1.1",
+            # A request that was taken back by "clear all", and by hand; a power cycle, and a time without supply.
+            "no_request@1.1..1.16",
+            "reset@1.5",
+            "no_request@1.9..1.96",
+            "reset:boot_s=0.8@2.16",
+            "no_request@3.36..3.38",
+        ),
+    )
 
 
-def test_a_request_by_a_viewer_needs_no_lead_in_and_a_refusal_ends_it(tmp_path):
-    asked = Live(tmp_path).run(3).set(enable=True).run(5)
+def test_a_request_by_a_viewer_needs_no_lead_in_and_a_refusal_ends_it():
+    asked = Live().run(3).set(enable=True).run(5)
     assert asked.rows["requested"] == [0] * 3 + [1] * 5
     asked.ask(restart=True)
     asked.run(12)
     assert (asked.heard["hello"]["run"], asked.rows["requested"][8:]) == (2, [0] * 10 + [1] * 2)
-    refused = Live(tmp_path).run(3).set(enable=False).run(20)
+    refused = Live().run(3).set(enable=False).run(20)
     refused.ask(restart=True)
     assert not any(refused.run(20).rows["requested"])
 
@@ -113,25 +146,24 @@ def test_another_controller_goes_on_from_the_state_of_the_one_before(live):
     assert live.heard["now"]["k"] == 19
 
 
-def test_an_ecu_that_is_asked_for_and_can_be_had_is_made_ahead(tmp_path):
+def test_an_ecu_that_is_asked_for_and_can_be_had_is_made_ahead():
     work = dict.fromkeys(("c", "cortex-m7"), lambda: None)
-    session = Live(tmp_path, ahead=work.get).session
-    for asked in ({"set": {"controller": "c"}}, {"query": "noise=0.1&controller=c"}):
-        assert session.before(asked) is work["c"], asked
+    session = Live(ahead=work.get).session
+    assert session.before({"set": {"controller": "c", "noise": 0.1}}) is work["c"]
     for other in (
         *({"set": {"controller": name}} for name in ("int8", ["c"], "cortex-m7")),
-        *({"set": "c"}, {"query": "enable=c"}, {"query": 3}, {"clear": True}, 3),
+        *({"set": "c"}, {"clear": True}, 3),
     ):
         assert session.before(other) is None, other
 
 
-def test_what_cannot_be_had_is_one_line_and_changes_nothing(tmp_path):
+def test_what_cannot_be_had_is_one_line_and_changes_nothing():
     def wake(name: str) -> LiveOscillator:
         if name != "wake":
             raise StillwakeError("no recording")
         return LiveOscillator(CONFIG)
 
-    live = Live(tmp_path, wake=wake).run(12)
+    live = Live(wake=wake).run(12)
     live.refused = {"c"}
     before = live.heard["settings"]
     for values, message in (
@@ -144,23 +176,23 @@ def test_what_cannot_be_had_is_one_line_and_changes_nothing(tmp_path):
     ):
         error = live.ask(set=values)["error"]
         assert message in error and "\n" not in error, values
-    for name, value in {"set": 3, "query": 5, "pause": 1, "save": False}.items():
+    for name, value in {"set": 3, "pause": 1, "restart": False}.items():
         assert f"request: {name} must be" in live.ask(**{name: value})["error"], name
     live.run(5)
     assert live.heard["settings"] == before
     assert (len(live.rows["k"]), live.heard["now"]["run"]) == (17, 1)
 
 
-def test_the_means_are_those_of_the_oscillator(tmp_path):
+def test_the_means_are_those_of_the_oscillator():
     """Cd = 1 + cos(t)^2, whose mean over whole cycles is 1.5; the solver's step costs a percent."""
-    live = Live(tmp_path, enable_after=20.0).run(99)
+    live = Live(enable_after=20.0).run(99)
     now = live.heard["now"]
     assert now["uncontrolled_Cd"] == pytest.approx(1.5, rel=0.01)
     assert now["drag_Cd"] == pytest.approx(1.5, rel=0.01)
     assert now["reduction_percent"] == pytest.approx(0.0, abs=1.0)
     drag = live.run(1).heard["now"]["uncontrolled_Cd"]
     assert live.run(60).heard["now"]["uncontrolled_Cd"] == drag
-    early = Live(tmp_path).run(20).heard["now"]
+    early = Live().run(20).heard["now"]
     assert (early["uncontrolled_Cd"], early["reduction_percent"]) == (None, None)
 
 
@@ -217,24 +249,12 @@ def test_events_report_what_the_ecu_does_about_a_fault_and_count_what_comes_agai
     assert any("again" in text for text in live.events)
 
 
-def test_what_is_cleared_stays_so_when_something_else_is_set_at_once(tmp_path):
+def test_what_is_cleared_stays_so_when_something_else_is_set_at_once():
     """What has acted may latch a fault some periods later."""
     for fault, periods in (({"babble": True}, 4), ({"delay_ms": 200}, 16)):
-        live = Live(tmp_path).run(60).set(**fault).run(periods)
+        live = Live().run(60).set(**fault).run(periods)
         live.ask(clear=True)
         assert live.set(controller="int8").run(80).state == "CONTROL", fault
-
-
-def test_a_link_reproduces_the_settings(tmp_path, live):
-    live.run(20).set(noise=0.25, biased=NAMES[1], bias=-2.0, delay_ms=40, weights={"lift": 0.5}).run(1)
-    link = live.heard["settings"]["query"]
-    other = Live(tmp_path).run(3)
-    assert other.ask(query=link) == {}
-    other.run(20)
-    assert other.heard["settings"] == live.heard["settings"]
-    # The lead-in was not cut short by a link made under control.
-    assert other.rows["requested"] == [0] * 10 + [1] * 13
-    assert "must be" in other.ask(query="noise=9")["error"]
 
 
 def test_paused_it_stands_still_and_still_takes_settings(live):
@@ -248,53 +268,13 @@ def test_paused_it_stands_still_and_still_takes_settings(live):
     assert (len(live.rows["k"]), live.heard["now"]["paused"]) == (20, False)
 
 
-@pytest.mark.slow  # draws a report
-def test_the_latest_periods_are_saved_when_the_first_are_gone(tmp_path):
-    live = Live(tmp_path, kept=100).run(30).set(noise=0.5).run(70).set(noise=0.0, loss=0.2).run(50)
-    (tmp_path / "live-20260102-120000").mkdir()
-    answer = live.ask(save=True)
-    assert answer == {"saved": "live-20260102-120000-2"}
-    folder = RunFolder(tmp_path / answer["saved"])
-    log = run_log.load(folder.series)
-    np.testing.assert_allclose(log.series["t"], 0.2 * np.arange(50, 150))
-    assert (len(log.series["t"]), log.enabled_at) == (100, 0)
-    noise, loss = log.metadata.faults
-    # It acted in every period; of the 70, fifty are kept.
-    assert (noise.text, noise.acted) == ("noise:level=0.5@0.6..2.0", 50)
-    assert loss.text == "ecu:drop:probability=0.2,at=receive@2.0.."
-    # Four frames a period, of which none was lost on the bus itself.
-    assert log.traffic.frames == pytest.approx(400, abs=2)
-    assert json.loads(folder.summary.read_text())["started_with"]["flow"] == "period 50 of a live session"
-    assert "noise:level=0.5@0.6..2.0" in folder.report.read_text()
-
-
-def test_it_is_saved_what_computed_and_from_when_on(live, tmp_path):
-    live.run(150).set(controller="c").run(20).set(weights={"lift": 0.5}).run(5)
-    metadata = run_log.load(RunFolder(tmp_path / live.ask(save=True)["saved"]).series).metadata
-    assert metadata.computed_by.endswith("from 3 s waves by c; from 3.4 s calibration of the cost: lift 0.5")
-    assert metadata.weights.lift == 0.5
-
-
-def test_a_run_that_cannot_be_written_leaves_nothing(tmp_path):
-    live = Live(tmp_path / "saves")
-    assert "no period" in live.ask(save=True)["error"]
-    live.run(5)
-    (tmp_path / "saves").write_text("a file in the way")
-    assert "cannot write" in live.ask(save=True)["error"]
-    assert sorted(tmp_path.iterdir()) == [tmp_path / "saves"]
-
-
-@pytest.mark.usefixtures("live")
-def test_the_flow_is_shown_and_saved(tmp_path):
-    live = Live(tmp_path, wake=shown, enable_after=0.4).run(4)
+def test_the_flow_is_shown():
+    live = Live(wake=shown, enable_after=0.4).run(4)
     width, height = live.heard["hello"]["raster"]
     assert len(live.pictures) == 4
     levels = np.frombuffer(live.pictures[-1][-width * height :], np.int8).reshape(height, width)
     # Counter-clockwise above the middle.
     assert levels[: height // 3].mean() > 20 and levels[-height // 3 :].mean() < -20
-    folder = RunFolder(tmp_path / live.ask(save=True)["saved"])
-    stills = wake_stills.load(folder.wake, run_log.load(folder.series))
-    assert np.abs(stills.levels(3).astype(int) - levels).mean() < 3.0
 
 
 _JSON = st.recursive(
@@ -306,11 +286,8 @@ _KNOWN = st.sampled_from(["enable", "controller", "plant", "noise", "dead", "bia
 
 
 @pytest.fixture(scope="module")
-def fuzzed(tmp_path_factory) -> Live:
-    """Nothing can be saved: a file is where the folder should be."""
-    saves = tmp_path_factory.mktemp("fuzz") / "saves"
-    saves.touch()
-    return Live(saves).run(1)
+def fuzzed() -> Live:
+    return Live().run(1)
 
 
 @pytest.mark.slow  # many requests
@@ -319,15 +296,14 @@ def fuzzed(tmp_path_factory) -> Live:
     requests=st.lists(
         _JSON
         | st.fixed_dictionaries({}, optional={name: _JSON for name in (*ACTIONS, "id")})
-        | st.fixed_dictionaries({"set": st.dictionaries(_KNOWN, _JSON | st.just(10**400), max_size=2)})
-        | st.fixed_dictionaries({"query": st.text("noise=&%1abc;+.", max_size=20)}),
+        | st.fixed_dictionaries({"set": st.dictionaries(_KNOWN, _JSON | st.just(10**400), max_size=2)}),
         max_size=4,
     )
 )
 def test_whatever_comes_gets_an_answer(requests: list[Any], fuzzed):
     for request in requests:
         answer = fuzzed.session.handle(request)
-        assert set(answer) <= {"error", "note", "saved"}
+        assert set(answer) <= {"error", "note"}
         assert "\n" not in answer.get("error", "")
         json.dumps(answer, allow_nan=False)
     fuzzed.run(1)
@@ -340,10 +316,10 @@ class Forgetful(LiveOscillator):
 
 
 @pytest.mark.slow  # four rounds of everything that a page has
-def test_rounds_of_clicks_leave_what_one_left(tmp_path, monkeypatch):
+def test_rounds_of_clicks_leave_what_one_left(monkeypatch):
     """Everything that is kept is a ring. Counted in objects: tracing the memory itself takes a minute."""
     monkeypatch.setattr(event_log, "KEPT", 10)
-    live = Live(tmp_path, wake=lambda name: Forgetful(CONFIG), kept=40)
+    live = Live(wake=lambda name: Forgetful(CONFIG), kept=40)
     counts = []
     for rounds in (2, 2):
         for _ in range(rounds):
@@ -351,7 +327,7 @@ def test_rounds_of_clicks_leave_what_one_left(tmp_path, monkeypatch):
             live.set(noise=0.2, delay_ms=50, babble=True, weights={"lift": 0.5}).run(15)
             live.ask(power_cycle=True)
             live.set(controller="off").run(5).set(controller="c", biased=NAMES[1]).run(10)
-            live.ask(query="loss=2")
+            live.ask(set={"loss": 2})
             live.ask(clear=True)
             live.run(50)
             # What the page has of it is the page's.

@@ -22,7 +22,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     FAULT: [238, 268, 'The jets are shut, and stay so until good frames have come and the request rises again.'],
     UPDATE: [444, 268, 'A new release is being written. The jets are shut.'],
   };
-  /** States that EcuStatus reports as OFF; the others have one word on the page, in saved runs and on the bus. */
+  /** States that EcuStatus reports as OFF; the others have one word on the page, in runs and on the bus. */
   const OFF = ['INIT', 'STANDBY', 'ARMED', 'UPDATE'];
   /** The main ways between them; docs/reference/states.md has all. */
   const WAYS = [

@@ -5,7 +5,6 @@ import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, cast
 
 from contract.errors import PlantError, StillwakeError
@@ -31,21 +30,19 @@ class MakeFake:
 
     Attributes:
         error: that its making raises.
-        saves: folder in which `save` makes a run.
     """
 
     error: str = ""
-    saves: Path | None = None
 
     def __call__(self, show: Callable[[str], None]) -> Session:
         if self.error:
             raise StillwakeError(self.error)
-        return FakeSession(show, self.saves)
+        return FakeSession(show)
 
 
 class FakeSession:
-    def __init__(self, show: Callable[[str], None], saves: Path | None) -> None:
-        self.show, self.saves = show, saves
+    def __init__(self, show: Callable[[str], None]) -> None:
+        self.show = show
         self.new: list[Message | bytes] = [hello()]
         self.k = 0
         self.paused = False
@@ -70,12 +67,6 @@ class FakeSession:
             time.sleep(given["wait"])
         if "pause" in request:
             self.paused = request["pause"]
-        if "save" in request:
-            assert self.saves is not None
-            folder = self.saves / "run-1"
-            (folder / "inner").mkdir(parents=True)
-            (folder / "inner" / "file.txt").write_text("kept")
-            return Answer(saved=folder.name)
         return Answer(note=f"at {self.k}")
 
     def before(self, request: Request) -> Callable[[], None] | None:

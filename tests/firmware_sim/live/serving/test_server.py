@@ -2,17 +2,14 @@
 
 import asyncio
 import gc
-import io
 import json
 import socket
 import struct
 import time
-import zipfile
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from functools import wraps
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -50,7 +47,6 @@ class Place:
 
 @asynccontextmanager
 async def placed(
-    saves: Path,
     make: MakeFake | None = None,
     access: Access = OPEN,
     *,
@@ -61,7 +57,7 @@ async def placed(
     """A server, with a loop if there is what makes one."""
     supervisor = Supervisor(make or MakeFake(), short_life_s=short_life_s)
     listening, port = bind_unused_port()
-    serving = BoundedServer(application(supervisor, access, saves, stalled_s=stalled_s), idle_s=idle_s)
+    serving = BoundedServer(application(supervisor, access, stalled_s=stalled_s), idle_s=idle_s)
     serving.add_socket(listening)
     loop = None if make is None else asyncio.create_task(supervisor.run())
     try:
@@ -101,8 +97,8 @@ async def answer(control: WebSocketClientConnection, request: str | bytes) -> An
 
 
 @in_a_loop
-async def test_the_page_has_its_files_and_no_other_can_be_had(tmp_path) -> None:
-    async with placed(tmp_path) as place:
+async def test_the_page_has_its_files_and_no_other_can_be_had() -> None:
+    async with placed() as place:
         index, script = await place.get("/"), await place.get("/static/widgets/frames.js")
         assert index.body.startswith(b"<!doctype html>")
         assert index.headers["Cache-Control"] == "no-store"
@@ -115,7 +111,7 @@ async def test_the_page_has_its_files_and_no_other_can_be_had(tmp_path) -> None:
         for path in (
             *("/static/../session.py", "/static/%2e%2e/session.py", "/static/vendor/../../session.py"),
             *("/static/..%2fsession.py", "/static/%2e%2e%2fsession.py", "/static//etc/hostname"),
-            *("/static/vendor", "/static/none.js", "/static/x%00", "/saved/session.zip", "/saved/..zip", "/none"),
+            *("/static/vendor", "/static/none.js", "/static/x%00", "/none"),
         ):
             response = await place.get(path)
             assert response.code in (403, 404), path
@@ -123,10 +119,10 @@ async def test_the_page_has_its_files_and_no_other_can_be_had(tmp_path) -> None:
 
 
 @in_a_loop
-async def test_who_has_not_the_token_or_is_another_page_is_refused(tmp_path) -> None:
-    async with placed(tmp_path, access=Access(token="right")) as place:
+async def test_who_has_not_the_token_or_is_another_page_is_refused() -> None:
+    async with placed(access=Access(token="right")) as place:
         evil = {"Origin": "http://evil.example"}
-        for path in ("/", "/static/ring.js", "/stream", "/control", "/saved/x.zip", "/none"):
+        for path in ("/", "/static/ring.js", "/stream", "/control", "/none"):
             for query, origin in (("", {}), ("?token=wrong", {}), ("?token=right", evil)):
                 response = await place.get(path + query, **origin)
                 assert response.code == 403, path + query
@@ -139,7 +135,7 @@ async def test_who_has_not_the_token_or_is_another_page_is_refused(tmp_path) -> 
             with pytest.raises(HTTPClientError, match="403"):
                 await place.connect(path, Cookie=cookie.partition(";")[0])
             (await place.connect(f"{path}?token=right", Origin=f"http://127.0.0.1:{place.port}")).close()
-    async with placed(tmp_path) as place:
+    async with placed() as place:
         for path in ("/stream", "/control"):
             with pytest.raises(HTTPClientError, match="403"):
                 await place.connect(path, Host="evil.example")
@@ -148,9 +144,9 @@ async def test_who_has_not_the_token_or_is_another_page_is_refused(tmp_path) -> 
 
 
 @in_a_loop
-async def test_only_so_many_can_look(tmp_path, monkeypatch) -> None:
+async def test_only_so_many_can_look(monkeypatch) -> None:
     monkeypatch.setattr(handlers, "MOST_VIEWERS", 2)
-    async with placed(tmp_path) as place, asyncio.timeout(PATIENCE_S):
+    async with placed() as place, asyncio.timeout(PATIENCE_S):
         viewers = [await place.connect("/stream") for _ in range(3)]
         assert await viewers[2].read_message() is None
         assert viewers[2].close_code == TRY_AGAIN_LATER
@@ -163,8 +159,8 @@ async def test_only_so_many_can_look(tmp_path, monkeypatch) -> None:
 
 @pytest.mark.processes
 @in_a_loop
-async def test_viewers_see_and_ask(tmp_path) -> None:
-    async with placed(tmp_path, MakeFake(saves=tmp_path)) as place:
+async def test_viewers_see_and_ask() -> None:
+    async with placed(MakeFake()) as place:
         viewers = [await place.connect("/stream") for _ in range(2)]
         for viewer in viewers:
             assert (await heard(viewer))["type"] == "loop"
@@ -193,10 +189,6 @@ async def test_viewers_see_and_ask(tmp_path) -> None:
         await answer(control, '{"pause": true}')
         notes = [(await answer(control, "{}"))["note"] for _ in range(3)]
         assert len(set(notes)) == 1
-        name = (await answer(control, '{"save": true}'))["saved"]
-        saved = await place.get(f"/saved/{name}.zip")
-        with zipfile.ZipFile(io.BytesIO(saved.body)) as archive:
-            assert archive.read(f"{name}/inner/file.txt") == b"kept"
         await control.write_message("x" * (LONGEST_REQUEST + 1))
         async with asyncio.timeout(PATIENCE_S):
             assert await control.read_message() is None
@@ -215,8 +207,8 @@ def silent(port: int, path: str = "/stream") -> socket.socket:
 
 @pytest.mark.processes
 @in_a_loop
-async def test_who_does_not_read_holds_up_no_one_and_is_closed(tmp_path, caplog) -> None:
-    async with placed(tmp_path, MakeFake(), stalled_s=0.5) as place:
+async def test_who_does_not_read_holds_up_no_one_and_is_closed(caplog) -> None:
+    async with placed(MakeFake(), stalled_s=0.5) as place:
         reading = await place.connect("/stream")
         await heard(reading, type="picture")
         with silent(place.port) as stalled:
@@ -246,7 +238,7 @@ def _until_closed(stalled: socket.socket) -> int:
 
 
 @pytest.mark.slow
-def test_who_asks_and_never_reads_is_read_no_further_and_leaves_no_traceback(tmp_path, monkeypatch, caplog):
+def test_who_asks_and_never_reads_is_read_no_further_and_leaves_no_traceback(monkeypatch, caplog):
     monkeypatch.setattr(handlers, "SEND_BUFFER", 4096)
     taken = list[str | bytes]()
 
@@ -257,7 +249,7 @@ def test_who_asks_and_never_reads_is_read_no_further_and_leaves_no_traceback(tmp
     monkeypatch.setattr(handlers, "check", counted)
 
     async def look(request: bytes, *, goes: bool) -> None:
-        async with placed(tmp_path) as place:
+        async with placed() as place:
             with silent(place.port, "/control") as viewer:
                 # Masked messages of two bytes.
                 viewer.sendall(5000 * (b"\x81\x82\0\0\0\0" + request))
@@ -281,9 +273,9 @@ def test_who_asks_and_never_reads_is_read_no_further_and_leaves_no_traceback(tmp
 
 @in_a_loop
 @pytest.mark.slow
-async def test_idle_connections_are_closed_and_more_than_a_bound_refused(tmp_path, monkeypatch, caplog) -> None:
+async def test_idle_connections_are_closed_and_more_than_a_bound_refused(monkeypatch, caplog) -> None:
     monkeypatch.setattr(server, "MOST_CONNECTIONS", 3)
-    async with placed(tmp_path, idle_s=1.0) as place:
+    async with placed(idle_s=1.0) as place:
         begun = (b"", b"GET / HT", b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n", b"")
         idle = [await asyncio.open_connection("127.0.0.1", place.port) for _ in begun]
         for (_, writer), text in zip(idle, begun, strict=True):
@@ -300,8 +292,8 @@ async def test_idle_connections_are_closed_and_more_than_a_bound_refused(tmp_pat
 
 @pytest.mark.processes
 @in_a_loop
-async def test_a_loop_that_ends_reports_why_and_starts_again(tmp_path) -> None:
-    async with placed(tmp_path, MakeFake(), short_life_s=0.0) as place:
+async def test_a_loop_that_ends_reports_why_and_starts_again() -> None:
+    async with placed(MakeFake(), short_life_s=0.0) as place:
         for order, reason in (("diverge", "the flow diverged at t = 1.0"), ("die", "SIGKILL")):
             stream, control = await place.connect("/stream"), await place.connect("/control")
             await heard(stream, type="hello")
@@ -316,10 +308,10 @@ async def test_a_loop_that_ends_reports_why_and_starts_again(tmp_path) -> None:
 
 
 @pytest.mark.processes
-def test_a_loop_that_cannot_start_ends_the_server(tmp_path):
+def test_a_loop_that_cannot_start_ends_the_server():
     lines = list[str]()
     make = MakeFake(error="no data are installed")
-    served = serve(make, port=0, saves=tmp_path, is_stopped=lambda: False, ready=lambda url: None, report=lines.append)
+    served = serve(make, port=0, is_stopped=lambda: False, ready=lambda url: None, report=lines.append)
     with pytest.raises(StillwakeError, match="no data are installed"):
         asyncio.run(asyncio.wait_for(served, PATIENCE_S))
     assert len(lines) == 2

@@ -78,8 +78,7 @@ def test_an_ecu_in_c_is_made_once_and_each_wait_is_told(monkeypatch):
     assert told == [MAKING, COMPILING["c"], COMPILING["cortex-m7"]]
 
 
-def test_errors_are_one_line_and_leave_nothing(all_refused, tmp_path):
-    (tmp_path / "file").touch()
+def test_errors_are_one_line_and_leave_nothing(all_refused):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         all_refused(
             "bench serve",
@@ -89,7 +88,6 @@ def test_errors_are_one_line_and_leave_nothing(all_refused, tmp_path):
                 "--set bus.key=k": "does not use it",
                 "--set mpc.horizon=9": "does not use it",
                 "--bundle nowhere": "nowhere",
-                "--saves file": "it is a file",
                 f"--host {'x' * 300}": "no name of a machine",
                 f"--port {taken.getsockname()[1]}": "it is in use, perhaps by another `stillwake bench serve`; name",
             },
@@ -97,8 +95,8 @@ def test_errors_are_one_line_and_leave_nothing(all_refused, tmp_path):
 
 
 @pytest.mark.processes
-def test_it_serves_a_loop_and_ends_both_processes(tmp_path):
-    words = ("bench", "serve", "--port", "0", "--plant", "recording", "--bundle", str(BUNDLE), "--saves", str(tmp_path))
+def test_it_serves_a_loop_and_ends_both_processes():
+    words = ("bench", "serve", "--port", "0", "--plant", "recording", "--bundle", str(BUNDLE))
     process = subprocess.Popen(
         [sys.executable, "-m", "stillwake", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -117,4 +115,3 @@ def test_it_serves_a_loop_and_ends_both_processes(tmp_path):
     assert (process.returncode, errors) == (0, "")
     assert out.splitlines()[-1] == "stopped"
     assert psutil.wait_procs(children, timeout=PATIENCE_S)[1] == []
-    assert list(tmp_path.iterdir()) == []
