@@ -1,22 +1,22 @@
-"""What the C library's examples play: pressure frames of a vehicle, as a table in C."""
+"""What the C library's examples play: frames of a vehicle with its pressures and its speed, as tables in C."""
 
 from typing import Final
 
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.messages import SENSORS, Pressure
+from can_bridge.wire.messages import SENSORS, Pressure, VehicleSpeed
 from contract.arrays import Array
 from contract.config.tree import Config
 
 PLAYED: Final = "examples/pressures.h"
 MOST_PERIODS: Final = 100
-"""Two seconds at 20 ms: 1600 bytes of flash."""
+"""Two seconds at 20 ms: 1600 bytes of flash, and 800 for the speed."""
 ASKED_FROM: Final = 5
 """Periods before the vehicle asks for control: a request that stands from the start is not believed."""
 
 
 def played_pressures(rows: Array, config: Config) -> bytes:
-    """`pressures.h`: a protected pressure frame for each of the first `MOST_PERIODS` rows.
+    """`pressures.h`: a protected pressure frame for each of the first `MOST_PERIODS` rows, and one with the speed.
 
     Args:
         rows: recorded pressures Cp at the sensors of the bus, then other columns, (n, S + any); limited to what the
@@ -25,6 +25,8 @@ def played_pressures(rows: Array, config: Config) -> bytes:
     messages = message_set(config.bus)
     message, limit_pa = messages.pressure, messages.pressure_limit_pa
     sender, dynamic_pressure = E2eSender(message.spec), config.operating_point.dynamic_pressure
+    speed = VehicleSpeed(speed_m_per_s=config.operating_point.speed, age_ns=0, density_kg_per_m3=None)
+    speed_sender, speeds = E2eSender(messages.speed.spec), []
     lines = []
     for period, row in enumerate(rows[:MOST_PERIODS, :SENSORS].tolist()):
         pressure = Pressure(
@@ -33,14 +35,23 @@ def played_pressures(rows: Array, config: Config) -> bytes:
             enable_request=period >= ASKED_FROM,
             age_ns=0,
         )
-        data = sender.frame(message.emit(pressure), now_ns=0).data
-        lines.append("    {" + ", ".join(f"{byte:#04x}" for byte in data) + "}")
-    table = ",\n".join(lines)
+        lines.append(_row(sender.frame(message.emit(pressure), now_ns=0).data))
+        speeds.append(_row(speed_sender.frame(messages.speed.emit(speed), now_ns=0).data))
     return (
-        "/* Generated: the pressure frames that a vehicle sends, one a control period, for the examples. */\n"
+        "/* Generated: the frames that a vehicle sends, one a control period, for the examples. */\n"
         "#ifndef PRESSURES_H\n#define PRESSURES_H\n\n"
         '#include "sw_ecu.h"\n\n'
         f"#define PRESSURE_PERIODS {len(lines)}u\n\n"
-        f"static const uint8_t pressures[PRESSURE_PERIODS][SW_PRESSURE_BYTES] = {{\n{table}}};\n\n"
+        f"static const uint8_t pressures[PRESSURE_PERIODS][SW_PRESSURE_BYTES] = {{\n{_table(lines)}}};\n\n"
+        "/* For a release that serves a range of speeds: the one that it was designed for. */\n#if SW_PAST > 0\n"
+        f"static const uint8_t speeds[PRESSURE_PERIODS][SW_SPEED_BYTES] = {{\n{_table(speeds)}}};\n#endif\n\n"
         "#endif\n"
     ).encode()
+
+
+def _row(data: bytes) -> str:
+    return "    {" + ", ".join(f"{byte:#04x}" for byte in data) + "}"
+
+
+def _table(rows: list[str]) -> str:
+    return ",\n".join(rows)

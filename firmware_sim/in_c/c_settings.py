@@ -98,8 +98,6 @@ def _check(config: Config) -> None:
 def _check_speed(speeds: SpeedRange | None, config: SpeedConfig) -> None:
     if speeds is not None and config.margin >= speeds.slowest:
         raise ConfigError(f"ecu.speed.margin = {config.margin}: must be below the slowest speed, {speeds.slowest}")
-    if config.oldest_ms * 1e6 > LATEST_NS:
-        raise ConfigError(f"ecu.speed.oldest_ms = {config.oldest_ms}: the ECU in C takes at most {LATEST_NS / 1e6}")
 
 
 def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]:

@@ -1,5 +1,6 @@
 """A small release with its C library, the ECU in it, and frames to feed ECUs of it by hand."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.messages import Pressure
+from can_bridge.wire.messages import Pressure, VehicleSpeed
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
@@ -18,6 +19,7 @@ from contract.controller.c_folder import ECU_SETTINGS
 from contract.model.model_folder import Provenance
 from contract.release import bundle as bundles
 from contract.release.checks import Bundle
+from contract.release.manifest import SpeedRange
 from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
@@ -41,6 +43,10 @@ class Exported:
     bundle: Bundle
     bundle_path: Path
     folder: Path
+
+    def serving(self, speeds: SpeedRange) -> "Exported":
+        """The same release, as one that serves a range of speeds."""
+        return replace(self, bundle=replace(self.bundle, manifest=replace(self.bundle.manifest, speeds=speeds)))
 
 
 def exported(root: Path) -> Exported:
@@ -76,7 +82,8 @@ class Feed:
         self.config = config
         self.now_ns = 1_000_000
         self._pressure = message_set(config.bus).pressure
-        self._sender = E2eSender(self._pressure.spec)
+        self._speed = message_set(config.bus).speed
+        self._sender, self._speed_sender = E2eSender(self._pressure.spec), E2eSender(self._speed.spec)
         self._sent = 0
 
     def frame(self, *, damaged: bool = False) -> Frame:
@@ -89,6 +96,18 @@ class Feed:
         self._sent += 1
         frame = self._sender.frame(self._pressure.emit(message), now_ns=self.now_ns)
         return replace(frame, data=frame.data[:-1] + bytes([frame.data[-1] ^ 1])) if damaged else frame
+
+    def speed(self, ratio: float, density: float | None = None) -> Frame:
+        """The speed of now, in design speeds."""
+        speed = ratio * self.config.operating_point.speed
+        message = VehicleSpeed(speed_m_per_s=speed, age_ns=0, density_kg_per_m3=density)
+        return self._speed_sender.frame(self._speed.emit(message), now_ns=self.now_ns)
+
+    def driven(self, ratios: Sequence[float | None]):
+        """(time, frames) of a period at each of these speeds; None where no speed comes."""
+        for ratio in ratios:
+            yield self.now_ns, [*([] if ratio is None else [self.speed(ratio, 1.1)]), self.frame()]
+            self.now_ns += self.config.period_ns
 
     def periods(self, count: int, *, lost: tuple[int, ...] = (), damaged: tuple[int, ...] = ()):
         """(time, frames) of so many periods; the frames of some are lost or damaged."""

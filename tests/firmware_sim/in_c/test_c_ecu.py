@@ -3,14 +3,16 @@
 import shutil
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.controller import CostWeights
-from contract.config.vehicle import BusConfig, EcuConfig
+from contract.config.vehicle import BusConfig, EcuConfig, SpeedConfig
 from contract.controller.c_folder import ECU_SETTINGS, library_sources
 from contract.errors import ConfigError, LibraryError
+from contract.release.manifest import SpeedRange
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
 from firmware_sim.in_c.c_structs import differing
@@ -130,6 +132,43 @@ def test_every_value_is_calibrated_while_it_runs_as_in_python(c, python):
     assert c.saved() == before
 
 
+SPEEDS = SpeedRange(slowest=0.8, fastest=1.2)
+AT_SPEEDS = [1.0 + 0.02 * k for k in (*range(13), *range(12, -14, -1), *range(-13, 0))] + [None] * 30
+
+
+def test_a_release_that_serves_speeds_answers_and_remembers_what_the_ecu_in_python_does(release, sources):
+    """Out of the range and back at both ends, at another delay, from saved states, and until no speed is known."""
+    serving = release.serving(SPEEDS)
+    own = ecu_sources(serving.folder, serving.bundle, CONFIG)
+    python, ecus, reasons = in_python(serving, own), [CEcu(own, flags=FLAGS)], set()
+    sizes = [int(ecu.lib.sw_ecu_state_bytes()) for ecu in (ecus[0], CEcu(sources, flags=FLAGS))]
+    past = serving.bundle.manifest.past
+    # Rows, speeds and their count; estimates of more periods than the window's; the speed and its receiver.
+    assert 0 < sizes[0] - sizes[1] - 8 * (6 * past + 1 + 4 * (past - WINDOW)) < 100
+    for period, (now_ns, frames) in enumerate(Feed().driven(AT_SPEEDS)):
+        if period == 8:
+            ecus += [CEcu(own, flags=FLAGS) for _ in range(2)]
+            ecus[1].restore(ecus[0].saved())
+            ecus[2].restore(python.state)
+        for one in (python, *ecus) if period == 20 else ():
+            one.calibrate(replace(one.calibration, delay_steps=2))
+        expected = python.step(now_ns, frames)
+        for c in ecus:
+            assert c.step(now_ns, frames) == expected, period
+            assert differing(c.state, python.state) == [], period
+            assert (c.trace.mode, c.trace.action) == (python.trace.mode, python.trace.action)
+            assert (c.trace.forces is None) == (python.trace.forces is None)
+            if c.trace.forces is not None:
+                np.testing.assert_array_equal(c.trace.forces, python.trace.forces)
+        reasons.add((python.trace.mode, python.status().reason))
+    assert {(Mode.CONTROL, Reason.NONE), (Mode.WARMUP, Reason.OFF_SPEED), (Mode.FAULT, Reason.NO_SPEED)} <= reasons
+    memory = ecus[0].ecu.state.memory
+    for damage in (0.0, -1.0, float("nan")):
+        memory.past.count, memory.past.speeds[past - 1] = 1, damage
+        with pytest.raises(ValueError, match="no ECU can have left it"):
+            ecus[0].restore(ecus[0].saved())
+
+
 def test_what_has_no_ecu_or_c_cannot_do_is_refused_in_one_line(release, sources, tmp_path):
     bare = shutil.copytree(release.folder, tmp_path / "bare")
     (bare / ECU_SETTINGS).unlink()
@@ -149,6 +188,9 @@ def test_what_has_no_ecu_or_c_cannot_do_is_refused_in_one_line(release, sources,
     ):
         with pytest.raises(ConfigError, match=words):
             ecu_sources(release.folder, release.bundle, config)
+    config = replace(CONFIG, ecu=replace(CONFIG.ecu, speed=SpeedConfig(margin=0.8)))
+    with pytest.raises(ConfigError, match=r"ecu\.speed\.margin = 0\.8: must be below the slowest speed, 0\.8"):
+        ecu_sources(release.folder, release.serving(SPEEDS).bundle, config)
 
 
 def test_the_largest_settings_that_are_taken_compile(release):

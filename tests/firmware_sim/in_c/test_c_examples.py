@@ -16,9 +16,11 @@ from tests.each import each
 ROWS = np.random.default_rng(0).normal(scale=0.5, size=(MOST_PERIODS + 9, 5))
 
 
-def frames_of(rows: Array, config: Config) -> list[Frame]:
-    spec = message_set(config.bus).pressure.spec
-    lines = re.findall(r"^    \{(.*?)\}", played_pressures(rows, config).decode(), flags=re.MULTILINE)
+def frames_of(rows: Array, config: Config, *, speed: bool = False) -> list[Frame]:
+    messages = message_set(config.bus)
+    spec = messages.speed.spec if speed else messages.pressure.spec
+    table = played_pressures(rows, config).decode().split("#if SW_PAST > 0")[speed]
+    lines = re.findall(r"^    \{(.*?)\}", table, flags=re.MULTILINE)
     data = [bytes(int(byte, 16) for byte in line.split(", ")) for line in lines]
     return [Frame(frame_id=spec.frame_id, data=item, is_fd=spec.is_fd) for item in data]
 
@@ -39,6 +41,17 @@ def test_each_row_is_a_sound_frame_with_its_pressures(frames):
         # Half a step of the wire.
         half = 0.5 * messages.pressure_resolution_pa * (1 + 1e-9)
         np.testing.assert_allclose(pressure.pressure_pa, expected, rtol=0, atol=half)
+
+
+def test_each_period_has_a_sound_frame_with_the_design_speed():
+    config = Config()
+    message = message_set(config.bus).speed
+    receiver = E2eReceiver(message.spec, config.bus.e2e)
+    played = frames_of(ROWS, config, speed=True)
+    assert len(played) == MOST_PERIODS
+    for frame in played:
+        assert receiver.tick([frame]).checks == (Check.OK,)
+        assert message.parse(frame.data).speed_m_per_s == config.operating_point.speed
 
 
 def test_what_the_wire_cannot_carry_is_limited_and_few_rows_are_few_frames():

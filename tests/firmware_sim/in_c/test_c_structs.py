@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 from can_bridge.bus.interface import BusHealth, BusState
+from can_bridge.e2e.receiver import Check, ReceiverState, StreamState
 from contract.errors import LibraryError
+from contract.release.manifest import SpeedRange
+from firmware_sim.ecu.controller_memory import Past
 from firmware_sim.ecu.ecu_state import EcuState
+from firmware_sim.ecu.speed_reception import SpeedState
 from firmware_sim.in_c.c_ecu import ecu_sources
 from firmware_sim.in_c.c_structs import Structs, differing, flattened
 from firmware_sim.in_c.compiler import compile_c, host_compiler
 from tests.each import each
-from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, exported
+from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Exported, exported
 
 try:
     host_compiler()
@@ -39,8 +43,12 @@ PLACES = (
 
 
 @pytest.fixture(scope="module")
-def sources(tmp_path_factory) -> dict[str, bytes]:
-    release = exported(tmp_path_factory.mktemp("structs"))
+def release(tmp_path_factory) -> Exported:
+    return exported(tmp_path_factory.mktemp("structs"))
+
+
+@pytest.fixture(scope="module")
+def sources(release) -> dict[str, bytes]:
     return ecu_sources(release.folder, release.bundle, CONFIG)
 
 
@@ -104,17 +112,29 @@ def some_state(start: EcuState, seed: int) -> EcuState:
     )
 
 
-def test_a_state_is_the_same_after_a_stay_in_c(structs, start):
+def at_speeds(state: EcuState, past: int) -> EcuState:
+    """The same of a release that serves a range of speeds."""
+    rng = np.random.default_rng(0)
+    receiver = ReceiverState(stream=StreamState.VALID, last_counter=3, window=(Check.OK, Check.ERROR), counts=(1,) * 6)
+    speed = SpeedState(ratio=0.9, density=1.1, measured_ns=-5, is_off=True, receiver=receiver)
+    kept = Past(rows=rng.normal(size=(past, 5)), speeds=rng.uniform(0.5, 2.0, past), count=2)
+    sensors = replace(state.sensors, estimates=rng.normal(size=(past, 4)))
+    return replace(state, speed=speed, sensors=sensors, memory=replace(state.memory, past=kept))
+
+
+def test_a_state_is_the_same_after_a_stay_in_c(release, structs, start):
     """All of its fields: none is left out of the comparison but what C does not have. Counts stop where C stops."""
-    place = structs.ffi.new("sw_ecu_state *")
-    for seed in range(3):
-        state = some_state(start, seed)
+    serving = release.serving(SpeedRange(slowest=0.5, fastest=2.0))
+    at_any = Structs(ecu_sources(serving.folder, serving.bundle, CONFIG), host_compiler())
+    changed = at_speeds(some_state(start, 3), serving.bundle.manifest.past)
+    for known, state in [(structs, some_state(start, seed)) for seed in range(3)] + [(at_any, changed)]:
+        structs, place = known, known.ffi.new("sw_ecu_state *")
         structs.set_state(place, state)
         read = structs.state(place[0])
         assert differing(read, state) == []
         before, after = flattened(state), flattened(read)
         assert [name for name in before if not np.array_equal(before[name], after[name])] == []
-    state = replace(start, missed=2**40, overruns=2**32)
+    state = replace(changed, missed=2**40, overruns=2**32)
     structs.set_state(place, state)
     assert (place.missed, place.overruns) == (2**32 - 1, 2**32 - 1)
     assert differing(structs.state(place[0]), state) == []

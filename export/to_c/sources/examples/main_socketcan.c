@@ -60,12 +60,12 @@ static void sleep_until(int64_t due_ns)
     clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
 }
 
-/* A socket that hears the pressures, other ECUs and the controller's errors; -1 with errno. */
+/* A socket that hears the pressures, the speed, other ECUs and the controller's errors; -1 with errno. */
 static int open_bus(const char *interface)
 {
     const canid_t exactly = CAN_SFF_MASK | CAN_EFF_FLAG | CAN_RTR_FLAG;
     const struct can_filter filters[] = {
-        {SW_PRESSURE_ID, exactly}, {SW_COMMAND_ID, exactly}, {SW_STATUS_ID, exactly}};
+        {SW_PRESSURE_ID, exactly}, {SW_SPEED_ID, exactly}, {SW_COMMAND_ID, exactly}, {SW_STATUS_ID, exactly}};
     const can_err_mask_t errors = CAN_ERR_BUSOFF | CAN_ERR_RESTARTED | CAN_ERR_CRTL;
     const int on = 1;
     struct ifreq named;

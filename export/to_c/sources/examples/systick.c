@@ -142,15 +142,28 @@ static uint32_t next_period(uint32_t done)
 
 /* --- The vehicle --- */
 
-/* The pressures of a period, counted from 1. */
-static void vehicle(sw_frame *frame, uint32_t period)
+#define SENT 2 /* most frames in a period */
+
+static void send(sw_frame *frame, uint32_t period, uint32_t id, const uint8_t *data, int length)
 {
     frame->timestamp_ns = (int64_t)period * SW_PERIOD_NS;
-    frame->id = SW_PRESSURE_ID;
+    frame->id = id;
     frame->is_extended = 0;
     frame->is_fd = SW_FRAMES_FD;
-    frame->length = SW_PRESSURE_BYTES;
-    for (int i = 0; i < SW_PRESSURE_BYTES; i++) frame->data[i] = pressures[period - 1u][i];
+    frame->length = (uint8_t)length;
+    for (int i = 0; i < length; i++) frame->data[i] = data[i];
+}
+
+/* The frames of a period, counted from 1: pressures, and the speed where the release needs it. Returns how many. */
+static int vehicle(sw_frame frames[SENT], uint32_t period)
+{
+    int count = 1;
+    send(&frames[0], period, SW_PRESSURE_ID, pressures[period - 1u], SW_PRESSURE_BYTES);
+#if SW_PAST > 0
+    send(&frames[1], period, SW_SPEED_ID, speeds[period - 1u], SW_SPEED_BYTES);
+    count = 2;
+#endif
+    return count;
 }
 
 /* --- The program --- */
@@ -164,10 +177,10 @@ typedef struct {
 
 static void step(figures *seen, uint32_t period)
 {
-    sw_frame received, answers[SW_FRAMES_OUT];
-    vehicle(&received, period);
+    sw_frame received[SENT], answers[SW_FRAMES_OUT];
+    const int count = vehicle(received, period);
     const int64_t began_ns = now_ns();
-    sw_ecu_step(&ecu, began_ns, &received, 1, answers);
+    sw_ecu_step(&ecu, began_ns, received, count, answers);
     const int64_t took_ns = now_ns() - began_ns;
     if (took_ns > seen->longest_ns) seen->longest_ns = took_ns;
     if (ecu.state.fail_safe.mode == SW_CONTROL) seen->active++;
