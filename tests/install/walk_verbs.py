@@ -77,7 +77,7 @@ CALLS = (
     call("ecu run --periods 3", *VIRTUAL),
     call("ecu run --periods 3", *UDP, needs=["bus"]),
     call("ecu info --bus virtual:walk", needs=["flash"]),
-    call("can send Pressure", *VIRTUAL),
+    call("can send Pressure", *VIRTUAL, needs=["bus"]),
     call("can decode drive.log"),
     call("can monitor --log drive.log"),
     call("can load"),

@@ -57,7 +57,7 @@ def send(
 ) -> None:
     """Send one of stillwake's messages, with its E2E header.
 
-    The codec refuses what the wire cannot carry. A receiver trusts a stream
+    What the wire cannot carry is refused. A receiver trusts a stream
     after some good frames, not after one: see --count. Messages of the secured set
     are signed with bus.key and --trip; whoever has accepted them refuses the
     node whose place they took, until that one's power cycles are ahead again.
