@@ -12,7 +12,7 @@ import typer
 from contract.errors import BusError, ConfigError
 from stillwake.commands.can.options import BUS, Duration, key_of, positive
 from stillwake.console.bus_option import BusName, with_bus
-from stillwake.console.progress import INTERVAL, now_and_then
+from stillwake.console.progress import now_and_then
 from stillwake.console.settings import settings
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 REFRESH_S = 0.1
 """Between two drawings of the table."""
-ONCE_S = 1.0
-"""How long --once listens to a bus."""
 MOST_AT_ONCE = 2000
 """Frames between two looks at the clock, however fast they come."""
 
@@ -37,7 +35,6 @@ def monitor(
         Path | None, typer.Option(help="Show the table of this log, at its end, in place of a bus.", metavar="FILE")
     ] = None,
     seconds: Duration = None,
-    once: Annotated[bool, typer.Option("--once", help="Print the table once: of a bus after a second.")] = False,
     match: Annotated[str, typer.Option("--filter", help="Show rows with these words in message, id or signal.")] = "",
     bus_name: BusName = None,
     config_file: ConfigFile = None,
@@ -74,10 +71,9 @@ def monitor(
         return
     from can_bridge.tools.raw_bus import open_bus
 
-    seconds = ONCE_S if once and seconds is None else seconds
     with open_bus(config) as bus, until_stopped() as is_stopped:
         end = float("inf") if seconds is None else time.monotonic() + seconds
-        _follow(bus, state, table, lambda: is_stopped() or time.monotonic() >= end, once=once)
+        _follow(bus, state, table, lambda: is_stopped() or time.monotonic() >= end)
 
 
 def _of_log(state: "MonitorState", log: Path) -> "tuple[MonitorState, int]":
@@ -103,16 +99,14 @@ def _follow(
     state: "MonitorState",
     table: "Callable[[MonitorState, int], RenderableType]",
     is_over: Callable[[], bool],
-    *,
-    once: bool,
 ) -> None:
-    """The table on a terminal; without one a line a second, or with `once` as seldom as any command, and the table."""
+    """The table on a terminal; without one a line a second, and the table at the end."""
     from rich.live import Live
 
     from stillwake.commands.can.monitor_screen import line
 
-    is_live = not once and console.is_interactive
-    interval = REFRESH_S if is_live else INTERVAL if once else 1.0
+    is_live = console.is_interactive
+    interval = REFRESH_S if is_live else 1.0
     begin = shown = time.monotonic()
     with ExitStack() as stack:
         live = stack.enter_context(Live(console=console, auto_refresh=False)) if is_live else None

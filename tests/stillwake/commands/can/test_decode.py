@@ -55,7 +55,7 @@ def test_decode_and_monitor_check_the_mac_with_a_key_and_report_without_one(
         assert ("MAC not checked: name the key" in decoded.out) is (key is None)
         assert [line.rpartition("[")[2] for line in decoded.out.splitlines() if "PressureSecured:" in line] == ends
         assert [row["mac"] for row in rows_of(table, "Pressure0")] == macs
-        seen = cli("can", "monitor", "--log", log, "--once", *used)
+        seen = cli("can", "monitor", "--log", log, *used)
         assert seen.code == 0, seen.err
         assert f" lost, {4 - counts.get('OK', 0)} refused" in seen.out, key
         assert list(counts)[-1] in flat(seen.out), key
@@ -92,7 +92,7 @@ def test_monitor_of_a_log_shows_its_end_and_of_a_bus_lines_and_a_table(
     # The last frame is 3.5 ms behind the last status: 0.00 s old by the log's clock, at 50 a second.
     assert "EcuStatus 140 0.00 50.0 0 0 OK" in flat(seen.out)
     assert "80 frames, 0 lost, 0 refused" in seen.out
-    only = cli("can", "monitor", "--log", tmp_path / "a.asc", "--filter", "flow", "--once").out
+    only = cli("can", "monitor", "--log", tmp_path / "a.asc", "--filter", "flow").out
     assert "Flow 1.9 m2/s" in flat(only)
     assert "Missed" not in only
     thread = threading.Thread(target=send_when_heard, args=(peer, write(tmp_path / "b.log", 5)))
