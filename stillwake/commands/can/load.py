@@ -1,10 +1,10 @@
 """The command that reports how busy the bus is, and how late a message can be."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from datetime import date
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -38,31 +38,20 @@ HEADS: Final = ("id", "message", "bytes", "period", "jitter", "frame", "blocking
 
 
 def load(
-    background: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Messages of other nodes, at their cycle times: a DBC, or what else cantools reads; in place of "
-            "bus.background.",
-        ),
-    ] = None,
     json_file: JsonFile = None,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Show the load of the bus, and the worst-case response time of every message on it.
 
-    Our messages are those of bus.frames and bus.key. The ECU's answers count from the sampling of the pressures plus
-    the ECU's compute time, which the deadline of the command leaves out. Exit status 3: a message can miss its
-    deadline.
+    Our messages are those of bus.frames and bus.key, others those of bus.background.*. The ECU's answers count from the
+    sampling of the pressures plus the ECU's compute time, which the deadline of the command leaves out. Exit status 3:
+    a message can miss its deadline.
     """
     from can_bridge.timing.bus_load import bus_load
 
     check_json(json_file)
     config = settings("can load", config_file, overrides, uses=USES).config
-    if background is not None:
-        traffic = replace(config.bus.background, dbc=str(background), load=0.0)
-        config = replace(config, bus=replace(config.bus, background=traffic))
     found = bus_load(config)
     console.print(_table(found))
     for line in _lines(found):

@@ -18,7 +18,7 @@ DECODE = {
     "folder": "a log must end in",
 }
 LOAD = {
-    "--background none.dbc": "none.dbc: No such file or directory",
+    "--set bus.background.dbc=none.dbc": "none.dbc: No such file or directory",
     "--set bus.interface=virtual": "--set bus.interface: `can load` does not use it",
     "--set bus.background.load=0.00001": "less than one message a second",
 }
