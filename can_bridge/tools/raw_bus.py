@@ -16,16 +16,7 @@ from contract.errors import BusError, ConfigError
 
 
 class RawBus(Connection):
-    """One connection. Use as a context manager, or `close` it.
-
-    Attributes:
-        rejected: receptions that could not be read, or that no wire carries.
-    """
-
-    def __init__(self, bus: can.BusABC) -> None:
-        """Take over an open python-can bus, which is closed together with this object."""
-        super().__init__(bus)
-        self.rejected = 0
+    """One connection. Use as a context manager, or `close` it."""
 
     def receive_message(self, timeout_s: float) -> can.Message | None:
         """The next message of any kind, or None if none that could be read came within `timeout_s`.
@@ -35,7 +26,6 @@ class RawBus(Connection):
         """
         message = self._received(timeout_s)
         if isinstance(message, Rejection) or (message is not None and not is_sound(message)):
-            self.rejected += 1
             return None
         return message
 
