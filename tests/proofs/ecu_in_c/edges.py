@@ -54,7 +54,7 @@ class Edges:
             self._counts,
             self._company,
             self._benefit,
-            self._speed,
+            *([] if state.memory.past is None else [self._speed]),
         )
         for move in self._rng.sample(moves, self._rng.randrange(1, 4)):
             state = move(state, now_ns)
@@ -71,14 +71,17 @@ class Edges:
     def _fail_safe(self, state: EcuState, now_ns: int) -> EcuState:
         del now_ns
         rng, ecu = self._rng, self._config.ecu
+        # At power-on the request may rise long before pressures are usable; no loss is counted before it does.
+        mode = OperatingMode.INIT if rng.random() < 0.15 else rng.choice(list(OperatingMode))
+        starts, longest = mode is OperatingMode.INIT, ecu.hold_periods + ecu.decay_periods
         changed = replace(
             state.fail_safe,
-            mode=rng.choice(list(OperatingMode)),
-            misses=rng.choice((0, self._around(ecu.hold_periods), self._around(ecu.hold_periods + ecu.decay_periods))),
+            mode=mode,
+            misses=rng.choice((0, self._around(ecu.hold_periods), self._around(longest + 2 * starts))),
             good=rng.choice((0, self._around(ecu.rearm_frames), LARGEST)),
-            lost=self._bits(ecu.loss_window, ecu.loss_limit),
+            lost=0 if starts else self._bits(ecu.loss_window, ecu.loss_limit),
             reason=rng.choice(list(Reason)),
-            enable_request=rng.random() < 0.6,
+            enable_request=rng.random() < (0.2 if starts else 0.6),
         )
         return replace(state, fail_safe=changed)
 
@@ -152,7 +155,9 @@ class Edges:
             state.timing, step_ns=max(-1, min(LATEST_NS, now_ns - elapsed)), lag_ns=0, off_time=0, fault=None
         )
         moved = replace(state, fail_safe=fail_safe, timing=timing, other_ecu=OtherEcu())
-        return self._memory(self._pressures(self._speed(moved, now_ns), now_ns), now_ns)
+        if state.memory.past is not None:
+            moved = self._speed(moved, now_ns)
+        return self._memory(self._pressures(moved, now_ns), now_ns)
 
     def _memory(self, state: EcuState, now_ns: int) -> EcuState:
         del now_ns
@@ -167,8 +172,6 @@ class Edges:
     def _speed(self, state: EcuState, now_ns: int) -> EcuState:
         """At an end of the range, by a measurement of the largest age or nearly so."""
         rng = self._rng
-        if state.memory.past is None:
-            return state
         measured_ns = now_ns - rng.choice((0, oldest_ns(self._config.ecu.speed.oldest_ms))) + rng.randrange(-2, 3)
         changed = replace(
             state.speed,

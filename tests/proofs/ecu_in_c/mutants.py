@@ -24,7 +24,9 @@ from tests.proofs.ecu_in_c.library import Layout, sources
 from tests.proofs.ecu_in_c.mutator import Mutant, all_mutated
 from tests.proofs.ecu_in_c.variants import VARIANTS
 
-MUTATED: Final = ("sw_gate.c", "sw_e2e.c", "sw_fail_safe.c", "sw_receiver.c", "sw_timing.c")
+MUTATED: Final = (
+    "sw_gate.c", "sw_e2e.c", "sw_fail_safe.c", "sw_receiver.c", "sw_timing.c", "sw_speed.c", "sw_past.c",
+)  # fmt: skip
 TRAPPED: Final = (
     "-O1", "-ffp-contract=off", "-shared", "-fPIC", "-w",
     "-fsanitize=undefined,bounds-strict", "-fsanitize-undefined-trap-on-error",

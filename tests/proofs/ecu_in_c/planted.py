@@ -75,8 +75,8 @@ PLANTED: Final = (
         "if (count_of(receiver, SW_CHECK_ERROR) >= SW_E2E_MAX_ERRORS)",
     ),
     Planted(
-        "a period that helps ends all doubt", "quick to doubt", "sw_benefit.c",
-        "benefit->doubt--;", "benefit->doubt = 0;",
+        "a period that helps is one of doubt", "quick to doubt", "sw_benefit.c",
+        "benefit->doubt--;", "benefit->doubt++;",
     ),
     Planted(
         "the others' mean is that of one more", "quick to doubt", "sw_sensors.c",

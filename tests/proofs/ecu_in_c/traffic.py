@@ -98,6 +98,8 @@ class Traffic:
         self._age_health(events.bus_off, odd, unseen=events.unseen)
         self._updating += self._updating > 0 or rng.random() < odd / 200
         restarts, self._restarts = self._restarts, False
+        # A delay that stays, and one that changes, end a past in different ways.
+        calm = 0.0 if self._drive is None else 0.005
         return Period(
             now_ns=now_ns,
             frames=frames,
@@ -106,7 +108,7 @@ class Traffic:
             updating=self._updating > 0,
             answers=self._answers(events.deed, events.value, estimates, odd),
             restarts=restarts,
-            calibration=self._calibration() if rng.random() < 0.005 + odd / 10 else None,
+            calibration=self._calibration() if rng.random() < calm + odd / 10 else None,
         )
 
     def _calibration(self) -> Calibration:

@@ -4,7 +4,7 @@
  *         -ffp-contract=on -I. sw_*.c examples/systick.c -T examples/mps2_an500.ld -Wl,-e,reset -o ecu.elf
  *     qemu-system-arm -M mps2-an500 -nographic -icount shift=1,sleep=off -semihosting -kernel ecu.elf
  *
- * The program brings its own vehicle: pressures.h, generated, has the pressure frames of its control periods, in which
+ * The program brings its own vehicle: pressures.h, generated, has the frames of its control periods, in which
  * the request for control is low at first, since one that stands from the start is not believed. The program prints each
  * JetCommand as it would go out, then its figures, and ends. On a vehicle, a CAN driver takes the place of `vehicle` and
  * of the printing. The interrupt only counts: the step runs in the main loop, so that other interrupts, those of the CAN
