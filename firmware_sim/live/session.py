@@ -51,7 +51,6 @@ class LiveSession:
         kept: latest periods that a page should keep, and that wait for `messages` at most.
         seed: of what disturbances draw.
         clock: wall clock in s.
-        saves, command: not used any more.
 
     Raises:
         StillwakeError: if plant or ECU cannot be had, or do not fit each other, the bundle and the vehicle.
@@ -72,8 +71,6 @@ class LiveSession:
         kept: int = 3000,
         seed: int = 0,
         clock: Callable[[], float] = time.monotonic,
-        saves: object = None,
-        command: object = None,
     ) -> None:
         check_bit_rates(config)
         if config.bus.key:

@@ -45,8 +45,6 @@ class LiveParts:
         start: flow state to begin from; the shipped start if None.
         settings: to begin with.
         enable_after: t_c until control is requested.
-        saves: folder of saved runs.
-        command: the command line, for saved runs.
     """
 
     bundle: Path | None
@@ -56,8 +54,6 @@ class LiveParts:
     start: Path | None
     settings: "LiveSettings"
     enable_after: float
-    saves: Path
-    command: tuple[str, ...]
 
     def __call__(self, tell: Callable[[str], None]) -> "LiveSession":
         """The loop; `tell` is called with what is waited for.
@@ -77,10 +73,8 @@ class LiveParts:
             ahead=ecus.ahead,
             controllers=controllers(release, self.library),
             plants=plants(),
-            saves=self.saves,
             settings=self.settings,
             enable_after=self.enable_after,
-            command=self.command,
         )
 
     def _plant(self, name: str, tell: Callable[[str], None]) -> "LoopPlant":

@@ -83,8 +83,6 @@ def serve(
         start=start,
         settings=first,
         enable_after=enable_after,
-        saves=Path(),
-        command=(),
     )
 
     def ready(url: str) -> None:
