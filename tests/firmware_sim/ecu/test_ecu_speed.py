@@ -7,6 +7,8 @@ import pytest
 
 from can_bridge.wire.messages import EcuStatus, Mode, Reason
 from contract.config.operating_point import OperatingPoint
+from contract.config.vehicle import SpeedConfig
+from contract.errors import ConfigError
 from contract.release.manifest import SpeedRange
 from tests.firmware_sim.conftest import WINDOW, Bench, RecordingController, make_bench, make_bundle
 
@@ -118,6 +120,11 @@ def test_old_speeds_do_not_count_and_the_density_scales_the_pressures():
     assert bench.ecu.state.speed.ratio == 1.0
     drive(bench, 1.0, 2, cp=0.1, density=0.6)
     assert bench.controller.calls[-1][0][-1, 0] == pytest.approx(0.2, abs=4e-4)
+
+
+def test_settings_that_would_control_a_vehicle_at_rest_are_refused():
+    with pytest.raises(ConfigError, match=r"ecu\.speed\.margin = 0\.6: must be below 0\.6"):
+        bench_at(speed=SpeedConfig(margin=0.6))
 
 
 def test_its_state_is_a_value():
