@@ -6,7 +6,8 @@ lengths travelled, as the controller expects it.
 
 Below its own speed the periods are shorter than these steps. A controller that answers in each of them to what it just
 measured would answer faster than it was made to, and jets act on the pressures at the wall at once: it sets the air in
-motion to and fro. What is read and what is commanded therefore go only part of the way in a period (`followed`).
+motion to and fro. What is read and what is commanded therefore go only part of the way in a period (`followed`): with
+s for the speed, pressures the share s and the command the share s^2.
 """
 
 from collections.abc import Sequence
@@ -38,12 +39,12 @@ class Places(NamedTuple):
 T = TypeVar("T", Array, float)
 
 
-def followed(before: T, new: T, speed: float) -> T:
+def followed(before: T, new: T, share: float) -> T:
     """Where pressures that are kept, or a command, are after a period in which they should get to `new`.
 
-    They get there at the controller's own speed and above; below it they go the share `speed` of the way.
+    They get there with a share of 1 and above, at the controller's own speed and above it.
     """
-    return new if speed >= 1.0 else before + speed * (new - before)
+    return new if share >= 1.0 else before + share * (new - before)
 
 
 def places(speeds: Sequence[float], length: int) -> Places:

@@ -24,7 +24,7 @@ from contract.errors import BundleError, BundleFileError
 from contract.release import signing
 from contract.release.checks import SIGNATURE, Bundle, Check, Made, dbc_sha256, read_checked, sha256
 from contract.release.container import is_plain_name, read_files, write_files
-from contract.release.manifest import MANIFEST, Manifest, SensorEstimator, encode
+from contract.release.manifest import MANIFEST, Manifest, SensorEstimator, SpeedRange, encode
 from contract.release.signing import PublicKey
 
 
@@ -114,6 +114,7 @@ def renew(
     weights: Mapping[str, float] | None = None,
     security_version: int | None = None,
     hardware: str | None = None,
+    speeds: SpeedRange | None = None,
     estimator: Callable[[Manifest], MadeEstimator] | None = None,
     judge: Callable[[Bundle], object] | None = None,
 ) -> Bundle:
@@ -132,6 +133,7 @@ def renew(
         operating_point: width, speed or density in place of the old bundle's, by name.
         weights: of the cost, in place of the old bundle's, by name.
         security_version, hardware: in place of the old bundle's.
+        speeds: part of the old bundle's range, outside of which the ECU is to shut the jets.
         estimator: called with the old manifest, makes a sensor estimator; without it, one that is there is kept.
         judge: called with the new bundle before it is written, as in `sign`.
 
@@ -152,12 +154,21 @@ def renew(
         manifest = replace(manifest, security_version=security_version)
     if hardware is not None:
         manifest = replace(manifest, hardware=hardware)
+    if speeds is not None:
+        manifest = replace(manifest, speeds=_within(speeds, manifest.speeds))
     if estimator is not None:
         manifest = with_estimator(manifest, contents, estimator(old.manifest))
     if judge is not None:
         judge(replace(old, manifest=manifest, files=contents))
     write(target, manifest, contents, key)
     return load(target, signing.public_key(key))
+
+
+def _within(speeds: SpeedRange, old: SpeedRange | None) -> SpeedRange:
+    if old is None or not old.slowest <= speeds.slowest <= speeds.fastest <= old.fastest:
+        whole = "no range of speeds" if old is None else f"{old.slowest:g}:{old.fastest:g}"
+        raise BundleError(f"speeds {speeds.slowest:g}:{speeds.fastest:g}: the old bundle serves {whole}")
+    return speeds
 
 
 def load(path: Path, trusted: PublicKey | None = None, *, any_dbc: bool = False) -> Bundle:

@@ -371,7 +371,7 @@ class Ecu:
             except ControllerError:
                 return _Decision(memory=memory, action=0.0, fault=Reason.INTERNAL)
             speed, wanted = memory.speed, float(answer.plan[self._config.ecu.frozen_actions])
-            action = followed(latest, wanted * speed, speed)
+            action = followed(latest, wanted * speed, speed * speed)
             return _Decision(memory=planned, action=action, forces=answer.forces * speed**2)
         if mode is OperatingMode.HOLD:
             return _Decision(memory=memory, action=latest)

@@ -13,12 +13,13 @@ from rich.table import Table
 from contract.atomic import replacing
 from contract.config.loading import Loaded
 from contract.errors import BundleError, KeyFileError, StillwakeError
+from contract.printable import quoted
 from contract.release import bundle as bundles
 from contract.release import key_list, signing
 from contract.release.checks import Bundle, Check, dbc_sha256, sha256
 from contract.release.difference import differences
 from contract.release.key_list import KeyList
-from contract.release.manifest import Manifest
+from contract.release.manifest import Manifest, SpeedRange
 from contract.release.signing import PublicKey
 from stillwake.console.outputs import Overwrite, check_output
 from stillwake.console.settings import settings
@@ -79,6 +80,10 @@ def renew(
     hardware: Annotated[
         str | None, typer.Option(help="Name of the only ECU hardware it may be flashed to; default: the old one's.")
     ] = None,
+    speeds: Annotated[
+        str | None,
+        typer.Option(metavar="SLOWEST:FASTEST", help="A smaller range of speeds, in design speeds, such as 0.7:1.3."),
+    ] = None,
     overwrite: Overwrite = False,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
@@ -107,11 +112,20 @@ def renew(
             weights=_given(loaded, "mpc.weights.", loaded.config.mpc.weights),
             security_version=security_version,
             hardware=hardware,
+            speeds=None if speeds is None else _speeds(speeds),
             estimator=None if sensors is None else partial(fitted_estimator, sensors, bar),
             judge=judge,
         )
     console.print(*describe(renewed), sep="\n", soft_wrap=True)
     console.print(f"wrote {output}", soft_wrap=True)
+
+
+def _speeds(text: str) -> SpeedRange:
+    try:
+        slowest, fastest = map(float, text.split(":"))
+    except ValueError as error:
+        raise BundleError(f"--speeds {quoted(text)}: must be two numbers, such as 0.7:1.3") from error
+    return SpeedRange(slowest=slowest, fastest=fastest)
 
 
 def _given(loaded: Loaded, section: str, values: object) -> dict[str, float]:

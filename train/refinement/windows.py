@@ -149,7 +149,7 @@ def differentiate(
         past.append(speed)
         before = leaves[-1][-1]
         command = feedback(read(torch.stack(rows[-kept:]), past[-kept:], feedback.memory), speed) * speed
-        command = before + min(1.0, speed) * (command - before)
+        command = before + min(1.0, speed * speed) * (command - before)
         if iterations is not None and stream.recalled is not None:
             cp = seen[-1].Cp + np.column_stack([0.5 * noted, -0.5 * noted]).ravel()
             command = command + stream.recalled.change(iterations, cp, stream.committed, float(command.detach()))

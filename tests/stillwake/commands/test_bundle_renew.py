@@ -16,7 +16,7 @@ from contract.recording import dataset
 from contract.recording.dataset import Dataset
 from contract.release import bundle, signing
 from contract.release.checks import CONTROLLER
-from contract.release.manifest import MANIFEST
+from contract.release.manifest import MANIFEST, SpeedRange
 from contract.shipped import BUNDLE
 from firmware_sim.ecu.fit import check_vehicle
 from tests.contract.release.resealing import resealed
@@ -42,6 +42,19 @@ def keys(tmp_path) -> Path:
 
 def renew(cli, old, keys, tmp_path, *more, target="new"):
     return cli("bundle", "renew", old, tmp_path / target, "--name", "renewed", "--key", keys, *more)
+
+
+def test_it_may_serve_a_part_of_the_speeds(cli, old, keys, tmp_path):
+    assert renew(cli, old, keys, tmp_path, "--speeds", "0.75:1.2").code == 0
+    made = bundle.load(tmp_path / "new").manifest
+    assert (made.speeds, made.past) == (SpeedRange(slowest=0.75, fastest=1.2), 87)
+    for given, wrong in (
+        ("0.1:1.2", "the old bundle serves 0.6:1.3"),
+        ("fast", "must be two numbers"),
+        ("1.1:1.2", "1"),
+    ):
+        done = renew(cli, old, keys, tmp_path, "--speeds", given, target="other")
+        assert (done.code, wrong in done.err, (tmp_path / "other").exists()) == (1, True, False), given
 
 
 def test_the_new_one_has_the_same_controller_and_names_where_it_comes_from(cli, old, keys, tmp_path):

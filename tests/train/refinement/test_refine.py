@@ -54,7 +54,7 @@ def test_the_gradient_is_that_of_flow_and_feedback_together(last):
             acts = [interpolated(travelled, in_force[::-1], step) for step in range(MEMORY)][::-1]
             at[:, -1] = [*acts[1:], committed / speeds[k]]
             command = float(policy(torch.from_numpy(at.copy()), speeds[k]).detach()) * speeds[k]
-            command = committed + share * (command - committed)
+            command = committed + share**2 * (command - committed)
             seen, acted, committed = flow.advance(committed), committed, command
             costs.append(seen.Cd + PRICE.lift * seen.Cl**2 + PRICE.motion * seen.Uy**2 + PRICE.effort * acted**2)
         return float(np.mean(costs))

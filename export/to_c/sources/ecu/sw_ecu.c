@@ -131,7 +131,7 @@ static decision planned(sw_ecu *ecu)
         for (int k = 0; k < SW_HORIZON; k++) ecu->state.memory.plan[k] = ecu->output.plan[k];
         const double speed = sw_memory_speed(&ecu->state.memory);
         const double wanted = (double)ecu->output.plan[ecu->state.memory.frozen] * speed;
-        due.action = sw_followed(newest(&ecu->state.memory), wanted, speed);
+        due.action = sw_followed(newest(&ecu->state.memory), wanted, speed * speed);
         due.fault = SW_REASON_NONE;
         ecu->trace.planned = 1;
     }

@@ -149,7 +149,7 @@ double sw_speed_dynamic_pressure(const sw_speed_state *speed);
 /* --- sw_past.c: rows of periods read again at steps of the present speed --- */
 
 /* Where pressures that are kept, or a command, are after a period in which they should get to `to`. */
-double sw_followed(double before, double to, double speed);
+double sw_followed(double before, double to, double share);
 
 #if SW_PAST > 0
 /* With this period's row, whose pressures follow those of the row before it. */

@@ -3,9 +3,9 @@
  */
 #include "sw_ecu_parts.h"
 
-double sw_followed(double before, double to, double speed)
+double sw_followed(double before, double to, double share)
 {
-    return speed >= 1.0 ? to : before + speed * (to - before);
+    return share >= 1.0 ? to : before + share * (to - before);
 }
 
 #if SW_PAST > 0
