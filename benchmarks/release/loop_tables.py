@@ -1,5 +1,6 @@
-"""The tables of the shipped release from several phases, and of what a search found."""
+"""The tables of the shipped release from several phases and at other speeds, and of what a search found."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,36 @@ _NAMES = (
 
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker."""
-    return {"release_loop": release_loop(results), "tune": tune(results), "tune_settings": tune_settings(results)}
+    return {
+        "release_loop": release_loop(results),
+        "drive": drive(results),
+        "tune": tune(results),
+        "tune_settings": tune_settings(results),
+    }
+
+
+def drive(results: Path) -> str:
+    """The shipped release at other speeds."""
+    found = read(results / "drive.json")
+    facts = found["facts"]
+    rows = [
+        (
+            row["name"],
+            *(row[name] for name in ("reduction_percent", "net_reduction_percent")),
+            *(f"{row[name]:.0f}" for name in ("drag_kJ_per_km_without", "drag_kJ_per_km", "jets_kJ_per_km")),
+            *(f"{row[name]:.2f}" for name in ("abs_Cl", "abs_Cl_without")),
+            f"{row['in_control_percent']:.0f}",
+            "; ".join(re.findall("[A-Z_]{4,}", " ".join(row["trouble"]).replace("ECU FAULT", ""))),
+        )
+        for row in found["figures"]
+    ]
+    heads = ("drive", "less drag, %", "less net, %", "kJ a km without", "with", "of the jets", "mean abs Cl", "without")
+    shown = table((*heads, "in control, %", "latched"), rows)
+    return f"""{shown}
+
+Measured on {found["date"]}: {facts["bundle"]} ({facts["digest"][:12]}), mesh {facts["mesh"]:g}, one start,
+{facts["lead_in"]:g} t_c of the design speed without control, then the drive, of which the first
+{facts["settle"]:g} t_c do not count. Energies are per metre of height."""
 
 
 def release_loop(results: Path) -> str:

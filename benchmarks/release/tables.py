@@ -81,7 +81,8 @@ that are accepted are sound bundles of another content, which no one signed.
 def summary(results: Path) -> str:
     """Uncontrolled, the best sine and the closed loop on both plants, side by side."""
     loop = read(results / "demo.json")["figures"]
-    second = read(results / "openfoam_loop.json")["figures"]
+    openfoam = read(results / "openfoam_loop.json")
+    second, of = openfoam["figures"], openfoam["facts"]["controller"].partition(" ")[0]
     sines = [row for row in read(results / "open_loop.json")["figures"] if row["frequency"] > 0]
     sine = min(sines, key=lambda row: float(row["Cd"]))
     names = ("Cd", "base_Cp", "abs_Cl", "Cd_net")
@@ -96,12 +97,20 @@ def summary(results: Path) -> str:
         ("closed loop over CAN, 4 sensors, int8", *_under(loop, names), f"**{loop['reduction_percent']:.1f} %**"),
         _from_phases(results),
         (
-            f"the same on OpenFOAM's icoFoam, from {second['Cd_uncontrolled']:.3f}",
+            f"{of} on OpenFOAM's icoFoam, from {second['Cd_uncontrolled']:.3f}",
             *_under(second, names),
             f"{second['reduction_percent']:.1f} %",
         ),
         _linear(results),
     ]
+    speeds = {
+        row["speed_percent"]: row["reduction_percent"]
+        for row in read(results / "drive.json")["figures"]
+        if row["speed_percent"] and not row["disturbed"]
+    }
+    served = ", ".join(
+        f"{found:.0f} % at {speed}" for speed, found in speeds.items() if speed % 20 == 0 or speed == 130
+    )
     heads = ("", "wall Cd", "base Cp", "mean abs Cl", "Cd with slots and jets", "rms action", "jet power", "less drag")
     latency = f"{loop['mpc_ms_p50']:.1f} ms (p99 {loop['mpc_ms_p99']:.1f}, max {loop['mpc_ms_max']:.1f})"
     return f"""{table(heads, rows)}
@@ -109,6 +118,9 @@ def summary(results: Path) -> str:
 Mean Cl under control is {loop["mean_Cl_controlled"]:+.3f}. A control step takes {latency} of the
 {loop["mpc_budget_ms"]:g} ms budget; of {loop["frames_sent"]} frames {loop["frames_lost"]} were lost and
 {loop["frames_rejected"]} rejected.
+
+At other speeds it takes off (coarse mesh, % of drag at % of the speed) {served}: one release,
+[for a range of speeds](docs/explanation/other-speeds.md).
 """
 
 

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from can_bridge.wire.messages import Mode, Reason
+from firmware_sim.runs.reasons import BECAUSE
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.statistics import Flags, planned_steps
 
@@ -109,9 +110,12 @@ def _not_held(log: RunLog, found: Control) -> str:
     if not found.requested:
         return "NOT IN CONTROL: control was not requested."
     share = f"in control {found.in_control} of {_periods(found.requested)}"
+    off = int((log.series["reason"][log.enabled_at :] == Reason.OFF_SPEED).sum())
     if found.warm_up == found.requested:
-        return f"NOT IN CONTROL: {share}; the controller's window was still filling at the end."
+        why = BECAUSE[Reason.OFF_SPEED] if off else "the controller's window was still filling at the end"
+        return f"NOT IN CONTROL: {share}; {why}."
     others = [f"{name} {count}" for name, count in found.modes.items() if name != Mode.CONTROL.name]
+    others += [f"of these OFF_SPEED {off}"] * bool(off)
     return f"CONTROL NOT HELD: {share} ({', '.join(others)})."
 
 

@@ -68,6 +68,11 @@ def test_periods_that_are_left_out_held_or_still_warm_up_are_not_in_control(shed
     never = shedding(modes=dict.fromkeys(range(100), Mode.WARMUP))
     expected = "NOT IN CONTROL: in control 0 of 100 periods; the controller's window was still filling at the end."
     assert trouble(never) == expected
+    # A vehicle too fast for its release, for a while or throughout.
+    for periods, text in ((9, "91 of 100 periods (WARMUP 9, of these OFF_SPEED 9)."), (99, "is for.")):
+        slow = {k: Mode.WARMUP for k in range(100 - periods, 100)}
+        off = shedding(modes={0: Mode.WARMUP} | slow if periods == 99 else slow, reasons=dict.fromkeys(slow, 17))
+        assert (trouble(off) or "").endswith(text), periods
 
 
 def test_a_run_without_a_request_or_an_ecu_that_never_hears_it(shedding):
