@@ -65,7 +65,7 @@ def leaves(tree: dict[str, Any], above: str = "") -> list[str]:
 
 def test_the_shipped_manifest_reads_and_has_the_trucks_positions():
     manifest = read((BUNDLE / MANIFEST).read_bytes())
-    assert SHIPPED["schema"] == "stillwake-bundle/6"
+    assert SHIPPED["schema"] == "stillwake-bundle/7"
     assert manifest.sensor_positions == tuple(
         (float(x), float(y)) for x, y in TRUCK.positions[TRUCK.indices(manifest.sensors)]
     )
@@ -77,7 +77,7 @@ def test_the_shipped_manifest_reads_and_has_the_trucks_positions():
 
 
 def test_a_manifest_of_an_older_schema_is_refused():
-    assert "reads 'stillwake-bundle/6': export its model again" in refusal(
+    assert "reads 'stillwake-bundle/7': export its model again" in refusal(
         sealed(SHIPPED | {"schema": "stillwake-bundle/5"})
     )
 
