@@ -22,7 +22,7 @@ from benchmarks.controller.instruction_spread import instruction_spread
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.messages import Pressure
+from can_bridge.wire.messages import Pressure, VehicleSpeed
 from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
@@ -125,19 +125,22 @@ def _windows(count: int) -> list[Array]:
 
 
 def _periods(config: Config, rows: Rows, count: int) -> Iterator[tuple[int, list[Frame]]]:
-    """A frame of pressures a control period; the request for control rises in the second one."""
-    pressure = message_set(config.bus).pressure
-    sender = E2eSender(pressure.spec)
+    """Pressures and a speed at which the past is read between its rows; the request rises in the second period."""
+    messages, ratio = message_set(config.bus), 0.9
+    pressure, speed = messages.pressure, messages.speed
+    sender, speeds = E2eSender(pressure.spec), E2eSender(speed.spec)
+    cruises = speed.emit(VehicleSpeed(speed_m_per_s=ratio * config.operating_point.speed, age_ns=0))
     for k in range(count):
         cp = rows[k % len(rows), :-1]
         message = Pressure(
-            pressure_pa=tuple((config.operating_point.dynamic_pressure * cp).tolist()),
+            pressure_pa=tuple((config.operating_point.dynamic_pressure * ratio**2 * cp).tolist()),
             valid=(True,) * len(cp),
             enable_request=k > 0,
             age_ns=0,
         )
         now_ns = (k + 1) * config.period_ns
-        yield now_ns, [sender.frame(pressure.emit(message), now_ns=now_ns)]
+        frames = [speeds.frame(cruises, now_ns=now_ns), sender.frame(pressure.emit(message), now_ns=now_ns)]
+        yield now_ns, frames
 
 
 def _print(rows: list[dict[str, Any]], clock: str) -> None:

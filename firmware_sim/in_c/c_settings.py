@@ -30,7 +30,7 @@ from contract.controller.c_folder import ECU_SETTINGS
 from contract.controller.calibration import Calibration
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
-from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, Manifest, SpeedRange
+from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, Manifest
 from firmware_sim.ecu.benefit_check import BenefitCheck
 from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.fit import check_vehicle
@@ -70,7 +70,6 @@ def ecu_settings(bundle: Bundle, config: Config) -> bytes:
     """
     check_vehicle(bundle, config)
     _check(config)
-    _check_speed(bundle.manifest.speeds, config.ecu.speed)
     lines = [f"#define {name} {_literal(value)}" for name, value in _definitions(bundle, config).items()]
     text = "\n".join(lines)
     return (
@@ -93,11 +92,6 @@ def _check(config: Config) -> None:
         raise ConfigError(
             f"ecu.hold_periods and ecu.decay_periods come to {held_ns} ns: the ECU in C takes at most {LATEST_NS}"
         )
-
-
-def _check_speed(speeds: SpeedRange | None, config: SpeedConfig) -> None:
-    if speeds is not None and config.margin >= speeds.slowest:
-        raise ConfigError(f"ecu.speed.margin = {config.margin}: must be below the slowest speed, {speeds.slowest}")
 
 
 def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]:

@@ -55,6 +55,8 @@ class Bench:
         self.status: EcuStatus | None = None
         self.sender, self.speed_sender = E2eSender(PRESSURE), E2eSender(VEHICLE_SPEED)
         self.frames = 0
+        # Of the vehicle, with every step; None for one that sends no speed.
+        self.cruises = None if bundle.manifest.speeds is None else 1.0
 
     def pressure(self, cp=(0.1, 0.2, 0.3, 0.4), *, enable=True, valid=(True,) * 4, age_ns=0) -> Frame:
         """A frame sent now; cp in units of the dynamic pressure. The request is raised in the second frame of all."""
@@ -73,7 +75,8 @@ class Bench:
 
     def step(self, *frames: Frame, periods: int = 1) -> JetCommand:
         """One step with these frames; the clock then moves on by `periods`."""
-        answers = self.ecu.step(self.now_ns, frames)
+        speed = [] if self.cruises is None else [self.speed(self.cruises)]
+        answers = self.ecu.step(self.now_ns, [*frames, *speed])
         self.now_ns += periods * self.config.period_ns
         assert [frame.frame_id for frame in answers] == [JET_COMMAND.frame_id, ECU_STATUS.frame_id]
         self.status = codec.parse_ecu_status(answers[1].data)

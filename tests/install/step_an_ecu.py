@@ -18,8 +18,8 @@ import firmware_sim.ecu
 from can_bridge.e2e.receiver import E2eReceiver
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire import codec
-from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
-from can_bridge.wire.messages import Mode, Pressure
+from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, VEHICLE_SPEED
+from can_bridge.wire.messages import Mode, Pressure, VehicleSpeed
 from contract.config.loading import load_config
 from contract.release import bundle, signing
 from contract.runtime.onnx_session import OnnxController
@@ -56,7 +56,8 @@ def main() -> None:
     config = load_config(None, [])
     release = bundle.load(BUNDLE, signing.project_key())
     ecu = Ecu(release, OnnxController.of(release), config)
-    vehicle, jets = E2eSender(PRESSURE), E2eReceiver(JET_COMMAND, config.bus.e2e)
+    vehicle, speed, jets = E2eSender(PRESSURE), E2eSender(VEHICLE_SPEED), E2eReceiver(JET_COMMAND, config.bus.e2e)
+    cruises = codec.emit_vehicle_speed(VehicleSpeed(speed_m_per_s=config.operating_point.speed, age_ns=0))
     pressure = np.array(release.manifest.scaling.pressure_mean) * config.operating_point.dynamic_pressure
     seen = []
     for k in range(release.manifest.window + 5):
@@ -68,7 +69,8 @@ def main() -> None:
             age_ns=0,
             enable_request=k > 0,
         )
-        answers = ecu.step(now_ns, [vehicle.frame(codec.emit_pressure(measured), now_ns=now_ns)])
+        frames = [speed.frame(cruises, now_ns=now_ns), vehicle.frame(codec.emit_pressure(measured), now_ns=now_ns)]
+        answers = ecu.step(now_ns, frames)
         live = jets.tick([answer for answer in answers if answer.frame_id == JET_COMMAND.frame_id]).live
         command = None if live is None else codec.parse_jet_command(live.data)
         seen.append(None if command is None else (command.mode, command.enable, command.flow_m2_per_s))

@@ -17,12 +17,14 @@ PERIOD_MS = 20.0
 
 
 def bench_at(plan: float = 0.01, **settings) -> Bench:
-    return make_bench(
+    bench = make_bench(
         RecordingController(lambda i: plan),
         bundle=make_bundle(speeds=SpeedRange(slowest=0.6, fastest=1.4)),
         rearm_frames=1,
         **settings,
     )
+    bench.cruises = None
+    return bench
 
 
 def drive(bench: Bench, ratio: float | None, periods: int, cp: float = 0.1, **stated) -> list:

@@ -7,6 +7,7 @@ import numpy as np
 from can_bridge.e2e.receiver import Check, E2eReceiver
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.messages import VehicleSpeed
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
@@ -51,7 +52,8 @@ def test_each_period_has_a_sound_frame_with_the_design_speed():
     assert len(played) == MOST_PERIODS
     for frame in played:
         assert receiver.tick([frame]).checks == (Check.OK,)
-        assert message.parse(frame.data).speed_m_per_s == config.operating_point.speed
+        cruises = VehicleSpeed(speed_m_per_s=config.operating_point.speed, age_ns=0)
+        assert message.parse(frame.data) == cruises
 
 
 def test_what_the_wire_cannot_carry_is_limited_and_few_rows_are_few_frames():

@@ -6,9 +6,9 @@ import shutil
 import pytest
 
 from can_bridge.e2e.sender import E2eSender
-from can_bridge.wire.codec import emit_pressure
-from can_bridge.wire.message_specs import PRESSURE
-from can_bridge.wire.messages import Pressure
+from can_bridge.wire.codec import emit_pressure, emit_vehicle_speed
+from can_bridge.wire.message_specs import PRESSURE, VEHICLE_SPEED
+from can_bridge.wire.messages import Pressure, VehicleSpeed
 from contract import shipped
 from contract.config.loading import load_config
 from contract.controller.c_folder import read_recorded, read_sources
@@ -23,7 +23,7 @@ from stillwake.parts.releases import open_release
 
 pytestmark = pytest.mark.compiler
 
-FLASH_BYTES, RAM_BYTES, STACK_BYTES = 144 * 1024, 41 * 1024, 820
+FLASH_BYTES, RAM_BYTES, STACK_BYTES = 144 * 1024, 51 * 1024, 900
 """Of the ECU with the shipped bundle: what it takes, and the RAM's share that is the stack."""
 
 
@@ -54,13 +54,15 @@ def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, tmp_path, monk
 def test_the_ecu_of_the_shipped_bundle_fits_a_cortex_m7(tmp_path):
     """The whole ECU, on an emulated core: counts are exact, so a tenth of room is enough for another compiler.
 
-    What was promised is more: 12 ms at 480 MHz, 64 KiB of RAM, 1 KiB of stack; of its 144 KiB of flash 140 are used.
+    What was promised is more: 12 ms at 480 MHz, 64 KiB of RAM, 1 KiB of stack; of its 144 KiB of flash 137 are used.
     """
     pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
     pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
     from benchmarks.controller.ecu_measure import measure_ecu
 
     config, sender, folder = load_config(), E2eSender(PRESSURE), tmp_path / "c"
+    speeds = E2eSender(VEHICLE_SPEED)
+    cruises = emit_vehicle_speed(VehicleSpeed(speed_m_per_s=config.operating_point.speed, age_ns=0))
     c_release.write_shipped_library(folder, open_release(None, None), config)
     rows = read_recorded(folder)[:, :-1]
     periods = []
@@ -70,7 +72,8 @@ def test_the_ecu_of_the_shipped_bundle_fits_a_cortex_m7(tmp_path):
             pressure_pa=tuple(pascal.tolist()), valid=(True,) * len(pascal), enable_request=k > 0, age_ns=0
         )
         now_ns = (k + 1) * config.period_ns
-        periods.append((now_ns, [sender.frame(emit_pressure(message), now_ns=now_ns)]))
+        frames = [speeds.frame(cruises, now_ns=now_ns), sender.frame(emit_pressure(message), now_ns=now_ns)]
+        periods.append((now_ns, frames))
     found = measure_ecu(read_sources(folder), periods)
     assert found.in_control > 0
     assert found.modelled_ms["480"] <= 7.7

@@ -17,8 +17,8 @@ from can_bridge.isotp.settings import IsoTpSettings
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
-from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE, VEHICLE_SPEED
+from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, VehicleSpeed
 from contract.config.tree import Config
 from contract.config.vehicle import BenefitCheckConfig, EcuConfig, SensorCheckConfig
 from contract.release import bundle as bundles
@@ -88,7 +88,7 @@ class Rig(FlashingSteps):
         self.folder, self.others = folder, others
         self.now_ns = MS
         self.due_ns = self.now_ns
-        self.sender = E2eSender(PRESSURE)
+        self.sender, self.speed_sender = E2eSender(PRESSURE), E2eSender(VEHICLE_SPEED)
         self.tester = Endpoint(IsoTpSettings(receive_id=RESPONSE_ID, send_id=REQUEST_ID))
         self.request: bool | None = None
         self.answers: list[bytes] = []
@@ -106,7 +106,7 @@ class Rig(FlashingSteps):
     def millisecond(self) -> None:
         if self.now_ns >= self.due_ns:
             self.due_ns += self.config.period_ns
-            frames = [] if self.request is None else [self.pressure(self.request)]
+            frames = [] if self.request is None else [self.pressure(self.request), self.speed()]
             commanded = self.ecu.control(self.now_ns, frames)
             self.controls.append((self.now_ns, frames, commanded))
             self.take(commanded)
@@ -146,6 +146,10 @@ class Rig(FlashingSteps):
         values = tuple(0.1 * scale * (1 + 0.1 * (self.sender.state.counter % 7) + i) for i in range(4))
         message = Pressure(pressure_pa=values, valid=(True,) * 4, enable_request=enable, age_ns=0)
         return self.sender.frame(codec.emit_pressure(message), now_ns=self.now_ns)
+
+    def speed(self) -> Frame:
+        message = VehicleSpeed(speed_m_per_s=self.config.operating_point.speed, age_ns=0)
+        return self.speed_sender.frame(codec.emit_vehicle_speed(message), now_ns=self.now_ns)
 
     def ask(self, request: bytes, /, patience_ms: int = 30_000) -> bytes:
         """The final answer to a request; response-pending is waited out."""
