@@ -35,7 +35,7 @@ def drive(results: Path) -> str:
             *(f"{row[name]:.0f}" for name in ("drag_kJ_per_km_without", "drag_kJ_per_km", "jets_kJ_per_km")),
             *(f"{row[name]:.2f}" for name in ("abs_Cl", "abs_Cl_without")),
             f"{row['in_control_percent']:.0f}",
-            "; ".join(re.findall("[A-Z_]{4,}", " ".join(row["trouble"]).replace("ECU FAULT", ""))),
+            "; ".join(re.findall(r"ECU FAULT: (\w+)", " ".join(row["trouble"]))),
         )
         for row in found["figures"]
     ]

@@ -109,7 +109,7 @@ def summary(results: Path) -> str:
         if row["speed_percent"] and not row["disturbed"]
     }
     served = ", ".join(
-        f"{found:.0f} % at {speed}" for speed, found in speeds.items() if speed % 20 == 0 or speed == 130
+        f"{found:.0f} at {speed}" for speed, found in speeds.items() if speed % 20 == 0 or speed == 130
     )
     heads = ("", "wall Cd", "base Cp", "mean abs Cl", "Cd with slots and jets", "rms action", "jet power", "less drag")
     latency = f"{loop['mpc_ms_p50']:.1f} ms (p99 {loop['mpc_ms_p99']:.1f}, max {loop['mpc_ms_max']:.1f})"
@@ -119,8 +119,8 @@ Mean Cl under control is {loop["mean_Cl_controlled"]:+.3f}. A control step takes
 {loop["mpc_budget_ms"]:g} ms budget; of {loop["frames_sent"]} frames {loop["frames_lost"]} were lost and
 {loop["frames_rejected"]} rejected.
 
-At other speeds it takes off (coarse mesh, % of drag at % of the speed) {served}: one release,
-[for a range of speeds](docs/explanation/other-speeds.md).
+[At other speeds](docs/explanation/other-speeds.md), in % of drag at % of the design speed, on a coarse mesh:
+{served}.
 """
 
 
