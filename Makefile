@@ -101,7 +101,7 @@ retrain: $(VENV)/dev.stamp
 SENSORS := upper_39,lower_39,base_0,base_9
 TRAIN := stillwake train runs/trained --sensors $(SENSORS)
 REFINE := stillwake refine runs/refined --model runs/trained --json results/refine.json
-# As many stretches as the shipped prior saw: 46 updates of 16, on 16 cores, and 140 of 2 (docs/explanation/other-speeds.md).
+# As many stretches as the shipped prior saw: 46 updates of 16 and 167 of 2 (docs/explanation/other-speeds.md).
 SPEEDS := stillwake refine runs/release --model runs/refined --workers 2 --set refine.slowest=0.6 --set refine.fastest=1.4 \
 	--set refine.streams=8 --set refine.batch=2 --set refine.stretches=8 --set refine.updates=500
 release: $(VENV)/dev.stamp
@@ -121,6 +121,7 @@ full: test docs
 	$(BIN)/python -m pytest -m proofs
 	$(BIN)/stillwake run runs/demo --overwrite --json results/demo.json
 	$(BIN)/python -m benchmarks release-loop --json results/release_loop.json
+	$(BIN)/python -m benchmarks drive --quick --workers 2 --json results/drive.json
 	$(BIN)/python -m benchmarks roads --json results/roads.json
 	$(BIN)/python -m benchmarks weights --json results/weights.json
 	$(BIN)/stillwake campaign runs/robustness --overwrite --phases 1 --controlled 100 --settle 40 --only noise_0.9 \
