@@ -88,7 +88,7 @@ PLANTED: Final = (
     ),
     Planted(
         "a command above the design speed follows by a share as well", "classic, at all speeds", "sw_past.c",
-        "speed >= 1.0 ? to : before", "speed > 1.2 ? to : before",
+        "share >= 1.0 ? to : before", "share > 1.2 ? to : before",
     ),
     Planted(
         "a row between two others has the other one's share", "at all speeds", "sw_past.c",
