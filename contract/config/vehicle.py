@@ -164,7 +164,7 @@ class BenefitCheckConfig(
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedConfig(
-    Settings, section="ecu.speed", source=ours("what a vehicle can do", page="how-to/drive-at-other-speeds.md")
+    Settings, section="ecu.speed", source=ours("what a vehicle can do", page="explanation/other-speeds.md")
 ):
     """When the ECU believes the vehicle's speed, with a release that serves a range of speeds."""
 

@@ -234,14 +234,14 @@ class ControllerMemory:
             ControllerError: if there is no answer, or it is not a control step of this horizon in finite numbers,
                 whatever the controller raised or returned.
         """
-        pending, known = self.under_way.pending, {} if self.past is None else {"speed": self.speed}
+        pending = self.under_way.pending
         plan, free = self.plan.copy(), np.ones(len(self.plan))
         # The graph shifts the plan by a step. What comes first then is under way to a late actuator: as sent,
         # whatever the gate, a hold or the wire made of the plan.
         plan[1 : 1 + len(pending)] = np.array(pending) / self.speed
         free[: len(pending)] = 0.0
         try:
-            step = controller.control_step(self.window, plan, free, weights, **known)
+            step = controller.control_step(self.window, plan, free, weights, self.speed)
             horizon = len(self.plan)
             new_plan = _checked("plan", step.plan, (horizon,))
             forces = _checked("forecast", step.forces, (horizon, FORCES))

@@ -217,7 +217,7 @@ def _update(run: _Training, results: Sequence[Done], settings: RefineConfig, pro
     for one in results:
         run.streams[one.number] = one.stream
         run.stretches.append(one.stretch.rows)
-        run.periods += one.periods
+        run.periods += one.stretch.periods
     while sum(map(len, run.stretches)) > LAST_ROWS:
         run.stretches.pop(0)
     with torch.no_grad():

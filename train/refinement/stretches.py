@@ -46,11 +46,6 @@ class Done:
     stretch: Stretch
     gradients: tuple[Tensor, ...]
 
-    @property
-    def periods(self) -> int:
-        """That the stream went on."""
-        return self.stretch.periods
-
 
 SideBySide = Callable[[Sequence[Task]], Sequence[Done]]
 
