@@ -45,8 +45,7 @@ class DifferentiableWake:
     def begin(self, state: FlowState, speeds: Array) -> Seen:
         """Go on from there with an empty tape, at speeds (n + 1,) in design speeds; a faster one takes more steps."""
         plant, config = self.plant, self._config
-        steps = ceil(config.substeps * max(1.0, float(speeds.max())) - 0.3)
-        plant.config = replace(config, substeps=steps)
+        plant.config = replace(config, substeps=ceil(config.substeps * max(1.0, float(speeds.max()))))
         times, faster = config.control_period * np.arange(len(speeds)), speeds - 1.0
         plant.wind = (lambda t: float(np.interp(t, times, faster))) if faster.any() else None
         plant.reset(State(flat=state.flat, substep=0, action=state.action))
@@ -61,18 +60,23 @@ class DifferentiableWake:
 
     def back(self, weights: Seen) -> float:
         """Go back by a period; the sensitivity to the action commanded in it."""
-        speed = self._speeds[min(len(self._tape), len(self._speeds) - 1)]
+        speed = self._speed
         whole = no_weights(len(self.plant.layout))
         whole.Cp[self._columns] = weights.Cp / speed**2
-        coefficients = {"Cd": weights.Cd / speed**2, "Cl": weights.Cl / speed**2}
-        return self._tape.back(replace(whole, **coefficients, Uy_probe=weights.Uy / speed))
+        Cd, Cl = weights.Cd / speed**2, weights.Cl / speed**2
+        return self._tape.back(replace(whole, Cd=Cd, Cl=Cl, Uy_probe=weights.Uy / speed))
 
     def state(self) -> FlowState:
         """Where the flow is."""
         return FlowState(flat=self.plant.flow.flat.copy(), action=self.plant.action)
 
+    @property
+    def _speed(self) -> float:
+        """At the sample that the tape ends with."""
+        return float(self._speeds[len(self._tape)])
+
     def _seen(self) -> Seen:
-        sample, speed = self.plant.sample(), self._speeds[min(len(self._tape), len(self._speeds) - 1)]
+        sample, speed = self.plant.sample(), self._speed
         q = speed**2
         return Seen(Cp=sample.Cp[self._columns] / q, Cd=sample.Cd / q, Cl=sample.Cl / q, Uy=sample.Uy_probe / speed)
 
