@@ -199,7 +199,7 @@ def _tasks(
 def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator) -> float:
     """At which a stretch ends: any at first, then mostly about the same."""
     # Beyond the ends too, and back to them: so that these are met as often as what lies between.
-    beyond = 0.15 * (settings.fastest - settings.slowest)
+    beyond = 0.3 * (settings.fastest - settings.slowest)
     anywhere = rng.uniform(settings.slowest - beyond, settings.fastest + beyond)
     anywhere = float(np.clip(anywhere, settings.slowest, settings.fastest))
     share = 1.0 if stream.stretches == 0 else SPEED_CHANGE * float(rng.integers(2))
