@@ -48,11 +48,7 @@ SOURCES = {
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Every table by its marker.
-
-    Raises:
-        ValueError: if two folders give one name to their tables.
-    """
+    """Every table by its marker. Raises ValueError if two folders give one name to their tables."""
     made: dict[str, str] = {}
     for folder in FOLDERS:
         of_folder = folder.tables(results)

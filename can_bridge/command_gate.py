@@ -53,10 +53,8 @@ class GateLimits:
         """The limits of a vehicle.
 
         The range ends on a step of the wire, so that rounding on emission cannot lead out of it. The ages let the
-        fail-safe's hold and decay through and nothing after them.
-
-        Raises:
-            ConfigError: if the wire cannot carry the action limit at this operating point.
+        fail-safe's hold and decay through and nothing after them. Raises ConfigError if the wire cannot carry the
+        action limit at this operating point.
         """
         scale = config.operating_point.flow_rate_scale
         limit = config.flow.action_limit * scale

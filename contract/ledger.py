@@ -48,9 +48,5 @@ LEDGER_FIELDS: Final = tuple(item.name for item in fields(DragLedger))
 
 
 def ledger_of(series: Mapping[str, Value]) -> DragLedger[Value]:
-    """The ledger among named series; others are left out.
-
-    Raises:
-        KeyError: naming an entry that is missing.
-    """
+    """The ledger among named series; others are left out. Raises KeyError naming an entry that is missing."""
     return DragLedger(**{name: series[name] for name in LEDGER_FIELDS})

@@ -38,12 +38,8 @@ class Arrays(dict[str, npt.NDArray[Any]]):
 
 
 def read_npz(path: Path) -> Arrays:
-    """All arrays of a file.
-
-    Raises:
-        OSError: it cannot be opened.
-        ValueError: it is no archive of arrays of numbers and texts, damaged, or holds more than `MOST_VALUES`.
-    """
+    """All arrays of a file. Raises OSError if it cannot be opened; ValueError if it is no archive of arrays of numbers
+    and texts, damaged, or holds more than `MOST_VALUES`."""
     if path.exists() and not path.is_file():
         raise ValueError("it is no file")
     found, total = Arrays(), 0

@@ -88,11 +88,7 @@ class SensorLayout:
         return tuple(name for name, alone in zip(self.names, far, strict=True) if alone)
 
     def indices(self, names: Sequence[str]) -> Index:
-        """Columns of named sensors.
-
-        Raises:
-            ConfigError: for a name that does not exist or is given twice.
-        """
+        """Columns of named sensors. Raises ConfigError for a name that does not exist or is given twice."""
         for name in names:
             if name not in self.names:
                 raise ConfigError(f"unknown sensor {name!r}: there are {_listed(self.names)}")

@@ -57,11 +57,8 @@ class TrainedModel:
 
 
 def save(path: Path, model: TrainedModel) -> None:
-    """Write the model folder, replacing a model that is there.
-
-    Raises:
-        StillwakeError: if the place cannot be written or holds something that is not a model.
-    """
+    """Write the model folder, replacing a model that is there. Raises StillwakeError if the place cannot be written or
+    holds something that is not a model."""
     description = Description(
         config=model.config,
         scaling=model.scaling,
@@ -76,12 +73,9 @@ def save(path: Path, model: TrainedModel) -> None:
 
 
 def load(path: Path) -> TrainedModel:
-    """Read and verify a model folder.
-
-    Raises:
-        ModelError: if the folder is not sound (`contract.model.model_folder.read`), or the weights are not those of the
-            networks that the description configures; the message names it.
-    """
+    """Read and verify a model folder. Raises ModelError if the folder is not sound
+    (`contract.model.model_folder.read`), or the weights are not those of the networks that the description configures;
+    the message names it."""
     folder = model_folder.read(path)
     about = folder.description
     config = about.config

@@ -106,12 +106,8 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode.
-
-        Raises:
-            ConfigError: for an option that does not exist or is out of its range.
-            PlantError: for a start of another plant, or inside a control period.
-        """
+        """Start an episode. Raises ConfigError for an option that does not exist or is out of its range; PlantError for
+        a start of another plant, or inside a control period."""
         super().reset(seed=seed)
         # The solver is compiled here, once after an installation.
         notice = Timer(_SILENCE_S, print, ["compiling the flow solver, once: up to a minute"], {"file": sys.stderr})
@@ -126,12 +122,8 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         return self._observe(sample), info
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Ramp the jets to `action` over one control period.
-
-        Raises:
-            PlantError: for an action that is not one finite value.
-            gymnasium.error.ResetNeeded: before the first reset.
-        """
+        """Ramp the jets to `action` over one control period. Raises PlantError for an action that is not one finite
+        value; gymnasium.error.ResetNeeded before the first reset."""
         if self._step_count is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
         commanded = _single_value(action)

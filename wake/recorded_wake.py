@@ -68,11 +68,8 @@ class RecordedWake:
         )
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """See `wake.plant.protocol.Plant.advance_to`; the jets reach the action, and nothing comes of it.
-
-        Raises:
-            PlantError: for a substep that is over, or of another period.
-        """
+        """See `wake.plant.protocol.Plant.advance_to`; the jets reach the action, and nothing comes of it. Raises
+        PlantError for a substep that is over, or of another period."""
         last = self._flow.substeps
         if not self._substep < substep <= last:
             raise PlantError(f"cannot advance to substep {substep} of {last} from substep {self._substep}")

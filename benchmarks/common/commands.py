@@ -14,11 +14,7 @@ LOOP: Final = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_
 
 
 def stillwake(*arguments: object) -> None:
-    """Run one command of this source tree.
-
-    Raises:
-        StillwakeError: if it fails; the terminal has its messages.
-    """
+    """Run one command of this source tree. Raises StillwakeError if it fails; the terminal has its messages."""
     words = [str(argument) for argument in arguments]
     with subprocess.Popen([sys.executable, "-m", "stillwake", *words]) as process:
         try:

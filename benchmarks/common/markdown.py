@@ -27,11 +27,8 @@ def names(text: str) -> list[str]:
 
 
 def fill(text: str, tables: Mapping[str, str]) -> str:
-    """A page with what is between each `<!-- table NAME -->` and `<!-- end -->` replaced.
-
-    Raises:
-        ValueError: if no table has the name of a place, or a place has no end.
-    """
+    """A page with what is between each `<!-- table NAME -->` and `<!-- end -->` replaced. Raises ValueError if no table
+    has the name of a place, or a place has no end."""
     for name in names(text):
         if name not in tables:
             raise ValueError(f"no table {name!r}: one of {', '.join(sorted(tables))}")

@@ -74,11 +74,7 @@ class Segment:
         self._page = page
 
     def read(self, page: Page, offset: int, length: int) -> bytes:
-        """Bytes of a page, with those of a value that has not come whole.
-
-        Raises:
-            ConfigError: for what lies outside.
-        """
+        """Bytes of a page, with those of a value that has not come whole. Raises ConfigError for what lies outside."""
         _check_range(offset, length)
         raw = bytearray((self._working if page is Page.WORKING else self._reference).pack())
         if page is Page.WORKING:
@@ -88,11 +84,9 @@ class Segment:
     def write(self, offset: int, data: bytes) -> None:
         """Write bytes of the working page, in order: from the beginning of a value, or from the end of the last write.
 
-        Bytes of a value that is not whole yet wait for the others, and are dropped by a write elsewhere.
-
-        Raises:
-            ConfigError: for what lies outside, bytes from the middle of a value, or a value that is not allowed; the
-                values are then as before.
+        Bytes of a value that is not whole yet wait for the others, and are dropped by a write elsewhere. Raises
+        ConfigError for what lies outside, bytes from the middle of a value, or a value that is not allowed; the values
+        are then as before.
         """
         _check_range(offset, len(data))
         if self._begun and offset == self._begun_at + len(self._begun):
@@ -113,11 +107,7 @@ class Segment:
         self._begun_at, self._begun = offset + whole, data[whole:]
 
     def set(self, calibration: Calibration) -> None:
-        """Write the whole working page and put it in force.
-
-        Raises:
-            ConfigError: for a value that is not allowed.
-        """
+        """Write the whole working page and put it in force. Raises ConfigError for a value that is not allowed."""
         self._limits.check(calibration)
         self._working = calibration
         self._begun = b""

@@ -54,11 +54,8 @@ class XcpAccess:
         self._forget()
 
     def seed(self, mode: int, resource: int) -> bytes:
-        """The bytes left of the seed, as one number, and the next of them; no bytes if nothing is locked.
-
-        Raises:
-            Denied: for another resource or mode, or for the rest of a seed that was not asked for.
-        """
+        """The bytes left of the seed, as one number, and the next of them; no bytes if nothing is locked. Raises Denied
+        for another resource or mode, or for the rest of a seed that was not asked for."""
         if mode == 0:
             self._forget()
             if resource != CAL_PAG:
@@ -75,12 +72,8 @@ class XcpAccess:
         return bytes([left]) + piece
 
     def unlock(self, left: int, data: bytes) -> None:
-        """The next bytes of the key, of which `left` are to come, these included.
-
-        Raises:
-            Denied: no whole seed was fetched, or a piece is missing.
-            WrongKey: it is; another try needs another seed.
-        """
+        """The next bytes of the key, of which `left` are to come, these included. Raises Denied if no whole seed was
+        fetched, or a piece is missing; WrongKey if it is; another try needs another seed."""
         if not self._seed or self._unsent or left != KEY_LENGTH - len(self._key):
             self._forget()
             raise Denied(Error.SEQUENCE)

@@ -28,11 +28,8 @@ _TABLE: Final = bytes(_table_entry(value) for value in range(256))
 
 
 def protect(data: bytes, *, data_id: int, counter: int) -> bytes:
-    """The same message with its header filled in; what its 12 bits held is dropped.
-
-    Raises:
-        ValueError: if the message is shorter than its header, or an argument does not fit its field.
-    """
+    """The same message with its header filled in; what its 12 bits held is dropped. Raises ValueError if the message is
+    shorter than its header, or an argument does not fit its field."""
     if len(data) < HEADER_LENGTH:
         raise ValueError(f"message of {len(data)} bytes: has no room for the {HEADER_LENGTH}-byte E2E header")
     if not 0 <= data_id <= 0xFF:

@@ -25,10 +25,8 @@ class SenderState:
 def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_ns: int) -> Frame:
     """The next frame of a message, for data from its `emit` (`can_bridge.wire.message_sets`).
 
-    Of a secured message it is the protected part: `can_bridge.secoc.node.secured` adds the rest.
-
-    Raises:
-        ValueError: if the data is not as long as the message's protected part.
+    Of a secured message it is the protected part: `can_bridge.secoc.node.secured` adds the rest. Raises ValueError if
+    the data is not as long as the message's protected part.
     """
     if len(data) != spec.protected:
         raise ValueError(f"{spec.name} of {len(data)} bytes: must have {spec.protected}")

@@ -18,10 +18,8 @@ from contract.atomic import replacing
 def recording(path: Path) -> Iterator[Callable[[Frame], None]]:
     """Yield a function that appends a frame; the file appears when the block succeeds, and not otherwise.
 
-    Frames must come in the order of their timestamps: the writer stamps an earlier one with the time before it.
-
-    Raises:
-        StillwakeError: if the place cannot be written.
+    Frames must come in the order of their timestamps: the writer stamps an earlier one with the time before it. Raises
+    StillwakeError if the place cannot be written.
     """
     with replacing(path) as temporary, can.CanutilsLogWriter(temporary) as writer:
         yield lambda frame: writer.on_message_received(to_message(frame))

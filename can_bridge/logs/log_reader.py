@@ -31,11 +31,7 @@ _WIDE_ID: Final = re.compile(rb"\s([0-9A-Fa-f]{9,})#")
 
 
 def check_suffix(path: Path) -> None:
-    """Refuse what no reader or writer knows by its name.
-
-    Raises:
-        BusError: for another ending.
-    """
+    """Refuse what no reader or writer knows by its name. Raises BusError for another ending."""
     if path.suffix.lower() not in SUFFIXES:
         raise BusError(
             f"{path}: a log must end in {', '.join(SUFFIXES)}; `python -m can.logconvert` makes one of another format"
@@ -43,11 +39,8 @@ def check_suffix(path: Path) -> None:
 
 
 def read_messages(path: Path) -> Iterator[can.Message]:
-    """The messages of a log in the order of the file, as python-can reads them; timestamps in s.
-
-    Raises:
-        BusError: naming the file, if it is not there, of another kind, or damaged, after what could be read.
-    """
+    """The messages of a log in the order of the file, as python-can reads them; timestamps in s. Raises BusError naming
+    the file, if it is not there, of another kind, or damaged, after what could be read."""
     check_suffix(path)
     if not path.is_file():
         raise BusError(f"{path}: {'is a directory, must be a log' if path.is_dir() else 'there is no such file'}")
@@ -72,11 +65,8 @@ def read_messages(path: Path) -> Iterator[can.Message]:
 
 
 def _sound(message: can.Message, number: int) -> can.Message:
-    """The message, with what python-can's readers get wrong put right.
-
-    Raises:
-        ValueError: for missing bytes, or a time that is none.
-    """
+    """The message, with what python-can's readers get wrong put right. Raises ValueError for missing bytes, or a time
+    that is none."""
     if not abs(message.timestamp) <= GREATEST_TIME_S:
         raise ValueError(f"frame {number}: time {message.timestamp} s, must be within {GREATEST_TIME_S:g} s")
     if message.is_error_frame:

@@ -59,11 +59,8 @@ class FreshnessStore:
     def begin(self, key: Key) -> Authentication:
         """Count a power cycle, and return what the node then needs.
 
-        A file that is gone counts from 1 again. That is safe and loud: the other node refuses every frame.
-
-        Raises:
-            BusError: if the file is damaged, or all power cycles are used up.
-            StillwakeError: if it cannot be written.
+        A file that is gone counts from 1 again. That is safe and loud: the other node refuses every frame. Raises
+        BusError if the file is damaged, or all power cycles are used up; StillwakeError if it cannot be written.
         """
         before = self._read()
         if before.trip >= LARGEST_HALF:
@@ -72,11 +69,8 @@ class FreshnessStore:
         return Authentication(key=key, trip=self._record.trip, heard=self._record.heard)
 
     def accepted(self, frame_id: int, freshness: int) -> None:
-        """Note the value that a receiver accepted last; call it as often as you like.
-
-        Raises:
-            StillwakeError: if the file cannot be written.
-        """
+        """Note the value that a receiver accepted last; call it as often as you like. Raises StillwakeError if the file
+        cannot be written."""
         if is_due(self._record.heard.get(frame_id, 0), freshness, self._every):
             heard = {**self._record.heard, frame_id: freshness}
             self._keep(FreshnessRecord(trip=self._record.trip, heard=heard))

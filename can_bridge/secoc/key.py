@@ -18,11 +18,8 @@ _LONGEST: Final = 2 * KEY_LENGTH + 2
 
 
 class Key:
-    """A 128-bit key, prepared for use. It shows itself nowhere: not when printed, and it cannot be pickled.
-
-    Raises:
-        ValueError: for another length, or a key of zeros, which is an empty memory's.
-    """
+    """A 128-bit key, prepared for use. It shows itself nowhere: not when printed, and it cannot be pickled. Raises
+    ValueError for another length, or a key of zeros, which is an empty memory's."""
 
     def __init__(self, secret: bytes) -> None:
         if len(secret) != KEY_LENGTH:
@@ -40,11 +37,8 @@ class Key:
 
 
 def read_key(path: Path) -> Key:
-    """The key in a file: 16 bytes, or 32 hexadecimal digits and perhaps the end of a line.
-
-    Raises:
-        KeyFileError: no such file, other contents, a key of zeros, or one that others than its owner may read.
-    """
+    """The key in a file: 16 bytes, or 32 hexadecimal digits and perhaps the end of a line. Raises KeyFileError: no such
+    file, other contents, a key of zeros, or one that others than its owner may read."""
     try:
         with open(path, "rb", opener=_open_without_waiting) as file:
             about = os.fstat(file.fileno())
@@ -63,12 +57,8 @@ def read_key(path: Path) -> Key:
 
 
 def write_key(path: Path, secret: bytes) -> None:
-    """Write a key as hexadecimal digits, for its owner alone.
-
-    Raises:
-        KeyFileError: if there is a file already, or none can be written.
-        ValueError: for what is no key.
-    """
+    """Write a key as hexadecimal digits, for its owner alone. Raises KeyFileError if there is a file already, or none
+    can be written; ValueError for what is no key."""
     Key(secret)
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

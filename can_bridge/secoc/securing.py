@@ -16,11 +16,8 @@ from can_bridge.wire.message_specs import FRESHNESS_LENGTH, MAC_LENGTH, MessageS
 
 
 def secure(frame: Frame, spec: MessageSpec, key: Key, freshness: Freshness) -> Frame:
-    """The frame of a message as it goes onto the bus, from the one with its protected part alone.
-
-    Raises:
-        ValueError: if the message is not a secured one, or the frame not its protected part.
-    """
+    """The frame of a message as it goes onto the bus, from the one with its protected part alone. Raises ValueError if
+    the message is not a secured one, or the frame not its protected part."""
     if not spec.is_secured:
         raise ValueError(f"{spec.name}: has no room for a MAC")
     if len(frame.data) != spec.protected:

@@ -46,10 +46,8 @@ def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -
     """Messages that take the share `load` of the bus at their worst-case length, short of it by one rare message.
 
     Shorter periods have higher priorities, as designers assign them. With two messages or more, the first is above all
-    taken identifiers in priority and the last below them, where there is room.
-
-    Raises:
-        ConfigError: the share is less than one message takes, or more than all identifiers can fill.
+    taken identifiers in priority and the last below them, where there is room. Raises ConfigError if the share is less
+    than one message takes, or more than all identifiers can fill.
     """
     random = Random(seed)
     drawn = sorted(_draw(load, bus, random))

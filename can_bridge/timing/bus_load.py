@@ -60,12 +60,9 @@ class BusLoad:
 
 
 def bus_load(config: Config) -> BusLoad:
-    """Loads and worst-case response times with these settings.
-
-    Raises:
-        ConfigError: the ECU computes for a whole control period or longer, or no background fills the share.
-        BusError: the background's file, as `read_traffic` has it.
-    """
+    """Loads and worst-case response times with these settings. Raises ConfigError if the ECU computes for a whole
+    control period or longer, or no background fills the share; BusError for the background's file, as `read_traffic`
+    has it."""
     bus = config.bus
     others = background(bus.background, bus, ())
     ours = loop_messages(config, others.messages)
@@ -94,10 +91,8 @@ def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tup
 
     The vehicle queues its speed together with the pressures. The ECU answers a pressure frame, so its frames come as
     irregularly as that frame arrives: the worst-case response time of the pressures is the jitter of the answers. The
-    command has to arrive within the control period, of which the ECU's compute time is gone.
-
-    Raises:
-        ConfigError: the ECU computes for a whole control period or longer.
+    command has to arrive within the control period, of which the ECU's compute time is gone. Raises ConfigError if the
+    ECU computes for a whole control period or longer.
     """
     period_ns = config.period_ns
     if config.ecu.compute_time_ms * NS_PER_MS >= period_ns:

@@ -93,11 +93,8 @@ def response_times(timings: Sequence[Timing], *, bit_ns: int) -> list[Response]:
 
 
 def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) -> list[Response]:
-    """Response times of all messages, in the order given, which is that of their priorities.
-
-    Raises:
-        ValueError: if the messages are not in falling priority, each with its own.
-    """
+    """Response times of all messages, in the order given, which is that of their priorities. Raises ValueError if the
+    messages are not in falling priority, each with its own."""
     for one, other in pairwise(messages):
         if one.priority >= other.priority:
             raise ValueError(f"{one.name} before {other.name}: messages must be in falling priority, each with its own")

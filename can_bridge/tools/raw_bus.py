@@ -19,22 +19,16 @@ class RawBus(Connection):
     """One connection. Use as a context manager, or `close` it."""
 
     def receive_message(self, timeout_s: float) -> can.Message | None:
-        """The next message of any kind, or None if none that could be read came within `timeout_s`.
-
-        Raises:
-            BusError: if the bus failed, or yields nothing but garbage.
-        """
+        """The next message of any kind, or None if none that could be read came within `timeout_s`. Raises BusError if
+        the bus failed, or yields nothing but garbage."""
         message = self._received(timeout_s)
         if isinstance(message, Rejection) or (message is not None and not is_sound(message)):
             return None
         return message
 
     def send_message(self, message: can.Message, *, timeout_s: float = 0.1) -> None:
-        """Send one message of any kind, waiting at most `timeout_s`.
-
-        Raises:
-            BusError: if the bus does not take it in time, or failed.
-        """
+        """Send one message of any kind, waiting at most `timeout_s`. Raises BusError if the bus does not take it in
+        time, or failed."""
         try:
             self._bus.send(message, timeout=timeout_s)
         except (can.CanError, OSError, ValueError) as error:
@@ -42,12 +36,8 @@ class RawBus(Connection):
 
 
 def open_bus(config: BusConfig) -> RawBus:
-    """Connect to a bus that others are on.
-
-    Raises:
-        ConfigError: for the simulated bus, which no other process can join.
-        BusError: naming interface and channel, if that cannot be opened.
-    """
+    """Connect to a bus that others are on. Raises ConfigError for the simulated bus, which no other process can join;
+    BusError naming interface and channel, if that cannot be opened."""
     if config.interface == SIMULATED:
         raise ConfigError(
             "bus.interface = simulated: that bus exists within a run only; name a real one, e.g. "

@@ -46,11 +46,8 @@ def worst_case_bits(frame: Frame) -> tuple[int, int]:
 
 
 def worst_case_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
-    """The same as a time, rounded up to whole ns. Bit rates in bit/s; classic frames ignore the second.
-
-    Raises:
-        ValueError: for a bit rate that is not positive.
-    """
+    """The same as a time, rounded up to whole ns. Bit rates in bit/s; classic frames ignore the second. Raises
+    ValueError for a bit rate that is not positive."""
     nominal, data = worst_case_bits(frame)
     return bits_ns(nominal, data, nominal_bitrate=nominal_bitrate, data_bitrate=data_bitrate)
 

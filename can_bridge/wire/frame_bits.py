@@ -85,11 +85,8 @@ def frame_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
 
 
 def bits_ns(nominal: int, data: int, *, nominal_bitrate: int, data_bitrate: int) -> int:
-    """The time of so many bits at each rate, rounded up to whole ns.
-
-    Raises:
-        ValueError: for a bit rate that is not positive.
-    """
+    """The time of so many bits at each rate, rounded up to whole ns. Raises ValueError for a bit rate that is not
+    positive."""
     for name, rate in (("nominal", nominal_bitrate), ("data", data_bitrate)):
         if rate <= 0:
             raise ValueError(f"{name} bit rate {rate}: must be positive")

@@ -20,11 +20,8 @@ NEEDS_CANTOOLS = f"reading it needs cantools: {install('bus')}"
 
 
 def load_network(path: Path) -> "Database":
-    """The description in a file, whose ending gives its format.
-
-    Raises:
-        BusError: in one line, if cantools or the file is missing, or the file does not have the format of its name.
-    """
+    """The description in a file, whose ending gives its format. Raises BusError in one line, if cantools or the file is
+    missing, or the file does not have the format of its name."""
     try:
         from cantools.database import load_file
         from cantools.database.can.database import Database

@@ -11,11 +11,8 @@ from contract.errors import ConfigError
 
 
 def check_names(tree: Mapping[str, Any], above: str = "") -> None:
-    """Refuse a tree with a name that is not in `Config`, a value for a section, or a section for a value.
-
-    Raises:
-        ConfigError: names what is wrong and what comes nearest to it.
-    """
+    """Refuse a tree with a name that is not in `Config`, a value for a section, or a section for a value. Raises
+    ConfigError, which names what is wrong and what comes nearest to it."""
     for key, value in tree.items():
         name = f"{above}.{key}" if above else key
         if name not in _hints():

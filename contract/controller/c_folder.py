@@ -148,10 +148,7 @@ def read_sources(folder: Path) -> dict[str, bytes]:
 
 def read_recorded(folder: Path) -> Rows:
     """The recorded rows of a folder, (n, S+1): pressures Cp, and the action commanded one step before in U_inf W.
-
-    Raises:
-        LibraryError: there are none, or one of them is not made of numbers.
-    """
+    Raises LibraryError if there are none, or one of them is not made of numbers."""
     path = folder / RECORDED
     try:
         if path.stat().st_size > MAX_BYTES:
@@ -187,12 +184,8 @@ def check_replaceable(folder: Path) -> None:
 
 
 def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
-    """Write a library's folder, whole or not at all; a name may have one folder before it.
-
-    Raises:
-        LibraryError: the folder holds something else.
-        StillwakeError: it cannot be written.
-    """
+    """Write a library's folder, whole or not at all; a name may have one folder before it. Raises LibraryError if the
+    folder holds something else; StillwakeError if it cannot be written."""
     check_replaceable(folder)
     with replacing(folder) as temporary:
         temporary.mkdir()

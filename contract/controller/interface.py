@@ -83,11 +83,8 @@ class Controller(Protocol):
     def control_step(
         self, window: Array, plan: Array, free: Array, weights: Array | None = None, speed: float = 1.0
     ) -> ControlStep:
-        """One control step; without weights the controller's own default applies.
-
-        Raises:
-            ControllerError: if there is no answer.
-        """
+        """One control step; without weights the controller's own default applies. Raises ControllerError if there is no
+        answer."""
         ...
 
 

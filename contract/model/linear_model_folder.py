@@ -94,22 +94,16 @@ class LinearModelFolder:
 
 
 def write(path: Path, description: LinearDescription, model: Array, gain: Array) -> None:
-    """Write the directory, replacing a linear model that is there.
-
-    Raises:
-        StillwakeError: the place cannot be written or holds something else.
-    """
+    """Write the directory, replacing a linear model that is there. Raises StillwakeError if the place cannot be written
+    or holds something else."""
     config, scaling = to_tree(description.config), asdict(description.scaling)
     entries = {**vars(description), "config": config, "scaling": scaling}
     KIND.write(path, entries, {"model": model, "gain": gain})
 
 
 def read(path: Path) -> LinearModelFolder:
-    """Read and verify a directory.
-
-    Raises:
-        ModelError: a file is missing, damaged, altered or of another schema, or the numbers do not fit each other.
-    """
+    """Read and verify a directory. Raises ModelError if a file is missing, damaged, altered or of another schema, or
+    the numbers do not fit each other."""
     body, tensors = KIND.read(path)
     description = _describe(path, body)
     if set(tensors) != {"model", "gain"}:

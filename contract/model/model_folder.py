@@ -145,11 +145,8 @@ class ModelFolder:
 
 
 def write(path: Path, description: Description, tensors: Tensors) -> None:
-    """Write the directory, replacing a model that is there.
-
-    Raises:
-        StillwakeError: if the place cannot be written or holds something that is not a model.
-    """
+    """Write the directory, replacing a model that is there. Raises StillwakeError if the place cannot be written or
+    holds something that is not a model."""
     entries = {
         **vars(description),
         "config": to_tree(description.config),
@@ -160,12 +157,8 @@ def write(path: Path, description: Description, tensors: Tensors) -> None:
 
 
 def read(path: Path) -> ModelFolder:
-    """Read and verify a model directory.
-
-    Raises:
-        ModelError: if a file is missing, damaged, altered or of another schema, or the description does not fit
-            itself; the message names the file and the entry.
-    """
+    """Read and verify a model directory. Raises ModelError if a file is missing, damaged, altered or of another schema,
+    or the description does not fit itself; the message names the file and the entry."""
     body, tensors = KIND.read(path)
     if body["schema"] == SCHEMA and "layout" not in body:
         raise ModelError(f"model {path}: {DESCRIPTION} lacks 'layout'")

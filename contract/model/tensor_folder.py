@@ -50,11 +50,8 @@ class FolderKind:
             raise StillwakeError(f"{path}: exists and is not {self.noun}; choose another place")
 
     def write(self, path: Path, entries: Mapping[str, Any], tensors: Tensors) -> None:
-        """Write both files, whole or not at all, in place of a folder of this kind.
-
-        Raises:
-            StillwakeError: the place cannot be written or holds something else.
-        """
+        """Write both files, whole or not at all, in place of a folder of this kind. Raises StillwakeError if the place
+        cannot be written or holds something else."""
         import safetensors.numpy
 
         self.check_free(path)

@@ -83,12 +83,8 @@ class Dataset:
 
 
 def read(path: Path) -> Dataset:
-    """Read and check a dataset.
-
-    Raises:
-        DatasetError: if the file is missing, truncated, of another schema, or a field does not fit; the
-            message names the file, the episode and the field.
-    """
+    """Read and check a dataset. Raises DatasetError if the file is missing, truncated, of another schema, or a field
+    does not fit; the message names the file, the episode and the field."""
     dataset, problems = survey(path)
     if dataset is None or problems:
         first = problems[0]
@@ -121,12 +117,9 @@ def schema_of(path: Path) -> str:
 def write(path: Path, dataset: Dataset) -> None:
     """Write a dataset, whole or not at all.
 
-    `t` and `action` are stored in double precision, what was measured as 16-bit integers: each value within half of
-    the quantum that stands with its series.
-
-    Raises:
-        DatasetError: if a series exceeds what 16 bits can hold; the message names episode and field.
-        StillwakeError: if the file cannot be written.
+    `t` and `action` are stored in double precision, what was measured as 16-bit integers: each value within half of the
+    quantum that stands with its series. Raises DatasetError if a series exceeds what 16 bits can hold; the message
+    names episode and field; StillwakeError if the file cannot be written.
     """
     # In memory first: HDF5 gives no clear error when a disk is full.
     image = io.BytesIO()

@@ -72,11 +72,7 @@ class Episode:
 
     @property
     def ledger(self) -> DragLedger[Array]:
-        """The drag ledger, every entry of shape (n,).
-
-        Raises:
-            DatasetError: if a series of it was not recorded.
-        """
+        """The drag ledger, every entry of shape (n,). Raises DatasetError if a series of it was not recorded."""
         for field in LEDGER_FIELDS:
             if field not in self.series:
                 raise DatasetError(f"episode {self.name}: the drag ledger needs the series {field!r}, which is missing")

@@ -13,12 +13,8 @@ from contract.errors import DatasetError
 
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
-    """A file to read from.
-
-    Raises:
-        DatasetError: it is not there, refers to another file or to itself, or holds more than `MOST_VALUES`.
-        OSError, RuntimeError, KeyError, ValueError, TypeError: it is damaged, as h5py has it.
-    """
+    """A file to read from. Raises DatasetError if it is not there, refers to another file or to itself, or holds more
+    than `MOST_VALUES`; OSError, RuntimeError, KeyError, ValueError, TypeError if it is damaged, as h5py has it."""
     if not path.is_file():
         raise DatasetError(f"{path}: no such dataset")
     values, seen = 0, set[int]()

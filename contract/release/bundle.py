@@ -59,12 +59,9 @@ def pack(manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateK
 
 
 def write(path: Path, manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateKey | None = None) -> None:
-    """Write a bundle directory, or a zip if the path ends in .zip; whole or not at all; unsigned without a key.
-
-    Raises:
-        BundleError: for a bad file name, or if the path is a directory with something else in it.
-        StillwakeError: if the place cannot be written.
-    """
+    """Write a bundle directory, or a zip if the path ends in .zip; whole or not at all; unsigned without a key. Raises
+    BundleError for a bad file name, or if the path is a directory with something else in it; StillwakeError if the
+    place cannot be written."""
     packed = pack(manifest, contents, key)
     check_replaceable(path)
     write_files(path, packed)

@@ -41,12 +41,8 @@ def is_plain_name(name: str) -> bool:
 
 
 def read_files(path: Path) -> dict[str, bytes]:
-    """All files of a bundle by name.
-
-    Raises:
-        BundleContainerError: it is neither directory nor whole zip, it is too large, or it holds something else than
-            plain files of different names; the message names the entry.
-    """
+    """All files of a bundle by name. Raises BundleContainerError if it is neither directory nor whole zip, it is too
+    large, or it holds something else than plain files of different names; the message names the entry."""
     try:
         if path.is_dir():
             with closing(_directory(path)) as entries:

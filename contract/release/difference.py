@@ -24,11 +24,8 @@ class Difference(NamedTuple):
 
 
 def differences(a: Path, b: Path, trusted: PublicKey | None = None) -> list[Difference]:
-    """All of them, manifest fields by dotted names; the bundles may be of other versions' DBCs.
-
-    Raises:
-        BundleError: as `contract.release.bundle.load` does, but for the DBC.
-    """
+    """All of them, manifest fields by dotted names; the bundles may be of other versions' DBCs. Raises BundleError as
+    `contract.release.bundle.load` does, but for the DBC."""
     rows = []
     ours, theirs = _facts(a, trusted), _facts(b, trusted)
     for name in [*ours, *(name for name in theirs if name not in ours)]:

@@ -96,10 +96,7 @@ def public_key(key: Ed25519PrivateKey) -> PublicKey:
 
 def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
     """Write `release.key` (PKCS #8, readable by its owner alone) and `release.pub` into a folder, made if need be.
-
-    Raises:
-        KeyFileError: one of them is there already, or the folder cannot be written.
-    """
+    Raises KeyFileError if one of them is there already, or the folder cannot be written."""
     secret = key.private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )

@@ -47,10 +47,8 @@ class BoundedGraph:
         """Run one step as the graph stands, in bounded time and memory.
 
         To optimise a graph, ONNX Runtime computes what depends on constants alone while it loads, and neither time nor
-        memory of that can be bounded. A step that was not optimised computes the same and can be.
-
-        Raises:
-            BundleControllerError: as `session` and `run_on_zeros` do.
+        memory of that can be bounded. A step that was not optimised computes the same and can be. Raises
+        BundleControllerError as `session` and `run_on_zeros` do.
         """
         options = _options()
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL

@@ -73,11 +73,8 @@ def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[
 def compare_answers(
     program: ControllerProgram, answer: Answer, windows: Sequence[Array], exact_steps: Sequence[ControlStep]
 ) -> QuantisationReport:
-    """Answer the windows of `exact_answers` with another lowering; the float plan is the warm start of both.
-
-    Raises:
-        ExportError: there are no windows.
-    """
+    """Answer the windows of `exact_answers` with another lowering; the float plan is the warm start of both. Raises
+    ExportError if there are no windows."""
     h = program.mpc.horizon
     plan, free = np.zeros(h), np.ones(h)
     weights = np.array(program.mpc.weights.as_tuple())

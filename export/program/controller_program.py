@@ -73,12 +73,9 @@ class ControllerProgram:
         encoder_rows: int,
         prior: State | None = None,
     ) -> "ControllerProgram":
-        """Build a program from the tensors of the trained networks, named as in their state dicts.
-
-        Raises:
-            ExportError: a tensor is missing, unknown, not finite or of the wrong shape, or the parts do not
-                fit each other; the message names it.
-        """
+        """Build a program from the tensors of the trained networks, named as in their state dicts. Raises ExportError
+        if a tensor is missing, unknown, not finite or of the wrong shape, or the parts do not fit each other; the
+        message names it."""
         return cls(
             encoder=EncoderWeights.from_state(encoder),
             dynamics=DynamicsWeights.from_state(dynamics),

@@ -27,11 +27,8 @@ SHAPING: Final = frozenset(
 
 
 def judge(bundle: Bundle) -> None:
-    """Judge a bundle's graphs and run a step of each, in bounded time and memory.
-
-    Raises:
-        BundleControllerError: one of them is not sound, or computes otherwise than the manifest states.
-    """
+    """Judge a bundle's graphs and run a step of each, in bounded time and memory. Raises BundleControllerError if one
+    of them is not sound, or computes otherwise than the manifest states."""
     for name in (CONTROLLER, ESTIMATOR):
         if name in bundle.files:
             try:

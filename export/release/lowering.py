@@ -62,11 +62,8 @@ def lower(program: Program, *, calibration: Sequence[Array], with_library: bool)
 
 
 def lower_linear(program: LinearProgram, *, with_library: bool) -> Lowered:
-    """Lower a linear program, in float32: its numbers fit into a core's fast memory as they are.
-
-    Raises:
-        ExportError: a value that float32 cannot hold.
-    """
+    """Lower a linear program, in float32: its numbers fit into a core's fast memory as they are. Raises ExportError for
+    a value that float32 cannot hold."""
     graph = build_linear_controller(program).SerializeToString()
     return Lowered(program=program, graph=graph, library=linear_c_library(program) if with_library else None)
 

@@ -92,11 +92,9 @@ def calibration_windows(
 ) -> list[Array]:
     """Windows (L, S+1) of the last episode of every kind of forcing: what a controller meets differs between them.
 
-    About `CALIBRATION_WINDOWS` of them, or all there are. Episodes without `LEAST_CALIBRATION` windows are left out.
-    An episode whose provenance names no kind of forcing is of its own kind.
-
-    Raises:
-        ExportError: all episodes are too short; the message names the longest.
+    About `CALIBRATION_WINDOWS` of them, or all there are. Episodes without `LEAST_CALIBRATION` windows are left out. An
+    episode whose provenance names no kind of forcing is of its own kind. Raises ExportError if all episodes are too
+    short; the message names the longest.
     """
     held = {item.name: windows_in(len(item), program.window) for item in episodes}
     last = {
@@ -119,11 +117,8 @@ def calibration_windows(
 
 
 def gate_windows(program: AnyProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> list[Array]:
-    """The last `GATE_WINDOWS` windows (L, S+1) of the first episode that has as many.
-
-    Raises:
-        ExportError: all episodes are too short; the message names the longest.
-    """
+    """The last `GATE_WINDOWS` windows (L, S+1) of the first episode that has as many. Raises ExportError if all
+    episodes are too short; the message names the longest."""
     for item in episodes:
         if windows_in(len(item), program.window) >= GATE_WINDOWS:
             return recorded_windows(program, item, GATE_WINDOWS, layout)

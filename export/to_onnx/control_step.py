@@ -20,11 +20,8 @@ from export.to_onnx.weights import store_for
 
 
 def build_controller(lowered: Program) -> onnx.ModelProto:
-    """Lower a program to ONNX, a rounded one with its int8 weights; arithmetic is float32 in either.
-
-    Raises:
-        ExportError: a value that float32 cannot hold.
-    """
+    """Lower a program to ONNX, a rounded one with its int8 weights; arithmetic is float32 in either. Raises ExportError
+    for a value that float32 cannot hold."""
     store, program = store_for(lowered), effective(lowered)
     shapes = program.sizes.shapes()
     graph = Graph()

@@ -18,11 +18,7 @@ from export.to_onnx.history import lower_history
 
 
 def build_linear_controller(program: LinearProgram) -> onnx.ModelProto:
-    """Lower a linear program to ONNX in float32.
-
-    Raises:
-        ExportError: a value that float32 cannot hold.
-    """
+    """Lower a linear program to ONNX in float32. Raises ExportError for a value that float32 cannot hold."""
     shapes, h, columns = program.sizes.shapes(), program.mpc.horizon, program.pairs + 1
     graph = Graph()
     window, plan, free = (graph.input(name, shapes[name]) for name in ("window", "plan", "free"))

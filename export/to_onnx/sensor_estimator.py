@@ -53,11 +53,8 @@ def build_estimator(rounded: RoundedEstimator) -> onnx.ModelProto:
 
 
 def read_estimator(content: bytes) -> RoundedEstimator:
-    """The network of a graph that `build_estimator` wrote, in a verified bundle.
-
-    Raises:
-        ExportError: the graph is of another make, as those with float32 weights are that came before version 0.6.
-    """
+    """The network of a graph that `build_estimator` wrote, in a verified bundle. Raises ExportError if the graph is of
+    another make, as those with float32 weights are that came before version 0.6."""
     graph = onnx.load_from_string(content).graph
     constants = {item.name: numpy_helper.to_array(item) for item in graph.initializer}
     made_by = {name: node for node in graph.node for name in node.output}

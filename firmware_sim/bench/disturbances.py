@@ -273,11 +273,8 @@ Disturbance = NodeFault | Span
 
 
 def parse_disturbance(text: str) -> Disturbance:
-    """What a text describes.
-
-    Raises:
-        ConfigError: naming the text, and what is not known, missing, of another type or out of its bounds.
-    """
+    """What a text describes. Raises ConfigError naming the text, and what is not known, missing, of another type or out
+    of its bounds."""
     node, colon, _ = text.partition(":")
     if colon and node in NODES:
         return parse_node_fault(text)

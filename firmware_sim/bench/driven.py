@@ -18,10 +18,8 @@ from wake.plant.protocol import Drivable, Plant
 def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
     """Let the stream have the drive's speed, from the plant's time on, which is the drive's 0.
 
-    A developed wake is made that of the drive's first speed, and settles in the time without control.
-
-    Raises:
-        ConfigError: the plant's stream has one speed.
+    A developed wake is made that of the drive's first speed, and settles in the time without control. Raises
+    ConfigError if the plant's stream has one speed.
     """
     if not isinstance(plant, Drivable):
         raise ConfigError(f"drive {drive.name}: this plant has one speed; a drive needs the own solver")

@@ -47,11 +47,8 @@ class NodeFault:
 
 
 def parse_node_fault(text: str) -> NodeFault:
-    """The fault that a text describes.
-
-    Raises:
-        ConfigError: naming the text, and what is not known, missing or out of its bounds.
-    """
+    """The fault that a text describes. Raises ConfigError naming the text, and what is not known, missing or out of its
+    bounds."""
     node, colon, rest = text.partition(":")
     if not colon or node not in NODES:
         raise ConfigError(f"fault {text!r}: must begin with the node whose port it is in, vehicle: or ecu:")

@@ -49,11 +49,8 @@ class Spans:
             )
 
     def periods(self, control_period: float) -> tuple[int, int]:
-        """Control periods without control, and in all.
-
-        Raises:
-            StillwakeError: if a span is shorter than a control period.
-        """
+        """Control periods without control, and in all. Raises StillwakeError if a span is shorter than a control
+        period."""
         counts = []
         for name in ("lead_in", "controlled"):
             counts.append(round(getattr(self, name) / control_period))

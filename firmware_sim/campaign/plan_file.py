@@ -65,11 +65,8 @@ class _PlanForm:
 
 
 def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
-    """The built-in scenarios and those of a user's files, in this order.
-
-    Raises:
-        ConfigError: naming the file, and what in it is unknown, missing, of another type or makes no sense.
-    """
+    """The built-in scenarios and those of a user's files, in this order. Raises ConfigError naming the file, and what
+    in it is unknown, missing, of another type or makes no sense."""
     folder = files("firmware_sim.campaign").joinpath("plans")
     sources: list[Traversable] = [*(folder.joinpath(f"{name}.toml") for name in BUILT_IN), *users]
     scenarios = tuple(one for source in sources for one in read_plan(source, place))

@@ -117,11 +117,8 @@ def check_names(scenarios: Sequence[Scenario]) -> None:
 
 
 def selected(scenarios: Sequence[Scenario], globs: Sequence[str]) -> tuple[Scenario, ...]:
-    """Those whose name matches a pattern, in the plan's order, and the undisturbed one; all without a pattern.
-
-    Raises:
-        ConfigError: if a pattern matches none.
-    """
+    """Those whose name matches a pattern, in the plan's order, and the undisturbed one; all without a pattern. Raises
+    ConfigError if a pattern matches none."""
     for glob in globs:
         if not any(fnmatchcase(one.name, glob) for one in scenarios):
             raise ConfigError(f"--only {glob!r}: no scenario has such a name; --list shows them")

@@ -18,11 +18,8 @@ def phases_apart(phases: int, control_period: float) -> list[int]:
 
 
 def starting_states(folder: CampaignFolder, config: Config, phases: int) -> tuple[State, ...]:
-    """The states of all phases, their clocks at zero and the jets shut: those kept in the folder, or made now.
-
-    Raises:
-        PlantError: if there is no developed wake for the settings.
-    """
+    """The states of all phases, their clocks at zero and the jets shut: those kept in the folder, or made now. Raises
+    PlantError if there is no developed wake for the settings."""
     kept = [_kept(folder, number) for number in range(phases)]
     whole = [state for state in kept if state is not None]
     if len(whole) == phases:

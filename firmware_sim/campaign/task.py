@@ -69,11 +69,8 @@ class Task:
 
 
 def settings_of(scenario: Scenario, config: Config) -> Config:
-    """The campaign's settings with the scenario's on top.
-
-    Raises:
-        ConfigError: naming the scenario, for a setting that is not there, wrong, or not a scenario's to change.
-    """
+    """The campaign's settings with the scenario's on top. Raises ConfigError naming the scenario, for a setting that is
+    not there, wrong, or not a scenario's to change."""
     try:
         loaded = loading.load(None, scenario.settings, base=config)
     except ConfigError as error:

@@ -44,11 +44,8 @@ class BundlePolicy:
         return _packed(ControllerMemory.empty(length=length, sensors=columns - 1, horizon=self._horizon, delay=0))
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
-        """The command and the memory after it.
-
-        Raises:
-            ControllerError: if the controller fails or its answer is not finite.
-        """
+        """The command and the memory after it. Raises ControllerError if the controller fails or its answer is not
+        finite."""
         after = self._unpacked(memory, action).observed(Cp[self._columns])
         if not after.is_full:
             return 0.0, _packed(after)

@@ -140,11 +140,8 @@ class Ecu:
         return self._state
 
     def restore(self, state: EcuState) -> None:
-        """Go on from a state of this ECU, or of another one with the same bundle, settings and calibration.
-
-        Raises:
-            ValueError: if the state is of a controller with another window, sensors, horizon or delay.
-        """
+        """Go on from a state of this ECU, or of another one with the same bundle, settings and calibration. Raises
+        ValueError if the state is of a controller with another window, sensors, horizon or delay."""
         if (own := self._state.memory.sizes) != state.memory.sizes:
             raise ValueError(
                 f"state of a controller with (window, sensors, horizon, delay) = {state.memory.sizes}: this ECU has "
@@ -162,9 +159,7 @@ class Ecu:
         """Have other values, all of them from the next step on.
 
         The command gate then bounds the very next command by a narrower range, however large the one before it was.
-
-        Raises:
-            ConfigError: a value is out of the limits of this release and vehicle; all of them are then as before.
+        Raises ConfigError if a value is out of the limits of this release and vehicle; all of them are then as before.
         """
         self._calibration_limits.check(calibration)
         self.calibration = calibration

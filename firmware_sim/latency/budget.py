@@ -69,11 +69,8 @@ class Verdict(NamedTuple):
 
 
 def read_budget(path: Path) -> Budget:
-    """The budget of a file.
-
-    Raises:
-        ConfigError: it cannot be read, limits something unknown or nothing, or a limit is out of range.
-    """
+    """The budget of a file. Raises ConfigError if it cannot be read, limits something unknown or nothing, or a limit is
+    out of range."""
     tree = read_toml(path, "budget")
     try:
         form = typed(tree, _Form)

@@ -18,11 +18,7 @@ class Asked(NamedTuple):
 
 
 def asked(request: object) -> Asked:
-    """What is to be done.
-
-    Raises:
-        ConfigError: if it is not exactly one action with a value of its kind.
-    """
+    """What is to be done. Raises ConfigError if it is not exactly one action with a value of its kind."""
     if not isinstance(request, dict):
         raise ConfigError("request: must be a JSON object")
     actions = [name for name in request if name != "id"]

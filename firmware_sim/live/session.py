@@ -107,11 +107,7 @@ class LiveSession:
         )
 
     def step(self) -> None:
-        """One control period; none while the loop is paused.
-
-        Raises:
-            StillwakeError: if the flow diverges.
-        """
+        """One control period; none while the loop is paused. Raises StillwakeError if the flow diverges."""
         if self._paused:
             return
         run = self._run

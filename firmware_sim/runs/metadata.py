@@ -191,9 +191,6 @@ class RunMetadata:
 
     @classmethod
     def from_tree(cls, tree: Mapping[str, Any]) -> "RunMetadata":
-        """Read what `to_tree` wrote.
-
-        Raises:
-            KeyError, TypeError, ConfigError: for a field that is missing, unknown or makes no sense.
-        """
+        """Read what `to_tree` wrote. Raises KeyError, TypeError, ConfigError for a field that is missing, unknown or
+        makes no sense."""
         return typed({**tree, "status": list(EcuStatus(**tree["status"]))}, cls)

@@ -142,11 +142,7 @@ def save(path: Path, log: RunLog) -> None:
 
 
 def load(path: Path) -> RunLog:
-    """Read what `save` wrote.
-
-    Raises:
-        StillwakeError: if the file is missing, damaged or of another schema.
-    """
+    """Read what `save` wrote. Raises StillwakeError if the file is missing, damaged or of another schema."""
     try:
         data = read_npz(path)
         header = strict_json.decode(data.text("header").encode())

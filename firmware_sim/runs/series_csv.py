@@ -30,11 +30,8 @@ UNITS: Final = {
 
 
 def write_csv(path: Path, log: RunLog) -> None:
-    """Write the series, whole or not at all; a value that does not exist is an empty field.
-
-    Raises:
-        StillwakeError: if the place cannot be written.
-    """
+    """Write the series, whole or not at all; a value that does not exist is an empty field. Raises StillwakeError if
+    the place cannot be written."""
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows(_rows(log))
 

@@ -129,11 +129,8 @@ def save(path: Path, wake: WakeStills) -> None:
 
 
 def load(path: Path, log: RunLog) -> WakeStills:
-    """Read what `save` wrote, of this run.
-
-    Raises:
-        StillwakeError: if the file is damaged, of another schema, or its times are not the series'.
-    """
+    """Read what `save` wrote, of this run. Raises StillwakeError if the file is damaged, of another schema, or its
+    times are not the series'."""
     try:
         data = read_npz(path)
         header = strict_json.decode(data.text("header").encode())

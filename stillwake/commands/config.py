@@ -45,10 +45,7 @@ def config(
 
 def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tuple[Section, ...]:
     """The sections with those of their settings that begin with the prefix, and that differ from the paper's if asked.
-
-    Raises:
-        ConfigError: no setting begins with the prefix.
-    """
+    Raises ConfigError if no setting begins with the prefix."""
     if not any(one.name.startswith(prefix) for section in listed for one in section.settings):
         raise ConfigError(
             f"no setting begins with {prefix!r}; the sections are {', '.join(one.name for one in listed)}"

@@ -172,11 +172,8 @@ def vehicle(
 
 
 def slowed(config: Config, factor: float) -> Config:
-    """The same vehicle at a speed divided by the factor: times grow by it, pressures and flow rates shrink.
-
-    Raises:
-        ConfigError: if the factor is not a number from 1 to 1000.
-    """
+    """The same vehicle at a speed divided by the factor: times grow by it, pressures and flow rates shrink. Raises
+    ConfigError if the factor is not a number from 1 to 1000."""
     if not (isfinite(factor) and 1.0 <= factor <= 1000.0):
         raise ConfigError(f"--slow-down {factor:g}: must be a number from 1 to 1000")
     point = config.operating_point

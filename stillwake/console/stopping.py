@@ -54,10 +54,7 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
     """Work that a stop ends well: yields whether Ctrl-C or SIGTERM came, as a function. A second one stops at once.
 
     Nothing is interrupted, so that whatever is being written is written to its end. Outside the main thread, which
-    alone may take signals, nothing ever stops it.
-
-    Raises:
-        KeyboardInterrupt: a stop came before, and was lost.
+    alone may take signals, nothing ever stops it. Raises KeyboardInterrupt if a stop came before, and was lost.
     """
     if current_thread() is not main_thread():
         yield lambda: False

@@ -131,11 +131,8 @@ class ControlSteps:
 
 
 def iterating(model: Path, config: Config) -> Iterating:
-    """The iterations of a model folder's controller, under the settings, for a prior that changes.
-
-    Raises:
-        ConfigError: the model has no prior yet.
-    """
+    """The iterations of a model folder's controller, under the settings, for a prior that changes. Raises ConfigError
+    if the model has no prior yet."""
     program = program_of(model_folder.read(model), config.mpc)
     prior = program.prior
     if prior is None:

@@ -56,11 +56,8 @@ class LiveParts:
     enable_after: float
 
     def __call__(self, tell: Callable[[str], None]) -> "LiveSession":
-        """The loop; `tell` is called with what is waited for.
-
-        Raises:
-            StillwakeError: if plant or ECU cannot be had, or do not fit each other.
-        """
+        """The loop; `tell` is called with what is waited for. Raises StillwakeError if plant or ECU cannot be had, or
+        do not fit each other."""
         from firmware_sim.live.session import LiveSession
 
         release = open_release(self.bundle, self.trust)
@@ -111,11 +108,8 @@ class Ecus:
         self._in_c: dict[str, LoopEcu] = {}
 
     def __call__(self, name: str) -> "LoopEcu":
-        """Just powered on; of an ECU in C there is one, which the session keeps, too.
-
-        Raises:
-            StillwakeError: it cannot be had.
-        """
+        """Just powered on; of an ECU in C there is one, which the session keeps, too. Raises StillwakeError if it
+        cannot be had."""
         from firmware_sim.ecu.ecu import Ecu
         from firmware_sim.ecu.stepped import LoopEcu
 
@@ -130,11 +124,7 @@ class Ecus:
         return partial(self.prepare, name) if name in COMPILING and name not in self._in_c else None
 
     def prepare(self, name: str) -> None:
-        """Make an ECU in C, which takes seconds, unless it is there.
-
-        Raises:
-            StillwakeError: it cannot be had.
-        """
+        """Make an ECU in C, which takes seconds, unless it is there. Raises StillwakeError if it cannot be had."""
         from firmware_sim.bench.ecus import loop_ecu
 
         if name not in self._in_c:

@@ -25,12 +25,8 @@ Trust = Annotated[
 
 
 def open_release(path: Path | None, trust: str | None) -> Bundle:
-    """Load a bundle, or the shipped one, which must be the project's unless another key is to be trusted.
-
-    Raises:
-        BundleError: it does not verify, or is not signed as demanded.
-        KeyFileError: the key to trust cannot be read.
-    """
+    """Load a bundle, or the shipped one, which must be the project's unless another key is to be trusted. Raises
+    BundleError if it does not verify, or is not signed as demanded; KeyFileError if the key to trust cannot be read."""
     return bundles.load(*locate(path, trust))
 
 

@@ -106,11 +106,8 @@ def evaluate_model(
 def evaluate(
     encoder: Encoder, predictor: Predictor | WakeModel, rows: Rows, *, horizons: Sequence[int] = HORIZONS
 ) -> EncoderMetrics:
-    """Figures of an encoder, with these dynamics and decoder, on test rows that hold its sensors' columns.
-
-    Raises:
-        DatasetError: if no episode is long enough for a window and the longest horizon, or a force is constant.
-    """
+    """Figures of an encoder, with these dynamics and decoder, on test rows that hold its sensors' columns. Raises
+    DatasetError if no episode is long enough for a window and the longest horizon, or a force is constant."""
     return evaluate_latents(encode_all(encoder, rows), predictor, rows, window=encoder.window, horizons=horizons)
 
 
@@ -119,10 +116,8 @@ def evaluate_latents(
 ) -> EncoderMetrics:
     """Figures of latents (n, N_z), one for each row, NaN where an episode has no window yet.
 
-    Every window of every episode counts; a roll-out starts from each that has the longest horizon ahead of it.
-
-    Raises:
-        DatasetError: if no episode is long enough for a window and the longest horizon, or a force is constant.
+    Every window of every episode counts; a roll-out starts from each that has the longest horizon ahead of it. Raises
+    DatasetError if no episode is long enough for a window and the longest horizon, or a force is constant.
     """
     dynamics, decoder = predictor.dynamics, predictor.decoder
     longest = max(horizons)
@@ -169,11 +164,8 @@ def _sigma(values: Tensor) -> Tensor:
 
 
 def rollout_starts(rows: Rows, window: int, longest: int) -> Tensor:
-    """Ends of the windows that have `longest` rows of the same episode after them, (m,) indices.
-
-    Raises:
-        DatasetError: if there is none.
-    """
+    """Ends of the windows that have `longest` rows of the same episode after them, (m,) indices. Raises DatasetError if
+    there is none."""
     starts = [
         torch.arange(span.start + window - 1, span.stop - longest)
         for span in rows.spans()

@@ -87,11 +87,9 @@ def optimise(
 ) -> None:
     """Minimise `loss(step)["total"]` over the module's parameters with Adam, in place.
 
-    Call inside `seeded`: the generator's state is saved and restored with the checkpoint.
-
-    Raises:
-        ConfigError, DatasetError, StillwakeError: from a checkpoint that does not fit (`train.fitting.checkpoint`).
-        TrainingError: as soon as loss or weights are not finite; no checkpoint is left then.
+    Call inside `seeded`: the generator's state is saved and restored with the checkpoint. Raises ConfigError,
+    DatasetError, StillwakeError from a checkpoint that does not fit (`train.fitting.checkpoint`); TrainingError as soon
+    as loss or weights are not finite; no checkpoint is left then.
     """
     optimiser = torch.optim.Adam(module.parameters(), lr=schedule.learning_rate)
     rate = _rate(optimiser, schedule)
@@ -155,10 +153,7 @@ def fit_joint(
 ) -> WakeModel:
     """Train encoder, dynamics and decoder together on standardised rows; the result is in evaluation mode.
 
-    Runs on the device that holds `rows`.
-
-    Raises:
-        DatasetError: if an episode is too short for a window and the unroll.
+    Runs on the device that holds `rows`. Raises DatasetError if an episode is too short for a window and the unroll.
     """
     settings, device = config.train, rows.inputs.device
     with seeded(settings.seed, device):

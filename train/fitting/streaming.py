@@ -50,10 +50,8 @@ def fit_stream(
 ) -> None:
     """Train an encoder to reproduce `target`, (n, N_z) latents of the rows (its sensors' columns), read as a stream.
 
-    In place, over `config.train.stream_epochs`; call inside `train.fitting.fit.seeded`.
-
-    Raises:
-        DatasetError: if an episode is too short for a window and a stretch.
+    In place, over `config.train.stream_epochs`; call inside `train.fitting.fit.seeded`. Raises DatasetError if an
+    episode is too short for a window and a stretch.
     """
     settings, window = config.train, config.model.window
     sampler = SegmentSampler(

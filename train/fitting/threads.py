@@ -14,11 +14,8 @@ from contract.errors import ConfigError
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """Torch computes with so many threads inside the block; the caller's number is restored after it.
-
-    Raises:
-        ConfigError: for a number below 1.
-    """
+    """Torch computes with so many threads inside the block; the caller's number is restored after it. Raises
+    ConfigError for a number below 1."""
     if count < 1:
         raise ConfigError(f"threads = {count}: must be at least 1")
     before = torch.get_num_threads()

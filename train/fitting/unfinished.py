@@ -82,12 +82,9 @@ def folder_of(output: Path) -> Path:
 
 
 def check(folder: Path, identity: Identity) -> Reached | None:
-    """How far the training in this folder has come; None if nothing is kept there.
-
-    Raises:
-        ConfigError: the checkpoints there are of other settings; the message names the first that differs.
-        DatasetError: they are of another recording.
-    """
+    """How far the training in this folder has come; None if nothing is kept there. Raises ConfigError if the
+    checkpoints there are of other settings; the message names the first that differs; DatasetError if they are of
+    another recording."""
     if not has_checkpoints(folder):
         return None
     label = _label(folder)

@@ -43,11 +43,8 @@ class Series:
 
 
 def chosen_episodes(episodes: Sequence[Episode], patterns: Sequence[str]) -> tuple[Episode, ...]:
-    """Episodes whose name matches one of the patterns, as in a shell.
-
-    Raises:
-        DatasetError: none does; the message names those that there are.
-    """
+    """Episodes whose name matches one of the patterns, as in a shell. Raises DatasetError if none does; the message
+    names those that there are."""
     chosen = tuple(item for item in episodes if any(fnmatchcase(item.name, pattern) for pattern in patterns))
     if not chosen:
         names = ", ".join(item.name for item in episodes)
@@ -56,12 +53,9 @@ def chosen_episodes(episodes: Sequence[Episode], patterns: Sequence[str]) -> tup
 
 
 def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
-    """Raise unless the sensors are pairs of mirror images, one after the other.
-
-    Raises:
-        ConfigError: a name does not exist, or is given twice.
-        DatasetError: two of a pair are not mirror images of each other; the message names them.
-    """
+    """Raise unless the sensors are pairs of mirror images, one after the other. Raises ConfigError if a name does
+    not exist, or is given twice; DatasetError if two of a pair are not mirror images of each other; the message
+    names them."""
     if layout.mirror is None:
         raise DatasetError("the sensors have no mirror images: a linear model is made of differences between such")
     if tuple(sensors) == SENSORS and SENSORS[0] not in layout.names:

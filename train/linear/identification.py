@@ -124,10 +124,8 @@ def regression(series: Series, window: int) -> tuple[Array, Array]:
 def roll_out_r2(model: Arx, series: Sequence[Series], horizons: Sequence[int] = HORIZONS) -> Array:
     """R2 of predictions over recorded actions, (horizons, p + q), from every fifth step on.
 
-    R2 = 1 - sum (predicted - recorded)^2 / sum (recorded - mean)^2, over all starts.
-
-    Raises:
-        IdentificationError: no stretch holds the memory and the longest horizon.
+    R2 = 1 - sum (predicted - recorded)^2 / sum (recorded - mean)^2, over all starts. Raises IdentificationError if no
+    stretch holds the memory and the longest horizon.
     """
     ahead = max(horizons)
     predicted: list[Array] = []

@@ -81,10 +81,7 @@ class Rows:
 
     def noise(self, level: float) -> Tensor:
         """(N,) standard deviation of noise of `level` global deviations, in each sensor's column; zero at level 0.
-
-        Raises:
-            ConfigError: if these rows have no global deviation.
-        """
+        Raises ConfigError if these rows have no global deviation."""
         if self.unit is None:
             if level:
                 raise ConfigError(f"sensor noise {level}: these rows were made without a scaling, so it has no unit")
@@ -93,11 +90,8 @@ class Rows:
 
 
 def prepare(episodes: Sequence[Episode], scaling: Scaling, *, mirrored: bool, layout: SensorLayout = TRUCK) -> Rows:
-    """Standardised rows of the episodes, followed by those of their mirror images if `mirrored`.
-
-    Raises:
-        ConfigError: if mirror images are asked for and the layout has none.
-    """
+    """Standardised rows of the episodes, followed by those of their mirror images if `mirrored`. Raises ConfigError if
+    mirror images are asked for and the layout has none."""
     mirror = layout.mirror
     if mirrored and mirror is None:
         raise ConfigError("mirrored rows: these sensors have no mirror images")

@@ -15,13 +15,11 @@ from contract.sensors import TRUCK
 def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Scaling:
     """Mean and standard deviation of the episodes, taken together with their mirror images where there are any.
 
-    The mirror image (y -> -y) permutes the sensors and turns the signs of action and lift. Statistics over both
-    are symmetric: mean action and mean Cl are 0 and mirrored sensors share mean and deviation, so that mirroring
-    commutes with scaling. Without mirror images, Cl has a mean of its own; an action is never shifted, so that no
-    action stays 0, and its deviation is its root mean square in either case.
-
-    Raises:
-        DatasetError: if a sensor, the action or a force never changes; the message names it.
+    The mirror image (y -> -y) permutes the sensors and turns the signs of action and lift. Statistics over both are
+    symmetric: mean action and mean Cl are 0 and mirrored sensors share mean and deviation, so that mirroring commutes
+    with scaling. Without mirror images, Cl has a mean of its own; an action is never shifted, so that no action stays
+    0, and its deviation is its root mean square in either case. Raises DatasetError if a sensor, the action or a force
+    never changes; the message names it.
     """
     pressure = np.concatenate([episode.series["Cp"] for episode in episodes])
     action = np.concatenate([episode.series["action"] for episode in episodes])

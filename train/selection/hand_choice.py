@@ -13,13 +13,10 @@ from contract.sensors import TRUCK
 def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
     """Indices of `count` sensors, outward from the two rear corners.
 
-    By turns the next pair along the sides, from the rear forward, and the next across the base, from its edges
-    inward; when one of the two is used up, the other alone. On the truck, four are upper_39, lower_39, base_0 and
-    base_9. Sensors on the symmetry line come last, from the rear forward. An odd count may end with the upper sensor of
-    a pair, without its image.
-
-    Raises:
-        ConfigError: the sensors have no mirror images, or none lies on a base.
+    By turns the next pair along the sides, from the rear forward, and the next across the base, from its edges inward;
+    when one of the two is used up, the other alone. On the truck, four are upper_39, lower_39, base_0 and base_9.
+    Sensors on the symmetry line come last, from the rear forward. An odd count may end with the upper sensor of a pair,
+    without its image. Raises ConfigError if the sensors have no mirror images, or none lies on a base.
     """
     mirror = layout.mirror
     if mirror is None or not layout.base.size:

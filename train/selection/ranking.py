@@ -35,11 +35,8 @@ class Ranking:
         return self.scores.std(axis=0, ddof=1) if len(self.scores) > 1 else np.zeros(self.scores.shape[1])
 
     def top(self, count: int) -> tuple[str, ...]:
-        """Names of the best sensors by mean score, best first; equal scores keep the sensors' order.
-
-        Raises:
-            ConfigError: if there are not that many sensors.
-        """
+        """Names of the best sensors by mean score, best first; equal scores keep the sensors' order. Raises ConfigError
+        if there are not that many sensors."""
         check_count(count, len(self.names))
         return self._names(_best(self.mean, count))
 

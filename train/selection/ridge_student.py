@@ -42,11 +42,8 @@ def lagged(windows: Array) -> Array:
 
 
 def sample(encoder: Encoder, rows: Rows, seed: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Lags of all columns and the encoder's latents, of the windows to fit and of those to judge.
-
-    Raises:
-        DatasetError: if there are fewer than 6 windows.
-    """
+    """Lags of all columns and the encoder's latents, of the windows to fit and of those to judge. Raises DatasetError
+    if there are fewer than 6 windows."""
     firsts = first_rows(rows, encoder.window)
     total = min(len(firsts), FITTED + JUDGED)
     if total < 6:
@@ -106,10 +103,8 @@ class RidgeStudent:
 def ridge_student(encoder: Encoder, rows: Rows, seed: int, sensor_noise: float = 0.0) -> RidgeStudent:
     """The student of that encoder, with windows drawn by `seed` and sensors that noise of that level disturbs.
 
-    White noise only adds its power to the diagonal of the lags' products, so none has to be drawn.
-
-    Raises:
-        DatasetError: if there are too few windows, or their latents are all the same.
+    White noise only adds its power to the diagonal of the lags' products, so none has to be drawn. Raises DatasetError
+    if there are too few windows, or their latents are all the same.
     """
     (x, z), (judged_x, judged_z) = sample(encoder, rows, seed)
     mean_x, mean_z = x.mean(axis=0), z.mean(axis=0)

@@ -66,11 +66,8 @@ class ShapRanker:
         )
 
     def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array:
-        """Scores (N,); windows are drawn from `rows` without replacement.
-
-        Raises:
-            DatasetError: if `rows` hold fewer windows than are to be drawn.
-        """
+        """Scores (N,); windows are drawn from `rows` without replacement. Raises DatasetError if `rows` hold fewer
+        windows than are to be drawn."""
         generator = np.random.default_rng(seed)
         background = _draw(rows, encoder.window, self.background, "background", generator)
         explained = _draw(rows, encoder.window, self.explained, "explanation", generator)

@@ -49,20 +49,13 @@ class JetPipes:
         self.close()
 
     def wait(self) -> None:
-        """Return when icoFoam has finished its time step and asks for the next.
-
-        Raises:
-            PlantError: if it ends or takes too long.
-        """
+        """Return when icoFoam has finished its time step and asks for the next. Raises PlantError if it ends or takes
+        too long."""
         if self._waiting is None:
             self._waiting = self._open(JETS[0])
 
     def send(self, action: float) -> None:
-        """Let icoFoam take one time step, at whose end the jets have this flow rate.
-
-        Raises:
-            PlantError: as `wait`.
-        """
+        """Let icoFoam take one time step, at whose end the jets have this flow rate. Raises PlantError as `wait`."""
         self.wait()
         for jet in JETS:
             reader = self._open(jet) if self._waiting is None else self._waiting

@@ -88,9 +88,7 @@ def developed(
     """The settled wake: `folder/developed.npz` if that was made with these settings, else made and kept there.
 
     Starts from the own solver's developed wake. Takes minutes; a later call continues where this one was interrupted.
-
-    Raises:
-        PlantError: if icoFoam is missing or fails, or the kept file is damaged.
+    Raises PlantError if icoFoam is missing or fails, or the kept file is damaged.
     """
     require_installed()
     mesh, path = truck_mesh(foam.refinement), folder / "developed.npz"

@@ -14,11 +14,8 @@ _LIST: Final = re.compile(rb"internalField\s+nonuniform\s+List<(scalar|vector)>\
 
 
 def parse_cells(content: bytes, name: str) -> Array:
-    """A field's values in the cells, (m,) or (m, 3), from a file written in binary with 64-bit numbers.
-
-    Raises:
-        PlantError: if it is of another kind or cut short; the message has `name`.
-    """
+    """A field's values in the cells, (m,) or (m, 3), from a file written in binary with 64-bit numbers. Raises
+    PlantError if it is of another kind or cut short; the message has `name`."""
     listing = _LIST.search(content)
     if listing is None or b"scalar=64" not in content[: listing.start()]:
         raise PlantError(f"{name}: must hold a binary list of 64-bit numbers, one a cell")

@@ -39,11 +39,8 @@ class Readings:
     wake: Array
 
     def require_finite(self, t: float) -> None:
-        """Refuse what a diverged flow leaves; t is when this was measured.
-
-        Raises:
-            PlantError: if a number is not finite.
-        """
+        """Refuse what a diverged flow leaves; t is when this was measured. Raises PlantError if a number is not
+        finite."""
         if not all(np.isfinite(values).all() for values in (self.forces, self.pressures, self.wake)):
             raise PlantError(f"the flow diverged at t = {t:.2f}: take more time steps a control period")
 
@@ -55,11 +52,8 @@ class Instruments:
         self._weights = sensor_weights(mesh)
 
     def sample(self, readings: Readings, *, t: float, action: float) -> Sample:
-        """A sample at time t with this jet flow rate in force.
-
-        Raises:
-            PlantError: if a reading is not finite, or there are not as many as the mesh has probes.
-        """
+        """A sample at time t with this jet flow rate in force. Raises PlantError if a reading is not finite, or there
+        are not as many as the mesh has probes."""
         if readings.pressures.shape != (self._weights.shape[1],):
             raise PlantError(f"{readings.pressures.size} pressures read, this mesh has {self._weights.shape[1]} probes")
         readings.require_finite(t)
@@ -88,11 +82,7 @@ class Follower:
         self._offsets = dict.fromkeys(_FILES, 0)
 
     def read(self) -> Readings:
-        """The last line of every file.
-
-        Raises:
-            PlantError: if a file has no line that was not read before.
-        """
+        """The last line of every file. Raises PlantError if a file has no line that was not read before."""
         return _readings({name: self._last(name) for name in _FILES})
 
     def _last(self, name: str) -> Array:
@@ -113,11 +103,7 @@ class Follower:
 
 def read_all(folder: Path) -> tuple[Array, list[Readings]]:
     """Times and readings of a whole case, also of one that was continued: each start's lines replace the older ones
-    from there on.
-
-    Raises:
-        PlantError: if the case holds no measurements.
-    """
+    from there on. Raises PlantError if the case holds no measurements."""
     tables = {name: _series(folder / "postProcessing" / name, file) for name, file in _FILES.items()}
     times = min((table[:, 0] for table in tables.values()), key=len)
     tables = {name: table[np.searchsorted(table[:, 0], times - _SAME)] for name, table in tables.items()}

@@ -79,11 +79,8 @@ class Mesh:
 
 
 def truck_mesh(refinement: float = 1.0) -> Mesh:
-    """The mesh; every spacing is divided by `refinement`.
-
-    Raises:
-        ConfigError: if the mesh would be too coarse to give each slot two cells.
-    """
+    """The mesh; every spacing is divided by `refinement`. Raises ConfigError if the mesh would be too coarse to give
+    each slot two cells."""
     slot_cells = len(graded_faces(_ACROSS, HALF_WIDTH - JET_WIDTH, HALF_WIDTH, refinement)) - 1
     if slot_cells < 2:
         raise ConfigError(f"refinement = {refinement}: gives {slot_cells} cells a slot, must give at least 2")

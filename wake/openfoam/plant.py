@@ -97,11 +97,8 @@ class OpenFoamWake:
 
     def reset(self, state: FoamState) -> Sample:
         """Restart icoFoam from a state. Its restart is close, not exact: a control period later forces are within a
-        fraction of a percent of a run that was not interrupted.
-
-        Raises:
-            PlantError: if it belongs to another mesh, is not finite, or icoFoam does not start.
-        """
+        fraction of a percent of a run that was not interrupted. Raises PlantError if it belongs to another mesh, is not
+        finite, or icoFoam does not start."""
         velocity = state.velocity
         if len(velocity) != len(self.mesh.cells):
             raise PlantError(f"flow state has {len(velocity)} cells, this mesh has {len(self.mesh.cells)}")
@@ -126,11 +123,7 @@ class OpenFoamWake:
         return self.sample()
 
     def state(self) -> FoamState:
-        """What to `reset` to later.
-
-        Raises:
-            PlantError: in the middle of a control period.
-        """
+        """What to `reset` to later. Raises PlantError in the middle of a control period."""
         if self._substep == self._first:
             return self._state
         return FoamState(
@@ -142,22 +135,17 @@ class OpenFoamWake:
         )
 
     def advance(self, action: float) -> Sample:
-        """Ramp to `action` over the rest of the control period and return the next sample.
-
-        Raises:
-            PlantError: for an action that is not finite or exceeds the bound, if the flow diverges or icoFoam fails,
-                or at the end of the longest duration.
-        """
+        """Ramp to `action` over the rest of the control period and return the next sample. Raises PlantError for an
+        action that is not finite or exceeds the bound, if the flow diverges or icoFoam fails, or at the end of the
+        longest duration."""
         self.advance_to(self.config.substeps, action)
         return self.sample()
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
         """Advance within the current period until `substep` (1 .. substeps).
 
-        With an action the jet ramps so as to reach it at the period's end; without one it stays as it is.
-
-        Raises:
-            PlantError: as `advance`, or for a substep that is not ahead in this period.
+        With an action the jet ramps so as to reach it at the period's end; without one it stays as it is. Raises
+        PlantError as `advance`, or for a substep that is not ahead in this period.
         """
         into, last = self.substeps_into_period, self.config.substeps
         if not into < substep <= last:

@@ -51,11 +51,7 @@ class FoamState:
 
 
 def read_fields(folder: Path) -> dict[str, bytes]:
-    """The field files of one time of a case.
-
-    Raises:
-        PlantError: if one is missing.
-    """
+    """The field files of one time of a case. Raises PlantError if one is missing."""
     try:
         return {name: (folder / name).read_bytes() for name in _FIELDS}
     except OSError as error:
@@ -72,11 +68,8 @@ def put(state: FoamState, case: Path) -> None:
 
 
 def written(folder: Path, dt: float) -> FoamState:
-    """The last state of a case without jets; its clock is set back to zero.
-
-    Raises:
-        PlantError: if the case holds no state of a later time than 0.
-    """
+    """The last state of a case without jets; its clock is set back to zero. Raises PlantError if the case holds no
+    state of a later time than 0."""
     latest = fields.latest(folder)
     if latest is None:
         raise PlantError(f"{folder}: icoFoam has written no state")
@@ -96,11 +89,7 @@ def save(path: Path, state: FoamState, facts: str) -> None:
 
 
 def load(path: Path) -> tuple[FoamState, str]:
-    """A saved state and how it was made.
-
-    Raises:
-        PlantError: if the file is missing, damaged or of another schema.
-    """
+    """A saved state and how it was made. Raises PlantError if the file is missing, damaged or of another schema."""
     try:
         data = read_npz(path)
         about = json.loads(data.text("about"))

@@ -97,11 +97,8 @@ _GUSTS: Final = {"gusty-ramp": Gust(amplitude=0.1, period=20.0)}
 
 
 def find_drive(text: str, point: OperatingPoint) -> Drive:
-    """The shipped profile of that name, or the file.
-
-    Raises:
-        ConfigError: there is no such profile or file, or what is in the file is no drive; names the line and the value.
-    """
+    """The shipped profile of that name, or the file. Raises ConfigError if there is no such profile or file, or what is
+    in the file is no drive; names the line and the value."""
     if text in _PROFILES:
         times, ratios = zip(*_PROFILES[text], strict=True)
         return Drive(name=text, times=times, speeds=tuple(r * point.speed for r in ratios), gust=_GUSTS.get(text))

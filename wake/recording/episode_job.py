@@ -59,13 +59,9 @@ class EpisodeJob:
         )
 
     def run(self, wake: TruckWake | None = None, progress: Progress = lambda name, done, total: None) -> None:
-        """Record what is missing; `wake` is built if not given.
-
-        Raises:
-            StillwakeError: if this process does not find the folder, a block cannot be written, this process has other
-                versions or another start than the one that began the recording, or another call took over.
-            PlantError: if the flow diverges.
-        """
+        """Record what is missing; `wake` is built if not given. Raises StillwakeError if this process does not find the
+        folder, a block cannot be written, this process has other versions or another start than the one that began the
+        recording, or another call took over; PlantError if the flow diverges."""
         if not self.parts.is_owned_by(self.owner):
             raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must lie on a shared folder")
         mine = setting_of(self.config, self.plan.packages, self.start)

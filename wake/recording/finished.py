@@ -16,10 +16,8 @@ _NOT_COMPARED: Final = "versions"
 def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
     """Whether the file holds all episodes of these jobs, made with the same settings; False if there is no file.
 
-    Rounds that were added to it under a controller do not count.
-
-    Raises:
-        OutputError: there is a file, but not of this recording; the message names the first difference.
+    Rounds that were added to it under a controller do not count. Raises OutputError if there is a file, but not of this
+    recording; the message names the first difference.
     """
     if not output.exists():
         return False

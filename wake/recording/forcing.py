@@ -52,12 +52,8 @@ def extended_chirp(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np
 
 
 def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) -> Array:
-    """A sine of one frequency in 1/t_c, from zero upwards; shape (steps,), in U_inf W.
-
-    Raises:
-        ConfigError: for an amplitude beyond the bound, or a frequency that is not positive or that control steps
-            cannot follow.
-    """
+    """A sine of one frequency in 1/t_c, from zero upwards; shape (steps,), in U_inf W. Raises ConfigError for an
+    amplitude beyond the bound, or a frequency that is not positive or that control steps cannot follow."""
     if not 0.0 <= amplitude <= flow.action_limit:
         raise ConfigError(f"amplitude = {amplitude}: must be between 0 and {flow.action_limit}")
     highest = 0.5 / flow.control_period

@@ -79,10 +79,8 @@ def truck_grid(refinement: float = 1.0) -> Grid:
 def box_grid(length: float, refinement: float = 1.0) -> Grid:
     """The grid around a box of width 1 from x = 0 to `length`; every spacing is divided by `refinement`.
 
-    Nose and base of every box are resolved alike, at the same distance from them.
-
-    Raises:
-        ConfigError: if the grid would be too coarse to give each slot two cells.
+    Nose and base of every box are resolved alike, at the same distance from them. Raises ConfigError if the grid would
+    be too coarse to give each slot two cells.
     """
     # Rounded, so that the truck's stations are those of its table to the bit.
     base = tuple((round(length + offset, 9), size) for offset, size in _FROM_BASE)

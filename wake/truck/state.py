@@ -95,11 +95,7 @@ def check_grid(origin: Origin, shape: tuple[int, int]) -> None:
 
 
 def save_state(path: Path, state: State) -> None:
-    """Write a state, whole or not at all.
-
-    Raises:
-        PlantError: if it has no origin.
-    """
+    """Write a state, whole or not at all. Raises PlantError if it has no origin."""
     origin = state.origin
     if origin is None:
         raise PlantError(f"{path}: a state without its origin cannot be written: take it from `TruckWake.state`")
@@ -123,11 +119,7 @@ def save_state(path: Path, state: State) -> None:
 
 
 def load_state(path: Path) -> State:
-    """Read a saved state.
-
-    Raises:
-        PlantError: if the file is missing, damaged or of another schema.
-    """
+    """Read a saved state. Raises PlantError if the file is missing, damaged or of another schema."""
     try:
         data = read_npz(path)
         if data.text("schema") != STATE_SCHEMA:

@@ -115,12 +115,9 @@ def settle(
 
 
 def check_steady(wake: TruckWake, state: State) -> None:
-    """Refuse a state that is not the steady symmetric wake; the plant is left a control period behind it.
-
-    Raises:
-        PlantError: if the flow is not its own mirror image, blows, or changes; the message names by how much, and the
-            remedy.
-    """
+    """Refuse a state that is not the steady symmetric wake; the plant is left a control period behind it. Raises
+    PlantError if the flow is not its own mirror image, blows, or changes; the message names by how much, and the
+    remedy."""
     wake.reset(state)
     flow = wake.flow
     uneven = max(

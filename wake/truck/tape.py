@@ -68,11 +68,8 @@ class Tape:
         return len(self._periods)
 
     def advance(self, action: float) -> Sample:
-        """Advance the plant by a period, as `TruckWake.advance`, and keep what the way back needs.
-
-        Raises:
-            PlantError: as the plant does, or if the tape gets too long for its memory.
-        """
+        """Advance the plant by a period, as `TruckWake.advance`, and keep what the way back needs. Raises PlantError as
+        the plant does, or if the tape gets too long for its memory."""
         plant, substeps = self._plant, self._plant.config.substeps
         flow_mb = self._end.nbytes / _MEGABYTE
         self._make_room(flow_mb, substeps)
@@ -122,11 +119,8 @@ class Tape:
         return to_command
 
     def restart(self) -> None:
-        """Begin a new tape where the plant stands, in the memory that this one has taken.
-
-        Raises:
-            PlantError: if the plant is within a control period.
-        """
+        """Begin a new tape where the plant stands, in the memory that this one has taken. Raises PlantError if the
+        plant is within a control period."""
         into = self._plant.substeps_into_period
         if into:
             raise PlantError(f"a tape begins with a control period, the plant is {into} steps into one")

@@ -83,11 +83,8 @@ class TruckWake:
         return self._substep % self.config.substeps
 
     def reset(self, state: State) -> Sample:
-        """Continue from a state, bit for bit.
-
-        Raises:
-            PlantError: if it belongs to another body, grid, Reynolds number or clock, or is not finite.
-        """
+        """Continue from a state, bit for bit. Raises PlantError if it belongs to another body, grid, Reynolds number or
+        clock, or is not finite."""
         if state.origin is not None:
             self._check_origin(state.origin, state.substep)
         if state.flat.shape != self.flow.flat.shape:
@@ -101,11 +98,8 @@ class TruckWake:
         return self.sample()
 
     def set_reynolds(self, reynolds: float) -> None:
-        """Go on with another viscosity; states taken from now on are of this Reynolds number.
-
-        Raises:
-            PlantError: if the time step is bound to diverge.
-        """
+        """Go on with another viscosity; states taken from now on are of this Reynolds number. Raises PlantError if the
+        time step is bound to diverge."""
         config = replace(self.config, reynolds=reynolds)
         self._check_step(config)
         self.config = config
@@ -137,11 +131,8 @@ class TruckWake:
         )
 
     def advance(self, action: float) -> Sample:
-        """Ramp to `action` over the rest of the control period and return the next sample.
-
-        Raises:
-            PlantError: for an action that is not finite or exceeds the bound, or if the flow diverges.
-        """
+        """Ramp to `action` over the rest of the control period and return the next sample. Raises PlantError for an
+        action that is not finite or exceeds the bound, or if the flow diverges."""
         self.advance_to(self.config.substeps, action)
         return self.sample()
 

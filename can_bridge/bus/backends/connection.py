@@ -43,11 +43,8 @@ class Connection:
         self.close()
 
     def _received(self, timeout_s: float) -> can.Message | Rejection | None:
-        """Receive once: a message, why there is none, or None if nothing came.
-
-        Raises:
-            BusError: if the bus failed, or yields nothing but garbage.
-        """
+        """Receive once: a message, why there is none, or None if nothing came. Raises BusError if the bus failed, or
+        yields nothing but garbage."""
         try:
             message = self._bus.recv(timeout=timeout_s)
         except UnusableReceptionError as refused:

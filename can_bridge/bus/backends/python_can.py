@@ -134,11 +134,9 @@ class PythonCanBus(Connection):
     def send(self, frame: Frame, *, timeout_s: float = 0.005) -> None:
         """Send one frame, waiting at most `timeout_s`.
 
-        On a virtual bus, peers other than the one that does not read have received the frame even if this fails.
-
-        Raises:
-            BusError: if the bus does not take the frame in time, failed, or is for classic CAN and the frame is not.
-            ValueError: for a negative timeout.
+        On a virtual bus, peers other than the one that does not read have received the frame even if this fails. Raises
+        BusError if the bus does not take the frame in time, failed, or is for classic CAN and the frame is not;
+        ValueError for a negative timeout.
         """
         if timeout_s < 0:
             raise ValueError(f"timeout_s = {timeout_s}: must not be negative")
@@ -150,11 +148,8 @@ class PythonCanBus(Connection):
             raise BusError(f"frame {frame.frame_id:#05x} was not sent: {one_line(error)}") from error
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """The next frame, or None if none came within `timeout_s`.
-
-        Raises:
-            BusError: if the bus failed, or yields nothing but garbage.
-        """
+        """The next frame, or None if none came within `timeout_s`. Raises BusError if the bus failed, or yields nothing
+        but garbage."""
         deadline = time.monotonic() + timeout_s
         while True:
             left = max(0.0, deadline - time.monotonic())
@@ -163,11 +158,8 @@ class PythonCanBus(Connection):
                 return frame
 
     def receive_all(self) -> list[Frame]:
-        """Frames that have already arrived, oldest first, at most QUEUE_SIZE; never waits.
-
-        Raises:
-            BusError: as `receive`.
-        """
+        """Frames that have already arrived, oldest first, at most QUEUE_SIZE; never waits. Raises BusError as
+        `receive`."""
         frames: list[Frame] = []
         for _ in range(RECEPTION_LIMIT):
             frame, idle = self._poll(0.0)

@@ -117,12 +117,9 @@ class SlcanBus(slcanBus):
     def _write(self, string: str) -> None:
         """Write one line; the time limit is the port's.
 
-        A line is either written whole, whatever time has passed by then, or cut off at the time limit. The end of a
-        cut line goes out before the next one, so that the adapter refuses the one and takes the other.
-
-        Raises:
-            can.CanTimeoutError: if the port did not take the whole line in time.
-            can.CanOperationError: if it failed.
+        A line is either written whole, whatever time has passed by then, or cut off at the time limit. The end of a cut
+        line goes out before the next one, so that the adapter refuses the one and takes the other. Raises
+        can.CanTimeoutError if the port did not take the whole line in time; can.CanOperationError if it failed.
         """
         port = self.serialPortOrig
         if not port.is_open:

@@ -81,11 +81,8 @@ def _with_flips(data: bytes, places: Iterable[int]) -> bytes:
 
 
 def _spec_of(frame: Frame) -> MessageSpec | None:
-    """The message that a frame carries; None if it is none of ours.
-
-    Raises:
-        BusError: for an authenticated one, which only the holder of the key could make again.
-    """
+    """The message that a frame carries; None if it is none of ours. Raises BusError for an authenticated one, which
+    only the holder of the key could make again."""
     spec = _SPECS.get(frame.frame_id)
     if spec is None or not spec.names(frame) or len(frame.data) != spec.length:
         return None

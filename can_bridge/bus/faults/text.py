@@ -47,11 +47,8 @@ _SPAN: Final = ("start_s", "end_s")
 
 
 def parse_fault(text: str) -> Fault:
-    """The fault that a text describes.
-
-    Raises:
-        ConfigError: naming the text, and what is not known, missing, of another type or out of its bounds.
-    """
+    """The fault that a text describes. Raises ConfigError naming the text, and what is not known, missing, of another
+    type or out of its bounds."""
     return parse_described(text, KINDS, "fault")
 
 

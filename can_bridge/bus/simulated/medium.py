@@ -174,30 +174,21 @@ class SimulatedBus:
         )
 
     def call_at(self, at_ns: int, action: Callable[[], None]) -> None:
-        """Run `action` when the bus's time gets there, behind what arrives then and before arbitration.
-
-        Raises:
-            ValueError: for a time before the bus's.
-        """
+        """Run `action` when the bus's time gets there, behind what arrives then and before arbitration. Raises
+        ValueError for a time before the bus's."""
         if at_ns < self.now_ns:
             raise ValueError(f"cannot call at {at_ns} ns: the bus is at {self.now_ns} ns already")
         self._serial += 1
         heapq.heappush(self._calls, (at_ns, self._serial, action))
 
     def advance_to(self, t_ns: int) -> None:
-        """Let time pass: everything due up to and including `t_ns` happens, but for frames that begin then.
-
-        Raises:
-            ValueError: for a time before the bus's.
-        """
+        """Let time pass: everything due up to and including `t_ns` happens, but for frames that begin then. Raises
+        ValueError for a time before the bus's."""
         self.advance_until(t_ns, lambda: False)
 
     def advance_until(self, t_ns: int, stop: Callable[[], bool]) -> bool:
-        """The same, but stop behind the first event after which `stop()` is true; whether it was.
-
-        Raises:
-            ValueError: for a time before the bus's.
-        """
+        """The same, but stop behind the first event after which `stop()` is true; whether it was. Raises ValueError for
+        a time before the bus's."""
         if t_ns < self.now_ns:
             raise ValueError(f"cannot advance to {t_ns} ns: the bus is at {self.now_ns} ns already")
         while (due := self._next_event()) is not None and due[0] <= t_ns:

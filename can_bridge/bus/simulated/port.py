@@ -44,11 +44,8 @@ class SimulatedPort:
         self.recovery: Recovery | None = None
 
     def send(self, frame: Frame) -> None:
-        """Queue one frame at the bus's time; its own timestamp does not count.
-
-        Raises:
-            BusError: the node is bus-off, or its queue is full.
-        """
+        """Queue one frame at the bus's time; its own timestamp does not count. Raises BusError if the node is bus-off,
+        or its queue is full."""
         if self.faults.is_off:
             self.refused += 1
             raise BusError(f"{self.name} is bus-off: frame {frame.frame_id:#x} was not sent")

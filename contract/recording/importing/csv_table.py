@@ -61,10 +61,8 @@ def read_csv(path: Path) -> CsvTable:
     """Read a table: a header line, then rows; separated by commas, semicolons or tabs; empty lines are skipped.
 
     Lines that begin with # above the header are comments. If numbers follow them, the last one is the header, as
-    `numpy.savetxt` writes it.
-
-    Raises:
-        DatasetError: the file cannot be read as text, has no header or rows, or a row of another length.
+    `numpy.savetxt` writes it. Raises DatasetError if the file cannot be read as text, has no header or rows, or a row
+    of another length.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")

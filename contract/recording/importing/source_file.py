@@ -105,20 +105,14 @@ def _with_pressures(
 
 
 def stored_arrays(path: Path) -> dict[str, Any]:
-    """All arrays of an NPZ or HDF5 file by their names, in HDF5 with their groups.
-
-    Raises:
-        DatasetError: the file cannot be read.
-    """
+    """All arrays of an NPZ or HDF5 file by their names, in HDF5 with their groups. Raises DatasetError if the file
+    cannot be read."""
     return _read_npz(path) if path.suffix.lower() == ".npz" else _read_hdf5(path)
 
 
 def numbers_of(path: Path, name: str, values: Any, *, columns: bool = False, one: bool = False) -> Array:
     """A stored array as a series (n,), which may be one row or one column, with columns as (n, sensors), or one number.
-
-    Raises:
-        DatasetError: it holds no numbers, has another shape, or a number that is not finite.
-    """
+    Raises DatasetError if it holds no numbers, has another shape, or a number that is not finite."""
     array = np.asarray(values)
     if array.dtype.kind not in "fiu":
         raise DatasetError(f"{path}: array {name!r} holds {array.dtype}, must hold numbers")

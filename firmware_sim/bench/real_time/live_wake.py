@@ -79,11 +79,8 @@ class LiveWake:
         return f"live wake: {self._about}"
 
     def sampled(self) -> Array | None:
-        """Cp at the end of the period that was driven last; None while it is being computed.
-
-        Raises:
-            PlantError: if the flow diverged or its process died.
-        """
+        """Cp at the end of the period that was driven last; None while it is being computed. Raises PlantError if the
+        flow diverged or its process died."""
         if self._is_busy and not self._pipe.poll():
             return None
         if self._is_busy:

@@ -37,11 +37,8 @@ class Speed:
         return cls(typical_ms=median(times_ms), worst_ms=max(times_ms))
 
     def check(self, period_ms: float, *, refinement: float, substeps: int) -> str | None:
-        """None if the plant keeps up; a warning if it does so only just.
-
-        Raises:
-            PlantError: if it does not, with how much it lacks and what would help.
-        """
+        """None if the plant keeps up; a warning if it does so only just. Raises PlantError if it does not, with how
+        much it lacks and what would help."""
         if self.typical_ms > period_ms:
             lacking = self.typical_ms / (ROOM * period_ms)
             coarser = f" (--set flow.refinement={COARSE[0]:g} --set flow.substeps={COARSE[1]})"

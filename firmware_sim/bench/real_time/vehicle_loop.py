@@ -82,12 +82,8 @@ class VehicleLoop:
         self.heard = Heard()
 
     def period(self, *, enable_request: bool) -> None:
-        """Wait for the next sampling instant, and do what it asks for.
-
-        Raises:
-            BusError: if the bus has taken no frame for UNSENT_LIMIT periods.
-            PlantError: if the live wake failed.
-        """
+        """Wait for the next sampling instant, and do what it asks for. Raises BusError if the bus has taken no frame
+        for UNSENT_LIMIT periods; PlantError if the live wake failed."""
         due_ns = self._next_instant()
         if self._has_begun:
             self._end_period(due_ns)

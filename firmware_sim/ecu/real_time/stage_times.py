@@ -98,21 +98,14 @@ class StageTimes:
         return np.roll(self._table, -(self._begun % len(self._table)), axis=0)
 
     def save(self, path: Path) -> None:
-        """As .npz, whole or not at all: `columns`, the names, and `rows`.
-
-        Raises:
-            StillwakeError: it cannot be written.
-        """
+        """As .npz, whole or not at all: `columns`, the names, and `rows`. Raises StillwakeError if it cannot be
+        written."""
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez(file, columns=np.array([stage.name.lower() for stage in self._stages]), rows=self.rows())
 
 
 def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
-    """The rows of a saved table, (rows, stages).
-
-    Raises:
-        StillwakeError: it is no table of this node.
-    """
+    """The rows of a saved table, (rows, stages). Raises StillwakeError if it is no table of this node."""
     try:
         file = read_npz(path)
         columns, rows = file["columns"].tolist(), file["rows"]

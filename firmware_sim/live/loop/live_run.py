@@ -116,11 +116,7 @@ class LiveRun:
         return k * self._config.period_ns / 1e9
 
     def step(self) -> Period:
-        """One control period.
-
-        Raises:
-            StillwakeError: if the flow diverges.
-        """
+        """One control period. Raises StillwakeError if the flow diverges."""
         k, loop = self._k, self._loop
         requested = self.request.requests(
             k, self.state.fail_safe, is_up=loop.ecu_is_up, given_up=self.node.has_given_up

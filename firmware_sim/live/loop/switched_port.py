@@ -51,11 +51,7 @@ class SwitchedPort:
         return plug
 
     def take_out(self, plug: Plug) -> None:
-        """Take out the layer over this plug; what it holds is lost.
-
-        Raises:
-            ValueError: if it is not in here.
-        """
+        """Take out the layer over this plug; what it holds is lost. Raises ValueError if it is not in here."""
         place = self._plugs.index(plug)
         above = self._plugs[place + 1] if place + 1 < len(self._plugs) else self._top
         above.beneath = plug.beneath

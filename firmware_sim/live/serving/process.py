@@ -64,10 +64,7 @@ class LoopProcess:
 
     def ask(self, number: int, request: str) -> None:
         """A request as JSON, to be answered under this number; one at a time, and not from an event loop: it may wait.
-
-        Raises:
-            StillwakeError: the process has ended.
-        """
+        Raises StillwakeError if the process has ended."""
         try:
             self._pipe.send((number, request))
         except OSError as error:

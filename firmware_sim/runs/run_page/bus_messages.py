@@ -17,11 +17,8 @@ HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-end 
 
 
 def bus_rows(folder: RunFolder, log: RunLog) -> Rows:
-    """A row for each identifier, formatted; none where the log is missing or too long.
-
-    Raises:
-        StillwakeError: if the log is damaged.
-    """
+    """A row for each identifier, formatted; none where the log is missing or too long. Raises StillwakeError if the log
+    is damaged."""
     if log.traffic.frames > MOST_FRAMES or not folder.frames.is_file():
         return []
     bus = log.metadata.config.bus

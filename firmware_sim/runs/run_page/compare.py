@@ -15,11 +15,8 @@ from firmware_sim.runs.run_tables import headline
 
 
 def write_comparison(folders: Sequence[RunFolder], target: Path) -> Path:
-    """Write the page and return its path.
-
-    Raises:
-        StillwakeError: if the runs cannot be compared, a folder does not hold one, or the page cannot be written.
-    """
+    """Write the page and return its path. Raises StillwakeError if the runs cannot be compared, a folder does not hold
+    one, or the page cannot be written."""
     names = names_of([folder.path for folder in folders])
     runs = [read_run(folder) for folder in folders]
     logs = [run.log for run in runs]

@@ -45,11 +45,8 @@ class Cell(NamedTuple):
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """The folders' own names, with as many of those above as make them unique.
-
-    Raises:
-        StillwakeError: if there are fewer than two or too many, or one of them twice.
-    """
+    """The folders' own names, with as many of those above as make them unique. Raises StillwakeError if there are fewer
+    than two or too many, or one of them twice."""
     places = [Path(os.path.realpath(folder)) for folder in folders]
     if not 2 <= len(places) <= MOST:
         raise StillwakeError(f"{len(places)} runs: between 2 and {MOST} can be compared on a page")

@@ -28,11 +28,8 @@ class ReadRun(NamedTuple):
 
 
 def read_run(folder: RunFolder) -> ReadRun:
-    """What a page needs of every run.
-
-    Raises:
-        StillwakeError: if the folder does not hold a run, or one of its files is damaged.
-    """
+    """What a page needs of every run. Raises StillwakeError if the folder does not hold a run, or one of its files is
+    damaged."""
     log = run_log.load(folder.series)
     try:
         return ReadRun(log, folder.uncontrolled_picture.read_bytes(), folder.controlled_picture.read_bytes())
@@ -41,11 +38,8 @@ def read_run(folder: RunFolder) -> ReadRun:
 
 
 def write_report(folder: RunFolder, target: Path | None = None) -> Path:
-    """Write the page of a run and return its path: into the run folder, or where it is wanted.
-
-    Raises:
-        StillwakeError: if the folder does not hold a run, one of its files is damaged, or the page cannot be written.
-    """
+    """Write the page of a run and return its path: into the run folder, or where it is wanted. Raises StillwakeError if
+    the folder does not hold a run, one of its files is damaged, or the page cannot be written."""
     # Through python-can it loads all that can be read, which takes a second.
     from firmware_sim.runs.run_page.bus_messages import HEADS, bus_rows
 
@@ -76,22 +70,16 @@ def write_report(folder: RunFolder, target: Path | None = None) -> Path:
 
 
 def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
-    """What the folder has recorded of the wake; None in the folder of an earlier version.
-
-    Raises:
-        StillwakeError: if the file is damaged, or its times are not the series'.
-    """
+    """What the folder has recorded of the wake; None in the folder of an earlier version. Raises StillwakeError if the
+    file is damaged, or its times are not the series'."""
     return wake_stills.load(folder.wake, log) if folder.wake.exists() else None
 
 
 def write_picture(folder: RunFolder, target: Path) -> None:
     """Write the run as one picture: the wake before and under control, drag and action over time.
 
-    The file's description names the run's bundle.
-
-    Raises:
-        ConfigError: if the target's name ends in no format of pictures.
-        StillwakeError: if the folder does not hold a run, or the target cannot be written.
+    The file's description names the run's bundle. Raises ConfigError if the target's name ends in no format of
+    pictures; StillwakeError if the folder does not hold a run, or the target cannot be written.
     """
     check_suffix(target)
     run = read_run(folder)

@@ -133,11 +133,8 @@ def latency(
 
 
 def with_bus(loaded: Loaded) -> Loaded:
-    """The settings with a bus in real time: `udp_multicast` unless another one was named.
-
-    Raises:
-        ConfigError: the bus is one in virtual time, or of one process.
-    """
+    """The settings with a bus in real time: `udp_multicast` unless another one was named. Raises ConfigError if the bus
+    is one in virtual time, or of one process."""
     bus = loaded.config.bus
     named = {"bus.interface", "bus.channel"} & loaded.given
     if "bus.interface" not in loaded.given:
@@ -240,11 +237,8 @@ def _subjects(
     both: bool,
     stack: ExitStack,
 ) -> list[Subject]:
-    """What is to be timed; a library that is made for it lasts as long as the stack.
-
-    Raises:
-        LibraryError: both are wanted of a bundle of one's own, and its library was not named.
-    """
+    """What is to be timed; a library that is made for it lasts as long as the stack. Raises LibraryError if both are
+    wanted of a bundle of one's own, and its library was not named."""
     path, _ = locate(bundle, trust)
     name = f"{release.manifest.name} {release.digest[:12]}"
     onnx = Subject(name="onnx", about=f"{name}, ONNX Runtime", bundle=path.absolute(), key=trust)

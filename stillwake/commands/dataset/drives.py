@@ -64,11 +64,7 @@ def is_log(path: Path) -> bool:
 
 
 def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
-    """The file of forces of every log.
-
-    Raises:
-        DatasetError: a log has none or two, or a name before = is no log's.
-    """
+    """The file of forces of every log. Raises DatasetError if a log has none or two, or a name before = is no log's."""
     forces_of_logs: dict[Path, Path] = {}
     general = [Path(text) for text in forces if not _pair(text, logs)]
     for text in forces:
