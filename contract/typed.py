@@ -29,13 +29,11 @@ _STEP: Final = re.compile(r"\.(\w+)|\[(\d+)\]")
 
 
 def typed(tree: object, kind: type[T], *, complete: bool = False) -> T:
-    """The tree as a dataclass, with whole numbers as floats and lists as tuples where the fields' types are.
+    """The tree as a dataclass, with whole numbers as floats and lists as tuples where the fields' types are. Raises
+    ConfigError if a name is unknown or missing, or a value has another type.
 
     Args:
         complete: whether every field must be there, also those with defaults.
-
-    Raises:
-        ConfigError: a name is unknown or missing, or a value has another type.
     """
     _check_names(tree, kind, "", complete=complete)
     try:

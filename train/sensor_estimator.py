@@ -60,7 +60,9 @@ def fit_estimator(
     threads: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> FittedEstimator:
-    """Fit it for the sensors and the window of a controller.
+    """Fit it for the sensors and the window of a controller. Raises ConfigError if the recording has no such sensor, or
+    fewer than one thread; DatasetError if no training episode holds a window, or a pressure or the action never
+    changes.
 
     Args:
         recording: data set with those sensors.
@@ -68,10 +70,6 @@ def fit_estimator(
         rounded: what becomes of the numbers when they are stored; residuals are measured after it.
         threads: of torch while it fits; the caller's number is restored.
         progress: called with (batches done, batches in all).
-
-    Raises:
-        ConfigError: the recording has no such sensor, or fewer than one thread.
-        DatasetError: no training episode holds a window, or a pressure or the action never changes.
     """
     columns = recording.layout.indices(sensors)
     mirror = None if recording.layout.mirror is None else recording.layout.mirror[columns]

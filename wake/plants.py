@@ -27,7 +27,8 @@ def open_plant(
     *,
     start: Path | None = None,
 ) -> Iterator[LivePlant]:
-    """A developed wake at t = 0.
+    """A developed wake at t = 0. Raises PlantError if the start does not fit, or OpenFOAM is asked for another body
+    than the truck, is not installed, or fails.
 
     Args:
         name: the own solver from its shipped start, which `flow.refinement` moves to another grid; or OpenFOAM.
@@ -36,10 +37,6 @@ def open_plant(
         duration: how long the run will be, t_c; OpenFOAM needs it in advance.
         progress: called with (time, total) while OpenFOAM's start develops, or the shipped one settles on another grid.
         start: a state of the own solver to begin from; its clock is set to zero and its jets are shut.
-
-    Raises:
-        PlantError: if the start does not fit, or OpenFOAM is asked for another body than the truck, is not installed,
-            or fails.
     """
     if name == "stillwake":
         yield own_wake(config, progress, start=start)

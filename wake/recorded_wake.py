@@ -20,7 +20,7 @@ class RecordedWake:
     """A `wake.plant.protocol.LoopPlant` that does not answer.
 
     After the last row comes the first one; all series jump then, and the time goes on. A force that was not recorded is
-    NaN. The action is the jets' own, not the recorded one.
+    NaN. The action is the jets' own, not the recorded one. Raises PlantError for another control period.
 
     Args:
         episode: what is played.
@@ -32,9 +32,6 @@ class RecordedWake:
         layout: as given.
         description: the episode, and what it is not.
         rounds: how often it began again.
-
-    Raises:
-        PlantError: for another control period.
     """
 
     answers_jets: Final = False

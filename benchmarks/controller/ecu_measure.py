@@ -40,15 +40,12 @@ class EcuMeasurement:
 
 
 def measure_ecu(sources: Mapping[str, bytes], periods: Periods) -> EcuMeasurement:
-    """Step the ECU of a library on the emulated core.
+    """Step the ECU of a library on the emulated core. Raises LibraryError if the library has no ECU; McuError if it
+    does not compile or run, or it never came into control.
 
     Args:
         sources: the library's files by name, `sw_ecu_settings.h` among them.
         periods: enough of them that the window fills and the ECU comes into control.
-
-    Raises:
-        LibraryError: the library has no ECU.
-        McuError: it does not compile or run, or it never came into control.
     """
     firmware = read_elf(compile_for_cortex_m7(sources, main=ECU))
     ecu = McuEcu(sources)

@@ -114,14 +114,11 @@ class Work:
 
 
 def measure_core(weights: int, compiler: Sequence[str]) -> CoreLimits:
-    """The limits of the core that this runs on.
+    """The limits of the core that this runs on. Raises LibraryError if the compiler does not take the loops.
 
     Args:
         weights: of the networks; an array of so many floats is read.
         compiler: command that compiles C.
-
-    Raises:
-        LibraryError: the compiler does not take the loops.
     """
     count = max(1, weights // _BLOCK) * _BLOCK
     with tempfile.TemporaryDirectory() as folder:

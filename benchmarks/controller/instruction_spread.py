@@ -29,14 +29,12 @@ class InstructionSpread:
 
 
 def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -> InstructionSpread:
-    """Run a control step on each window, from the plan that the one before left.
+    """Run a control step on each window, from the plan that the one before left. Raises McuError if the library does
+    not compile or run, or there is no window.
 
     Args:
         sources: a library's files by name.
         windows: (L, S+1) each.
-
-    Raises:
-        McuError: the library does not compile or run, or there is no window.
     """
     machine = Machine(read_elf(compile_for_cortex_m7(sources)))
     counter = machine.block_counter()

@@ -25,17 +25,14 @@ BUNDLE: Final = ROOT / "firmware_sim" / "data" / "bundle"
 
 
 def ship(model: Path, release: Path, *, command: str, on: date, data: Path = DATA, bundle: Path = BUNDLE) -> None:
-    """Replace the shipped model and bundle by these.
+    """Replace the shipped model and bundle by these. Raises ModelError if the model is not sound; BundleError if the
+    bundle is not sound, not signed with the project's key, or of another model.
 
     Args:
         command: what trained the model.
         on: today.
         data: folder of `model` and `provenance.json`.
         bundle: of the shipped release.
-
-    Raises:
-        ModelError: the model is not sound.
-        BundleError: the bundle is not sound, not signed with the project's key, or of another model.
     """
     trained, found = read(model), bundles.load(release, project_key())
     if found.manifest.weights_sha256 != trained.weights_sha256:

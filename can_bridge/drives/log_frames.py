@@ -49,7 +49,8 @@ def frames_of(
     verify: Verify | None = None,
     back_s: float,
 ) -> LogFrames:
-    """Sort a log's messages.
+    """Sort a log's messages. Raises DatasetError if no pressure or no command has a right CRC, there are pressures of
+    two sets, or times go back.
 
     Args:
         path: of the log, for errors.
@@ -57,9 +58,6 @@ def frames_of(
         only: the set of messages to read; without one, the set that the log has pressures of.
         verify: of secured messages; without it, freshness and authentication codes are not looked at.
         back_s: time by which a message may be older than one in front of it.
-
-    Raises:
-        DatasetError: no pressure or no command with a right CRC, pressures of two sets, or times that go back.
     """
     kept: dict[int, list[CountedFrame]] = {}
     damaged, forged, seen = Counter[int](), Counter[int](), Counter[int]()

@@ -81,7 +81,8 @@ def series_of(
     only: MessageSet | None = None,
     verify: Verify | None = None,
 ) -> LogSeries:
-    """A drive's series.
+    """A drive's series. Raises DatasetError if the log does not have what is needed, has another period, or has a long
+    gap and `split` is false.
 
     Args:
         path: of the log, for errors.
@@ -92,9 +93,6 @@ def series_of(
         sensors: names of the pressures, for the report.
         only: the set of messages to read; without one, the set that the log has pressures of.
         verify: of secured messages; without it, freshness and authentication codes are not looked at.
-
-    Raises:
-        DatasetError: the log does not have what is needed, has another period, or has a long gap and `split` is false.
     """
     log = frames_of(path, messages, only=only, verify=verify, back_s=scales.period_s)
     modulus = profile_of(log.messages.pressure.spec).counter_period

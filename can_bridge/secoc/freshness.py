@@ -10,14 +10,12 @@ LARGEST: Final = 0xFFFFFFFFFFFFFFFF
 
 @dataclass(frozen=True, kw_only=True)
 class Freshness:
-    """The freshness of one sender, as AUTOSAR SecOC has it with a trip counter and a message counter.
+    """The freshness of one sender, as AUTOSAR SecOC has it with a trip counter and a message counter. Raises ValueError
+    for a half that does not fit 32 bits.
 
     Attributes:
         trip: power cycles, this one included; from 1 on, so that every value is greater than 0.
         count: frames of the message sent in this one before.
-
-    Raises:
-        ValueError: for a half that does not fit 32 bits.
     """
 
     trip: int = 1

@@ -26,16 +26,13 @@ _IDS: Final = range(0x010, 0x700)
 
 
 def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int]) -> Traffic:
-    """What other nodes send; nothing where no background is set.
+    """What other nodes send; nothing where no background is set. Raises ConfigError for a share that no set of messages
+    fills; BusError for a file that cannot be read, or that does not go with this bus.
 
     Args:
         config: a share of the bus, or a file.
         bus: the bit rates, and whether CAN FD is spoken.
         taken: 11-bit identifiers that are in use already, besides ours.
-
-    Raises:
-        ConfigError: a share that no set of messages fills.
-        BusError: a file that cannot be read, or that does not go with this bus.
     """
     if config.dbc:
         return read_traffic(Path(config.dbc), bus, taken, seed=config.seed)

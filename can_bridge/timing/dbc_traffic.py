@@ -38,16 +38,13 @@ def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: in
     """The messages of a file at their cycle times (`GenMsgCycleTime` in a DBC), their phases drawn from the seed.
 
     Left out are messages without a cycle time, those that no CAN frame of ours can carry, and stillwake's own, which a
-    vehicle's whole description holds too.
+    vehicle's whole description holds too. Raises BusError if cantools is missing; the file is missing or damaged; no
+    message can be sent; two have one identifier; or one does not go with this bus.
 
     Args:
         path: its ending gives its format.
         bus: whether CAN FD is spoken.
         taken: 11-bit identifiers that other messages may not have, besides ours.
-
-    Raises:
-        BusError: cantools is missing; the file is missing or damaged; no message can be sent; two have one
-            identifier; or one does not go with this bus.
     """
     database = load_network(path)
     random = Random(seed)

@@ -17,7 +17,8 @@ OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodicMessage:
-    """A message that a node sends again and again.
+    """A message that a node sends again and again. Raises ValueError for a frame that no controller could send, or a
+    time that makes no sense.
 
     Attributes:
         frame_id: of 11 bits, or 29 if it is extended.
@@ -26,9 +27,6 @@ class PeriodicMessage:
         offset_ns: of the first one.
         jitter_ns: most by which the node queues a frame late.
         deadline_ns: after its release a frame has to have arrived; 0 stands for the period.
-
-    Raises:
-        ValueError: for a frame that no controller could send, or a time that makes no sense.
     """
 
     name: str

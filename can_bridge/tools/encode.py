@@ -23,14 +23,12 @@ _SPECS: Final = {spec.name: spec for spec in SPECS}
 
 
 def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
-    """The message's specification and its bytes with an empty E2E header.
+    """The message's specification and its bytes with an empty E2E header. Raises BusError for an unknown message or
+    signal, or a value that the wire cannot carry; or cantools is missing.
 
     Args:
         name: of one of our messages, as the DBC has it.
         assignments: "signal=value"; a value is a number in the signal's unit, or a name from its table.
-
-    Raises:
-        BusError: for an unknown message or signal, or a value that the wire cannot carry; or cantools is missing.
     """
     if name not in _SPECS:
         names = ", ".join(_SPECS)

@@ -15,7 +15,8 @@ FD_LENGTHS: Final = (*CLASSIC_LENGTHS, 12, 16, 20, 24, 32, 48, 64)
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """A data frame. CAN FD frames switch to the data bit rate.
+    """A data frame. CAN FD frames switch to the data bit rate. Raises ValueError for anything a controller could not
+    put on the wire, or a negative time.
 
     Attributes:
         frame_id: 0 to 0x7FF, or to 0x1FFFFFFF if it is extended; the smaller wins arbitration.
@@ -23,9 +24,6 @@ class Frame:
         timestamp_ns: when it was sent or received, in the clock of its sender or receiver.
         is_fd: CAN FD rather than classic CAN.
         is_extended: the identifier has 29 bits rather than 11.
-
-    Raises:
-        ValueError: for anything a controller could not put on the wire, or a negative time.
     """
 
     frame_id: int

@@ -47,16 +47,14 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> Conf
 
 
 def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Config | None = None) -> Loaded:
-    """The release's settings, with those of a TOML file and then the overrides on top.
+    """The release's settings, with those of a TOML file and then the overrides on top. Raises ConfigError for an
+    unreadable file, an unknown key, a wrong type or a value out of range.
 
     Args:
         path: a TOML file; its first line may be `base = "paper"`, to go on top of the paper's settings instead.
         overrides: `section.key=value` strings, the value in TOML syntax. Text needs no quotation marks, because
             shells take them away.
         base: what the file and the overrides go on top of, in place of the release's settings.
-
-    Raises:
-        ConfigError: unreadable file, unknown key, wrong type or value out of range.
     """
     tree = _packaged(RELEASE) if base is None else to_tree(base)
     asked = {} if path is None else read_toml(path, "configuration")

@@ -44,16 +44,13 @@ class Calibration:
     """One set of values, each of them a float32 from here on, as over the bus, in C and in the controller's input.
 
     They are rounded here and nowhere else, by `as_float32`: what is read back is what was written, and two sets are
-    equal if their values are.
+    equal if their values are. Raises ConfigError if a value has no place in its 4 bytes.
 
     Attributes:
         weights: of the cost.
         action_limit: largest |a| that the command gate lets pass, in U_inf W.
         command_step: largest change of it in a control period, in U_inf W.
         delay_steps: actuator delay in control periods that is compensated.
-
-    Raises:
-        ConfigError: a value has no place in its 4 bytes.
     """
 
     weights: CostWeights

@@ -12,16 +12,13 @@ from contract.sensors import TRUCK
 
 
 def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> tuple[Episode, ...]:
-    """The episodes that are there, none if there is no file.
+    """The episodes that are there, none if there is no file. Raises DatasetError if the file is no data set, of the
+    first schema, of other sensors, or has an episode with other facts; the message names the first difference.
 
     Args:
         path: of the data set.
         facts: provenance that every episode must share with what will be added, such as the flow's settings.
         layout: of the sensors of what will be added.
-
-    Raises:
-        DatasetError: if the file is no data set, of the first schema, of other sensors, or has an episode with other
-            facts; the message names the first difference.
     """
     return _to_append(path, facts, layout).episodes
 

@@ -15,15 +15,13 @@ LARGEST: Final = 32767
 
 
 def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.int16], float]:
-    """Integers and their quantum: the finest power of two that holds every value, and not below `finest`.
+    """Integers and their quantum: the finest power of two that holds every value, and not below `finest`. Raises
+    ValueError if a value lies outside +-32767 * coarsest; nothing is clipped and nothing wraps around.
 
     Args:
         values: finite, any shape.
         finest: quantum of a series that stays within +-32767 of them.
         coarsest: quantum that is never exceeded; `finest` times a power of two.
-
-    Raises:
-        ValueError: if a value lies outside +-32767 * coarsest; nothing is clipped and nothing wraps around.
     """
     quantum, peak = finest, float(np.abs(values).max(initial=0.0))
     while np.rint(peak / quantum) > LARGEST:

@@ -74,14 +74,11 @@ def check_replaceable(path: Path) -> None:
 
 
 def sign(path: Path, key: Ed25519PrivateKey, judge: Callable[[Bundle], object] | None = None) -> Bundle:
-    """Verify all of a bundle but its signature, and sign it in place.
+    """Verify all of a bundle but its signature, and sign it in place. Raises BundleError as `load` does; StillwakeError
+    if it cannot be written.
 
     Args:
         judge: called with the bundle before it is signed; raises for one that must not be.
-
-    Raises:
-        BundleError: as `load` does.
-        StillwakeError: if it cannot be written.
     """
     contents = read_files(path)
     contents.pop(SIGNATURE, None)
@@ -122,7 +119,8 @@ def renew(
 
     Everything else about the old bundle must be in order. Its controller is kept to the byte; the new manifest's
     provenance names the old one's hash. A controller knows pressures and flow rates, not frames, so a change of the DBC
-    leaves it as good as it was.
+    leaves it as good as it was. Raises BundleError as `load` does, and for a bad name or a target that holds something
+    else; StillwakeError if it cannot be written.
 
     Args:
         created: day, YYYY-MM-DD.
@@ -133,10 +131,6 @@ def renew(
         speeds: part of the old bundle's range, outside of which the ECU is to shut the jets.
         estimator: called with the old manifest, makes a sensor estimator; without it, one that is there is kept.
         judge: called with the new bundle before it is written, as in `sign`.
-
-    Raises:
-        BundleError: as `load` does, and for a bad name or a target that holds something else.
-        StillwakeError: if it cannot be written.
     """
     old = read_checked(path, read_files(path), trusted, any_dbc=True)
     provenance = {**old.manifest.provenance, "renewed_from": old.digest}
@@ -169,30 +163,24 @@ def _within(speeds: SpeedRange, old: SpeedRange | None) -> SpeedRange:
 
 
 def load(path: Path, trusted: PublicKey | None = None, *, any_dbc: bool = False) -> Bundle:
-    """Read and verify a bundle directory or zip.
+    """Read and verify a bundle directory or zip. Raises BundleError if anything is missing, added, altered, of another
+    schema or not signed as demanded; the message names it, and the subclass is of its kind.
 
     Args:
         trusted: the key that must have signed it. Without one an unsigned bundle passes, and so does any key's good
             signature; `Bundle.signer` names it.
         any_dbc: also read a bundle for another version's DBC.
-
-    Raises:
-        BundleError: if anything is missing, added, altered, of another schema or not signed as demanded; the message
-            names it, and the subclass is of its kind.
     """
     return read_checked(path, read_files(path), trusted, any_dbc=any_dbc)
 
 
 def verified(name: str, contents: Mapping[str, bytes], trusted: Collection[PublicKey]) -> Bundle:
-    """The bundle of files that are in memory, every check of `load` made.
+    """The bundle of files that are in memory, every check of `load` made. Raises BundleError as `load`.
 
     Args:
         name: for messages.
         contents: all its files.
         trusted: keys, one of which must have signed it.
-
-    Raises:
-        BundleError: as `load`.
     """
     return read_checked(Path(name), contents, frozenset(trusted))
 

@@ -16,14 +16,12 @@ _WARM_UP_STEPS: Final = 3
 
 
 class OnnxEstimator:
-    """Runs `sensors.onnx`.
+    """Runs `sensors.onnx`. Raises BundleControllerError if the model does not load, its shapes contradict the sizes, or
+    it does not end on zeros.
 
     Args:
         model: the file's content.
         sizes: that it must have; the horizon does not matter.
-
-    Raises:
-        BundleControllerError: if the model does not load, its shapes contradict the sizes, or it does not end on zeros.
     """
 
     def __init__(self, model: bytes, sizes: Sizes) -> None:

@@ -17,7 +17,8 @@ that needs a thousand times as long never ends, or is no controller."""
 
 
 class OnnxController:
-    """Runs `controller.onnx`.
+    """Runs `controller.onnx`. Raises BundleControllerError if the model does not load or its shapes contradict the
+    sizes.
 
     Args:
         model: the file's content.
@@ -25,9 +26,6 @@ class OnnxController:
 
     Attributes:
         description: what computes the step, for people.
-
-    Raises:
-        BundleControllerError: if the model does not load or its shapes contradict the sizes.
     """
 
     def __init__(self, model: bytes, sizes: Sizes) -> None:
@@ -49,13 +47,11 @@ class OnnxController:
         return controller
 
     def warm_up(self, steps: int, limit_s: float = WARM_UP_LIMIT_S) -> None:
-        """Run on zeros, so that the first real step does not pay for ONNX Runtime's first allocations.
+        """Run on zeros, so that the first real step does not pay for ONNX Runtime's first allocations. Raises
+        BundleControllerError if they take longer, fail, or answer with numbers that are not finite.
 
         Args:
             limit_s: wall-clock time for all steps.
-
-        Raises:
-            BundleControllerError: they take longer, fail, or answer with numbers that are not finite.
         """
         self._graph.run_on_zeros(self._session, steps, limit_s)
 

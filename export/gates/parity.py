@@ -118,15 +118,13 @@ def check_lowering(
     *,
     tolerance: ParityTolerance | None = None,
 ) -> ParityReport:
-    """Run a lowering against the reference.
+    """Run a lowering against the reference. Raises ExportError if a difference is above its tolerance or not a number;
+    the message names it.
 
     Args:
         program: what it should compute; for int8 weights, the one that the integers stand for.
         name: of the lowering, for the message.
         windows: recorded windows (L, S+1), one case each.
-
-    Raises:
-        ExportError: a difference is above its tolerance or not a number; the message names it.
     """
     tolerance = ParityTolerance() if tolerance is None else tolerance
     differences = []

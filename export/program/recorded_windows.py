@@ -16,14 +16,11 @@ def recorded_windows(
 ) -> list[Array]:
     """The episode's last `count` windows (L, S+1), consecutive ones, with rows (Cp_k, a_{k-1}).
 
-    The last ones, because a recording's start is a transient.
+    The last ones, because a recording's start is a transient. Raises ConfigError if the program has a sensor that the
+    layout has not; ExportError if the episode is too short.
 
     Args:
         layout: of the episode's sensors.
-
-    Raises:
-        ConfigError: the program has a sensor that the layout has not.
-        ExportError: the episode is too short.
     """
     needed = program.window + count - 1
     if count < 1 or len(episode) < needed:

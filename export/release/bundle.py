@@ -63,7 +63,8 @@ def write_release(
     key: Ed25519PrivateKey | None = None,
     estimator: Callable[[Manifest], MadeEstimator] | None = None,
 ) -> None:
-    """Write a release bundle (a directory, or a zip if the path ends in .zip), whole or not at all.
+    """Write a release bundle (a directory, or a zip if the path ends in .zip), whole or not at all. Raises
+    StillwakeError if the path cannot be written, or holds something else.
 
     Args:
         name: of the release, for people.
@@ -72,9 +73,6 @@ def write_release(
         positions: (x, y) of every sensor in the body's reference length, if they are known.
         key: to sign the release with; unsigned if None.
         estimator: makes a sensor estimator for the manifest; the ECU does not check its sensors without one.
-
-    Raises:
-        StillwakeError: the path cannot be written, or holds something else.
     """
     lowered = gated.lowered
     program = lowered.effective

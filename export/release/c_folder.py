@@ -14,16 +14,13 @@ from export.to_c.folder_files import documents
 def write_c_release(
     folder: Path, gated: Gated, windows: Sequence[Array], ecu: Mapping[str, bytes] | None = None
 ) -> None:
-    """Write the library's folder, whole or not at all.
+    """Write the library's folder, whole or not at all. Raises LibraryError if the folder holds something else;
+    StillwakeError if the folder cannot be written.
 
     Args:
         gated: lowerings with a library.
         windows: consecutive recorded windows (L, S+1), whose rows go into the folder.
         ecu: files of the ECU around the control step, if it gets one.
-
-    Raises:
-        LibraryError: the folder holds something else.
-        StillwakeError: the folder cannot be written.
     """
     assert gated.lowered.library is not None
     assert gated.library is not None

@@ -68,16 +68,14 @@ def gate(
     *,
     compiled: CompileLibrary | None = None,
 ) -> Gated:
-    """Run every lowering through its gates.
+    """Run every lowering through its gates. Raises ExportError if a lowering is further from the reference than its
+    gate allows; the message names both figures; LibraryError if there is no C compiler, or it does not take the
+    library.
 
     Args:
         windows: consecutive recorded windows (L, S+1) that the gates replay.
         limits: what int8 weights may change; the default ones if None.
         compiled: compiles the library; needed where there is one.
-
-    Raises:
-        ExportError: a lowering is further from the reference than its gate allows; the message names both figures.
-        LibraryError: there is no C compiler, or it does not take the library.
     """
     limits = QuantisationLimits() if limits is None else limits
     # Both lowerings are held to the same answers, which take longest.

@@ -48,14 +48,11 @@ class Lowered:
 
 
 def lower(program: Program, *, calibration: Sequence[Array], with_library: bool) -> Lowered:
-    """Lower a program.
+    """Lower a program. Raises ExportError if the program cannot be lowered; the message names what stands in the way.
 
     Args:
         calibration: recorded windows (L, S+1) that an int8 library takes its activations' ranges from: those that the
             program was rounded on.
-
-    Raises:
-        ExportError: the program cannot be lowered; the message names what stands in the way.
     """
     graph = build_controller(program).SerializeToString()
     return Lowered(program=program, graph=graph, library=library_of(program, calibration) if with_library else None)

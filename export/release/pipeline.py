@@ -203,17 +203,14 @@ def export_library(
     recording: Path,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
-    """Write the C library of an existing release, from the model that it was exported from.
+    """Write the C library of an existing release, from the model that it was exported from. Raises ExportError if the
+    release is of another model, or this program does not round it as it was rounded; StillwakeError as `export_all`.
 
     Args:
         model: directory written by `train`.
         release: with the settings of its controller.
         recording: data set that the model was fitted to.
         phase: called with each of `PHASES` when it begins.
-
-    Raises:
-        ExportError: the release is of another model, or this program does not round it as it was rounded.
-        StillwakeError: as `export_all`.
     """
     c_folder_format.check_replaceable(library.folder)
     manifest = release.manifest

@@ -49,7 +49,9 @@ def run_closed_loop(
     progress_without: Callable[[int, int], None] = lambda done, total: None,
     report: Callable[[RunFolder], object] = lambda folder: None,
 ) -> RunLog:
-    """Run a wake under the bundle's controller and keep the results in `output`.
+    """Run a wake under the bundle's controller and keep the results in `output`. Raises StillwakeError if the folder
+    cannot be written, the bundle does not fit the vehicle, the bus cannot carry virtual time, the jets could never
+    move, a span is too short, or a disturbance could not act.
 
     Args:
         output: run folder (`firmware_sim.runs.run_folder`), created if need be. A run that is there is replaced when
@@ -69,10 +71,6 @@ def run_closed_loop(
         drive: the vehicle's speeds; the settings' flow has the time steps for it.
         progress_without: called with (periods done, periods in all) while the drive goes on without control.
         report: writes what else belongs into the folder, when the others are in it.
-
-    Raises:
-        StillwakeError: if the folder cannot be written, the bundle does not fit the vehicle, the bus cannot carry
-            virtual time, the jets could never move, a span is too short, or a disturbance could not act.
     """
     # python-can loads all that it can write with, which takes a second.
     from can_bridge.logs import frame_log

@@ -36,16 +36,14 @@ def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
 def without_control(
     plant: Drivable, disturbing: Disturbing, config: Config, periods: int, progress: Callable[[int, int], None]
 ) -> dict[str, Array]:
-    """The series of `WITHOUT` over so many periods with the jets shut; the plant is left where it was.
+    """The series of `WITHOUT` over so many periods with the jets shut; the plant is left where it was. Raises
+    PlantError if the flow diverges.
 
     Args:
         plant: on its drive.
         disturbing: of the flow it takes what disturbs the run.
         config: the run's.
         progress: called with (periods done, periods in all) after every period.
-
-    Raises:
-        PlantError: if the flow diverges.
     """
     start, rows = plant.state(), np.empty((periods, len(WITHOUT)))
     with disturbing.in_flow(plant):

@@ -39,7 +39,9 @@ WARM_UP_PLANS: Final = 3
 
 
 class Simulation:
-    """One run, which takes place once.
+    """One run, which takes place once. Raises StillwakeError if the bundle does not fit the vehicle, the bus cannot
+    carry virtual time, the jets could never move, a span is too short, a disturbance could not act, or the calibration
+    is out of its limits.
 
     Args:
         bundle: verified release.
@@ -55,10 +57,6 @@ class Simulation:
 
     Attributes:
         periods: control periods without control, and in all.
-
-    Raises:
-        StillwakeError: if the bundle does not fit the vehicle, the bus cannot carry virtual time, the jets could never
-            move, a span is too short, a disturbance could not act, or the calibration is out of its limits.
     """
 
     def __init__(
@@ -106,7 +104,8 @@ class Simulation:
         progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
         progress_without: Callable[[int, int], None] = lambda done, total: None,
     ) -> RunLog:
-        """Run on this wake, from where it stands; a drive first without control.
+        """Run on this wake, from where it stands; a drive first without control. Raises StillwakeError if the bundle is
+        of another body, or the wake's flow cannot be disturbed or diverges.
 
         Args:
             wake: at the start of a control period; afterwards at the end of the run.
@@ -117,9 +116,6 @@ class Simulation:
             requesting: called before the first period in which control is requested.
             progress: called with (row, periods done, periods in all) after every period.
             progress_without: called with the last two after every period of a drive without control.
-
-        Raises:
-            StillwakeError: if the bundle is of another body, or the wake's flow cannot be disturbed or diverges.
         """
         config, bundle = self._config, self._bundle
         check_sensors(bundle, wake.layout)

@@ -14,16 +14,14 @@ CYCLES: Final = 2
 
 @dataclass(frozen=True, kw_only=True)
 class Spans:
-    """A run's spans in t_c, checked before it starts.
+    """A run's spans in t_c, checked before it starts. Raises StillwakeError if a span is not a number of t_c, or too
+    short for averages where they are asked for.
 
     Attributes:
         lead_in: without control; the controller's window fills meanwhile.
         controlled: with control requested.
         settle: after the request, left out of the controlled averages.
         averages: whether there are any.
-
-    Raises:
-        StillwakeError: if a span is not a number of t_c, or too short for averages where they are asked for.
     """
 
     lead_in: float

@@ -52,7 +52,8 @@ class Actuation:
 
 
 class VehicleNode:
-    """Four transducers and the jets' driver on one CAN node.
+    """Four transducers and the jets' driver on one CAN node. Raises ConfigError if the plant has no sensor of that
+    name, or one is named twice; or `bus.key` without `authentication`, or the other way round.
 
     Args:
         sensor_names: what the transducers are mounted on, in the order of the bundle.
@@ -70,10 +71,6 @@ class VehicleNode:
             wire is sent as unknown.
         stated_density: likewise, kg/m3.
         sends_speed: whether it sends them at all.
-
-    Raises:
-        ConfigError: the plant has no sensor of that name, or one is named twice; or `bus.key` without `authentication`,
-            or the other way round.
     """
 
     def __init__(

@@ -69,7 +69,7 @@ def _pressure_frame_ns(config: Config) -> int:
 
 
 class VirtualLoop:
-    """Runs control periods one by one.
+    """Runs control periods one by one. Raises BusError if a pressure frame takes a whole control period or longer.
 
     Args:
         plant: the flow, at the start of a control period.
@@ -84,9 +84,6 @@ class VirtualLoop:
 
     Attributes:
         planned_ns: compute time of every step so far that planned.
-
-    Raises:
-        BusError: if a pressure frame takes a whole control period or longer.
     """
 
     def __init__(

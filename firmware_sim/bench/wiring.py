@@ -77,7 +77,8 @@ def wire(
     observe: Callable[[Transmission], None] = lambda transmission: None,
     observer: Observer | None = None,
 ) -> Wired:
-    """Put a loop together.
+    """Put a loop together. Raises BusError if a pressure frame takes a whole control period or longer; ConfigError if
+    the wake has no sensor of a name; or settings of the bus contradict each other.
 
     Args:
         wake: at the start of a control period.
@@ -89,10 +90,6 @@ def wire(
         capture: called with every frame on the bus, stamped with its end.
         observe: called with more about the same frames.
         observer: sees the nodes' frames from outside.
-
-    Raises:
-        BusError: if a pressure frame takes a whole control period or longer.
-        ConfigError: the wake has no sensor of a name; or settings of the bus contradict each other.
     """
     messages = message_set(config.bus)
     others = background(config.bus.background, config.bus, [spec.frame_id for spec in messages.specs]).messages

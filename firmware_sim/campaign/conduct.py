@@ -98,15 +98,13 @@ def conduct(
     progress: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> Result:
     """Run what is missing of a campaign; finished runs of an earlier call are kept. Until one is, nothing is written.
+    Raises StillwakeError if the folder cannot be written, there is no start, or the workers fail.
 
     Args:
         campaign: checked (`Campaign.check`), and the folder with its label too (`CampaignFolder.check`).
         folder: where finished runs are kept.
         workers, scheduler: as `firmware_sim.campaign.execution.execute` has them.
         progress: called with (runs done, runs in all, name of the one that just finished).
-
-    Raises:
-        StillwakeError: if the folder cannot be written, there is no start, or the workers fail.
     """
     runs = _Runs(campaign, folder, starting_states(folder, campaign.config, campaign.phases), progress)
     runs.run(workers, scheduler)

@@ -26,7 +26,8 @@ def execute(
     scheduler: str | None,
     finished: Callable[[Task, Outcome], None],
 ) -> None:
-    """Compute the tasks, one to a worker's thread at a time.
+    """Compute the tasks, one to a worker's thread at a time. Raises StillwakeError if the scheduler cannot be reached
+    or has no worker, or a worker died too often over one run.
 
     Args:
         tasks: what is to be run; an outcome depends on its task alone, not on the worker or on what ran before.
@@ -35,9 +36,6 @@ def execute(
         workers: local processes to start; at most one a task.
         scheduler: address of a running scheduler to use instead.
         finished: called in this process with every task that is done, in the order they finish.
-
-    Raises:
-        StillwakeError: if the scheduler cannot be reached or has no worker, or a worker died too often over one run.
     """
     if not tasks:
         return

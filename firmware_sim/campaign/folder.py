@@ -43,15 +43,12 @@ class CampaignFolder:
         return self.path / "starts" / f"phase_{phase}.npz"
 
     def check(self, label: Mapping[str, Any], *, overwrite: bool) -> None:
-        """Find out before the work whether this campaign can go on here, without changing anything.
+        """Find out before the work whether this campaign can go on here, without changing anything. Raises OutputError
+        if another campaign is there, or something else; StillwakeError if nothing can be written there.
 
         Args:
             label: what the campaign is of, as plain JSON.
             overwrite: whether another campaign may be replaced; what is no campaign never is.
-
-        Raises:
-            OutputError: another campaign is there, or something else.
-            StillwakeError: nothing can be written there.
         """
         check_writable(self.path, folder=True)
         if not self.path.exists() or not any(self.path.iterdir()):

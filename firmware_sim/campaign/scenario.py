@@ -20,16 +20,14 @@ LONGEST_NAME: Final = 80
 
 @dataclass(frozen=True, kw_only=True)
 class Criteria:
-    """When a scenario's outcome is useful. Safety is not among it: no invariant may break in any scenario.
+    """When a scenario's outcome is useful. Safety is not among it: no invariant may break in any scenario. Raises
+    ConfigError for a share that is no number, or out of order.
 
     Attributes:
         useful: least share of the undisturbed drag reduction.
         marginal: above this share it is marginal, otherwise none.
         abs_Cl: largest mean |Cl|, as a share of that without control, for "useful": less drag at the cost of a larger
             side force is no use.
-
-    Raises:
-        ConfigError: for a share that is no number, or out of order.
     """
 
     useful: float = 0.75
@@ -48,7 +46,7 @@ class Criteria:
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """One line of a test plan.
+    """One line of a test plan. Raises ConfigError for a name that is none, or a scenario without a sentence.
 
     Attributes:
         name: lower-case letters, digits, dots and underscores; unique in a plan.
@@ -57,9 +55,6 @@ class Scenario:
         disturb: texts of the disturbances (`firmware_sim.bench.disturbances`), times in s of the run.
         settings: `section.key=value` on top of the campaign's settings.
         criteria: when it counts as useful.
-
-    Raises:
-        ConfigError: for a name that is none, or a scenario without a sentence.
     """
 
     name: str

@@ -16,17 +16,15 @@ from firmware_sim.ecu.fit import check_sensors
 class BundlePolicy:
     """Follows `wake.recording.feedback.Policy`: zero until the window is full, then the first action of each plan.
 
-    The memory holds the number of rows in the window, the window of rows (Cp_k, a_{k-1}), and the last plan as it
-    came out: the graph shifts it, so that its first action, the one that exploration changed, is not used again.
-    Nothing else is needed: every sample has its pressures, and the plant reports the action in force.
+    The memory holds the number of rows in the window, the window of rows (Cp_k, a_{k-1}), and the last plan as it came
+    out: the graph shifts it, so that its first action, the one that exploration changed, is not used again. Nothing
+    else is needed: every sample has its pressures, and the plant reports the action in force. Raises BundleError if the
+    model does not load, or reads a sensor that the plant does not have, or has elsewhere.
 
     Args:
         bundle: verified release.
         controller: what runs its `controller.onnx`; default: ONNX Runtime on one thread.
         layout: of the plant's sensors, the columns of the Cp that it is stepped with.
-
-    Raises:
-        BundleError: if the model does not load, or reads a sensor that the plant does not have, or has elsewhere.
     """
 
     def __init__(self, bundle: Bundle, controller: Controller | None = None, layout: SensorLayout = TRUCK) -> None:

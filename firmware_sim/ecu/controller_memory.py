@@ -224,15 +224,13 @@ class ControllerMemory:
         return replace(self, plan=np.zeros_like(self.plan)) if self.plan.any() else self
 
     def planned(self, controller: Controller, weights: Array | None = None) -> tuple["ControllerMemory", ControlStep]:
-        """One control step on a full window: the memory with the new plan, and what the controller answered.
+        """One control step on a full window: the memory with the new plan, and what the controller answered. Raises
+        ControllerError if there is no answer, or it is not a control step of this horizon in finite numbers, whatever
+        the controller raised or returned.
 
         Args:
             controller: computes it.
             weights: of the cost, (8,) in the order of `CostWeights`; the controller's own without.
-
-        Raises:
-            ControllerError: if there is no answer, or it is not a control step of this horizon in finite numbers,
-                whatever the controller raised or returned.
         """
         pending = self.under_way.pending
         plan, free = self.plan.copy(), np.ones(len(self.plan))

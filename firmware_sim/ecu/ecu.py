@@ -71,7 +71,9 @@ class _Decision(NamedTuple):
 
 
 class Ecu:
-    """One controller from one bundle. `next` computes a control period from a state; `step` keeps the state.
+    """One controller from one bundle. `next` computes a control period from a state; `step` keeps the state. Raises
+    BundleError if the bundle was made for another vehicle or another number of sensors than the bus carries;
+    ConfigError if `bus.key` without `authentication`, or the other way round.
 
     Args:
         bundle: verified release.
@@ -82,10 +84,6 @@ class Ecu:
     Attributes:
         trace: of the latest step.
         calibration: the values in force; those of release and vehicle at power-on.
-
-    Raises:
-        BundleError: if the bundle was made for another vehicle or another number of sensors than the bus carries.
-        ConfigError: `bus.key` without `authentication`, or the other way round.
     """
 
     def __init__(

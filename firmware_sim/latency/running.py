@@ -63,7 +63,9 @@ def recorded(
     period_ns: int,
     progress: Callable[[int], None],
 ) -> Recorded:
-    """Run until the vehicle has ended by itself, and keep tables and logs in the folder.
+    """Run until the vehicle has ended by itself, and keep tables and logs in the folder. Raises BusError if a process
+    ended too early, or did not end; the message has the last line that it printed; StillwakeError if a table cannot be
+    read.
 
     Args:
         folder: exists; gets the tables and what the processes printed.
@@ -71,10 +73,6 @@ def recorded(
         periods: that the vehicle runs for.
         period_ns: of control.
         progress: called with the periods that are over, about twice a second.
-
-    Raises:
-        BusError: a process ended too early, or did not end; the message has the last line that it printed.
-        StillwakeError: a table cannot be read.
     """
     tables = {name: folder / STAGE_TIMES.format(name) for name in (ECU, VEHICLE, IDLE)}
     with ExitStack() as stack:

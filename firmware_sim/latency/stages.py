@@ -97,16 +97,14 @@ class Periods:
 
 
 def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -> Periods:
-    """Lay the tables side by side, from the first period with a plan to the last one whose boundary was passed.
+    """Lay the tables side by side, from the first period with a plan to the last one whose boundary was passed. Raises
+    StillwakeError if the tables do not belong together, or there was no plan.
 
     Args:
         vehicle: rows of `VehicleStage`, (k, stages).
         ecu: rows of `EcuStage`, (l, stages).
         period_ns: control period.
         counter_period: values that the E2E counter of a Pressure frame takes before it begins again.
-
-    Raises:
-        StillwakeError: the tables do not belong together, or there was no plan.
     """
     sent = vehicle[vehicle[:, VehicleStage.SAMPLED] > 0]
     took = ecu[ecu[:, EcuStage.STEP_BEGAN] > 0]

@@ -37,7 +37,8 @@ _SELDOM: Final = 5
 
 
 class LiveSession:
-    """One loop and what its viewers have set.
+    """One loop and what its viewers have set. Raises StillwakeError if plant or ECU cannot be had, or do not fit each
+    other, the bundle and the vehicle.
 
     Args:
         bundle: verified release.
@@ -51,9 +52,6 @@ class LiveSession:
         kept: latest periods that a page should keep, and that wait for `messages` at most.
         seed: of what disturbances draw.
         clock: wall clock in s.
-
-    Raises:
-        StillwakeError: if plant or ECU cannot be had, or do not fit each other, the bundle and the vehicle.
     """
 
     def __init__(

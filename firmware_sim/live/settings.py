@@ -78,15 +78,13 @@ class LiveSettings:
     weights: CostWeights | None = field(default=None)
 
     def changed(self, given: Mapping[str, Any], sensors: Sequence[str], own: CostWeights) -> Self:
-        """With other values in place of some.
+        """With other values in place of some. Raises ConfigError naming what is not known, of another type or out of
+        its bounds.
 
         Args:
             given: by the names of the attributes; weights as a mapping by name, or None for the release's.
             sensors: in use.
             own: the release's weights, for those that are not named.
-
-        Raises:
-            ConfigError: naming what is not known, of another type or out of its bounds.
         """
         known = {item.name for item in fields(self)}
         if unknown := sorted(set(given) - known):

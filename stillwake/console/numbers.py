@@ -10,15 +10,13 @@ LONGEST: Final = 1e5
 
 
 def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> int:
-    """Control periods in a duration.
+    """Control periods in a duration. Raises ConfigError if the duration is not finite, shorter than needed, or longer
+    than `LONGEST`.
 
     Args:
         option: its name on the command line.
         duration, period: in t_c.
         least: control periods that are needed.
-
-    Raises:
-        ConfigError: the duration is not finite, shorter than needed, or longer than `LONGEST`.
     """
     if not (isfinite(duration) and duration <= LONGEST):
         raise ConfigError(f"{option} {duration:g}: must be a number of t_c up to {LONGEST:g}")

@@ -24,7 +24,8 @@ def check_dataset_name(path: Path) -> None:
 
 
 def check_output(path: Path, *, overwrite: bool, folder: bool = False, occupant: str = "", mark: str = "") -> None:
-    """Refuse a place that cannot be written, or that holds something and is not to be replaced.
+    """Refuse a place that cannot be written, or that holds something and is not to be replaced. Raises OutputError if
+    something is there; StillwakeError if nothing can be written there.
 
     Args:
         path: of the result.
@@ -32,10 +33,6 @@ def check_output(path: Path, *, overwrite: bool, folder: bool = False, occupant:
         folder: whether the result is a folder; an empty one counts as free.
         occupant: what is there, in words, for the message.
         mark: a file that a folder of this kind has; one without it is never replaced.
-
-    Raises:
-        OutputError: something is there.
-        StillwakeError: nothing can be written there.
     """
     check_writable(path, folder=folder)
     if mark and folder and path.is_dir() and any(path.iterdir()) and not (path / mark).exists():

@@ -28,16 +28,13 @@ def settings(
     """The settings of one call of a command.
 
     An override that the command does not use is refused. A file may serve several commands: what this one does not use
-    of it is named in one line.
+    of it is named in one line. Raises ConfigError as `load` does, or for an override that would have no effect.
 
     Args:
         verb: the command, as it is called.
         file, overrides: as `contract.config.loading.load` has them.
         uses: sections or single settings that the command reads, such as "flow" or "mpc.weights".
         base: what file and overrides go on top of; the release's settings if None.
-
-    Raises:
-        ConfigError: as `load` does, or for an override that would have no effect.
     """
     loaded = load(file, overrides, base=base)
     unused = sorted(name for name in loaded.in_overrides if not _is_used(name, uses))

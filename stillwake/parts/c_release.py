@@ -57,16 +57,14 @@ def write_shipped_library(
     phase: Callable[[str], None] = lambda name: None,
 ) -> "Gated":
     """The C library and ECU of the shipped bundle, made from the shipped model and checked to be the same program.
+    Raises ExportError if model and bundle do not belong together; StillwakeError if the data are not installed, or the
+    folder cannot be written.
 
     Args:
         folder: to write.
         release: the shipped bundle.
         config: of the vehicle.
         notice, phase: as `ecu_files` and `export.release.pipeline.export_library` have them.
-
-    Raises:
-        ExportError: model and bundle do not belong together.
-        StillwakeError: the data are not installed, or the folder cannot be written.
     """
     from export.release.pipeline import CLibrary, export_library
     from firmware_sim.in_c.host_library import CController

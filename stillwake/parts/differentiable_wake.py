@@ -84,14 +84,12 @@ class DifferentiableWake:
 def differentiable_wake(
     config: Config, sensors: Sequence[str], start: Path | None, progress: Callable[[float, float], None]
 ) -> tuple[DifferentiableWake, list[FlowState]]:
-    """The plant of a refinement on its mesh, and developed wakes in as many phases as it has streams.
+    """The plant of a refinement on its mesh, and developed wakes in as many phases as it has streams. Raises PlantError
+    if the start is of another body or Reynolds number, or the flow diverges.
 
     Args:
         start: a developed wake on the default mesh; None takes the shipped one.
         progress: called with (time, duration) while the wake settles on the mesh.
-
-    Raises:
-        PlantError: the start is of another body or Reynolds number, or the flow diverges.
     """
     wake = wake_of(config, sensors)
     plant = wake.plant

@@ -85,14 +85,12 @@ class ModelMetrics:
 def evaluate_model(
     teacher: WakeModel, slim: Encoder, predictor: Predictor | None, rows: Rows, chosen: Index
 ) -> ModelMetrics:
-    """All figures of a trained model.
+    """All figures of a trained model. Raises DatasetError if no episode is long enough for a window and the longest
+    horizon, or a force is constant.
 
     Args:
         rows: test rows with all sensors' columns.
         chosen: (N,) indices of the slim encoder's sensors.
-
-    Raises:
-        DatasetError: if no episode is long enough for a window and the longest horizon, or a force is constant.
     """
     slim_rows = rows.with_sensors(chosen)
     return ModelMetrics(

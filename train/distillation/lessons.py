@@ -62,14 +62,12 @@ def teach(
     *,
     progress: Progress = silent,
 ) -> Lessons:
-    """About `config.train.predictor_lessons` lessons, the same for the same seed.
+    """About `config.train.predictor_lessons` lessons, the same for the same seed. Raises DatasetError if no episode is
+    long enough for a window and the horizon.
 
     Args:
         latents: (n, N_z), one for each row, of the encoder that serves on the vehicle.
         scaling: of the rows.
-
-    Raises:
-        DatasetError: if no episode is long enough for a window and the horizon.
     """
     starts = rollout_starts(rows, config.model.window, config.mpc.horizon)
     ahead = torch.arange(config.mpc.horizon, device=starts.device)

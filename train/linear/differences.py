@@ -79,15 +79,13 @@ def differences(pressures: Array) -> Array:
 def series_of(
     episode: Episode, layout: SensorLayout, sensors: Sequence[str], responses: Sequence[str], leave_out: int
 ) -> Series:
-    """An episode's rows without its first ones.
+    """An episode's rows without its first ones. Raises DatasetError if the episode is not longer than what is left out,
+    or lacks a series.
 
     Args:
         sensors: pairs of mirror images.
         responses: names of series.
         leave_out: control steps at the beginning that are not used.
-
-    Raises:
-        DatasetError: the episode is not longer than what is left out, or lacks a series.
     """
     if len(episode) <= leave_out:
         raise DatasetError(

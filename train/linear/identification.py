@@ -78,14 +78,12 @@ class Mode:
 
 
 def fit(series: Sequence[Series], window: int, ridge: float) -> Arx:
-    """Ridge regression, with every regressor scaled to a mean square of one.
+    """Ridge regression, with every regressor scaled to a mean square of one. Raises IdentificationError if there are
+    fewer steps than coefficients of a row, or a regressor never changes.
 
     Args:
         window: L.
         ridge: what is added to the scaled regressors' mean squares, 1.
-
-    Raises:
-        IdentificationError: there are fewer steps than coefficients of a row, or a regressor never changes.
     """
     columns = series[0].rows.shape[1]
     size = window * columns

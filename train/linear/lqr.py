@@ -39,14 +39,12 @@ class Regulator:
 
 
 def design(model: Arx, weights: Sequence[float], action_weight: float) -> Regulator:
-    """Solve the discrete algebraic Riccati equation.
+    """Solve the discrete algebraic Riccati equation. Raises DesignError if there is no solution, or the closed loop is
+    not stable.
 
     Args:
         weights: diagonal of Q, (p + q,).
         action_weight: R.
-
-    Raises:
-        DesignError: there is no solution, or the closed loop is not stable.
     """
     A, B = model.state_space()
     outputs = model.flat

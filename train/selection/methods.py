@@ -35,16 +35,14 @@ def select(
     """Names of the chosen sensors, in the method's order.
 
     "shap": one repeat of the paper's ranking. "qr": pivots of the pressures' POD modes. "greedy": forward selection by
-    the ridge student. "random": the best of `RANDOM_DRAWS` by that student. "hand": by position alone.
+    the ridge student. "random": the best of `RANDOM_DRAWS` by that student. "hand": by position alone. Raises
+    ConfigError for an unknown method, too few sensors, or "hand" where the sensors have no mirror images or base;
+    DatasetError if `rows` hold too few windows.
 
     Args:
         rows: with all sensors' columns.
         count: sensors to choose.
         settings: its seed and, for "shap", its draws are used.
-
-    Raises:
-        ConfigError: unknown method, not that many sensors, or "hand" where the sensors have no mirror images or base.
-        DatasetError: if `rows` hold too few windows.
     """
     if method not in METHODS:
         raise ConfigError(f"unknown selection method {method!r}: use {', '.join(METHODS)}")

@@ -41,7 +41,8 @@ def settle(
     until: float,
     progress: Progress = lambda t, total: None,
 ) -> None:
-    """Run the case in `folder` without jets until a time; continue it from its last checkpoint if there is one.
+    """Run the case in `folder` without jets until a time; continue it from its last checkpoint if there is one. Raises
+    PlantError if icoFoam is missing or fails.
 
     Args:
         folder: the case; made if it does not exist.
@@ -51,9 +52,6 @@ def settle(
         substeps: time steps a control period.
         until: time, t_c, in whole control periods.
         progress: called with (time, until).
-
-    Raises:
-        PlantError: if icoFoam is missing or fails.
     """
     if not (folder / "0" / "p").is_file():
         shutil.rmtree(folder, ignore_errors=True)

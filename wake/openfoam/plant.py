@@ -29,7 +29,8 @@ from wake.solver.grid import Grid, truck_grid
 
 
 class OpenFoamWake:
-    """The flow around the truck. Use it in a `with`, or `close` it: icoFoam is a child process.
+    """The flow around the truck. Use it in a `with`, or `close` it: icoFoam is a child process. Raises PlantError if
+    icoFoam is not installed, does not take the state, or fails.
 
     Args:
         folder: the case to make; an old one there is removed.
@@ -38,9 +39,6 @@ class OpenFoamWake:
         refinement: divides every spacing of the mesh; the state's.
         duration: longest time that can be run after a `reset`, t_c.
         patience_s: longest wait for one time step.
-
-    Raises:
-        PlantError: if icoFoam is not installed, does not take the state, or fails.
     """
 
     def __init__(

@@ -27,14 +27,12 @@ def require_installed(program: str = PROGRAM) -> None:
 
 
 class IcoFoam:
-    """One run of icoFoam on a case; its output goes to the case's `log.icoFoam`.
+    """One run of icoFoam on a case; its output goes to the case's `log.icoFoam`. Raises PlantError if icoFoam is not
+    installed.
 
     Args:
         folder: the case.
         command: what to run in it; icoFoam, or another program in tests.
-
-    Raises:
-        PlantError: if icoFoam is not installed.
     """
 
     def __init__(self, folder: Path, command: tuple[str, ...] = (PROGRAM,)) -> None:

@@ -57,7 +57,8 @@ def animate(
     hold: float = 0.0,
     progress: Progress = lambda done, total: None,
 ) -> int:
-    """Run the plant from its present state and write what it shows, whole or not at all.
+    """Run the plant from its present state and write what it shows, whole or not at all. Raises ConfigError for another
+    file type, or a run without frames; PlantError for an action beyond the bound, or if the flow diverges.
 
     Args:
         path: ends in .gif or .webp.
@@ -72,10 +73,6 @@ def animate(
 
     Returns:
         The number of frames.
-
-    Raises:
-        ConfigError: for another file type, or a run without frames.
-        PlantError: for an action beyond the bound, or if the flow diverges.
     """
     check_target(path)
     if not 1 <= fps <= FASTEST:

@@ -42,9 +42,11 @@ def record_round(
 ) -> int:
     """Record a round and add its episodes to a data set, which is made if there is none.
 
-    The round's number is one more than the highest in the file, so that a second call adds new data and repeats none.
-    A call that was stopped is continued by the next one, at whatever instant that was: stopped between adding its
-    round and clearing its parts away, it only does the latter.
+    The round's number is one more than the highest in the file, so that a second call adds new data and repeats none. A
+    call that was stopped is continued by the next one, at whatever instant that was: stopped between adding its round
+    and clearing its parts away, it only does the latter. Raises DatasetError if the file is no data set, or was
+    recorded with another schema or flow; before anything is recorded; StillwakeError, PlantError as
+    `wake.recording.recorder.record` does, or what the controller raises.
 
     Args:
         output: the HDF5 file.
@@ -55,11 +57,6 @@ def record_round(
 
     Returns:
         The round's number.
-
-    Raises:
-        DatasetError: if the file is no data set, or was recorded with another schema or flow; before anything is
-            recorded.
-        StillwakeError, PlantError: as `wake.recording.recorder.record` does, or what the controller raises.
     """
     jobs = partial(jobs_for, output, config=config, block_steps=block_steps, policy=policy, start=start)
     facts = {name: value for name, value in setting_of(config).items() if name in FACTS}

@@ -18,15 +18,12 @@ class Policy(Protocol):
         """The memory before the first sample."""
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
-        """The command at t_k and the memory after it, a new array.
+        """The command at t_k and the memory after it, a new array. Raises StillwakeError if there is no answer.
 
         Args:
             memory: as the step before left it.
             Cp: wall pressures at t_k, (90,).
             action: in force at t_k, a_{k-1} as it acted, in U_inf W.
-
-        Raises:
-            StillwakeError: if there is no answer.
         """
 
 

@@ -29,7 +29,9 @@ def run_parallel(
 ) -> None:
     """Record the jobs, the longest first, one to a worker at a time.
 
-    A local worker that dies is replaced, and its episode continues from its last block.
+    A local worker that dies is replaced, and its episode continues from its last block. Raises StillwakeError if the
+    scheduler cannot be reached or has no worker, a worker died too often over one episode, or what recording the
+    episode raised there.
 
     Args:
         jobs: what is to be recorded.
@@ -37,10 +39,6 @@ def run_parallel(
         scheduler: address of a running scheduler to use instead.
         progress: called for every episode that has got further.
         notice: called with a line when a worker was lost or joined.
-
-    Raises:
-        StillwakeError: if the scheduler cannot be reached or has no worker, a worker died too often over one episode,
-            or what recording the episode raised there.
     """
     waiting = sorted(jobs, key=lambda job: job.plan.steps - job.blocks.finished)
     running: dict[Future, EpisodeJob] = {}

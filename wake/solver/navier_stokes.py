@@ -98,7 +98,8 @@ class FlowSolver:
         wind: Callable[[float], float] | None = None,
         starts: Array | None = None,
     ) -> None:
-        """Take `steps` time steps in place while the action ramps linearly between the two values.
+        """Take `steps` time steps in place while the action ramps linearly between the two values. Raises PlantError if
+        the flow is no longer finite or faster than any physical one here; it is left as it was.
 
         Args:
             flow: to be advanced.
@@ -106,9 +107,6 @@ class FlowSolver:
             action_from, action_to: at the beginning and at the end.
             wind: by how much u of the stream differs from the inflow's, by the time since the beginning; continuous.
             starts: (steps, size of the buffer); receives the flow at the start of each step, for the adjoint.
-
-        Raises:
-            PlantError: if the flow is no longer finite or faster than any physical one here; it is left as it was.
         """
         self._before.flat[:] = flow.flat
         # The first stage multiplies the old rate by zero, which would keep what a diverged run left there.

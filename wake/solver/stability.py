@@ -50,7 +50,8 @@ def advice(convective: float, viscous: float, dt: float) -> str:
 def check_step(
     grid: Grid, fluid: npt.NDArray[np.bool_], viscosity: float, jet_speed: float, period: float, substeps: int
 ) -> None:
-    """Refuse a time step that is bound to diverge on this grid, before any flow exists.
+    """Refuse a time step that is bound to diverge on this grid, before any flow exists. Raises PlantError with the
+    number that is too large and the substeps that would do.
 
     Args:
         grid: the grid.
@@ -59,9 +60,6 @@ def check_step(
         jet_speed: the fastest the jets can be asked to blow, in U_inf.
         period: control period in t_c.
         substeps: time steps in it.
-
-    Raises:
-        PlantError: with the number that is too large and the substeps that would do.
     """
     dt = period / substeps
     per_x, per_y = 1.0 / grid.dx[:, None], 1.0 / grid.dy

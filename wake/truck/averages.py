@@ -57,14 +57,11 @@ class CycleAverage(Average):
 
 
 def over_cycles(t: Array, lift: Array) -> CycleAverage:
-    """The average over the whole cycles of a series.
+    """The average over the whole cycles of a series. Raises PlantError if the series holds no whole cycle.
 
     Args:
         t: instants of the samples, rising, (n,); t_c.
         lift: Cl then, (n,).
-
-    Raises:
-        PlantError: if the series holds no whole cycle.
     """
     up = np.flatnonzero((lift[:-1] < 0.0) & (lift[1:] >= 0.0))
     if len(up) < 2:
@@ -82,14 +79,12 @@ def over_cycles(t: Array, lift: Array) -> CycleAverage:
 
 
 def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
-    """The average over the last whole cycles of a frequency that is known from elsewhere.
+    """The average over the last whole cycles of a frequency that is known from elsewhere. Raises PlantError if the
+    series is shorter than a cycle.
 
     Args:
         t: instants of the samples, rising, (n,); t_c.
         frequency: cycles per t_c; of the same wake without control.
-
-    Raises:
-        PlantError: if the series is shorter than a cycle.
     """
     span = float(t[-1] - t[0]) if len(t) else 0.0
     # Samples stand at multiples of a step: a span of whole cycles must not lose one to rounding.

@@ -43,7 +43,7 @@ def moved(
     duration: float,
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> State:
-    """A state on the plant's grid, from one on another.
+    """A state on the plant's grid, from one on another. Raises PlantError if the flow diverges.
 
     Args:
         state: on `source`, of the plant's body and Reynolds number.
@@ -54,9 +54,6 @@ def moved(
 
     Returns:
         The state with its clock at zero and no action.
-
-    Raises:
-        PlantError: if the flow diverges.
     """
     flow = interpolated(state, source, wake.grid)
     pressure = flow.p.copy()

@@ -71,16 +71,14 @@ def settle(
     longest: float = 600.0,
     progress: Callable[[float, float], None] = lambda t, rate: None,
 ) -> SteadyWake:
-    """Evolve the symmetric flow from rest, without action, until neither velocity nor drag changes.
+    """Evolve the symmetric flow from rest, without action, until neither velocity nor drag changes. Raises PlantError
+    if the flow is not steady after `longest`.
 
     Args:
         wake: the plant.
         tolerance: both rates must fall below this.
         longest: give up after so many t_c.
         progress: called with the time and the larger rate after every control period.
-
-    Raises:
-        PlantError: if the flow is not steady after `longest`.
     """
     start_from_rest(wake)
     period = wake.config.control_period

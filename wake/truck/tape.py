@@ -37,7 +37,8 @@ class Tape:
     """Records control periods of a plant from its present state on, and carries sensitivities back over them.
 
     The flow at the start of each time step is kept as long as memory allows; the oldest periods then keep that at their
-    start alone and run again on the way back, which costs one period more.
+    start alone and run again on the way back, which costs one period more. Raises PlantError if the plant is within a
+    control period.
 
     Args:
         plant: at the beginning of a control period; its wind has to stay the same one.
@@ -47,9 +48,6 @@ class Tape:
         bar: sensitivities to the flow where the way back has come to, in the end at the tape's start.
         bar_action: the sensitivity to the action in force there.
         memory_mb: kept for the periods since the tape's start, in 10^6 bytes.
-
-    Raises:
-        PlantError: if the plant is within a control period.
     """
 
     def __init__(self, plant: TruckWake, memory_mb: float = 2000.0) -> None:
@@ -87,7 +85,8 @@ class Tape:
         return plant.sample()
 
     def back(self, weights: Sample) -> float:
-        """Go back by a period.
+        """Go back by a period. Raises PlantError at the tape's start, or if the plant's wind or Reynolds number makes a
+        repeated period diverge.
 
         Args:
             weights: what the scalar gains per unit of each value of the period's sample (`no_weights` has zeros); its
@@ -95,9 +94,6 @@ class Tape:
 
         Returns:
             The sensitivity to the action commanded in this period, of this sample and of all later ones.
-
-        Raises:
-            PlantError: at the tape's start, or if the plant's wind or Reynolds number makes a repeated period diverge.
         """
         if not self._periods:
             raise PlantError("the way back is at the tape's start: no period is left")

@@ -28,7 +28,8 @@ from wake.truck.surface import Surface
 
 
 class TruckWake:
-    """The flow around the truck, or around another body.
+    """The flow around the truck, or around another body. Raises ConfigError if the grid is too coarse for the slots;
+    PlantError if the time step is bound to diverge on this grid.
 
     Args:
         config: Reynolds number, control period, substeps, action bound and the grid's refinement.
@@ -37,10 +38,6 @@ class TruckWake:
     Attributes:
         layout: the sensors, in the order of a sample's Cp.
         wind: by how much it exceeds U_inf in the course of time; None for a steady one. A state does not hold it.
-
-    Raises:
-        ConfigError: if the grid is too coarse for the slots.
-        PlantError: if the time step is bound to diverge on this grid.
     """
 
     def __init__(self, config: FlowConfig | None = None, *, body: BodyConfig = TRUCK_BODY) -> None:

@@ -26,14 +26,12 @@ _OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
 
 
 def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> tuple[can.BusABC, str]:
-    """Connect as configured: an open bus, and python-can's name of its interface, also where that chose it.
+    """Connect as configured: an open bus, and python-can's name of its interface, also where that chose it. Raises
+    BusError naming interface and channel, if that cannot be opened.
 
     Args:
         config: the settings.
         settle_s: what a serial adapter is given to start, in s.
-
-    Raises:
-        BusError: naming interface and channel, if that cannot be opened.
     """
     _check_known(config.interface)
     # Vendors' drivers raise what they like, also where their library is missing.

@@ -75,15 +75,12 @@ class PythonCanBus(Connection):
 
         A `virtual` bus keeps the timestamps that frames are sent with; the others stamp on reception, in ns since the
         epoch, to the resolution of a float. `socketcan` takes the bit rates that its network device was set up with.
-        `udp_multicast` stays on this machine.
+        `udp_multicast` stays on this machine. Raises BusError naming interface and channel, if that cannot be opened.
 
         Args:
             config: the settings.
             accept: frame ids to receive, None for all.
             settle_s: what a serial adapter is given to start after its port was opened, in s.
-
-        Raises:
-            BusError: naming interface and channel, if that cannot be opened.
         """
         bus, interface = open_backend(config, settle_s=settle_s)
         return cls(

@@ -68,7 +68,8 @@ def assemble(
     progress: Callable[[Path], None] = lambda path: None,
     unread: Callable[[Path, tuple[str, ...]], None] = lambda path, names: None,
 ) -> Dataset:
-    """Read every file into an episode.
+    """Read every file into an episode. Raises DatasetError if a file cannot be read or does not fit; the message names
+    file and place, and what would be right.
 
     Args:
         sources: in the order of the episodes.
@@ -77,9 +78,6 @@ def assemble(
         renamed: by the name here, the name in the files.
         progress: called with every file before it is read.
         unread: called with a file and the names in it that are no series and no sensor, if there are any.
-
-    Raises:
-        DatasetError: a file cannot be read or does not fit; the message names file and place, and what would be right.
     """
     renamed = {} if renamed is None else renamed
     if facts.control_period is None or facts.action_limit is None:

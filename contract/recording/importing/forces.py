@@ -53,15 +53,13 @@ class TimeSeries:
             )
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> Array:
-        """On straight lines between the rows.
+        """On straight lines between the rows. Raises DatasetError for times outside the rows, or in a gap; the message
+        names both.
 
         Args:
             times: of the rows wanted, rising, (m,), in the unit of `t`.
             longest_gap: between two rows, across which a line may go.
             slack: by which the first and the last time may lie outside: two clocks do not fit to the last digit.
-
-        Raises:
-            DatasetError: times outside the rows, or in a gap; the message names both.
         """
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(
@@ -99,14 +97,12 @@ class ForcesTable:
 
 
 def read_forces(path: Path, renamed: Mapping[str, str]) -> ForcesTable:
-    """Read t, Cd and Cl from a CSV, NPZ or HDF5 file.
+    """Read t, Cd and Cl from a CSV, NPZ or HDF5 file. Raises DatasetError if the file cannot be read or lacks one of
+    the three, or they do not fit each other.
 
     Args:
         renamed: by the name here, the name in the file. Without one, a name in the file may have its unit behind it in
             brackets, as `stillwake report --csv` writes it.
-
-    Raises:
-        DatasetError: the file cannot be read or lacks one of the three, or they do not fit each other.
     """
     if not path.is_file():
         raise DatasetError(f"{path}: no such file")

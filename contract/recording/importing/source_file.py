@@ -36,15 +36,12 @@ class Contents:
 
 
 def read_source(path: Path, layout: SensorLayout, names: Sequence[str], renamed: Mapping[str, str]) -> Contents:
-    """The arrays among `names` that the file has, and the pressures.
+    """The arrays among `names` that the file has, and the pressures. Raises DatasetError if the file cannot be read,
+    lacks a renamed array, or an array is no series of numbers; the message names both.
 
     Args:
         names: of series that may be there, without Cp.
         renamed: by the name here (of a series, a sensor or Cp), the name in the file where it is another one.
-
-    Raises:
-        DatasetError: the file cannot be read, lacks a renamed array, or an array is no series of numbers; the message
-            names both.
     """
     if not path.is_file():
         raise DatasetError(f"{path}: no such file")

@@ -30,7 +30,7 @@ LONGEST_END_S: Final = 5.0
 
 
 class LiveWake:
-    """Use as a context manager; its start takes seconds.
+    """Use as a context manager; its start takes seconds. Raises StillwakeError if the plant cannot be made.
 
     Args:
         config: flow and body.
@@ -40,9 +40,6 @@ class LiveWake:
 
     Attributes:
         speed: measured before the start.
-
-    Raises:
-        StillwakeError: if the plant cannot be made.
     """
 
     def __init__(

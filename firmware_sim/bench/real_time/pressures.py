@@ -30,7 +30,8 @@ class Pressures(Protocol):
 
 
 class Replay:
-    """Recorded pressures, one row a period. They do not answer the jets.
+    """Recorded pressures, one row a period. They do not answer the jets. Raises DatasetError if there is no such
+    episode; ConfigError if it is shorter than `first`.
 
     Args:
         dataset: the recording.
@@ -39,10 +40,6 @@ class Replay:
 
     Attributes:
         rounds: how often the recording began again; the pressures jump then.
-
-    Raises:
-        DatasetError: if there is no such episode.
-        ConfigError: if it is shorter than `first`.
     """
 
     def __init__(self, dataset: Dataset, episode: str | None = None, first: int = 0) -> None:

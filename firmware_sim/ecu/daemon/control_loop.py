@@ -47,7 +47,7 @@ class RealTime:
 
 
 class ControlLoop:
-    """One ECU on one bus.
+    """One ECU on one bus. Raises ConfigError if the step's offset is no shorter than the period.
 
     Args:
         ecu: steps.
@@ -62,9 +62,6 @@ class ControlLoop:
 
     Attributes:
         counters: as of the latest step.
-
-    Raises:
-        ConfigError: the step's offset is no shorter than the period.
     """
 
     def __init__(

@@ -69,16 +69,14 @@ def run(
     freshness: FreshnessStore | None,
     open_bus: Callable[[], PythonCanBus] | None = None,
 ) -> Counters:
-    """Run until stopped; the jets are shut on the bus at the end, whatever ended it.
+    """Run until stopped; the jets are shut on the bus at the end, whatever ended it. Raises StillwakeError if the bus
+    cannot be opened, or a file cannot be written.
 
     Args:
         is_stopped: looked at once a period.
         write: one line of the log.
         freshness: where its values are kept.
         open_bus: opens it; by the settings without.
-
-    Raises:
-        StillwakeError: the bus cannot be opened, or a file cannot be written.
     """
     messages = message_set(config.bus)
     pressure, speed = messages.pressure.spec, messages.speed.spec

@@ -34,7 +34,8 @@ def serve(
     calibration: Calibration | None = None,
     open_bus: Callable[[], PythonCanBus] | None = None,
 ) -> Counters:
-    """Run until stopped; the jets are shut on the bus at the end, whatever ended it.
+    """Run until stopped; the jets are shut on the bus at the end, whatever ended it. Raises StillwakeError if the
+    release does not fit the vehicle, the bus cannot be opened, or a file cannot be written.
 
     Args:
         release: verified.
@@ -46,9 +47,6 @@ def serve(
         signature: what the release's is worth, in words.
         calibration: that the ECU gets before its first step; its own values without one.
         open_bus: opens it; by the settings without.
-
-    Raises:
-        StillwakeError: the release does not fit the vehicle, the bus cannot be opened, or a file cannot be written.
     """
     check_vehicle(release, config)
     check(config, options)

@@ -80,7 +80,9 @@ def serve_store(
     write: Callable[[str], object],
     open_bus: Callable[[], PythonCanBus] | None = None,
 ) -> Counters:
-    """Run until stopped; the jets are shut on the bus at the end, whatever ended it.
+    """Run until stopped; the jets are shut on the bus at the end, whatever ended it. Raises StillwakeError if another
+    process runs this ECU, the bus cannot be opened, a file cannot be written, or a reset failed within the process:
+    whoever starts it again boots again.
 
     Args:
         folder: of the ECU.
@@ -89,10 +91,6 @@ def serve_store(
         options: of the process.
         software: version of stillwake.
         is_stopped, write, open_bus: as for `firmware_sim.ecu.daemon.service.serve`.
-
-    Raises:
-        StillwakeError: another process runs this ECU, the bus cannot be opened, a file cannot be written, or a reset
-            failed within the process: whoever starts it again boots again.
     """
     check(config, options)
     times, log = PlanTimes(), Log()

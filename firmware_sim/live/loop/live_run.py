@@ -46,7 +46,8 @@ class Period:
 
 
 class LiveRun:
-    """From the plant's start on.
+    """From the plant's start on. Raises StillwakeError if the plant lacks a sensor of the bundle, or the bus cannot
+    carry virtual time.
 
     Args:
         number: counts the starts.
@@ -68,9 +69,6 @@ class LiveRun:
         latest: period; None before the first.
         state: of the ECU after the latest period.
         is_off: the ECU has no supply.
-
-    Raises:
-        StillwakeError: if the plant lacks a sensor of the bundle, or the bus cannot carry virtual time.
     """
 
     def __init__(

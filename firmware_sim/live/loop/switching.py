@@ -90,16 +90,14 @@ class SwitchedDisturbances:
         return around
 
     def set(self, texts: Sequence[str], k: int) -> bool:
-        """Have these at work from control period k on, before which the bus stands, and nothing else.
+        """Have these at work from control period k on, before which the bus stands, and nothing else. Raises
+        ConfigError for a text that describes none.
 
         Args:
             texts: disturbances without their times.
 
         Returns:
             Whether one begins that was not at work.
-
-        Raises:
-            ConfigError: for a text that describes none.
         """
         assert self._bus is not None
         new: list[tuple[str, str]] = []

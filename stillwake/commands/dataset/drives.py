@@ -126,13 +126,10 @@ def read_drive(
     loaded: Loaded,
     progress: Callable[[str], None],
 ) -> Drive:
-    """Read a log and its forces.
+    """Read a log and its forces. Raises DatasetError, BusError, KeyFileError for what does not fit, by the file's name.
 
     Args:
         progress: called with what is being read, and how many frames of it so far.
-
-    Raises:
-        DatasetError, BusError, KeyFileError: what does not fit, by the file's name.
     """
     from can_bridge.drives.log_to_series import series_of
     from can_bridge.logs.log_reader import read_messages
