@@ -37,7 +37,6 @@ class GateLimits:
         flow_m2_per_s: largest magnitude of the command.
         step_m2_per_s: largest change from one command to the next, a period or more later; in a shorter time the
             change is smaller in proportion.
-        period_ns: of control.
         fresh_age_ns: oldest pressures that any command may rest on.
         held_age_ns: oldest pressures that a command may rest on which lies between the one before it and zero.
     """

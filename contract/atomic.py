@@ -16,7 +16,6 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
     StillwakeError if `path` is of the other kind or has no name of its own, or nothing can be written there.
 
     Args:
-        path: where the result will be.
         folder: whether the result is a folder; otherwise it is a file.
     """
     if not folder and path.is_dir():

@@ -16,7 +16,6 @@ def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date
     """Write as JSON, whole or not at all.
 
     Args:
-        path: the file.
         figures: what was measured, in the units its reader documents.
         facts: settings, seeds, versions and hashes of the inputs; the machine is added.
         on: the day it was measured.

@@ -37,8 +37,6 @@ class FittedEstimator:
     """A network and what it leaves.
 
     Attributes:
-        network: the numbers.
-        figures: for the manifest.
         r2: of each sensor by its others, on the episodes that `judged_on` names.
         judged_on: the roles of those episodes.
     """

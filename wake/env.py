@@ -49,7 +49,6 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     Args:
         sensor_names: the observed sensors; all by default, the truck's 90.
         episode_steps: control steps until truncation.
-        config: flow settings.
         max_phase_steps: 25 are about one shedding cycle. A phase takes 1.8 MB.
         start: instead of the shipped developed state, for other flow settings or another body.
         render_mode: None, or "rgb_array" for pictures of the vorticity, the jets and the observed sensors.

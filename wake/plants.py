@@ -33,7 +33,6 @@ def open_plant(
     Args:
         name: the own solver from its shipped start, which `flow.refinement` moves to another grid; or OpenFOAM.
         output: run folder; OpenFOAM's case lives in it while it runs, and its developed start stays there.
-        config: clock and bounds.
         duration: how long the run will be, t_c; OpenFOAM needs it in advance.
         progress: called with (time, total) while OpenFOAM's start develops, or the shipped one settles on another grid.
         start: a state of the own solver to begin from; its clock is set to zero and its jets are shut.

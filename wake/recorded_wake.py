@@ -23,13 +23,10 @@ class RecordedWake:
     NaN. The action is the jets' own, not the recorded one. Raises PlantError for another control period.
 
     Args:
-        episode: what is played.
-        layout: of its sensors.
         flow: the clock; its control period must be the recording's.
 
     Attributes:
         answers_jets: False.
-        layout: as given.
         description: the episode, and what it is not.
         rounds: how often it began again.
     """

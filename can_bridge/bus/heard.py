@@ -37,7 +37,6 @@ def line(
     """Why nothing usable came in `SILENCE_S`, as far as the bus shows.
 
     Args:
-        heard: what was received.
         wanted: the message that is waited for.
         messages: the set that this node takes and sends.
         rejected: receptions that were no frame of this node's kind, by reason.

@@ -42,8 +42,6 @@ def a2l_text(
     """The file's contents.
 
     Args:
-        segment: whose limits hold.
-        release: name of the release.
         nominal_bitrate: of the bus, bit/s.
         data_bitrate: of CAN FD frames, bit/s; None for classic CAN.
     """

@@ -26,12 +26,7 @@ class Page(IntEnum):
 
 
 class Segment:
-    """Both pages, and which of them is in force. Raises ConfigError if the release's own values are out of the limits.
-
-    Args:
-        reference: the release's own values.
-        limits: that every other set must keep.
-    """
+    """Both pages, and which of them is in force. Raises ConfigError if the release's values are out of the limits."""
 
     def __init__(self, reference: Calibration, limits: CalibrationLimits) -> None:
         limits.check(reference)

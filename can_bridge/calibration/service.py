@@ -26,7 +26,6 @@ class CalibrationService:
     """Reads and writes the identifiers; the server checks session, security level and length.
 
     Args:
-        segment: of the release that runs.
         kept: what is stored for that release, if anything.
         keep: stores it, or nothing; may raise MediumError, or OutOfOrderError while the release's slot is written.
         refusal: why nothing may be stored now, for instance because the jets are enabled: writing a flash memory can

@@ -27,8 +27,6 @@ class XcpSlave:
     """One connection at a time.
 
     Args:
-        segment: read and written.
-        access: knows the keys.
         random_bytes: gives so many unpredictable bytes.
         name: of the A2L file, without its ending; at most 255 bytes.
     """

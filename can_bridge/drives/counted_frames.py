@@ -30,8 +30,6 @@ class CountedFrame:
 
     Attributes:
         time_s: of reception, on the log's clock.
-        counter: E2E counter.
-        data: its protected bytes.
     """
 
     time_s: float

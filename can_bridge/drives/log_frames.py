@@ -53,7 +53,6 @@ def frames_of(
     two sets, or times go back.
 
     Args:
-        path: of the log, for errors.
         messages: in the order of the log.
         only: the set of messages to read; without one, the set that the log has pressures of.
         verify: of secured messages; without it, freshness and authentication codes are not looked at.

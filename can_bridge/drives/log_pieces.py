@@ -44,7 +44,6 @@ class Cutter:
     """Collects pieces, and a line for whatever was filled, cut or left out.
 
     Attributes:
-        pieces: so far.
         lines: in words; times are in s after the log's first pressure.
         filled: rows with filled pressures, rows with a filled action.
         ever_valid: whether each pressure was valid in any row, (4,).

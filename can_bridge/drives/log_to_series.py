@@ -85,7 +85,6 @@ def series_of(
     gap and `split` is false.
 
     Args:
-        path: of the log, for errors.
         messages: of the log, in its order.
         scales: operating point and control period.
         fill: longest gap in control periods that is filled.

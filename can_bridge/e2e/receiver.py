@@ -109,10 +109,8 @@ def receive(
     """The state after one period, and its outcome.
 
     Args:
-        state: after the period before.
         frames: all that were received in the period, oldest first; those of other messages are left alone. A secured
             message is looked at up to its authentication, which is `can_bridge.secoc`'s.
-        spec: the message.
         config: when its stream is to be trusted.
     """
     checks: list[Check] = []
@@ -136,11 +134,7 @@ def receive(
 
 
 class E2eReceiver:
-    """Checks one message; `tick` it once a period with whatever arrived.
-
-    Attributes:
-        state: after the latest period.
-    """
+    """Checks one message; `tick` it once a period with whatever arrived."""
 
     def __init__(self, spec: MessageSpec, config: E2eConfig) -> None:
         self.spec = spec

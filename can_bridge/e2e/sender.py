@@ -35,11 +35,7 @@ def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_n
 
 
 class E2eSender:
-    """Numbers and protects the frames of one message.
-
-    Attributes:
-        state: after the latest frame.
-    """
+    """Numbers and protects the frames of one message."""
 
     def __init__(self, spec: MessageSpec) -> None:
         self.spec = spec

@@ -38,7 +38,6 @@ class Verification(NamedTuple):
     """The outcome of one period.
 
     Attributes:
-        state: after it.
         frames: those received, without what was refused.
         none_authentic: frames of the message came, and every one was refused.
     """
@@ -52,9 +51,7 @@ def verified(state: VerifierState, frames: Sequence[Frame], *, spec: MessageSpec
     """Check the frames of one message.
 
     Args:
-        state: after the period before.
         frames: received in this one, oldest first; those of other messages are passed on.
-        spec: the message.
         key: None without authentication; everything is then passed on.
     """
     if key is None:

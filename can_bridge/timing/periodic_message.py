@@ -22,7 +22,6 @@ class PeriodicMessage:
 
     Attributes:
         frame_id: of 11 bits, or 29 if it is extended.
-        length: bytes of data.
         period_ns: time between two releases, at least.
         offset_ns: of the first one.
         jitter_ns: most by which the node queues a frame late.

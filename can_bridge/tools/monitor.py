@@ -51,12 +51,9 @@ class MonitorState:
     """Everything seen so far.
 
     Attributes:
-        e2e: how their counters are judged.
         key: of secured messages; without it their authentication is not checked.
-        messages: by identifier.
         unlisted: frames of identifiers beyond the first MOST_MESSAGES.
         others: remote and error frames.
-        frames: data frames.
     """
 
     e2e: E2eConfig = field(default_factory=E2eConfig)
@@ -98,7 +95,6 @@ def rows(state: MonitorState, now_ns: int, *, matching: str = "") -> list[Row]:
     """The table, ordered by identifier.
 
     Args:
-        state: what was seen.
         now_ns: in the clock of the frames.
         matching: words that message, identifier or signal must contain, all of them; case does not count.
     """

@@ -49,9 +49,7 @@ class Traffic:
     """One message, by the frames so far.
 
     Attributes:
-        latest: the newest frame.
         decoded: its content; None of a message that is not ours.
-        count: frames.
         first_ns: time of the first.
         recent_ns: times of the newest, oldest first, at most RATE_OVER + 1.
         check: of the newest, against the ones before it; None without end-to-end protection, or if its MAC was refused.

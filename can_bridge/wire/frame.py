@@ -22,7 +22,6 @@ class Frame:
         frame_id: 0 to 0x7FF, or to 0x1FFFFFFF if it is extended; the smaller wins arbitration.
         data: 0 to 8 bytes, or a CAN FD length.
         timestamp_ns: when it was sent or received, in the clock of its sender or receiver.
-        is_fd: CAN FD rather than classic CAN.
         is_extended: the identifier has 29 bits rather than 11.
     """
 

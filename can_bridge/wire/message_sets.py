@@ -22,7 +22,6 @@ class Message(Generic[T]):
     """One message of a set.
 
     Attributes:
-        spec: identifier, length, protection.
         emit: value to the protected bytes with an empty E2E header; raises ValueError.
         parse: protected bytes to the value, or None; never raises.
     """

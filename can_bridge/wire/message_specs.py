@@ -19,12 +19,8 @@ class MessageSpec:
     """How one message is known on the bus.
 
     Attributes:
-        frame_id: 11-bit identifier.
-        length: bytes of the frame.
         protected: of these, bytes under the E2E header, the header included; zeros and the authentication follow.
         data_id: E2E data ID; never sent, only mixed into the CRC.
-        profile: of AUTOSAR E2E.
-        is_fd: CAN FD rather than classic CAN.
         is_secured: ends in a freshness value and a message authentication code.
     """
 

@@ -27,7 +27,6 @@ class Loaded:
     """Settings, and which of them a user asked for.
 
     Attributes:
-        config: all settings.
         in_file, in_overrides: dotted names of those in the TOML file and among the overrides.
     """
 

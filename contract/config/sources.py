@@ -15,7 +15,6 @@ class Source:
     """Metadata of an `Annotated` type, and of a class of settings: where defaults come from.
 
     Attributes:
-        kind: who gives the default.
         place: in the paper, or the name of the standard; "" where the default is ours.
         note: how the default follows from it; for ours the reason.
         page: of `docs/`, with more about it; "" for none.

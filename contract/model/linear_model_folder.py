@@ -54,8 +54,6 @@ class LinearDescription:
             Cd is the drag that the controller predicts.
         identification, design: the arguments by which the model was made.
         metrics: what was found about it.
-        dataset_sha256: of the recording.
-        versions: of the software.
     """
 
     config: Config

@@ -59,7 +59,6 @@ class Description:
     """What the weights assume and where they come from.
 
     Attributes:
-        config: all settings of the training.
         layout: of all sensors, in the order of the scaling.
         scaling: of all pressures, the action and the forces.
         sensors: names, in the order of the slim encoder's inputs.
@@ -92,7 +91,6 @@ class Provenance:
     """Where a trained model comes from, for a release made of it.
 
     Attributes:
-        dataset_sha256: of the recording that it was fitted to.
         weights_sha256: of its tensors.
         metrics, versions, config: as the model's description has them.
         more: what a manifest has with these.

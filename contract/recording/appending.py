@@ -16,7 +16,6 @@ def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = 
     first schema, of other sensors, or has an episode with other facts; the message names the first difference.
 
     Args:
-        path: of the data set.
         facts: provenance that every episode must share with what will be added, such as the flow's settings.
         layout: of the sensors of what will be added.
     """

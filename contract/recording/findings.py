@@ -82,11 +82,7 @@ def agreeing(dataset: Dataset, config: Config) -> Config:
 
 
 def refuse_unfit(found: Sequence[Finding], name: str) -> None:
-    """Raise DatasetError for the first finding that stops training, with the number of others.
-
-    Args:
-        name: of the data set, for the message.
-    """
+    """Raise DatasetError for the first finding that stops training, with the number of others."""
     stopping = [item.text for item in found if item.stops == "training"]
     if stopping:
         others = f" (and {len(stopping) - 1} more: see `stillwake dataset check {name}` with the same settings)"

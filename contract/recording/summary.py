@@ -27,8 +27,6 @@ class EpisodeSummary:
     """Figures of one episode.
 
     Attributes:
-        name, role: as the episode has them.
-        steps: control steps.
         duration: in t_c, from the first sample to the last.
         action_rms: root mean square of the action, in U_inf W.
         drag: mean Cd.

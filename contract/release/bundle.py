@@ -33,9 +33,7 @@ class MadeEstimator:
     """A sensor estimator for a bundle.
 
     Attributes:
-        graph: the content of `sensors.onnx`.
         figures: what the manifest holds of it.
-        provenance: where it is from.
     """
 
     graph: bytes
@@ -178,8 +176,6 @@ def verified(name: str, contents: Mapping[str, bytes], trusted: Collection[Publi
     """The bundle of files that are in memory, every check of `load` made. Raises BundleError as `load`.
 
     Args:
-        name: for messages.
-        contents: all its files.
         trusted: keys, one of which must have signed it.
     """
     return read_checked(Path(name), contents, frozenset(trusted))

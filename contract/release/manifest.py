@@ -96,14 +96,12 @@ class Manifest:
     Raises BundleManifestError if the scaling does not fit the sensors, or a number, date or hash makes no sense.
 
     Attributes:
-        name: for people.
         created: day of the export, YYYY-MM-DD.
         precision: "float32" or "int8" (weights; arithmetic is float32).
         sensors: names in the order of the controller's window and of the Pressure message.
         window: L, control steps of history.
         control_period: in t_c.
         action_limit: bound on |a| the optimiser keeps.
-        operating_point: units of the bus.
         mpc: horizon, iterations, learning rate, weights of the cost. The ECU gives the weights to the controller in
             every step: those inside it, from its export, count without a manifest only.
         budget_ms: latest answer after a pressure frame.

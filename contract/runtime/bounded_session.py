@@ -24,8 +24,6 @@ class BoundedGraph:
     """A graph in a bundle.
 
     Attributes:
-        name: the file's, for messages.
-        model: its content.
         shapes: that its inputs and outputs must have, by name.
         feeds: zeros for every input without a default.
         outputs: names, in order.

@@ -20,7 +20,6 @@ class OnnxEstimator:
     it does not end on zeros.
 
     Args:
-        model: the file's content.
         sizes: that it must have; the horizon does not matter.
     """
 

@@ -21,7 +21,6 @@ class OnnxController:
     sizes.
 
     Args:
-        model: the file's content.
         sizes: that it must have.
 
     Attributes:

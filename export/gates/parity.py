@@ -123,7 +123,6 @@ def check_lowering(
 
     Args:
         program: what it should compute; for int8 weights, the one that the integers stand for.
-        name: of the lowering, for the message.
         windows: recorded windows (L, S+1), one case each.
     """
     tolerance = ParityTolerance() if tolerance is None else tolerance

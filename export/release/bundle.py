@@ -22,7 +22,6 @@ class Vehicle:
     """What a release assumes about the vehicle around it.
 
     Attributes:
-        operating_point: units of the bus.
         control_period: in t_c.
         budget_ms: latest answer after a pressure frame.
         compute_time_ms: what of it is allotted to the control step.
@@ -67,8 +66,6 @@ def write_release(
     StillwakeError if the path cannot be written, or holds something else.
 
     Args:
-        name: of the release, for people.
-        created: today.
         provenance: of the training; the gates' figures are added under `export`.
         positions: (x, y) of every sensor in the body's reference length, if they are known.
         key: to sign the release with; unsigned if None.

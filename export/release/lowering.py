@@ -23,8 +23,6 @@ class Lowered:
     """What stands to be written, once it has passed its gates.
 
     Attributes:
-        program: what was lowered.
-        graph: content of `controller.onnx`.
         library: the C library's files by name; None where none was asked for.
     """
 

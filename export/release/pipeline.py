@@ -53,7 +53,6 @@ class CLibrary:
     """The C library that an export writes.
 
     Attributes:
-        folder: to write.
         compiled: compiles the library for its gate.
         ecu: from the rows (n, S+1) that go into the folder to the files of the ECU around the control step; called
             after the bundle is written. Without it the folder has no ECU.
@@ -148,7 +147,6 @@ def export_all(
         recording: data set whose test episode the gates replay (a linear model's own episodes), and whose training
             episodes calibrate int8.
         config: its `mpc` is the controller's; its control period and action limit must be the model's.
-        created: today.
         precision: "int8" or "float32", of both; without it int8, and float32 for a linear model, which has no other.
         key: to sign the bundle with; unsigned if None.
         named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.

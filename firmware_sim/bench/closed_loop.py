@@ -56,7 +56,6 @@ def run_closed_loop(
     Args:
         output: run folder (`firmware_sim.runs.run_folder`), created if need be. A run that is there is replaced when
             this one is whole.
-        bundle: verified release.
         config: the vehicle; its operating point and control period must be the bundle's.
         lead_in, controlled, settle, averages: `firmware_sim.bench.spans.Spans`.
         calibration: that the ECU gets before its first step; its own values without one.
@@ -66,7 +65,6 @@ def run_closed_loop(
         plant: the wake, opened here; the own solver from its shipped start without one.
         controller: what computes the bundle's control step; ONNX Runtime without one.
         faults: what disturbs the run; their times are in s of it.
-        fault_seed: of what they draw.
         ecu: in place of the ECU in Python, which `controller` is for.
         drive: the vehicle's speeds; the settings' flow has the time steps for it.
         progress_without: called with (periods done, periods in all) while the drive goes on without control.

@@ -39,7 +39,6 @@ class Disturbing:
 
     Args:
         disturbances: checked against the run.
-        config: the run's.
         sensors: that the transducers read, in their order.
         seed: of everything that they draw; each draws from a sequence of its own.
         before: how many there were before these, "all" and of each node's port: they draw as if they stood behind.

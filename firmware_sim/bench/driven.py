@@ -42,7 +42,6 @@ def without_control(
     Args:
         plant: on its drive.
         disturbing: of the flow it takes what disturbs the run.
-        config: the run's.
         progress: called with (periods done, periods in all) after every period.
     """
     start, rows = plant.state(), np.empty((periods, len(WITHOUT)))

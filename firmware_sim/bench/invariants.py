@@ -228,7 +228,6 @@ class Invariants:
     """An observer that keeps what did not hold.
 
     Args:
-        config: the run's.
         hidden_ns: how much older pressures may be than the ECU can know; see `of`.
         jets_follow: whether the jets' actuator moves; what one does that stands still is not judged.
 

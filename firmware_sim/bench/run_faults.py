@@ -37,7 +37,6 @@ class NodeFault:
     """One fault of a run.
 
     Attributes:
-        text: as it was given.
         node: of `NODES`.
     """
 
@@ -76,7 +75,6 @@ class NodeFaults:
     Args:
         faults: of all nodes; those of one node from the wire to the node.
         bus: the run's, at time 0.
-        seed: of everything that they draw.
         before: how many faults of each node came before these.
     """
 

@@ -44,13 +44,10 @@ class Simulation:
     is out of its limits.
 
     Args:
-        bundle: verified release.
         config: the vehicle; its operating point and control period must be the bundle's.
-        spans: how long it goes on.
         controller: what computes the bundle's control step; ONNX Runtime without one.
         calibration: that the ECU gets before its first step; its own values without one.
         disturbances: what disturbs it; their times are in s of the run.
-        seed: of what they draw.
         ecu: in place of the ECU in Python, which `controller` is for.
         drive: the vehicle's speeds from the request for control on, the first one before; the operating point's without
             one. The drive's totals then stand in place of averages.

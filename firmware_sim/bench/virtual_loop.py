@@ -73,10 +73,7 @@ class VirtualLoop:
 
     Args:
         plant: the flow, at the start of a control period.
-        node: the vehicle's side.
-        ecu: the controller.
         bus: the bus, at time 0; the loop lets its time pass.
-        ports: the nodes' connections to it.
         config: clock and compute time.
         clock: wall clock in s for the step's measured time; nothing in the loop depends on it.
         ecu_clock: what the ECU's clock shows at a time of the run, in ns.

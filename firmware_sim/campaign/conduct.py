@@ -27,11 +27,8 @@ class Campaign:
 
     Attributes:
         scenarios: the undisturbed one among them.
-        bundle: release under test.
         config: settings of all runs; scenarios have theirs on top.
-        timing: spans of every run.
         phases: starts a scenario, equal parts of a shedding cycle apart.
-        seed: of everything that is drawn.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -102,7 +99,6 @@ def conduct(
 
     Args:
         campaign: checked (`Campaign.check`), and the folder with its label too (`CampaignFolder.check`).
-        folder: where finished runs are kept.
         workers, scheduler: as `firmware_sim.campaign.execution.execute` has them.
         progress: called with (runs done, runs in all, name of the one that just finished).
     """

@@ -65,7 +65,6 @@ class Row:
     """A scenario's outcome.
 
     Attributes:
-        scenario: what was done.
         phases: by number of the start.
         safe: whether no invariant broke in any phase, and all finished.
         use: see `Use`.
@@ -197,7 +196,6 @@ def use_of(reduction: float, undisturbed: float, side_force: float, criteria: Cr
     Args:
         reduction, undisturbed: of wall drag, percent, in this scenario and without disturbance.
         side_force: mean |Cl| as a share of that without control.
-        criteria: the scenario's.
     """
     share = reduction / undisturbed if undisturbed > 0 else nan
     # A comparison with NaN is false: what is not known is not useful.

@@ -37,12 +37,8 @@ class Task:
 
     Attributes:
         name: of its file: scenario and phase.
-        disturb: texts of the disturbances.
-        config: all settings.
         controlled: whether control is requested; otherwise the flow runs by itself.
         phase: number of the start.
-        seed: of everything that is drawn.
-        timing: spans.
     """
 
     name: str

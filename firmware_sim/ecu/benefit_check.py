@@ -56,7 +56,6 @@ class BenefitCheck:
     Attributes:
         base: (B,) places of the sensors on the base among the release's.
         pairs: (P, 2) of mirrored sensors among them.
-        config: levels and times.
     """
 
     base: tuple[int, ...]
@@ -76,7 +75,6 @@ class BenefitCheck:
         """After a period.
 
         Args:
-            state: before it.
             cp: (S,) this period's pressures; None without any.
             drives: whether the jets could run up to now.
 

@@ -22,7 +22,6 @@ class BundlePolicy:
     model does not load, or reads a sensor that the plant does not have, or has elsewhere.
 
     Args:
-        bundle: verified release.
         controller: what runs its `controller.onnx`; default: ONNX Runtime on one thread.
         layout: of the plant's sensors, the columns of the Cp that it is stepped with.
     """

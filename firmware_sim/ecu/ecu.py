@@ -44,9 +44,7 @@ class StepOutcome(NamedTuple):
     """What one control period leads to.
 
     Attributes:
-        state: after it.
         frames: to be sent, a JetCommand and an EcuStatus.
-        trace: for observers.
     """
 
     state: EcuState
@@ -76,13 +74,11 @@ class Ecu:
     ConfigError if `bus.key` without `authentication`, or the other way round.
 
     Args:
-        bundle: verified release.
         controller: what runs its `controller.onnx`.
         config: bus, E2E and fail-safe settings; operating point and control period must be the bundle's.
         authentication: with `bus.key`, what the ECU needs of it.
 
     Attributes:
-        trace: of the latest step.
         calibration: the values in force; those of release and vehicle at power-on.
     """
 

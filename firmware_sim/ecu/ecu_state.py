@@ -105,7 +105,6 @@ class Trace:
     """What happened in the latest step, for observers; nothing in the ECU reads it.
 
     Attributes:
-        mode: of the loop.
         action: sent, in U_inf W.
         forces: predicted (Cd, Cl) over the horizon, (H, 2), in units of the design speed; None without a plan.
         interventions: of the command gate.

@@ -25,7 +25,6 @@ class OtherEcu:
     """After a control period.
 
     Attributes:
-        frames: of another ECU so far.
         until_ns: until when it counts as there; None if there is none.
     """
 

@@ -30,7 +30,6 @@ class Received(NamedTuple):
         enable_request: of the vehicle; None if no frame came that is to be believed.
         unusable_because: why there are no usable pressures, if there are none.
         sampled_ns: when the usable ones were sampled.
-        counter: of their frame.
     """
 
     verifier: VerifierState
@@ -48,7 +47,6 @@ class PressureReception:
     """How the frames of the pressure message are judged.
 
     Attributes:
-        message: of the set in use.
         key: None without authentication.
         e2e: when the stream is to be trusted.
         dynamic_pressure: Pa at Cp = 1 and the design speed.
@@ -73,8 +71,6 @@ class PressureReception:
         """The newest trusted pressures of a period, or why there are none that can be used.
 
         Args:
-            frames: of the period, oldest first.
-            now_ns: time of the step.
             verifier, receiver: their states before it.
             dynamic_pressure: Pa at Cp = 1 at the present speed; None where that is not known.
         """

@@ -158,7 +158,6 @@ class SensorCheck:
     Attributes:
         estimator: computes the bundle's graph.
         fast, slow: (S + P, S) deviations of sound sensors' residuals in Cp.
-        config: levels and times.
     """
 
     estimator: Estimator
@@ -192,7 +191,6 @@ class SensorCheck:
         """After a period.
 
         Args:
-            state: before it.
             window: (L, S + 1) the controller's, with this period's row.
             rows: how many of them have come.
             cp: this period's pressures, (S,); None without any: nothing is judged.

@@ -49,12 +49,10 @@ class SpeedReception:
     """How the frames of the speed message are judged.
 
     Attributes:
-        message: of the set in use.
         key: None without authentication.
         e2e: when the stream is to be trusted.
         design: the operating point of the release.
         speeds: that it serves, in design speeds.
-        config: ages and limits.
     """
 
     message: Message[VehicleSpeed]

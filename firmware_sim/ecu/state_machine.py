@@ -89,13 +89,11 @@ class Period(NamedTuple):
     """What conditions are about: one period's inputs, and what has been counted up to it.
 
     Attributes:
-        inputs: of the period.
         request: of the vehicle, as last received.
         rises: it was low before this period and stands now.
         misses: periods in a row without usable pressures.
         good: usable ones in a row.
         lost: periods without usable pressures among the latest `loss_window` in which control was wanted.
-        config: the limits.
         kept: reason of the state before.
     """
 
@@ -189,10 +187,7 @@ class Transition:
     """One row of the table.
 
     Attributes:
-        start: states that it leads from.
-        when: what must hold.
         to: the state it leads to.
-        reason: that is reported.
         within: periods from the first that has the cause to the one that reacts, which is 1 for the same: a number,
             or a formula in settings of the ECU.
     """
@@ -263,7 +258,6 @@ class FailSafe:
     """The state; `next` once a period, and `latch` if the period then ends in a fault, are the ways to change it.
 
     Attributes:
-        mode: of the latest period.
         misses: periods in a row without usable pressures.
         good: usable ones in a row.
         lost: the latest `loss_window` periods, a bit each and the newest lowest: 1 without usable pressures. Those

@@ -72,7 +72,6 @@ class LoopEcu:
     """An ECU for a closed loop, and what a run records of it.
 
     Attributes:
-        ecu: just powered on.
         kind: python, c or cortex-m7.
         computed_by: what computes its control step, for people.
         step_ns: what its latest step takes in virtual time; the loop charges `ecu.compute_time_ms` without it.

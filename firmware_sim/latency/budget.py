@@ -98,9 +98,7 @@ def verdicts(budget: Budget, counts: Mapping[str, int], latencies: Mapping[Stage
     """Each limit of the budget with what was measured.
 
     Args:
-        budget: the limits.
         counts: all of `COUNTS`.
-        latencies: of every stage.
     """
     judged = [Verdict(name, allowed, counts[name]) for name, allowed in budget.counts.items()]
     for (stage, name), allowed in budget.latencies.items():

@@ -53,10 +53,7 @@ class Measured:
     Attributes:
         name: of the controller, for tables: "onnx" or "c".
         about: what ran, in words.
-        recorded: the tables.
-        periods: joined.
         idle: rows of `IdleStage` of the same time.
-        latencies: of each stage.
     """
 
     name: str

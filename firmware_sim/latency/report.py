@@ -55,8 +55,6 @@ def write_report(folder: Path, runs: Sequence[Measured], budgets: Sequence[Seque
     """Write page and picture into a folder that exists.
 
     Args:
-        folder: of the report.
-        runs: at least one.
         budgets: each run's limits with what was measured; empty without a budget.
     """
     histogram_figure(runs).savefig(folder / "histogram.png")

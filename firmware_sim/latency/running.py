@@ -71,7 +71,6 @@ def recorded(
         folder: exists; gets the tables and what the processes printed.
         ecu, vehicle: commands, without `--stage-times`; the ECU reports to $NOTIFY_SOCKET when it is ready.
         periods: that the vehicle runs for.
-        period_ns: of control.
         progress: called with the periods that are over, about twice a second.
     """
     tables = {name: folder / STAGE_TIMES.format(name) for name in (ECU, VEHICLE, IDLE)}

@@ -41,7 +41,6 @@ class LiveSession:
     other, the bundle and the vehicle.
 
     Args:
-        bundle: verified release.
         config: the vehicle; its operating point and control period must be the bundle's.
         wake: a plant at its start, by its name.
         ecu: makes an ECU, just powered on, by the controller's name; each is made once.
@@ -50,7 +49,6 @@ class LiveSession:
         settings: to begin with. Whether control is requested in them counts for nothing: it is after `enable_after`.
         enable_after: t_c from a start until control is requested by itself.
         kept: latest periods that a page should keep, and that wait for `messages` at most.
-        seed: of what disturbances draw.
         clock: wall clock in s.
     """
 

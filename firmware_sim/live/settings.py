@@ -25,7 +25,6 @@ class Slider:
     Attributes:
         least, greatest: inclusive.
         step: of the slider; any value within the bounds is taken.
-        unit: for people.
     """
 
     least: float

@@ -48,7 +48,6 @@ class BusTraffic:
         error_frames: attempts that were destroyed, or that no node acknowledged.
         longest_wait_ms: of our messages, by their names: the longest time from the hand-over of a frame to the begin of
             the attempt that succeeded. A message of which none was sent is not in it.
-        nodes: by their names.
     """
 
     load: float

@@ -22,7 +22,6 @@ class DriveTotals:
     also the mean force along the road in N/m.
 
     Attributes:
-        name: of the drive.
         mean_speed_m_per_s, distance_m: of what is counted.
         drag, drag_without: of the wall's force, with and without control.
         jets: power that the jets hand to the flow; below zero where they take some.

@@ -47,7 +47,6 @@ class InjectedFault:
     """What disturbed a run.
 
     Attributes:
-        text: as the command line has it.
         acted: how often it did: for a fault of a port what the fault counts, for wire errors the disturbed attempts,
             for the others periods.
     """
@@ -90,20 +89,13 @@ class RunMetadata:
         digest: of the bundle, in full.
         computed_by: runtime of the control step.
         signer: fingerprint of the key that signed the bundle; None for an unsigned one.
-        plant: solver, mesh and time step.
         sensors: names in the order of the Pressure message.
         mpc: settings of the optimiser in the bundle.
         weights: of the cost, as they were in force.
         budget_ms: latest answer after a pressure frame.
         averages: whether averages were asked for.
         settle: t_c after the request for control that the controlled averages leave out.
-        status: of the ECU at the end.
-        config: the vehicle, bus and ECU.
-        origin: day, command and start.
-        versions: Python, machine and packages.
         faults: what disturbed it, in the order given; nothing in an ordinary run.
-        fault_seed: of what they drew.
-        ecu: that ran.
         drive: name of the drive that the vehicle was on; None for a run at one speed.
     """
 

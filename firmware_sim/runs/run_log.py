@@ -93,9 +93,6 @@ class RunLog:
         series: the arrays named in `COLUMNS`, (n,) each, and `WALL`, (n, S), where the sensors were recorded; of a
             drive also `WITHOUT`.
         enabled_at: index of the first row with control requested.
-        bus: totals.
-        metadata: what the run was made with.
-        traffic: everything on the bus.
     """
 
     series: Mapping[str, Array]

@@ -60,7 +60,6 @@ class WakeStills:
     """Stills of a run.
 
     Attributes:
-        scene: what they show.
         k: period of the run at whose start each still was taken, (n,), rising.
         t: the same in t_c, (n,).
         stills: (n,) WebP files.
@@ -79,12 +78,7 @@ class WakeStills:
 
 
 class WakeRecorder:
-    """Keeps the stills of a run that goes on.
-
-    Args:
-        scene: what they show.
-        periods: of the run.
-    """
+    """Keeps the stills of a run that goes on."""
 
     def __init__(self, scene: Scene, periods: int) -> None:
         self._scene = scene

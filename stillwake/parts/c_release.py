@@ -29,7 +29,6 @@ def ecu_files(bundle: Path, rows: Array, *, config: Config, notice: Callable[[st
     Args:
         bundle: just written.
         rows: recorded, of which an example plays the pressures, (n, S+1).
-        config: of the vehicle.
         notice: called with a line for what the ECU does without, or for why there is none.
     """
     from export.to_c.estimator import estimator_files
@@ -61,9 +60,6 @@ def write_shipped_library(
     folder cannot be written.
 
     Args:
-        folder: to write.
-        release: the shipped bundle.
-        config: of the vehicle.
         notice, phase: as `ecu_files` and `export.release.pipeline.export_library` have them.
     """
     from export.release.pipeline import CLibrary, export_library

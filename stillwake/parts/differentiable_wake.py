@@ -33,7 +33,6 @@ class DifferentiableWake:
     """A plant at the beginning of control periods, with the differences of some of its sensors.
 
     Args:
-        plant: the wake.
         columns: (2 p,) of the sensors among the plant's, in pairs.
     """
 

@@ -41,9 +41,7 @@ class LiveParts:
         bundle: release bundle; the shipped one if None.
         trust: whose signature it must bear, as `--trust` has it.
         library: C library of the bundle's; without one, that of the shipped bundle is made when it is wanted.
-        config: the vehicle.
         start: flow state to begin from; the shipped start if None.
-        settings: to begin with.
         enable_after: t_c until control is requested.
     """
 
@@ -97,8 +95,6 @@ class Ecus:
     """ECUs of one release in one vehicle, by the names of their controllers. One in C is made once.
 
     Args:
-        release: verified.
-        config: the vehicle.
         library: as `LiveParts` has it.
         tell: called with what is waited for.
     """

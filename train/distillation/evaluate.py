@@ -60,7 +60,6 @@ class ModelMetrics:
     """How a trained model does on the test episodes.
 
     Attributes:
-        teacher: the encoder on all sensors.
         slim: the encoder on the chosen ones, with the teacher's dynamics and decoder.
         slim_latent: L1/sigma of its latents against the teacher's.
         deployed: the slim encoder with the narrower dynamics and decoder; None where there are none.

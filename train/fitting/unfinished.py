@@ -25,7 +25,6 @@ class Identity:
 
     Attributes:
         settings: canonical text of the configuration that decides the result.
-        dataset_sha256: of the recording.
         threads: of torch. Another number is no other training: it goes on, with sums in another order.
     """
 

@@ -90,14 +90,12 @@ class Identified:
     """What was found.
 
     Attributes:
-        episodes: names of those used.
         steps: control steps that were fitted to.
         rows: what is predicted: the differences by their sensors, "Cl", and the probe where it has a weight.
         r2: of the model that did not see the held-out part, by steps ahead, a value a row.
         growing: growth in e-foldings a t_c and frequency in 1/t_c of each mode that grows, fastest first.
         open_loop, closed_loop: spectral radii, per control step.
         gain_sum: sum of the gain's magnitudes, in U_inf W per Cp or, for past actions, per U_inf W.
-        versions: of the software.
     """
 
     episodes: tuple[str, ...]

@@ -30,8 +30,6 @@ class JetPipes:
 
     Args:
         folder: the case, as `jets.write_pipes` has laid it out.
-        mesh: its mesh.
-        child: icoFoam running on it.
         patience_s: longest wait for one time step.
     """
 

@@ -46,7 +46,6 @@ def settle(
 
     Args:
         folder: the case; made if it does not exist.
-        mesh: its mesh.
         start: makes velocity and kinematic pressure at t = 0; called for a new case only.
         config: Reynolds number and control period; one measurement a period.
         substeps: time steps a control period.

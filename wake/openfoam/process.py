@@ -31,7 +31,6 @@ class IcoFoam:
     installed.
 
     Args:
-        folder: the case.
         command: what to run in it; icoFoam, or another program in tests.
     """
 

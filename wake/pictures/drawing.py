@@ -55,7 +55,6 @@ class WakePicture:
     A field in colour, the body, arrows where the jets blow or suck, and the sensors' Cp. The colour scales stay.
 
     Args:
-        wake: the plant.
         kind: vorticity, or Cp in the flow.
         sensor_names: the sensors coloured by their Cp; the others are small dots. None colours all.
         width: of the picture in pixels.
@@ -205,8 +204,7 @@ def outline(body: BodyConfig) -> Array:
 
 def jet_arrow(share: float, side: int, base: float) -> Array:
     """Outline of the arrow at the upper (side 1) or lower (-1) slot of a base at x = `base`, (7, 2): away from it for
-    blowing (share > 0), towards it for sucking; its length is the share of the action's bound.
-    """
+    blowing (share > 0), towards it for sucking; its length is the share of the action's bound."""
     length, shaft, head = _FULL_JET * abs(share), JET_WIDTH, 2.4 * JET_WIDTH
     neck = max(length - 2.0 * head, 0.5 * length)
     x = np.array([0.0, neck, neck, length, neck, neck, 0.0])

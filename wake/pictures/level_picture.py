@@ -32,7 +32,6 @@ class LevelPicture:
     """Draws a plant's vorticity as it is now; 0 inside the body.
 
     Args:
-        wake: the plant.
         width: of the picture in pixels.
 
     Attributes:

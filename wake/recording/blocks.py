@@ -33,8 +33,6 @@ class EpisodeBlocks:
     """The blocks of one episode.
 
     Attributes:
-        folder: of this episode alone.
-        steps: control steps of the whole episode.
         block_steps: control steps a block; the last may be shorter.
     """
 

@@ -27,7 +27,6 @@ class CalmPlan:
     Attributes:
         round: which addition to the data set it belongs to, from 1.
         episode: its number in the round, from 0.
-        steps: control steps.
         amplitude: rms of the random action, in U_inf W; it is added to the controller's commands, if there is one.
         role: "train", or "calm" to hold it out.
         seed: with round, episode and role it fixes the random action; so no two rounds repeat one another.

@@ -24,7 +24,6 @@ class ControlledPlan:
     Attributes:
         round: which addition to the data set it belongs to, from 1.
         episode: its number in the round, from 0.
-        steps: control steps.
         exploration: rms of what is added to the commands, as a fraction of the action limit.
         role: "train", or "controlled" to hold it out.
         seed: with round, episode and role it fixes the exploration; so no two rounds repeat one another.

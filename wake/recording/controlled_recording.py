@@ -49,9 +49,6 @@ def record_round(
     `wake.recording.recorder.record` does, or what the controller raises.
 
     Args:
-        output: the HDF5 file.
-        planned: what to record.
-        config: flow and forcing settings.
         policy: makes the controller in each recording process; without one, the plans' signals are all that acts.
         workers, scheduler, progress, notice, block_steps, start: as for `wake.recording.recorder.record`.
 

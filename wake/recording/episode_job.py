@@ -33,10 +33,7 @@ class EpisodeJob:
     """What it takes to record one episode, in this process or in another that shares the folder.
 
     Attributes:
-        parts: the recording's unfinished work.
         owner: token of the call of `record` that this belongs to; work stops when another has taken the folder over.
-        plan: the episode.
-        config: flow and forcing settings.
         block_steps: control steps between two writes to disk.
         setting: what every sample depends on; see `setting_of`.
         policy: makes the controller; without one, the plan's signal is all that drives the jets.

@@ -27,7 +27,6 @@ class EpisodePlan:
 
     Attributes:
         forcing: name of the signal.
-        steps: control steps.
         seed: of the signal's random numbers.
         lead: control steps without forcing from the developed start to the first sample, so that episodes begin in
             different phases of the shedding cycle.

@@ -34,7 +34,6 @@ def run_parallel(
     episode raised there.
 
     Args:
-        jobs: what is to be recorded.
         workers: local processes to start; at most one a job.
         scheduler: address of a running scheduler to use instead.
         progress: called for every episode that has got further.

@@ -32,7 +32,6 @@ class PartsFolder:
 
         Args:
             task: the recording's settings, as plain JSON.
-            owner: the call's token.
         """
         shutil.rmtree(self._done, ignore_errors=True)
         if self.path.is_dir() and any(path.is_dir() for path in self.path.iterdir()):

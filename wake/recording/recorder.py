@@ -40,9 +40,7 @@ def record(
     set that is there already, of the same plans and settings, is left as it is.
 
     Args:
-        output: the HDF5 file.
         plans: episodes, in the order they will have in the file.
-        config: flow and forcing settings.
         workers: processes on this machine; with 1, episodes follow one another in this process.
         scheduler: address of a dask scheduler whose workers record instead; they must have `output`'s folder under
             the same path.

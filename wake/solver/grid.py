@@ -40,7 +40,6 @@ class Grid:
     Attributes:
         xf, yf: faces, shapes (nx + 1,) and (ny + 1,).
         xc, yc: cell centres, shapes (nx,) and (ny,).
-        dx, dy: cell sizes.
         dxc: distance between the centres either side of x-face i, shape (nx + 1,); half cells at the ends.
         dyc: likewise in y, shape (ny + 1,).
         front, rear: x-face indices of the body's front and base.

@@ -68,9 +68,6 @@ class Domain(NamedTuple):
 
     Attributes:
         viscosity: 1 / Re.
-        spacing: cell sizes.
-        runs: open faces.
-        walls: ghosts of the body.
         inflow: velocity at the inlet.
         slot_column, slot_rows: x-face and rows of the jets, (m,).
     """

@@ -38,8 +38,6 @@ class FlowSolver:
     """Advances a `Flow` on one grid around one body.
 
     Args:
-        grid: the grid.
-        boundary: its classification.
         viscosity: 1 / Re.
         slot_profile: velocity on the faces at `grid.rear` per unit action, (ny,); None for no jets.
         inflow_u, inflow_v: velocity at the inlet, (ny,) at the u-faces and (ny + 1,) at the v-faces.

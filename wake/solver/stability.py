@@ -54,12 +54,10 @@ def check_step(
     number that is too large and the substeps that would do.
 
     Args:
-        grid: the grid.
         fluid: its fluid cells, (nx, ny).
         viscosity: 1 / Re.
         jet_speed: the fastest the jets can be asked to blow, in U_inf.
         period: control period in t_c.
-        substeps: time steps in it.
     """
     dt = period / substeps
     per_x, per_y = 1.0 / grid.dx[:, None], 1.0 / grid.dy

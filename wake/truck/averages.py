@@ -48,7 +48,6 @@ class CycleAverage(Average):
     """An average over whole cycles of the lift.
 
     Attributes:
-        cycles: how many.
         frequency: cycles per t_c; the Strouhal number of a wake without forcing.
     """
 

@@ -29,7 +29,6 @@ class SlotFaces:
     """The slots of one grid.
 
     Args:
-        grid: the grid.
         viscosity: 1 / Re.
         profile: velocity on the faces at `grid.rear` per unit action, (ny,).
     """

@@ -75,7 +75,6 @@ def settle(
     if the flow is not steady after `longest`.
 
     Args:
-        wake: the plant.
         tolerance: both rates must fall below this.
         longest: give up after so many t_c.
         progress: called with the time and the larger rate after every control period.

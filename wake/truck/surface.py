@@ -34,7 +34,6 @@ class Measured:
     """Functionals of a flow at one instant.
 
     Attributes:
-        Cp: at the sensors.
         Cd, Cl: wall force, pressure and viscous, without the slot faces.
         slots: what the flow does to the slot faces.
         Uy_probe: transverse velocity at the wake probe.
@@ -51,10 +50,8 @@ class Surface:
     """The functionals of one grid.
 
     Args:
-        grid, boundary: of the body.
         viscosity: 1 / Re.
         slot_profile: velocity on the faces of the base per unit action, (ny,).
-        body: its outline.
         layout: the sensors on it: sides and base, none on the front.
     """
 

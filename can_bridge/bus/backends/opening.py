@@ -30,7 +30,6 @@ def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> tuple[can.
     BusError naming interface and channel, if that cannot be opened.
 
     Args:
-        config: the settings.
         settle_s: what a serial adapter is given to start, in s.
     """
     _check_known(config.interface)

@@ -37,7 +37,6 @@ class PythonCanBus(Connection):
 
     Attributes:
         received: receptions so far: `accepted` ones and the sum of those `rejected`.
-        accepted: frames handed over.
     """
 
     def __init__(
@@ -78,7 +77,6 @@ class PythonCanBus(Connection):
         `udp_multicast` stays on this machine. Raises BusError naming interface and channel, if that cannot be opened.
 
         Args:
-            config: the settings.
             accept: frame ids to receive, None for all.
             settle_s: what a serial adapter is given to start after its port was opened, in s.
         """

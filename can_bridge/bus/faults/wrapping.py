@@ -37,7 +37,6 @@ def wrap(bus: Bus, faults: Sequence[Fault], clock: Clock, *, seed: int = 0, firs
     """The port with these faults around it.
 
     Args:
-        bus: one node's connection.
         faults: from the wire to the node: a received frame meets the first one first, a sent frame the last one.
         clock: the time in ns that the faults' spans refer to.
         seed: same faults, frames, times and seed: same outcome. Each fault draws from a generator of its own, so that

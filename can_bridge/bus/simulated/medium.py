@@ -47,7 +47,6 @@ class Transmission:
     Attributes:
         frame: stamped with `end_ns`.
         sender: name of its port.
-        queued_ns: when it was handed over.
         begin_ns, end_ns: of the attempt that succeeded, the intermission not included.
     """
 
@@ -106,9 +105,6 @@ class SimulatedBus:
         corrupts: what disturbs the bus for all nodes; called once an attempt with the sender's name. A position beyond
             the frame is its last bit, which receivers do not look at any more: they keep the frame, and get it twice.
         mishears: what a single receiver sees wrong; called once an attempt with each receiver's name.
-
-    Attributes:
-        now_ns: the bus's time.
     """
 
     def __init__(
@@ -210,8 +206,7 @@ class SimulatedBus:
 
     def _next_event(self) -> tuple[int, Callable[[], None] | None] | None:
         """(time, what happens) of the earliest one, a frame that begins being None; at one time in this order: a frame
-        ends, a node recovers, a call, a frame begins.
-        """
+        ends, a node recovers, a call, a frame begins."""
         best: tuple[int, Callable[[], None] | None] | None = None
         if self._attempt is not None:
             best = self._attempt.end_ns, self._end

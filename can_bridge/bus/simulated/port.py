@@ -22,7 +22,6 @@ class SimulatedPort:
     """One node's connection to a simulated bus; made by `SimulatedBus.port`.
 
     Attributes:
-        name: of the node.
         refused: frames that the bus did not take, the queue being full or the node bus-off.
         discarded: frames in the queue when the node went bus-off.
         overruns: frames that came while the receive queue was full; the newest are lost.

@@ -12,7 +12,6 @@ class Queued(NamedTuple):
 
     Attributes:
         serial: counts the queue's frames, so that equals keep their order.
-        queued_ns: when it was handed over.
     """
 
     priority: Priority

@@ -28,7 +28,6 @@ class Made:
     """An episode that was made of a file rather than read as it stands: part of a CAN log, with its forces.
 
     Attributes:
-        name: of the episode.
         series: those of `contract.recording.episode.REQUIRED`, Cp without dimension.
         initial_action: the action before the first row.
         provenance: what else it states, with the file's name and hash.

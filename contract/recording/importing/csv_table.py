@@ -22,7 +22,6 @@ class CsvTable:
     """Text cells under a header.
 
     Attributes:
-        path: of the file, for messages.
         header: names of the columns, all different.
         rows: cells of each row, as many as the header has.
         lines: line number of each row, from 1.

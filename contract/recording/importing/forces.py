@@ -25,7 +25,6 @@ class TimeSeries:
     """One force.
 
     Attributes:
-        path: of the file, for messages.
         name: in the file.
         t: rising, (n,).
         values: (n,).

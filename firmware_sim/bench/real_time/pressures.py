@@ -34,7 +34,6 @@ class Replay:
     episode; ConfigError if it is shorter than `first`.
 
     Args:
-        dataset: the recording.
         episode: its name; if None the first without a controller, before others one with the jets at rest.
         first: control step to begin with.
 

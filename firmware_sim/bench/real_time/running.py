@@ -68,14 +68,8 @@ def run_vehicle(
     """Run until the course is done or a stop is asked for; then withdraw the request for control on the bus.
 
     Args:
-        bus: open.
         sensors: names, in the order of the Pressure message.
-        pressures: what they read.
-        config: of the vehicle.
-        course: how long, and what else.
-        is_stopped: asked every period.
         report: called with lines for people, from this thread.
-        progress: called about every half second.
 
     Raises:
         ConfigError: `bus.key` and the course's freshness file do not go together, or the pressures lack a sensor.

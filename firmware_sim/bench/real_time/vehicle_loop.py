@@ -42,17 +42,11 @@ class VehicleLoop:
     """Runs periods one by one.
 
     Args:
-        config: of the vehicle.
-        node: transducers and jets.
-        pressures: what the transducers read.
-        bus: takes the pressure frames.
-        inbox: has what the bus receives.
         deadlines: the first period's.
         stage_times: to fill in; none if None.
         now_ns, sleep_until: the clock of deadlines and inbox.
 
     Attributes:
-        figures: so far.
         heard: everything received since it was set, for whoever wonders where the commands are.
     """
 

@@ -51,7 +51,6 @@ class Connection:
         first_pause_s: before the first attempt to open a lost bus again.
 
     Attributes:
-        losses: how often the bus was lost.
         not_sent: frames that it did not take; those while it is lost are among them.
         why_not_sent: of the latest frame, empty if it was sent.
     """

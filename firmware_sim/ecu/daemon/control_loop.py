@@ -50,18 +50,9 @@ class ControlLoop:
     """One ECU on one bus. Raises ConfigError if the step's offset is no shorter than the period.
 
     Args:
-        ecu: steps.
-        times: when it planned.
-        connection: open.
-        reception: filled by the connection.
-        config: of the ECU.
         tell: called with an event's name, its line, and its fields.
         after_step: called with the time and the counters after each step.
         stage_times: where each stage is noted; None for nowhere.
-        real_time: the clock.
-
-    Attributes:
-        counters: as of the latest step.
     """
 
     def __init__(

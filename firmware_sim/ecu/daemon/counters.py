@@ -13,17 +13,10 @@ class Counters:
     """After a control step; counts are since the start.
 
     Attributes:
-        state: of the ECU.
-        steps: control steps.
-        left_out: periods without one.
-        received: frames of the ECU's messages.
         dropped: pressures for which there was no room.
         not_sent: frames that the bus did not take.
-        losses: times that the bus was lost.
-        other_ecu: frames of another ECU.
         action: in force on the wire, U_inf W.
         busy_ns: all steps together, from waking to having sent.
-        longest_ns: the longest of them.
         latest_wake_ns: most that a step began behind its deadline.
     """
 

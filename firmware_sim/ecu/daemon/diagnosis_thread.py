@@ -29,7 +29,6 @@ class DiagnosisThread:
     Args:
         ecu: whose diagnosis it serves; its control is another thread's.
         send: hands frames to the bus.
-        now_ns: the clock.
         failed: called with the error that ends the thread before its time, if one does.
     """
 

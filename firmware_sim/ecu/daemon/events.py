@@ -12,9 +12,6 @@ class Event:
 
     Attributes:
         date_ns: when, since the epoch.
-        name: of its kind, a word.
-        text: for people, one line.
-        fields: the numbers and names in it.
     """
 
     date_ns: int

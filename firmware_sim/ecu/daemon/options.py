@@ -23,14 +23,11 @@ class Options:
     """Options of one process.
 
     Attributes:
-        wanted: privileges.
         spin_ns: `clock.sleep_until`.
         periods: after which it ends by itself; None for never.
         stage_times: file for the stages of each period, written at the end.
         metrics: file of counters for Prometheus.
         freshness: file that outlives a power cycle, needed with `bus.key`.
-        as_line: how an event is written.
-        environment: of the process.
     """
 
     wanted: Wanted = field(default_factory=Wanted)

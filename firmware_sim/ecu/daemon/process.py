@@ -33,11 +33,6 @@ class Served:
     """What the process steps.
 
     Attributes:
-        ecu: the control.
-        times: of its plans.
-        name: of the release.
-        line: what runs, in words.
-        fields: of the same event.
         hears: who else takes frames, by identifier; called by the thread that reads the bus.
         beside: runs next to the control while the bus is open.
     """
@@ -74,7 +69,6 @@ def run(
 
     Args:
         is_stopped: looked at once a period.
-        write: one line of the log.
         freshness: where its values are kept.
         open_bus: opens it; by the settings without.
     """

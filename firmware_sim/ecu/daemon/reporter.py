@@ -29,7 +29,6 @@ class Reporter:
     Args:
         write: writes one line of the log; may raise OSError or ValueError, which costs that line.
         as_line: makes it of an event.
-        bundle: what the release is called.
         metrics: the file of counters; None for none.
         keep: called with the counters once per interval; may raise StillwakeError.
         interval_s: between two looks at the counters.

@@ -38,12 +38,8 @@ def serve(
     release does not fit the vehicle, the bus cannot be opened, or a file cannot be written.
 
     Args:
-        release: verified.
-        controller: of the release.
         config: of the vehicle; its bus is a real one.
-        options: of the process.
         is_stopped: looked at once a period.
-        write: one line of the log.
         signature: what the release's is worth, in words.
         calibration: that the ECU gets before its first step; its own values without one.
         open_bus: opens it; by the settings without.

@@ -85,11 +85,8 @@ def serve_store(
     whoever starts it again boots again.
 
     Args:
-        folder: of the ECU.
         access: shared with the tester.
         config: of the vehicle; its bus is a real one.
-        options: of the process.
-        software: version of stillwake.
         is_stopped, write, open_bus: as for `firmware_sim.ecu.daemon.service.serve`.
     """
     check(config, options)

@@ -17,7 +17,6 @@ class Notifier:
 
     Args:
         environment: of the process: NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID are looked at.
-        pid: of the process.
     """
 
     def __init__(self, environment: Mapping[str, str], pid: int) -> None:

@@ -23,7 +23,6 @@ class Deadlines:
 
     Attributes:
         period_ns: from one deadline to the next.
-        due_ns: when the period begins.
         number: of the period, those left out counted.
         left_out: periods so far that were not begun, since work on an earlier one was not done.
         grace_ns: by how much a deadline may have passed when the work before it is done, and still be kept, late.

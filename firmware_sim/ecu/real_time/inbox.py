@@ -16,7 +16,6 @@ class Inbox:
         room: frames kept. In a flood the oldest give way.
 
     Attributes:
-        received: frames so far.
         dropped: those that gave way.
     """
 

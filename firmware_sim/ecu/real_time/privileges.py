@@ -28,7 +28,6 @@ class Privilege(NamedTuple):
     """One of them.
 
     Attributes:
-        what: in words.
         granted: whether the process has it.
         why: it has it not; empty if it has.
     """

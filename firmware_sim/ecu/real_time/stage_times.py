@@ -67,7 +67,6 @@ class StageTimes:
     """A table of one node.
 
     Args:
-        stages: the node's columns.
         periods: rows. When all are used, the oldest ones are used again.
     """
 

@@ -22,15 +22,7 @@ class PlanTimes:
 
 
 class TimedController:
-    """Wraps another one.
-
-    Args:
-        now_ns: the clock.
-        times: where the times are noted.
-
-    Attributes:
-        times: as given.
-    """
+    """Wraps another one."""
 
     def __init__(self, controller: Controller, now_ns: Callable[[], int], times: PlanTimes | None = None) -> None:
         self._controller = controller

@@ -83,7 +83,6 @@ class BusTable:
 
         Args:
             pressures, commands: of the receivers in ECU and vehicle.
-            nodes: by their names.
         """
         first, last = self._activity[0], self._activity[-1]
         receivers = {

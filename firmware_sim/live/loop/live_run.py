@@ -34,8 +34,6 @@ class Period:
     """One control period.
 
     Attributes:
-        k: its number.
-        requested: whether control was.
         planned_ns: what a step that planned took in virtual time; None without one.
     """
 
@@ -50,20 +48,12 @@ class LiveRun:
     carry virtual time.
 
     Args:
-        number: counts the starts.
-        bundle: verified release.
-        config: the vehicle.
         wake: at the start of a control period.
-        ecu: just powered on.
-        seed: of what is drawn.
         lead_in: periods after which control is requested by itself.
         kept: latest periods whose drag is remembered.
 
     Attributes:
         number, wake, ecu: as given; the ECU may be exchanged.
-        request: when control is requested.
-        disturbances: at work.
-        scene: the flow as it is shown.
         drag, bus_table: what a viewer sees of them.
         picture: the flow at the start of the latest period; None without one.
         latest: period; None before the first.

@@ -36,7 +36,6 @@ class Seen(NamedTuple):
 
     Attributes:
         state: name of an `OperatingMode`, or `UNPOWERED` or `BOOT`.
-        reason: for it.
         set_aside: sensors that the ECU does not believe.
         given_up: the vehicle has withdrawn its request by itself.
         gate: what the ECU's command gate did.

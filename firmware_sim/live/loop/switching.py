@@ -47,9 +47,7 @@ class SwitchedDisturbances:
     """Disturbances of one run of the loop; a `firmware_sim.bench.wiring.Disturbs`.
 
     Args:
-        config: the vehicle.
         sensors: that the transducers read, in their order.
-        seed: of everything that is drawn.
 
     Attributes:
         read: (S,) what the transducers read last; NaN before.

@@ -55,7 +55,6 @@ class Served:
     """What the handlers share.
 
     Attributes:
-        supervisor: of the loop.
         access: who may.
         stalled_s: see `STALLED_S`.
         viewers: that are open.

@@ -73,11 +73,7 @@ class Hub:
 
 
 class Viewer:
-    """How far one viewer of a hub has come: it holds counts and no messages, however long it does not read.
-
-    Args:
-        hub: what it looks at.
-    """
+    """How far one viewer of a hub has come: it holds counts and no messages, however long it does not read."""
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub

@@ -37,8 +37,6 @@ def application(supervisor: Supervisor, access: Access, *, stalled_s: float = ST
     """What is answered where.
 
     Args:
-        supervisor: of the loop.
-        access: who may look at it and act on it.
         stalled_s: a viewer that takes no message for so long is closed.
     """
     served = Served(supervisor=supervisor, access=access, stalled_s=stalled_s)
@@ -63,7 +61,6 @@ class BoundedServer(HTTPServer):
     """Bounds what those can take who have shown no token: connections, their time, and bytes.
 
     Args:
-        application: that answers.
         idle_s: see `IDLE_S`.
     """
 

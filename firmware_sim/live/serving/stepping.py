@@ -49,8 +49,6 @@ def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     of a number and a request as JSON.
 
     Args:
-        pipe: to the server.
-        make: the session.
         fast: whether a period may take less time than it does on a vehicle.
     """
     # At once, and not by an exception: one that a callback of the interpreter raises is only printed.

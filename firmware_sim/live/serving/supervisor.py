@@ -25,13 +25,9 @@ class Supervisor:
     """Supervises one loop; for one event loop, in which all but `hub` is used.
 
     Args:
-        make: the session.
         fast: whether a period may take less time than it does on a vehicle.
         report: called with each line on what is waited for, and on why the loop ended; from any thread.
         short_life_s: see `SHORT_LIFE_S`.
-
-    Attributes:
-        hub: messages of the loop.
     """
 
     def __init__(

@@ -22,7 +22,6 @@ class Event(NamedTuple):
     Attributes:
         period: its index in the run's series.
         kind: "set" from outside, "state" of the ECU.
-        text: for people.
     """
 
     period: int

@@ -51,7 +51,6 @@ class Subject:
 
     Attributes:
         name: "onnx" or "c".
-        about: in words.
         bundle: its path.
         key: `--trust` of it; None for none.
         library: C library in place of ONNX Runtime.

@@ -18,10 +18,8 @@ def screen(state: MonitorState, now_ns: int, *, source: str, matching: str, widt
     """What is shown.
 
     Args:
-        state: what was seen.
         now_ns: in the clock of the frames.
         source: what the frames come from, in words.
-        matching: the filter.
         width: columns there are.
     """
     return Group(_heading(state, matching, source), _table(rows(state, now_ns, matching=matching), width))
