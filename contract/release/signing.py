@@ -77,13 +77,18 @@ def signer(signature: bytes, data: bytes) -> PublicKey | None:
     if match is None:
         raise ValueError("not of the form stillwake-signature/1")
     raw, value = (bytes.fromhex(part.decode()) for part in match.groups())
-    if is_of_small_order(raw):
-        return None
-    try:
-        Ed25519PublicKey.from_public_bytes(raw).verify(value, data)
-    except (InvalidSignature, ValueError):
+    if not is_good(value, raw, data):
         return None
     return PublicKey(raw)
+
+
+def is_good(signature: bytes, key: bytes, data: bytes) -> bool:
+    """Whether 64 bytes are this key's signature of these bytes; never by a key of small order."""
+    try:
+        Ed25519PublicKey.from_public_bytes(key).verify(signature, data)
+    except (InvalidSignature, ValueError):
+        return False
+    return not is_of_small_order(key)
 
 
 def public_key(key: Ed25519PrivateKey) -> PublicKey:

@@ -1,0 +1,190 @@
+"""A release for a microcontroller as one string of bytes: a header of 512 bytes, then numbers that are read in place.
+
+    0   8   "SWCTRL01"
+    8   4   length of the whole image
+    12  4   length of the header, 512
+    16  32  SHA-256 of the payload, all that is behind the header
+    48  32  layout: SHA-256 that names the build's layout of the payload
+    80  32  SHA-256 of stillwake.dbc
+    112 32  digest of the release
+    144 4   security version
+    148 8   control period in ns
+    156 24  operating point: width in m, speed in m/s, density in kg/m3, as float64
+    180 8   action limit in free-stream speed times width, as float64
+    188 4   number of sensors
+    192 64  name of the hardware; zeros: any
+    256 64  name of the release
+    320 96  zeros
+    416 32  Ed25519 public key of the signer; zeros: unsigned
+    448 64  Ed25519 signature of all before it; zeros: unsigned
+
+Numbers are little-endian, as the cores are that read them; names are printable ASCII, padded with zeros.
+"""
+
+import hashlib
+import struct
+from dataclasses import dataclass
+from typing import Final
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+from contract.errors import BundleContainerError, BundleSignatureError
+from contract.printable import quoted
+from contract.release import signing
+from contract.release.signing import PublicKey
+
+SUFFIX: Final = ".swi"
+HEADER: Final = 512
+"""Bytes."""
+VEHICLE: Final = slice(148, 192)
+"""What is compared with the vehicle: control period, operating point, action limit, number of sensors."""
+MAX_NAME: Final = 64
+"""Bytes."""
+_MAGIC: Final = b"SWCTRL01"
+_FACTS: Final = struct.Struct("<8sII32s32s32s32sIQ3ddI64s64s96s")
+_SIGNED: Final = 448
+_UNSIGNED: Final = bytes(96)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageFacts:
+    """What the header says of an image.
+
+    Attributes:
+        layout: SHA-256, 32 bytes, that names the build's layout of the payload.
+        dbc: SHA-256 of stillwake.dbc, 32 bytes.
+        digest: of the release, 32 bytes.
+        period_ns: control period.
+        operating_point: width in m, speed in m/s, density in kg/m3.
+        action_limit: of the jets, in free-stream speed times width.
+        hardware: name of the ECU hardware that it may be flashed to; None for any.
+    """
+
+    layout: bytes
+    dbc: bytes
+    digest: bytes
+    security_version: int
+    period_ns: int
+    operating_point: tuple[float, float, float]
+    action_limit: float
+    sensors: int
+    hardware: str | None
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ControllerImage:
+    """An image in order; `signer` has signed it, None if no one did."""
+
+    facts: ImageFacts
+    payload: bytes
+    signer: PublicKey | None
+
+    @property
+    def digest(self) -> str:
+        """Of the release, in hex."""
+        return self.facts.digest.hex()
+
+    @property
+    def name(self) -> str:
+        """Of the release."""
+        return self.facts.name
+
+    @property
+    def security_version(self) -> int:
+        """Of the release."""
+        return self.facts.security_version
+
+
+def seal(payload: bytes, facts: ImageFacts, key: Ed25519PrivateKey | None) -> bytes:
+    """The image of a payload, signed if there is a key; raises BundleContainerError for a name that it cannot hold."""
+    header = _FACTS.pack(
+        _MAGIC,
+        HEADER + len(payload),
+        HEADER,
+        hashlib.sha256(payload).digest(),
+        facts.layout,
+        facts.dbc,
+        facts.digest,
+        facts.security_version,
+        facts.period_ns,
+        *facts.operating_point,
+        facts.action_limit,
+        facts.sensors,
+        b"" if facts.hardware is None else _packed("hardware", facts.hardware),
+        _packed("name", facts.name),
+        b"",
+    )
+    if key is None:
+        return header + _UNSIGNED + payload
+    header += signing.public_key(key).raw
+    return header + key.sign(header) + payload
+
+
+def signer_of(image: bytes) -> PublicKey | None:
+    """Who signed an image, of which nothing else is judged; None if no one did.
+
+    Raises:
+        BundleContainerError: it is no whole image.
+        BundleSignatureError: the signature is not that of the key in it.
+    """
+    if len(image) < HEADER:
+        raise BundleContainerError(f"image of {len(image)} bytes: must have {HEADER} or more")
+    magic, length, header = struct.unpack_from("<8sII", image)
+    if magic != _MAGIC:
+        raise BundleContainerError(f"image begins with {magic.hex()}: must begin with {_MAGIC.hex()}")
+    if (length, header) != (len(image), HEADER):
+        raise BundleContainerError(f"image of {len(image)} bytes states {length}, with {header} of a header: {HEADER}")
+    if image[_FACTS.size : HEADER] == _UNSIGNED:
+        return None
+    key, signature = image[_FACTS.size : _SIGNED], image[_SIGNED:HEADER]
+    if not signing.is_good(signature, key, image[:_SIGNED]):
+        raise BundleSignatureError("image: bad signature: its header was altered")
+    return PublicKey(key)
+
+
+def read(image: bytes) -> ControllerImage:
+    """An image in order, whoever signed it.
+
+    Raises:
+        BundleContainerError: it is damaged, or no image.
+        BundleSignatureError: the signature is not that of the key in it.
+    """
+    signer, payload = signer_of(image), image[HEADER:]
+    _, _, _, sha256, layout, dbc, digest, version, period, *rest = _FACTS.unpack_from(image)
+    width, speed, density, limit, sensors, hardware, name, reserved = rest
+    if sha256 != hashlib.sha256(payload).digest():
+        raise BundleContainerError("image: its payload was altered (SHA-256 does not match the header)")
+    if any(reserved):
+        raise BundleContainerError("image: bytes 320..415 must be zeros; a newer version may have made it")
+    facts = ImageFacts(
+        layout=layout,
+        dbc=dbc,
+        digest=digest,
+        security_version=version,
+        period_ns=period,
+        operating_point=(width, speed, density),
+        action_limit=limit,
+        sensors=sensors,
+        hardware=_unpacked("hardware", hardware) if any(hardware) else None,
+        name=_unpacked("name", name),
+    )
+    return ControllerImage(facts=facts, payload=payload, signer=signer)
+
+
+def _packed(what: str, text: str) -> bytes:
+    raw = text.encode()
+    if not _is_name(raw):
+        raise BundleContainerError(f"image: {what} {quoted(text)}: must be 1 to {MAX_NAME} printable ASCII characters")
+    return raw
+
+
+def _unpacked(what: str, field: bytes) -> str:
+    raw = field.rstrip(b"\0")
+    if not _is_name(raw):
+        raise BundleContainerError(f"image: {what} {field.hex()}: must be printable ASCII, padded with zeros")
+    return raw.decode()
+
+
+def _is_name(raw: bytes) -> bool:
+    return 0 < len(raw) <= MAX_NAME and all(0x20 <= byte < 0x7F for byte in raw)

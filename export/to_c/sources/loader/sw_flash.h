@@ -1,0 +1,42 @@
+/* The flash memory that the store stands in, as the loader needs it: erased by sector, written once by word.
+ *
+ * Addresses are bytes from the start of the store's part of the flash, which the driver maps. Its sectors are, in order:
+ * two for records, SW_SLOT_SECTORS for slot A, as many for slot B.
+ */
+#ifndef SW_FLASH_H
+#define SW_FLASH_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SW_FLASH_WORD 32u /* bytes that are programmed at once, and have one error-correcting code */
+#ifndef SW_FLASH_SECTOR
+#define SW_FLASH_SECTOR 131072u /* bytes that are erased at once */
+#endif
+#ifndef SW_SLOT_SECTORS
+#define SW_SLOT_SECTORS 3u
+#endif
+
+#define SW_RECORD_SECTORS 2u
+#define SW_SLOT_BYTES (SW_SLOT_SECTORS * SW_FLASH_SECTOR)
+#define SW_FLASH_BYTES (SW_RECORD_SECTORS * SW_FLASH_SECTOR + 2u * SW_SLOT_BYTES)
+
+/* Each call returns 0, or 1 if the memory failed. After a call in which the supply goes, the words that it touched have
+ * any value, or none: reading them fails.
+ */
+typedef struct {
+    void *context;
+    const uint8_t *memory;                                                /* where it is mapped; images run in place */
+    int (*erase)(void *context, uint32_t sector);                         /* all bytes are 0xFF afterwards */
+    int (*program)(void *context, uint32_t address, const uint8_t *word); /* a word that was erased */
+    int (*read)(void *context, uint32_t address, uint8_t *data, uint32_t length); /* 1: a word cannot be corrected */
+} sw_flash;
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

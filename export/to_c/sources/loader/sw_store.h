@@ -1,0 +1,162 @@
+/* Two slots for releases, of which one runs and the other can be written: the twin of can_bridge/flashing/store.py.
+ *
+ *     announce, append .., finish     an image into the slot that is not protected; checked as it lies in the flash
+ *     activate                        booted from the next reset on, SW_TRIAL_BOOTS times at most
+ *     confirm                         it stays, and the least security version rises to its own
+ *     revert                          back to the release before
+ *
+ * A loss of power may end any call: what it had kept until then is a state from which the next boot finds a valid image,
+ * if there was one. Freestanding, no allocation, no static state. Long work is done in pieces: where a call answers
+ * SW_STORE_MORE, call sw_store_go_on until it answers otherwise; any other call throws that work away first.
+ */
+#ifndef SW_STORE_H
+#define SW_STORE_H
+
+#include <stdint.h>
+
+#include "sw_flash.h"
+#include "sw_records.h"
+#include "sw_release.h"
+#include "sw_sha256.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SW_TRIAL_BOOTS 3u
+#define SW_PIECE 4096u /* bytes of an image that are read in one piece of work */
+#define SW_NO_SLOT 0xffu
+#define SW_MAX_CALIBRATION 1024u
+#define SW_MAX_REPORT 512u
+#define SW_MOST_ATTEMPTS 255u
+
+typedef enum {
+    SW_STORE_DONE = 0,
+    SW_STORE_MORE,         /* call sw_store_go_on */
+    SW_STORE_OUT_OF_RANGE, /* ConfigError: a length that is too great, or none */
+    SW_STORE_OUT_OF_ORDER, /* OutOfOrderError: does not fit what stands in the store now */
+    SW_STORE_BAD_KEYS,     /* KeyFileError: a key list that is not taken */
+    SW_STORE_BAD_MEMORY    /* MediumError */
+} sw_store_result;
+
+typedef enum {
+    SW_PHASE_EMPTY = 0,
+    SW_PHASE_FILLING = 1,   /* announced; its first `received` bytes are there */
+    SW_PHASE_CHECKED = 2,   /* whole and in order */
+    SW_PHASE_TRIAL = 3,     /* booted from the next reset on, boots_left times */
+    SW_PHASE_CONFIRMED = 4, /* it runs, or ran before the release that runs */
+    SW_PHASE_BAD = 5        /* never booted */
+} sw_phase;
+
+typedef enum {
+    SW_BOOT_NONE = 0, /* not booted yet */
+    SW_BOOT_CONFIRMED = 1,
+    SW_BOOT_TRIAL = 2,
+    SW_BOOT_REVERTED = 3,
+    SW_BOOT_FALLBACK = 4,
+    SW_BOOT_NO_RELEASE = 5
+} sw_boot_reason;
+
+/* can_bridge/flashing/state.py: SlotState. */
+typedef struct {
+    uint8_t phase; /* sw_phase */
+    uint8_t boots_left;
+    uint32_t length, received;
+    uint8_t sha256[32]; /* of the announced image */
+    sw_release_facts facts; /* zeros until the image was checked */
+} sw_slot_state;
+
+/* can_bridge/flashing/state.py: StoreState. Slots are 0 (A) and 1 (B). */
+typedef struct {
+    sw_slot_state slots[2];
+    uint8_t active; /* slot of the confirmed image; SW_NO_SLOT: none was confirmed yet */
+    uint8_t attempts[2];
+    uint32_t least_security_version;
+    uint8_t tail[2][SW_FLASH_WORD]; /* of each slot: bytes behind its last whole word */
+} sw_store_state;
+
+typedef enum { SW_WORK_NONE = 0, SW_WORK_CLEAR, SW_WORK_FINISH, SW_WORK_REVERT } sw_work;
+
+typedef struct {
+    const sw_flash *flash;
+    const sw_rules *rules;
+    sw_records records;
+    sw_store_state state; /* as it is kept; read it, never write it */
+    sw_key_list keys;
+    uint8_t reason;      /* sw_boot_reason of the last boot */
+    uint8_t verdicts[2]; /* sw_verdict of the last boot; SW_VERDICT_NONE: it did not look at this slot */
+    uint8_t running;     /* the slot that was booted, as long as the image is still in it; or SW_NO_SLOT */
+    uint8_t booted;      /* the slot that was booted; or SW_NO_SLOT */
+    uint8_t announced;   /* the slot of the transfer under way; or SW_NO_SLOT */
+    uint8_t verdict;     /* result of `finish` and `revert` */
+    uint32_t wanted;     /* result of `announce`: the offset from which bytes are wanted */
+    /* Work in pieces. */
+    uint8_t work, slot;  /* sw_work, and the slot that it is about */
+    uint32_t at, until;  /* sectors to erase, or bytes to read */
+    sw_slot_state next;  /* of the slot, once the work is done */
+    sw_sha256 whole, payload;
+    uint8_t header[SW_HEADER_BYTES];
+} sw_store;
+
+/* Find what is kept, after power-on. `flash` and `rules` stay in use. */
+void sw_store_open(sw_store *store, const sw_flash *flash, const sw_rules *rules);
+
+/* Choose an image and check all of it; a boot on trial is counted before it. Takes the time of one or two images. */
+void sw_store_boot(sw_store *store);
+
+/* The image that was booted, in place; NULL without one. It is void as soon as the slot is announced for another. */
+const uint8_t *sw_store_image(const sw_store *store);
+
+/* Make room for an image; then store->wanted is the offset of the bytes that are wanted: more than 0 where an interrupted
+ * transfer of this very image can go on. OUT_OF_RANGE, OUT_OF_ORDER, BAD_MEMORY.
+ */
+sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_t sha256[32]);
+
+/* The next bytes of the announced image; they outlive a loss of power once this returns. OUT_OF_ORDER, BAD_MEMORY. */
+sw_store_result sw_store_append(sw_store *store, const uint8_t *data, uint32_t length);
+
+/* Check the announced image; then store->verdict says what was found. OUT_OF_ORDER, BAD_MEMORY. */
+sw_store_result sw_store_finish(sw_store *store);
+
+/* One more piece of announce, finish or revert; DONE without any. */
+sw_store_result sw_store_go_on(sw_store *store);
+
+/* The session ended: work and transfer are dropped; the next announcement of the same image goes on with it. */
+void sw_store_drop(sw_store *store);
+
+sw_store_result sw_store_activate(sw_store *store); /* OUT_OF_ORDER, BAD_MEMORY */
+sw_store_result sw_store_confirm(sw_store *store);  /* OUT_OF_ORDER, BAD_MEMORY */
+
+/* Go back from the next reset on; then store->verdict is GOOD, or why the release before may not run any more. */
+sw_store_result sw_store_revert(sw_store *store); /* OUT_OF_ORDER, BAD_MEMORY */
+
+/* Replace the key list by one that the root key signed. BAD_KEYS, BAD_MEMORY. */
+sw_store_result sw_store_take_keys(sw_store *store, const uint8_t *data, uint32_t length);
+
+/* Keep a calibration for the release that runs; length 0: none. OUT_OF_ORDER, OUT_OF_RANGE, BAD_MEMORY. */
+sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, uint32_t length);
+
+/* The calibration that was kept for the release that runs, into SW_MAX_CALIBRATION bytes; its length, 0: none. */
+uint32_t sw_store_calibration(const sw_store *store, uint8_t *data);
+
+/* Wrong keys in a row at a security level (0x01 programming, 0x03 calibration). OUT_OF_RANGE, BAD_MEMORY. */
+uint8_t sw_store_failed_attempts(const sw_store *store, uint8_t level);
+sw_store_result sw_store_keep_failed_attempts(sw_store *store, uint8_t level, uint32_t count);
+
+/* The fault memory's record, of at most SW_MAX_RECORD bytes: into `room` bytes; its length, 0 where none is kept or it
+ * does not fit. OUT_OF_RANGE, BAD_MEMORY.
+ */
+uint32_t sw_store_faults(const sw_store *store, uint8_t *data, uint32_t room);
+sw_store_result sw_store_keep_faults(sw_store *store, const uint8_t *data, uint32_t length);
+
+/* What a tester reads (can_bridge/flashing/report.py), into SW_MAX_REPORT bytes; its length. */
+uint32_t sw_store_report(const sw_store *store, uint8_t *data);
+
+/* Bytes there are of the announced image, the offset of the next ones; 0xffffffff: none is announced. */
+uint32_t sw_store_received(const sw_store *store);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
