@@ -3,6 +3,7 @@
 What a number means stands here once for each; one that has no text here is an error.
 """
 
+import struct
 import sys
 import textwrap
 from collections.abc import Iterable, Mapping
@@ -16,11 +17,14 @@ from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds import services
 from can_bridge.uds.access_key import ANSWER_LENGTH, SEED_LENGTH
+from can_bridge.uds.fault_codes import CODES, SNAPSHOT_FORMATS, Snapshot, in_letters
+from can_bridge.uds.fault_memory import AGED_CYCLES, AVAILABLE, Status
 from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Permission
 from can_bridge.uds.security import DELAY_NS, MAX_ATTEMPTS
 from can_bridge.uds.server import MAX_DIDS
 from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
 from contract.controller.calibration import PACKED_BYTES
+from firmware_sim.runs.reasons import BECAUSE
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 PAGE: Final = ROOT / "docs" / "reference" / "diagnosis.md"
@@ -28,28 +32,38 @@ PAGE: Final = ROOT / "docs" / "reference" / "diagnosis.md"
 SERVICE_NAMES: Final[Mapping[Service, str]] = {
     Service.SESSION: "DiagnosticSessionControl",
     Service.RESET: "ECUReset",
+    Service.CLEAR_FAULTS: "ClearDiagnosticInformation",
+    Service.REPORT_FAULTS: "ReadDTCInformation",
     Service.READ: "ReadDataByIdentifier",
     Service.SECURITY: "SecurityAccess",
+    Service.COMMUNICATION: "CommunicationControl",
     Service.WRITE: "WriteDataByIdentifier",
     Service.ROUTINE: "RoutineControl",
     Service.DOWNLOAD: "RequestDownload",
     Service.TRANSFER: "TransferData",
     Service.EXIT: "RequestTransferExit",
     Service.TESTER_PRESENT: "TesterPresent",
+    Service.FAULT_SETTING: "ControlDTCSetting",
 }
 """As the standard has them."""
 SERVICE_TEXTS: Final[Mapping[Service, str]] = {
     Service.SESSION: "change the session; to `02` only while the jets are shut and the vehicle asks for no control",
     Service.RESET: "`01`: boot again, under the conditions of that session; after an image was announced always, "
     "and by the session's end, too",
+    Service.CLEAR_FAULTS: "code (3), or `FF FF FF` for all: forget [faults](#faults), while no jet can run",
+    Service.REPORT_FAULTS: "`01` how many codes have one of these status bits (1), `02` which; `04` a code's snapshot, "
+    "`06` its age: code (3), record `01` or `FF`; `0A` all codes",
     Service.READ: f"read up to {MAX_DIDS} identifiers; those that are not there are left out of the answer",
     Service.SECURITY: "ask for a level's seed, and answer it",
+    Service.COMMUNICATION: "`01`, kind `01` or `03`: send no JetCommand and EcuStatus, under the conditions of a "
+    "reset; they are sent all the same while a jet can run; `00`: send them again, as by the default session",
     Service.WRITE: "write an identifier",
     Service.ROUTINE: "`01`: start a routine; there are no others to stop or to ask",
     Service.DOWNLOAD: "`00 44`, offset (4), length (4): the bytes of the image that are missing",
     Service.TRANSFER: f"a block of up to {services.MAX_BLOCK} bytes with these two; the last one may come again",
     Service.EXIT: "all bytes have come",
     Service.TESTER_PRESENT: "`00`, or `80` without an answer: keep the session",
+    Service.FAULT_SETTING: "`02`: enter no faults; `01`: enter them again, as by the default session",
 }
 DID_TEXTS: Final[Mapping[Did, str]] = {
     Did.ACTIVE_SESSION: "number of the session, 1 byte",
@@ -77,14 +91,15 @@ ROUTINE_TEXTS: Final[Mapping[Routine, str]] = {
 }
 NRC_TEXTS: Final[Mapping[Nrc, str]] = {
     Nrc.SERVICE_NOT_SUPPORTED: "no such service here",
-    Nrc.SUB_FUNCTION_NOT_SUPPORTED: "no such session, reset, level or kind of routine control",
+    Nrc.SUB_FUNCTION_NOT_SUPPORTED: "no such session, reset, level, report, setting or kind of routine control",
     Nrc.INCORRECT_LENGTH: "the request has the wrong length",
     Nrc.RESPONSE_TOO_LONG: "all that was asked for does not fit into one answer",
     Nrc.BUSY_REPEAT_REQUEST: "another request is still worked on",
     Nrc.CONDITIONS_NOT_CORRECT: "the jets are enabled or the vehicle asks for control; or no release runs; or the "
-    "release before is not in order; or another download is under way",
+    "release before is not in order; or another download is under way; or faults are to be cleared while a jet can run",
     Nrc.SEQUENCE_ERROR: "not its turn: no seed, announcement or download before it, or bytes are missing",
-    Nrc.OUT_OF_RANGE: "no such identifier or routine in this session; or a value that the ECU does not take",
+    Nrc.OUT_OF_RANGE: "no such identifier or routine in this session, no such code or record; or a value that the ECU "
+    "does not take",
     Nrc.SECURITY_ACCESS_DENIED: "the level is locked",
     Nrc.INVALID_KEY: "the answer to the seed is wrong",
     Nrc.EXCEEDED_ATTEMPTS: f"that was the wrong answer number {MAX_ATTEMPTS} in a row, or a later one",
@@ -96,6 +111,22 @@ NRC_TEXTS: Final[Mapping[Nrc, str]] = {
     Nrc.RESPONSE_PENDING: "it takes longer; the answer follows",
     Nrc.SUB_FUNCTION_NOT_IN_SESSION: "the level is there, not in this session",
     Nrc.SERVICE_NOT_IN_SESSION: "the service is there, not in this session",
+}
+SNAPSHOT_TEXTS: Final[Mapping[Snapshot, str]] = {
+    Snapshot.TIME_MS: "milliseconds since power-on",
+    Snapshot.MODE_BEFORE: "mode of EcuStatus in the control period before",
+    Snapshot.MISSED: "control periods without usable pressures since power-on",
+    Snapshot.OVERRUNS: "control periods left out since power-on",
+    Snapshot.PRESSURES_CP: "the newest pressure coefficients, as float32",
+}
+STATUS_TEXTS: Final[Mapping[Status, str]] = {
+    Status.TEST_FAILED: "the fault stands; gone once control runs",
+    Status.FAILED_THIS_CYCLE: "it was found since power-on",
+    Status.PENDING: "it was found in this operation cycle or in the latest one that tested it",
+    Status.CONFIRMED: "it was found, and not cleared or forgotten since",
+    Status.NOT_COMPLETED_SINCE_CLEAR: "neither it nor control was there since the last clearing",
+    Status.FAILED_SINCE_CLEAR: "it was found since the last clearing",
+    Status.NOT_COMPLETED_THIS_CYCLE: "neither it nor control was there since power-on",
 }
 UNSENT: Final = frozenset({Nrc.UPLOAD_DOWNLOAD_NOT_ACCEPTED})
 """Codes that no answer has; they are known to the tester alone."""
@@ -154,6 +185,7 @@ little-endian, as [the how-to page](../how-to/calibrate.md#by-hand) describes.""
                         for one in sorted(Routine)
                     ),
                 ),
+                *_faults(),
                 "## Verdicts",
                 "The answer to the routine `FF01`: the first check that the image failed.",
                 _table(("number", "verdict", "means"), ((str(one.value), one.name, one.in_words) for one in Verdict)),
@@ -175,6 +207,40 @@ need seed and key of the resource CAL_PAG. A wrong key ends the connection. So d
             )
         )
         + "\n"
+    )
+
+
+def _faults() -> tuple[str, ...]:
+    return (
+        "## Faults",
+        _wrapped(f"""Each reason of EcuStatus that is a fault has a code of three bytes (SAE J2012-DA). A code is
+entered when the ECU goes into FAULT for its reason: [the state
+machine](states.md) has debounced it then. All codes pass their test when control begins.
+An operation cycle lasts from power-on to the next reset. After {AGED_CYCLES} cycles with a
+passed test and no failed one a confirmed code is forgotten, with its snapshot. The memory outlives
+a loss of power. It is written while no jet can run: a fault at once, as it shuts the jets. A
+fault that stands while it is cleared is entered again when it begins again, or at the next
+power-on."""),
+        _table(
+            ("code", "bytes", "reason", "found when"),
+            (
+                (in_letters(code), f"`{code:06X}`", reason.name, BECAUSE[reason])
+                for reason, code in sorted(CODES.items())
+            ),
+        ),
+        f"Bits of the status. All but `80`, the warning lamp, are there: the availability mask is `{AVAILABLE:02X}`.",
+        _table(("bit", "status", "means"), ((_byte(one), _words(one.name or ""), STATUS_TEXTS[one]) for one in Status)),
+        "The snapshot is of the first time in the latest cycle that had the fault. It has the number `01` and, in this "
+        "order:",
+        _table(
+            ("identifier", "bytes", "holds"),
+            (
+                (f"`{one:04X}`", str(struct.calcsize(form)), SNAPSHOT_TEXTS[one])
+                for one, form in SNAPSHOT_FORMATS.items()
+            ),
+        ),
+        f"The extended record `01` has the age, 1 byte: passed cycles of the {AGED_CYCLES}.",
+        "Service `29` (Authentication) is not there; security access is.",
     )
 
 

@@ -45,10 +45,11 @@ class Kind(IntEnum):
     STATE = 1
     KEYS = 2
     CALIBRATION = 3
+    FAULTS = 4
 
 
 class Backing(Protocol):
-    """A place for two images and three records."""
+    """A place for two images and four records."""
 
     @property
     def capacity(self) -> int:

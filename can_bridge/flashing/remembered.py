@@ -1,4 +1,4 @@
-"""What outlives a loss of power besides the images: state, key list and calibrations, over their records."""
+"""What outlives a loss of power besides the images: state, key list, calibrations and faults, over their records."""
 
 import hashlib
 from collections.abc import Collection
@@ -34,6 +34,7 @@ class Remembered:
         self.state = _state(records.get(Kind.STATE, b""))
         self.keys = _key_list(records.get(Kind.KEYS, b""), root)
         self._calibrations = _calibrations(records.get(Kind.CALIBRATION, b""))
+        self.faults = records.get(Kind.FAULTS, b"")
 
     def keep(self, changed: StoreState) -> None:
         """Raises MediumError if it cannot be kept; nothing has changed then."""
@@ -98,6 +99,11 @@ class Remembered:
             raise ConfigError(str(error)) from error
         self.backing.keep(Kind.CALIBRATION, record)
         self._calibrations = kept
+
+    def keep_faults(self, record: bytes) -> None:
+        """Keep the fault memory's record; raises MediumError if it cannot be kept."""
+        self.backing.keep(Kind.FAULTS, record)
+        self.faults = record
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
         """Keep the wrong keys in a row, up to 255; raises MediumError if they cannot be kept."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.tester.messages import AccessError, NoAnswerError, NotNowError, RefusedError
+from can_bridge.uds.fault_codes import SNAPSHOT_FORMATS
 from can_bridge.uds.services import Did, Nrc, Routine, Session
 
 if TYPE_CHECKING:
@@ -137,6 +139,20 @@ class Asking:
         """End a transfer."""
         self._ask("end the transfer", self._client.request_transfer_exit)
 
+    def faults(self, report: str, *args: int, **others: int) -> Any:
+        """The codes in a report of the fault memory, by the name of the client's method."""
+        return self._ask("report its faults", lambda: getattr(self._client, report)(*args, **others)).service_data.dtcs
+
+    def clear_faults(self) -> None:
+        """Have the ECU forget its faults."""
+        self._ask("clear its faults", self._client.clear_dtc)
+
+    def quieten(self) -> None:
+        """Before programming: no new faults, and no frames of the control; an ECU that knows neither stays as it is."""
+        for call in (lambda: self._client.control_dtc_setting(2), lambda: self._client.communication_control(1, 1)):
+            with suppress(RefusedError, NoAnswerError):
+                self._ask("fall silent", call, times=2)
+
     def reset(self, *, times: int = TIMES) -> None:
         """Ask for a hard reset; raises NotNowError if it would stop a control that runs."""
         self._in_good_state("reset", lambda: self._client.ecu_reset(1), times=times)
@@ -237,7 +253,7 @@ def _settings(key: KeyOf | None, pending: Callable[[], None]) -> Any:
         return key(Level(level), seed)
 
     return {
-        "data_identifiers": {"default": AsItIs()},
+        "data_identifiers": {"default": AsItIs()} | {int(did): form for did, form in SNAPSHOT_FORMATS.items()},
         "security_algo": algorithm,
         "nrc78_callback": pending,
         # Its own measure of a whole request's time is of the real clock.

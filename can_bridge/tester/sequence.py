@@ -216,6 +216,7 @@ class _Flashing:
     def _bring(self) -> Transferred:
         """The image into the ECU, and started on trial."""
         try:
+            self._asking.quieten()
             self._on_step(Step.TRANSFER)
             transferred = Transfer(self._asking, self._image, self._progress).run()
             self._on_step(Step.ACTIVATE)

@@ -54,7 +54,8 @@ class Diagnostics(Protocol):
         """Keep them before the answer goes out."""
 
     def before_reset(self) -> None:
-        """CONDITIONS_NOT_CORRECT while a reset would stop a control that runs: a session may have begun before it."""
+        """Before a reset, and before the ECU falls silent: CONDITIONS_NOT_CORRECT while that would stop a control that
+        runs; a session may have begun before it."""
 
     def reset(self) -> None:
         """A reset was asked for and has been answered."""

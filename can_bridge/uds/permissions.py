@@ -32,14 +32,18 @@ SERVICES: Final[Mapping[int, Permission]] = {
     Service.SESSION: Permission(),
     # The programming session begins only while the jets are shut; `Diagnostics.before_reset` looks again.
     Service.RESET: Permission(_PROGRAMMING),
+    Service.CLEAR_FAULTS: Permission(),
+    Service.REPORT_FAULTS: Permission(),
     Service.READ: Permission(),
     Service.SECURITY: Permission(_BEYOND_DEFAULT),
+    Service.COMMUNICATION: Permission(_BEYOND_DEFAULT),
     Service.WRITE: Permission(_BEYOND_DEFAULT),
     Service.ROUTINE: Permission(_BEYOND_DEFAULT),
     Service.DOWNLOAD: Permission(_PROGRAMMING, Level.PROGRAMMING),
     Service.TRANSFER: Permission(_PROGRAMMING, Level.PROGRAMMING),
     Service.EXIT: Permission(_PROGRAMMING, Level.PROGRAMMING),
     Service.TESTER_PRESENT: Permission(),
+    Service.FAULT_SETTING: Permission(_BEYOND_DEFAULT),
 }
 LEVELS: Final[Mapping[int, Permission]] = {
     Level.PROGRAMMING: Permission(_PROGRAMMING),

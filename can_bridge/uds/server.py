@@ -11,6 +11,9 @@ from typing import Final
 from can_bridge.flashing.access_level import Level
 from can_bridge.uds.access_key import ANSWER_LENGTH, AccessKey
 from can_bridge.uds.diagnostics import Diagnostics, Long
+from can_bridge.uds.fault_codes import CODE_BYTES
+from can_bridge.uds.fault_memory import FaultMemory
+from can_bridge.uds.fault_reports import LENGTHS, Report, cleared, report
 from can_bridge.uds.job import Job, negative
 from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Permission
 from can_bridge.uds.refused import Refused
@@ -24,6 +27,12 @@ MAX_DIDS: Final = 16
 _SUPPRESS: Final = 0x80
 _HARD_RESET: Final = 1
 _START: Final = 1
+_ENABLE: Final = 0
+_DISABLE_SENDING: Final = 1
+_NORMAL: Final = frozenset({0x01, 0x03})
+"""Kinds of communication that comprise JetCommand and EcuStatus: normal messages, and these with network management."""
+_FAULTS_ON: Final = 1
+_FAULTS_OFF: Final = 2
 _PLAIN: Final = 0x00
 """Data format of a download: neither compressed nor encrypted."""
 _FOUR_AND_FOUR: Final = 0x44
@@ -31,10 +40,14 @@ _FOUR_AND_FOUR: Final = 0x44
 _TWO_BYTES: Final = 0x20
 """Format of the block length in its answer."""
 _WITH_SUB_FUNCTION: Final[frozenset[int]] = frozenset(
-    {Service.SESSION, Service.RESET, Service.SECURITY, Service.ROUTINE, Service.TESTER_PRESENT}
+    {
+        *(Service.SESSION, Service.RESET, Service.REPORT_FAULTS, Service.SECURITY, Service.COMMUNICATION),
+        *(Service.ROUTINE, Service.TESTER_PRESENT, Service.FAULT_SETTING),
+    }
 )
 _SESSIONS: Final[frozenset[int]] = frozenset(Session)
 _DIDS: Final[frozenset[int]] = frozenset(Did)
+_REPORTS: Final[frozenset[int]] = frozenset(Report)
 
 
 class UdsServer:
@@ -43,10 +56,20 @@ class UdsServer:
     Args:
         diagnostics: the ECU around it.
         random_bytes: gives so many unpredictable bytes, for seeds.
+        faults: the ECU's fault memory; None for one that outlives nothing.
     """
 
-    def __init__(self, diagnostics: Diagnostics, key: AccessKey, random_bytes: Callable[[int], bytes]) -> None:
+    def __init__(
+        self,
+        diagnostics: Diagnostics,
+        key: AccessKey,
+        random_bytes: Callable[[int], bytes],
+        *,
+        faults: FaultMemory | None = None,
+    ) -> None:
         self._diagnostics = diagnostics
+        self._faults = FaultMemory() if faults is None else faults
+        self._is_silent = False
         self._security = SecurityAccess(key, random_bytes, diagnostics)
         self._timer = SessionTimer()
         self._transfer: Transfer | None = None
@@ -61,6 +84,11 @@ class UdsServer:
     @property
     def unlocked(self) -> Level | None:
         return self._security.unlocked
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether a tester wants JetCommand and EcuStatus not to be sent: while no jet can run, and no longer."""
+        return self._is_silent
 
     @property
     def is_busy(self) -> bool:
@@ -118,6 +146,8 @@ class UdsServer:
     def _change_session(self, now_ns: int, session: Session) -> None:
         if self._timer.session is not Session.DEFAULT:
             self._diagnostics.leave()
+        if session is Session.DEFAULT:
+            self._is_silent, self._faults.is_on = False, True
         self._security.lock()
         self._transfer = None
         self._timer.begin(now_ns, session)
@@ -152,6 +182,41 @@ class UdsServer:
         _check_length(len(body) == 1)
         self._diagnostics.before_reset()
         self._reset_is_due = True
+        yield from ()
+        return body
+
+    def _clear_faults(self, body: bytes) -> Long[bytes]:
+        _check_length(len(body) == CODE_BYTES)
+        self._faults.clear(cleared(int.from_bytes(body, "big")))
+        yield from ()
+        return b""
+
+    def _report_faults(self, body: bytes) -> Long[bytes]:
+        if body[0] not in _REPORTS:
+            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+        kind = Report(body[0])
+        _check_length(len(body) == 1 + LENGTHS[kind])
+        yield from ()
+        return body[:1] + report(self._faults, kind, body[1:])
+
+    def _control_communication(self, body: bytes) -> Long[bytes]:
+        if body[0] not in (_ENABLE, _DISABLE_SENDING):
+            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+        _check_length(len(body) == 2)
+        if body[1] not in _NORMAL:
+            raise Refused(Nrc.OUT_OF_RANGE)
+        if body[0] == _DISABLE_SENDING:
+            # Under the conditions of a reset: no control is interrupted.
+            self._diagnostics.before_reset()
+        self._is_silent = body[0] == _DISABLE_SENDING
+        yield from ()
+        return body[:1]
+
+    def _set_faults(self, body: bytes) -> Long[bytes]:
+        if body[0] not in (_FAULTS_ON, _FAULTS_OFF):
+            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+        _check_length(len(body) == 1)
+        self._faults.is_on = body[0] == _FAULTS_ON
         yield from ()
         return body
 
@@ -286,13 +351,17 @@ def _check_length(is_right: bool) -> None:
 _HANDLERS: Final[Mapping[int, Callable[[UdsServer, bytes], Long[bytes]]]] = {
     Service.SESSION: lambda server, body: server._control_session(body),
     Service.RESET: lambda server, body: server._reset(body),
+    Service.CLEAR_FAULTS: lambda server, body: server._clear_faults(body),
+    Service.REPORT_FAULTS: lambda server, body: server._report_faults(body),
     Service.READ: lambda server, body: server._read(body),
     Service.SECURITY: lambda server, body: server._access(body),
+    Service.COMMUNICATION: lambda server, body: server._control_communication(body),
     Service.WRITE: lambda server, body: server._write(body),
     Service.ROUTINE: lambda server, body: server._routine(body),
     Service.DOWNLOAD: lambda server, body: server._download(body),
     Service.TRANSFER: lambda server, body: server._take_block(body),
     Service.EXIT: lambda server, body: server._exit(body),
     Service.TESTER_PRESENT: lambda server, body: server._hear_tester(body),
+    Service.FAULT_SETTING: lambda server, body: server._set_faults(body),
 }
 """Not bound to a server: one that refers to itself is never freed where the collector is off."""

@@ -28,14 +28,18 @@ class Service(IntEnum):
 
     SESSION = 0x10
     RESET = 0x11
+    CLEAR_FAULTS = 0x14
+    REPORT_FAULTS = 0x19
     READ = 0x22
     SECURITY = 0x27
+    COMMUNICATION = 0x28
     WRITE = 0x2E
     ROUTINE = 0x31
     DOWNLOAD = 0x34
     TRANSFER = 0x36
     EXIT = 0x37
     TESTER_PRESENT = 0x3E
+    FAULT_SETTING = 0x85
 
 
 class Session(IntEnum):

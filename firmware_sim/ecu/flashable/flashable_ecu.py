@@ -128,7 +128,8 @@ class FlashableEcu:
             health: of the CAN controller, for the status.
 
         Returns:
-            A JetCommand and an EcuStatus, and what diagnosis sends. Nothing while it boots.
+            A JetCommand and an EcuStatus, and what diagnosis sends. Nothing while it boots, and no command or status
+            while a tester silenced them and no jet can run.
         """
         if self._serviced_apart:
             return self.control(now_ns, frames, health)
@@ -147,8 +148,10 @@ class FlashableEcu:
         fault = Reason.UPDATING if self._wants_reset else None
         before = self._ecu.state
         sent = self._ecu.step(now_ns, frames, health, fault=fault, updating=self._controlled.is_updating)
-        self._request = self._request.seen(before, self._ecu.state, now_ns)
-        return sent
+        after = self._ecu.state
+        self._request = self._request.seen(before, after, now_ns)
+        self._controlled.watch.seen(before, after, now_ns)
+        return [] if self._controlled.is_silent and not self._request.drives_jets else sent
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         """Diagnosis: take `MOST_FRAMES` or fewer, do at most one piece of long work, and return what is to be sent."""
@@ -159,6 +162,7 @@ class FlashableEcu:
             return []
         self._service_ns = now_ns
         cycle, frames = self._serviced, frames[:MOST_FRAMES]
+        cycle.settle_faults()
         before = cycle.access
         sent = cycle.link.service(now_ns, [frame for frame in frames if not is_for_xcp(frame)])
         log_access(self._equipment.log, before, cycle.access)

@@ -5,9 +5,11 @@ from functools import partial
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing
+from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.report import encode, report_of
 from can_bridge.flashing.store import Store
 from can_bridge.secoc.node import Authentication
+from can_bridge.uds.fault_memory import FaultMemory
 from can_bridge.uds.programming import Programming
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Nrc
@@ -17,6 +19,7 @@ from firmware_sim.ecu.flashable.diagnostic_link import DiagnosticLink
 from firmware_sim.ecu.flashable.ecu_services import EcuServices
 from firmware_sim.ecu.flashable.equipment import Equipment
 from firmware_sim.ecu.flashable.event_log import Access, log_boot, log_routine
+from firmware_sim.ecu.flashable.fault_watch import FaultWatch
 from firmware_sim.ecu.flashable.identification import identification
 from firmware_sim.ecu.flashable.self_test import self_test
 from firmware_sim.ecu.flashable.shut_ecu import ShutEcu
@@ -38,6 +41,7 @@ class PowerCycle:
         ecu: the control at power-on; one without a release keeps the jets shut.
         calibration: None without a release.
         link: to the tester.
+        watch: what finds faults in the control periods.
 
     Raises:
         ConfigError: `bus.key` without `authentication`, or the other way round.
@@ -60,13 +64,13 @@ class PowerCycle:
         log_boot(equipment.log, self.boot)
         bundle = self.boot.bundle
         controller = None if bundle is None else fit.controller(bundle)
+        jets = lambda: Nrc.CONDITIONS_NOT_CORRECT if request().drives_jets else None  # noqa: E731
         self.ecu: CalibratedEcu | ShutEcu
         self.calibration: CalibrationLink | None = None
         if bundle is None or controller is None:
             self.ecu = ShutEcu(config, authentication=authentication)
         else:
             self.ecu = ecu = equipment.ecu_of(bundle, controller, config, authentication)
-            jets = lambda: Nrc.CONDITIONS_NOT_CORRECT if request().drives_jets else None  # noqa: E731
             self.calibration = CalibrationLink(bundle, ecu, self.store, config, equipment, refusal=jets)
         services = EcuServices(
             identification(equipment, config),
@@ -85,13 +89,28 @@ class PowerCycle:
             # that ran before is in order, and a transfer that was interrupted goes on after a reset.
             resets_when_left=True,
         )
-        self._server = UdsServer(self._programming, equipment.access, equipment.random_bytes)
+        records, self._log = self.store.records, equipment.log
+        self._faults = FaultMemory(records.faults, keep=records.keep_faults, refusal=jets)
+        self.watch = FaultWatch(self._faults)
+        self._server = UdsServer(self._programming, equipment.access, equipment.random_bytes, faults=self._faults)
         self.link = DiagnosticLink(config.bus, self._server)
 
     @property
     def is_updating(self) -> bool:
         """Whether a transfer was announced: only a reset leads out."""
         return self._programming.is_updating
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether a tester wants no frames of the control; they are sent all the same while a jet can run."""
+        return self._server.is_silent
+
+    def settle_faults(self) -> None:
+        """Take what the control periods noted into the fault memory."""
+        try:
+            self._faults.settle()
+        except MediumError as error:
+            self._log("faults_not_kept", f"the fault memory was not stored: {error}")
 
     @property
     def access(self) -> Access:

@@ -31,7 +31,7 @@ def test_other_services_are_not_there(bench):
 
 def test_services_of_each_session(bench):
     for session, absent in (
-        (Session.DEFAULT, {0x11, 0x27, 0x2E, 0x31, 0x34, 0x36, 0x37}),
+        (Session.DEFAULT, {0x11, 0x27, 0x28, 0x2E, 0x31, 0x34, 0x36, 0x37, 0x85}),
         (Session.EXTENDED, {0x11, 0x34, 0x36, 0x37}),
         (Session.PROGRAMMING, set()),
     ):
@@ -49,10 +49,26 @@ def test_wrong_lengths_and_sub_functions(bench):
                 *("10", "1001 00", "11", "1101 00", "3e", "3e00 00"),
                 *("22", "22f1", "22f18c f1", "22" + 17 * "f18c", "2e", "2ef18c"),
                 *("27", "31", "3101", "310102", "31010203 00"),
+                *(
+                    "14",
+                    "14ffff",
+                    "14ffffff00",
+                    "19",
+                    "1901",
+                    "190200 00",
+                    "190a00",
+                    "1904110451",
+                    "28",
+                    "2800",
+                    "8501 00",
+                ),
                 *("34", "3400", "34004400", "36", "3601", "37 00"),
             ],
         ),
-        (Nrc.SUB_FUNCTION_NOT_SUPPORTED, ["1000", "1004", "1060", "1100", "1102", "3102ff00", "3103ff00", "3e01"]),
+        (
+            Nrc.SUB_FUNCTION_NOT_SUPPORTED,
+            ["1000", "1004", "1060", "1100", "1102", "3102ff00", "3103ff00", "3e01", "1903ff", "2802", "2803", "8500"],
+        ),
         # ISO 14229-1: at least two bytes, then the sub-function, then the whole length.
         (Nrc.SUB_FUNCTION_NOT_SUPPORTED, ["3e0100"]),
     ):

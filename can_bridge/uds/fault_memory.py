@@ -1,0 +1,175 @@
+"""The fault memory: for each trouble code its status (ISO 14229-1, annex D), its age and one snapshot, over resets.
+
+A fault is debounced by the ECU's state machine: its test fails in the period in which a fault begins to stand, and all
+tests pass in the period in which control begins. An operation cycle lasts from power-on to the next reset. A confirmed
+fault whose test passed, and did not fail, in `AGED_CYCLES` cycles is forgotten. What is kept in the memory:
+
+    "SWF1" (4); for each code, in the order of `CODES`: status (1), age (1), 1 with a snapshot (1), snapshot; CRC-32 (4)
+
+It is written only while no jet can run, and only where it differs: at most once for each code that fails in a cycle,
+once for the first pass, and once for a clearing.
+"""
+
+import struct
+import zlib
+from collections import deque
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from enum import IntFlag
+from typing import Final
+
+from can_bridge.flashing.medium import MediumError
+from can_bridge.uds.fault_codes import CODES, SNAPSHOT_BYTES
+from can_bridge.uds.refused import Refused
+from can_bridge.uds.services import Nrc
+from can_bridge.wire.messages import Reason
+
+AGED_CYCLES: Final = 40
+_MAGIC: Final = b"SWF1"
+_FAULT: Final = struct.Struct(f">BBB{SNAPSHOT_BYTES}s")
+_CRC: Final = struct.Struct(">I")
+_MOST_NOTED: Final = 64
+
+
+class Status(IntFlag):
+    """Bits of a code's status; bit 7, the warning lamp, is not supported."""
+
+    TEST_FAILED = 0x01
+    FAILED_THIS_CYCLE = 0x02
+    PENDING = 0x04
+    CONFIRMED = 0x08
+    NOT_COMPLETED_SINCE_CLEAR = 0x10
+    FAILED_SINCE_CLEAR = 0x20
+    NOT_COMPLETED_THIS_CYCLE = 0x40
+
+
+AVAILABLE: Final = 0x7F
+_S = Status
+_AT_FAILURE: Final = _S.TEST_FAILED | _S.FAILED_THIS_CYCLE | _S.PENDING | _S.CONFIRMED | _S.FAILED_SINCE_CLEAR
+_UNTESTED: Final = _S.NOT_COMPLETED_SINCE_CLEAR | _S.NOT_COMPLETED_THIS_CYCLE
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is remembered of one code.
+
+    Attributes:
+        age: operation cycles in which the test passed and did not fail, since it failed last; of a confirmed fault.
+        snapshot: of the first failure in the latest cycle that had one; empty without.
+    """
+
+    status: Status = _UNTESTED
+    age: int = 0
+    snapshot: bytes = b""
+
+    def failed(self, snapshot: bytes) -> "Fault":
+        """After a test that failed."""
+        is_first = not self.status & _S.FAILED_THIS_CYCLE
+        return Fault((self.status | _AT_FAILURE) & ~_UNTESTED, 0, snapshot if is_first else self.snapshot)
+
+    def passed(self) -> "Fault":
+        """After a test that passed."""
+        return Fault(self.status & ~(_S.TEST_FAILED | _UNTESTED), self.age, self.snapshot)
+
+    def next_cycle(self) -> "Fault":
+        """After the next power-on."""
+        status, age, snapshot = self.status, self.age, self.snapshot
+        if not status & (_S.FAILED_THIS_CYCLE | _S.NOT_COMPLETED_THIS_CYCLE):
+            status &= ~_S.PENDING
+            age = age + 1 if status & _S.CONFIRMED else 0
+            if age >= AGED_CYCLES:
+                status, age, snapshot = status & ~_S.CONFIRMED, 0, b""
+        status = status & ~(_S.TEST_FAILED | _S.FAILED_THIS_CYCLE) | _S.NOT_COMPLETED_THIS_CYCLE
+        return Fault(status, age, snapshot)
+
+    def packed(self) -> bytes:
+        """For the record: without what the next power-on changes in any case."""
+        status = self.status & ~_S.TEST_FAILED
+        if not status & (_S.PENDING | _S.CONFIRMED):
+            status |= _S.NOT_COMPLETED_THIS_CYCLE
+        return _FAULT.pack(status, self.age, bool(self.snapshot), self.snapshot)
+
+
+class FaultMemory:
+    """From one power-on to the next. `note` may be called by another thread than everything else.
+
+    Args:
+        record: as kept before; one that is damaged counts as none.
+        keep: keeps a record; raises MediumError.
+        refusal: why nothing may be written now; None if it may.
+
+    Attributes:
+        is_on: whether what is noted is taken (service 0x85).
+    """
+
+    def __init__(
+        self,
+        record: bytes = b"",
+        *,
+        keep: Callable[[bytes], None] = lambda record: None,
+        refusal: Callable[[], Nrc | None] = lambda: None,
+    ) -> None:
+        self._kept, self._keep, self._refusal = record, keep, refusal
+        self._faults = {reason: fault.next_cycle() for reason, fault in decode(record).items()}
+        self._noted: deque[tuple[Reason | None, bytes]] = deque(maxlen=_MOST_NOTED)
+        self._is_changed = False
+        self.is_on = True
+
+    @property
+    def faults(self) -> Mapping[Reason, Fault]:
+        """All of them, in the order of `CODES`."""
+        return self._faults
+
+    def note(self, reason: Reason | None, snapshot: bytes = b"") -> None:
+        """The test of this reason failed just now; None: all tests passed."""
+        self._noted.append((reason, snapshot))
+
+    def settle(self) -> None:
+        """Take what was noted, and keep it if that is allowed now; raises MediumError, and does not try that again."""
+        while self._noted and (self.is_on or len(self._noted) > 1):
+            # While it is off the latest alone waits: it is how the tests stand once it is on.
+            reason, snapshot = self._noted.popleft()
+            if not self.is_on:
+                continue
+            if reason is None:
+                self._faults = {each: fault.passed() for each, fault in self._faults.items()}
+            else:
+                self._faults[reason] = self._faults[reason].failed(snapshot)
+            self._is_changed = True
+        if self._is_changed and self._refusal() is None:
+            self._is_changed = False
+            self._keep_if_different()
+
+    def clear(self, reasons: Collection[Reason]) -> None:
+        """Forget faults; raises Refused while nothing may be written, or where the memory fails."""
+        if (code := self._refusal()) is not None:
+            raise Refused(code)
+        self._faults |= dict.fromkeys(reasons, Fault())
+        try:
+            self._keep_if_different()
+        except MediumError as error:
+            raise Refused(Nrc.PROGRAMMING_FAILURE, str(error)) from error
+
+    def _keep_if_different(self) -> None:
+        if (record := encode(self._faults)) != self._kept:
+            self._keep(record)
+            self._kept = record
+
+
+def encode(faults: Mapping[Reason, Fault]) -> bytes:
+    """The record."""
+    raw = _MAGIC + b"".join(faults[reason].packed() for reason in CODES)
+    return raw + _CRC.pack(zlib.crc32(raw))
+
+
+def decode(record: bytes) -> dict[Reason, Fault]:
+    """The faults in a record, none in one that is damaged or that no ECU writes."""
+    body, crc = record[len(_MAGIC) : -_CRC.size], record[-_CRC.size :]
+    is_whole = record[: len(_MAGIC)] == _MAGIC and crc == _CRC.pack(zlib.crc32(record[: -_CRC.size]))
+    if not is_whole or len(body) != _FAULT.size * len(CODES):
+        return {reason: Fault() for reason in CODES}
+    rows = _FAULT.iter_unpack(body)
+    return {
+        reason: Fault(Status(status & AVAILABLE), age, snapshot if has_one else b"")
+        for reason, (status, age, has_one, snapshot) in zip(CODES, rows, strict=True)
+    }

@@ -1,0 +1,229 @@
+"""The fault memory and its services: statuses over power cycles, and each answer, as bytes and by udsoncan."""
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.flashing.medium import MediumError
+from can_bridge.uds.fault_codes import CODES, SNAPSHOT_BYTES, in_letters
+from can_bridge.uds.fault_memory import AGED_CYCLES, FaultMemory
+from can_bridge.uds.fault_reports import Report
+from can_bridge.uds.refused import Refused
+from can_bridge.uds.server import UdsServer
+from can_bridge.uds.services import Nrc, Session
+from can_bridge.wire.messages import Mode, Reason
+from tests.can_bridge.uds.scripted_ecu import Bench, S, ScriptedEcu
+from tests.examples import examples
+
+LOST, SENSOR = Reason.STREAM_LOST, Reason.SENSOR_INVALID
+SNAPSHOT = bytes.fromhex("0000ffff 02 0003 0000 3f800000 bf000000 00000000 3e800000")
+
+
+class Memory:
+    """A fault memory over power cycles, and how often it was written."""
+
+    def __init__(self) -> None:
+        self.record, self.writes, self.fails = b"", 0, False
+        self.refusal: Nrc | None = None
+        self.power_on()
+
+    def power_on(self) -> FaultMemory:
+        self.now = FaultMemory(self.record, keep=self._keep, refusal=lambda: self.refusal)
+        return self.now
+
+    def note(self, reason: Reason | None) -> None:
+        self.now.note(reason, SNAPSHOT)
+        self.now.settle()
+
+    def status(self, reason: Reason = LOST) -> int:
+        return int(self.now.faults[reason].status)
+
+    def _keep(self, record: bytes) -> None:
+        if self.fails:
+            raise MediumError("worn", 0)
+        self.record, self.writes = record, self.writes + 1
+
+
+@pytest.fixture
+def bench() -> Bench:
+    made = Bench()
+    made.memory = Memory()  # type: ignore[attr-defined]
+    made.server = UdsServer(made.ecu, made.key, bytes, faults=made.memory.now)  # type: ignore[attr-defined]
+    return made
+
+
+def test_every_reason_that_is_a_fault_has_a_code_of_its_own():
+    states = {Reason.NONE, Reason.NOT_ARMED, Reason.UPDATING, Reason.OFF_SPEED}
+    assert {*CODES} == {*Reason} - states
+    assert len({*CODES.values()}) == len(CODES)
+    assert [in_letters(CODES[one]) for one in (LOST, SENSOR, Reason.NO_SPEED)] == ["U1101-87", "P1106-86", "U1110-87"]
+
+
+def test_statuses_over_operation_cycles():
+    """By the bits of ISO 14229-1, table D.1."""
+    memory = Memory()
+    assert memory.status() == 0x50
+    memory.note(None)
+    assert memory.status() == 0x00
+    memory.note(LOST)
+    assert (memory.status(), memory.status(SENSOR)) == (0x2F, 0x00)
+    memory.note(None)
+    assert memory.status() == 0x2E
+    # One further cycle without a test, one with a failure, then clean ones.
+    memory.power_on()
+    assert memory.status() == 0x6C
+    memory.power_on()
+    memory.note(LOST)
+    assert memory.status() == 0x2F
+    for cycle in range(AGED_CYCLES):
+        memory.power_on()
+        assert (memory.status(), memory.now.faults[LOST].age) == (0x68 if cycle else 0x6C, cycle)
+        memory.note(None)
+    memory.power_on()
+    assert (memory.status(), memory.now.faults[LOST].snapshot, memory.now.faults[LOST].age) == (0x60, b"", 0)
+
+
+@given(
+    st.lists(
+        st.one_of(st.sampled_from([None, *CODES]), st.sampled_from(["power", "clear", "on", "off", "jets", "shut"])),
+        max_size=60,
+    )
+)
+@examples(200)
+def test_any_course_keeps_what_it_must_and_writes_little(course):
+    """Against what the standard says of each bit, event by event; nothing is written while jets run."""
+    memory = Memory()
+    failed_ever, failed_cycle, confirmed, allowed = set[Any](), set[Any](), set[Any](), 0
+    for event in (*course, "on", "shut", "power"):
+        before = memory.writes
+        if event == "power":
+            if memory.refusal is None:
+                memory.now.settle()
+            else:
+                continue
+            memory.power_on()
+            failed_cycle, allowed = set(), 0
+        elif event in ("jets", "shut"):
+            memory.refusal = Nrc.CONDITIONS_NOT_CORRECT if event == "jets" else None
+            memory.now.settle()
+        elif event in ("on", "off"):
+            memory.now.is_on = event == "on"
+        elif event == "clear":
+            if memory.refusal is None:
+                memory.now.clear(CODES)
+                failed_ever, failed_cycle, confirmed, allowed = set(), set(), set(), 0
+            else:
+                with pytest.raises(Refused):
+                    memory.now.clear(CODES)
+        elif memory.now.is_on:
+            memory.note(event)
+            if event is not None:
+                for group in (failed_ever, failed_cycle, confirmed):
+                    group.add(event)
+        if memory.refusal is not None:
+            assert memory.writes == before
+        statuses = {reason: memory.status(reason) for reason in CODES}
+        assert {reason for reason, status in statuses.items() if status & 0x20} == failed_ever
+        assert {reason for reason, status in statuses.items() if status & 0x02} == failed_cycle
+        assert {reason for reason, status in statuses.items() if status & 0x08} == confirmed
+        assert all(status & 0x01 <= (status & 0x02) >> 1 for status in statuses.values())
+        allowed += memory.writes - before
+        assert allowed <= len(CODES) + 2
+
+
+def test_a_damaged_record_is_an_empty_memory_and_a_failing_one_is_tried_once():
+    memory = Memory()
+    memory.note(LOST)
+    record = memory.record
+    for damaged in (b"", record[:-1], record[:9] + b"\x00" + record[10:], b"SWF2" + record[4:], record + b"\x00"):
+        memory.record = damaged
+        assert {fault.status for fault in memory.power_on().faults.values()} == {0x50}, damaged
+    memory.fails = True
+    with pytest.raises(MediumError):
+        memory.note(LOST)
+    memory.now.settle()
+    with pytest.raises(Refused):
+        memory.now.clear([LOST])
+
+
+def test_the_answers(bench):
+    """Numbers of the standard; the shortest code is that of STREAM_LOST, U1101-87."""
+    memory = bench.memory
+    taken = bytes.fromhex("fd20 0000ffff fd21 02 fd22 0003 fd23 0000 fd24") + SNAPSHOT[9:]
+    bench.talk("19 01 FF > 59 01 7F 00 00 0E\n19 02 2F > 59 02 7F\n19 01 80 > 59 01 7F 00 00 00")
+    memory.note(LOST)
+    bench.talk(
+        f"""
+        19 01 08 > 59 01 7F 00 00 01
+        19 02 08 > 59 02 7F D1 01 87 2F
+        19 82 08 > -
+        19 04 D1 01 87 01 > 59 04 D1 01 87 2F 01 05 {taken.hex(" ")}
+        19 04 11 06 86 FF > 59 04 11 06 86 50
+        19 06 D1 01 87 FF > 59 06 D1 01 87 2F 01 00
+        19 04 D1 01 87 02 > OUT_OF_RANGE
+        19 04 D1 01 88 01 > OUT_OF_RANGE
+        14 D1 01 88 > OUT_OF_RANGE
+        14 11 06 86 > 54
+        19 01 08 > 59 01 7F 00 00 01
+        14 FF FF FF > 54
+        19 01 08 > 59 01 7F 00 00 00
+        """
+    )
+    answer = bench.ask(0x19, Report.SUPPORTED)
+    assert answer is not None and len(answer) == 3 + 4 * len(CODES)
+    memory.note(LOST)
+    memory.refusal = Nrc.CONDITIONS_NOT_CORRECT
+    bench.talk("14 FF FF FF > CONDITIONS_NOT_CORRECT\n19 01 08 > 59 01 7F 00 00 01")
+    memory.refusal, memory.fails = None, True
+    bench.talk("14 FF FF FF > PROGRAMMING_FAILURE")
+
+
+def test_settings_last_as_long_as_sessions_beyond_the_default(bench):
+    memory = bench.memory
+    bench.talk("10 03 > ok\n85 02 > C5 02\n28 01 01 > 68 01")
+    memory.note(LOST)
+    memory.note(SENSOR)
+    memory.note(None)
+    bench.talk("10 02 > ok")
+    assert bench.server.is_silent
+    assert not memory.now.is_on
+    bench.talk("85 01 > C5 01\n28 00 03 > 68 00")
+    memory.now.settle()
+    assert (bench.server.is_silent, memory.status(), memory.status(SENSOR)) == (False, 0, 0), "the last result alone"
+    for end in (lambda: bench.ask(0x10, 1), lambda: bench.wait(5 * S)):
+        bench.talk("10 03 > ok\n85 82 > -\n28 81 03 > -")
+        assert bench.server.is_silent
+        end()
+        assert (bench.server.session, bench.server.is_silent, memory.now.is_on) == (Session.DEFAULT, False, True)
+    bench.talk("10 03 > ok\n28 01 02 > OUT_OF_RANGE")
+    bench.ecu.refusals["before_reset"] = Nrc.CONDITIONS_NOT_CORRECT
+    bench.talk("28 01 01 > CONDITIONS_NOT_CORRECT\n28 00 01 > 68 00")
+    assert not bench.server.is_silent
+
+
+def test_udsoncan_reads_the_same():
+    """Another implementation decodes statuses, codes and snapshots."""
+    udsoncan = pytest.importorskip("udsoncan")
+    from tests.can_bridge.tester.line import Line
+
+    memory = Memory()
+    memory.note(LOST)
+    ecu: Any = ScriptedEcu()
+    ecu.server, ecu.is_dead, ecu.is_reset = UdsServer(ecu, Bench().key, bytes, faults=memory.now), False, False
+    formats = {0xFD20: ">I", 0xFD21: ">B", 0xFD22: ">H", 0xFD23: ">H", 0xFD24: ">ffff"}
+    with udsoncan.client.Client(Line(ecu), config={"data_identifiers": formats, "request_timeout": None}) as client:
+        found = client.get_dtc_by_status_mask(0xFF).service_data
+        assert found.status_availability.get_byte_as_int() == 0x7F
+        assert {dtc.id for dtc in found.dtcs} == {*CODES.values()}
+        dtc = next(dtc for dtc in found.dtcs if dtc.id == CODES[LOST])
+        assert dtc.status.test_failed and dtc.status.confirmed and dtc.status.pending
+        assert not dtc.status.test_not_completed_this_operation_cycle and not dtc.status.warning_indicator_requested
+        assert len(client.get_supported_dtc().service_data.dtcs) == len(CODES)
+        assert client.get_number_of_dtc_by_status_mask(0x08).service_data.dtc_count == 1
+        snapshots = client.get_dtc_snapshot_by_dtc_number(CODES[LOST], 1).service_data.dtcs[0].snapshots
+        assert [one.data for one in snapshots] == [(65535,), (Mode.CONTROL,), (3,), (0,), (1.0, -0.5, 0.0, 0.25)]
+        assert client.clear_dtc().positive
+        assert client.get_number_of_dtc_by_status_mask(0x2F).service_data.dtc_count == 0
+    assert len(SNAPSHOT) == SNAPSHOT_BYTES
