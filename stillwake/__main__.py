@@ -57,7 +57,7 @@ app = typer.Typer(
 
 def _print_version(asked: bool) -> None:
     if asked:
-        console.print(f"stillwake {version('stillwake')}", highlight=False)
+        console.print(f"stillwake {version('stillwake')}")
         raise typer.Exit
 
 

@@ -158,8 +158,7 @@ def _print(rows: list[dict[str, Any]], config: Config) -> None:
     console.print(
         f"the emulated core against this machine: {core['differing_frames']} of {core['frames_compared']} frames and "
         f"{core['differing_states']} of {core['steps_compared']} states differ; the period is "
-        f"{config.period_ns / 1e6:g} ms",
-        soft_wrap=True,
+        f"{config.period_ns / 1e6:g} ms"
     )
     for line in core["differences"]:
-        console.print(line, soft_wrap=True)
+        console.print(line)

@@ -48,7 +48,7 @@ def keygen(folder: Annotated[Path, typer.Argument(help="Folder to write release.
     """Make a key pair: release.key signs and stays secret, release.pub is for everyone who is to trust it."""
     public = signing.write_key_pair(folder, Ed25519PrivateKey.generate())
     wrote = f"wrote {folder / signing.PRIVATE_KEY} and {folder / signing.PUBLIC_KEY}"
-    console.print(f"{wrote}: key {public.fingerprint}", soft_wrap=True)
+    console.print(f"{wrote}: key {public.fingerprint}")
 
 
 @bundle.command()
@@ -57,7 +57,7 @@ def sign(path: Annotated[Path, typer.Argument(help="Bundle directory or .zip.")]
     from export.release.judged import judge
 
     signed = bundles.sign(path, signing.read_private_key(key), judge)
-    console.print(*describe(signed), sep="\n", soft_wrap=True)
+    console.print(*describe(signed), sep="\n")
 
 
 @bundle.command()
@@ -116,8 +116,8 @@ def renew(
             estimator=None if sensors is None else partial(fitted_estimator, sensors, bar),
             judge=judge,
         )
-    console.print(*describe(renewed), sep="\n", soft_wrap=True)
-    console.print(f"wrote {output}", soft_wrap=True)
+    console.print(*describe(renewed), sep="\n")
+    console.print(f"wrote {output}")
 
 
 def _speeds(text: str) -> SpeedRange:
@@ -144,7 +144,7 @@ def verify(path: BundlePath = None, trust: Trust = None) -> None:
     for check in checks:
         mark = "[green]ok[/]    " if check.error is None else "[red]FAILED[/]"
         line = f"{mark} {escape(check.name):15s} {escape(check.found or str(check.error))}"
-        console.print(line, markup=True, soft_wrap=True)
+        console.print(line, markup=True)
     failed = [check.name for check in checks if check.error is not None]
     if failed:
         raise BundleError(f"bundle {where}: {len(failed)} of {len(checks)} checks failed: {', '.join(failed)}")
@@ -242,7 +242,7 @@ def keylist(
     with replacing(path) as temporary:
         temporary.write_bytes(raw)
     _show(made, signing.public_key(private))
-    console.print(f"wrote {path}", soft_wrap=True)
+    console.print(f"wrote {path}")
 
 
 def _opened_list(path: Path, root: PublicKey | None) -> tuple[KeyList, PublicKey]:

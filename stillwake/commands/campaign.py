@@ -101,11 +101,11 @@ def campaign(
     planned = _planned(release, config, scenarios, only, spans, seed)
     if list_them or output is None:
         lines = listing(planned.scenarios, phases=planned.phases)
-        console.print(*lines, sep="\n", soft_wrap=True, markup=False, highlight=False)
+        console.print(*lines, sep="\n")
         return
     folder = CampaignFolder(output)
     folder.check(planned.label(), overwrite=overwrite)
-    console.print(*describe(release), sep="\n", soft_wrap=True)
+    console.print(*describe(release), sep="\n")
     result = _conducted(planned, folder, _cores() if workers is None else workers, scheduler)
 
     from firmware_sim.campaign.report import write_report
@@ -119,7 +119,7 @@ def campaign(
         }
         write_result(json_file, figures=[row.figures() for row in result.rows], facts=facts, on=date.today())
     _print(result)
-    console.print(f"wrote {folder.report} and {folder.table}", soft_wrap=True, markup=False)
+    console.print(f"wrote {folder.report} and {folder.table}")
     if not result.safe:
         raise typer.Exit(NOT_SAFE)
 
@@ -194,13 +194,11 @@ def _print(result: "Result") -> None:
         )
     console.print(table)
     if result.kept:
-        console.print(f"{result.made} runs made, {result.kept} kept from before", soft_wrap=True)
-    console.print(headline(result.rows), soft_wrap=True, markup=False)
+        console.print(f"{result.made} runs made, {result.kept} kept from before")
+    console.print(headline(result.rows))
     for row in result.rows:
         for text in row.broken:
-            console.print(
-                f"{row.scenario.name}: {text}", style="bold red", soft_wrap=True, markup=False, highlight=False
-            )
+            console.print(f"{row.scenario.name}: {text}", style="bold red")
 
 
 def _cores() -> int:

@@ -40,7 +40,7 @@ def config(
         text = f"{prefix or 'all settings'}: as in the paper"
     else:
         text = "\n".join(table(listed, loaded, explain=bool(prefix)))
-    console.print(text.rstrip("\n"), highlight=False, soft_wrap=True)
+    console.print(text.rstrip("\n"))
 
 
 def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tuple[Section, ...]:

@@ -211,7 +211,7 @@ def provision(
         fits=VehicleFit(config, OnnxController.of).fits,
     )
     runs = "no release yet: flash one" if bundle is None else f"release {bundle}"
-    console.print(f"wrote {folder}: ECU {made.serial} ({made.hardware}), {runs}", soft_wrap=True, markup=False)
+    console.print(f"wrote {folder}: ECU {made.serial} ({made.hardware}), {runs}")
 
 
 @ecu.command()

@@ -104,7 +104,7 @@ def identify(
             },
             on=date.today(),
         )
-    console.print(f"wrote {output}", soft_wrap=True)
+    console.print(f"wrote {output}")
 
 
 def _names(text: str) -> tuple[str, ...]:

@@ -107,7 +107,7 @@ def mean(
     measured = wake.surface.measure(flow)
     length = recirculation_length(wake.grid, flow)
     console.print(f"bubble length {length:.3f} W, Cd {measured.Cd:.4f}, Cl {measured.Cl:+.4f}")
-    console.print(f"wrote {output}", soft_wrap=True)
+    console.print(f"wrote {output}")
 
 
 def animate(
@@ -150,7 +150,7 @@ def animate(
             output, drawn, wake, actions, skip=left_out, every=every, fps=fps,
             progress=lambda done, _: bar.update(task, completed=done),
         )  # fmt: skip
-    console.print(f"wrote {output}: {frames} frames, {output.stat().st_size / 1e6:.2f} MB", soft_wrap=True)
+    console.print(f"wrote {output}: {frames} frames, {output.stat().st_size / 1e6:.2f} MB")
 
 
 def _still(output: Path, field: Field, state: Path | None, sensors: str, config: Config) -> None:
@@ -160,7 +160,7 @@ def _still(output: Path, field: Field, state: Path | None, sensors: str, config:
     check_writable(output)
     wake = _start(config, state)
     save_figure(output, WakePicture(wake, field, _names(sensors)).update())
-    console.print(f"wrote {output}", soft_wrap=True)
+    console.print(f"wrote {output}")
 
 
 def _names(listed: str) -> tuple[str, ...] | None:

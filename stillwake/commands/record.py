@@ -191,7 +191,7 @@ def _record_forced(
         written = record_dataset(output, plans, config, **recording, **shown)
     total = sum(plan.steps for plan in plans)
     done = "wrote" if written else "already whole, nothing to record:"
-    console.print(f"{done} {output}: {total} control steps, {output.stat().st_size / 1e6:.1f} MB", soft_wrap=True)
+    console.print(f"{done} {output}: {total} control steps, {output.stat().st_size / 1e6:.1f} MB")
 
 
 def _record_controlled(
@@ -226,7 +226,7 @@ def _record_calm(
         of_plan = {**of_plan, "bundle": release.manifest.name, "bundle_digest": release.digest}
     planned = CalmRound(**of_plan)
     if not steady.exists():
-        console.print(f"{steady} is not there: computing the steady wake", soft_wrap=True)
+        console.print(f"{steady} is not there: computing the steady wake")
         check_output(steady, overwrite=False)
         settle_into(steady, config)
     check_start(config, steady)
@@ -245,7 +245,7 @@ def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
     # Built once here, so that a model that does not load is refused before anything is recorded.
     policy = partial(BundlePolicy, release, layout=layout_of(config.body))
     policy()
-    console.print(*describe(release), sep="\n", soft_wrap=True)
+    console.print(*describe(release), sep="\n")
     return release, policy
 
 
@@ -263,8 +263,7 @@ def _record_round(
         number = record_round(output, planned, config, policy, **recording, **shown)
     console.print(
         f"wrote {output}: round {number}, {planned.episodes * planned.steps} control steps {how}, "
-        f"{output.stat().st_size / 1e6:.1f} MB in all",
-        soft_wrap=True,
+        f"{output.stat().st_size / 1e6:.1f} MB in all"
     )
 
 

@@ -112,4 +112,4 @@ def refine(
             on=date.today(),
         )
     console.print(f"{periods} control periods of the plant")
-    console.print(f"wrote {output}", soft_wrap=True)
+    console.print(f"wrote {output}")

@@ -78,7 +78,7 @@ def train(
         reached = unfinished.check(checkpoints, identity)
         if reached is not None:
             resumed = True
-            console.print(f"goes on where {checkpoints} ends: {reached}", soft_wrap=True)
+            console.print(f"goes on where {checkpoints} ends: {reached}")
 
     from train.pipeline import train_all
 
@@ -119,7 +119,7 @@ def train(
     sets = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in stable.items())
     how = f"top sets identical over the repeats: {sets}" if sets else f"method: {trained.ranking.method}"
     console.print(f"sensors: {', '.join(trained.sensors)}   {how}")
-    console.print(f"wrote {output}", soft_wrap=True)
+    console.print(f"wrote {output}")
 
 
 def _check_recording(recording: "Dataset", path: Path, config: Config, chosen: Sequence[str] | None) -> None:

@@ -132,7 +132,7 @@ def vehicle(
         _print_vehicle(config, release)
         pressures = _live(stack, config, start, driven) if live else _replay(config, dataset, episode, begin)
         check_sensors(release, pressures.layout)
-        console.print(pressures.description, soft_wrap=True, highlight=False)
+        console.print(pressures.description)
         is_stopped = stack.enter_context(until_stopped())
         with progress_bar("periods") as bar:
             task = bar.add_task("vehicle", total=periods, note="")
@@ -147,7 +147,7 @@ def vehicle(
                 config,
                 course,
                 is_stopped=is_stopped,
-                report=lambda text: bar.console.print(text, soft_wrap=True, highlight=False),
+                report=bar.console.print,
                 progress=show,
             )
             bar.update(task, completed=figures.periods, note=note_of(figures))
@@ -162,9 +162,7 @@ def vehicle(
         }
         write_result(json_file, figures=figures.as_dict(), facts=facts, on=date.today())
     ended = "stopped" if is_stopped() else "done"
-    console.print(
-        f"{ended}: the request for control is withdrawn, also on the bus, and the jets are shut", soft_wrap=True
-    )
+    console.print(f"{ended}: the request for control is withdrawn, also on the bus, and the jets are shut")
     if was_cut_short:
         raise KeyboardInterrupt
     if figures.commands == 0:
@@ -199,9 +197,7 @@ def _print_vehicle(config: Config, release: Bundle) -> None:
     point, bus = config.operating_point, config.bus
     console.print(
         f"vehicle at {point.speed:g} m/s, control period {config.period_ns / 1e6:g} ms, "
-        f"on {bus.interface} {bus.channel}",
-        soft_wrap=True,
-        highlight=False,
+        f"on {bus.interface} {bus.channel}"
     )
     built = release.manifest.operating_point
     if built != point:
@@ -210,7 +206,6 @@ def _print_vehicle(config: Config, release: Bundle) -> None:
             f"{built.density:g} kg/m3: an ECU with it has another control period and other scales; `stillwake bundle "
             f"renew ... --set operating_point.speed={point.speed:g}` makes one for this vehicle",
             style="yellow",
-            soft_wrap=True,
         )
 
 
@@ -240,11 +235,10 @@ def _live(stack: ExitStack, config: Config, start: Path | None, drive: "Drive | 
     flow = config.flow
     warning = wake.speed.check(config.period_ns / 1e6, refinement=flow.refinement, substeps=flow.substeps)
     console.print(
-        f"the wake takes {wake.speed.typical_ms:.1f} ms for a control period, at worst {wake.speed.worst_ms:.1f} ms",
-        highlight=False,
+        f"the wake takes {wake.speed.typical_ms:.1f} ms for a control period, at worst {wake.speed.worst_ms:.1f} ms"
     )
     if warning is not None:
-        console.print(warning, style="yellow", soft_wrap=True)
+        console.print(warning, style="yellow")
     return wake
 
 

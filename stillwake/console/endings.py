@@ -95,7 +95,7 @@ def _stopped() -> int:
 def _fail(line: str, *, status: int = 1, prefix: str = "error: ") -> int:
     text = " ".join(part.strip() for part in visible(f"{prefix}{line}").splitlines())
     with suppress(OSError):
-        errors.print(text, style="red", highlight=False, soft_wrap=True)
+        errors.print(text, style="red")
     return status
 
 

@@ -42,7 +42,7 @@ def settings(
         raise ConfigError(f"--set {unused[0]}: `{verb}` does not use it; it uses {', '.join(sorted(uses))}")
     idle = sorted(name for name in loaded.in_file if not _is_used(name, uses))
     if idle:
-        console.print(f"{file}: `{verb}` does not use {', '.join(idle)}", soft_wrap=True)
+        console.print(f"{file}: `{verb}` does not use {', '.join(idle)}")
     return loaded
 
 

@@ -22,11 +22,16 @@ def make_console(*, stderr: bool = False) -> Console:
     """A console that prints text as it is: brackets in a path are no markup, a control character is no command."""
     stream = sys.stderr if stderr else sys.stdout
     has_edge = (stream is not None and stream.isatty()) or "COLUMNS" in os.environ
-    return PlainConsole(stderr=stderr, markup=False, emoji=False, width=None if has_edge else WIDE)
+    width = None if has_edge else WIDE
+    return PlainConsole(stderr=stderr, markup=False, emoji=False, highlight=False, width=width)
 
 
 class PlainConsole(Console):
     """Shows control characters in text as Python writes them; whoever wants colour gives `style` or a `Text`."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """As rich's, but lines of text are not broken: paths and commands stay whole."""
+        super().print(*objects, **{"soft_wrap": all(isinstance(one, str) for one in objects), **options})
 
     def render_str(self, text: str, **options: Any) -> Text:
         """As rich's."""

@@ -28,7 +28,7 @@ def fitted_estimator(dataset: Path, bar: Progress, manifest: Manifest, *, thread
     )
     r2 = dict(zip(manifest.sensors, fitted.r2, strict=True))
     explained = ", ".join(f"{name} {value:.3f}" for name, value in r2.items())
-    console.print(f"R2 of each sensor by the others, on {' and '.join(fitted.judged_on)}: {explained}", soft_wrap=True)
+    console.print(f"R2 of each sensor by the others, on {' and '.join(fitted.judged_on)}: {explained}")
     return MadeEstimator(
         graph=build_estimator(rounded_estimator(fitted.network)).SerializeToString(),
         figures=fitted.figures,

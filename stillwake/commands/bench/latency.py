@@ -120,13 +120,13 @@ def latency(
             "versions": versions("stillwake", "numpy", "onnxruntime", "python-can"),
         }
         write_result(json_file, figures=figures(runs), facts=facts, on=date.today())
-    console.print(f"wrote {output / PAGE}", soft_wrap=True)
+    console.print(f"wrote {output / PAGE}")
     uncontrolled = [run.name for run in runs if run.left_control]
     if uncontrolled:
-        console.print(f"the ECU left control: {', '.join(uncontrolled)}", style="bold red", soft_wrap=True)
+        console.print(f"the ECU left control: {', '.join(uncontrolled)}", style="bold red")
     broken = [verdict for of_run in judged for verdict in of_run if not verdict.is_kept]
     if broken:
-        console.print(f"over budget: {', '.join(verdict.name for verdict in broken)}", style="bold red", soft_wrap=True)
+        console.print(f"over budget: {', '.join(verdict.name for verdict in broken)}", style="bold red")
     if broken or uncontrolled:
         raise typer.Exit(NOT_PASSED)
 
@@ -250,7 +250,7 @@ def _subjects(
         raise LibraryError("--both: name the bundle's C library with --library (`stillwake export --c`)")
     from stillwake.parts.c_release import library_folder
 
-    console.print("making the C library of the shipped model, as `stillwake export --c` does", soft_wrap=True)
+    console.print("making the C library of the shipped model, as `stillwake export --c` does")
     made = stack.enter_context(library_folder(None))
     return [onnx, replace(onnx, name="c", about=f"{name}, C library", library=made)]
 
@@ -258,9 +258,9 @@ def _subjects(
 def _print(run: "Measured", verdicts: "Sequence[Verdict]") -> None:
     from firmware_sim.latency.report import BUDGET_HEAD, HEAD, budget_rows, notes, stage_rows
 
-    console.print(f"{run.name}: {run.verdict}", style="yellow" if run.is_too_noisy else "", soft_wrap=True)
+    console.print(f"{run.name}: {run.verdict}", style="yellow" if run.is_too_noisy else "")
     for note in notes(run):
-        console.print(note, soft_wrap=True, highlight=False)
+        console.print(note)
     _print_table(HEAD, stage_rows(run), title=f"{run.name}: latency, ms", right=True)
     if verdicts:
         _print_table(BUDGET_HEAD, budget_rows(verdicts), title=f"{run.name}: budget")

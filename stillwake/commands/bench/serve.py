@@ -74,7 +74,7 @@ def serve(
     first = LiveSettings().changed(
         {"controller": controller, "plant": plant, "weights": asdict(weights)}, release.manifest.sensors, own
     )
-    console.print(*describe(release), sep="\n", soft_wrap=True)
+    console.print(*describe(release), sep="\n")
     make = LiveParts(
         bundle=bundle,
         trust=trust,
@@ -86,7 +86,7 @@ def serve(
     )
 
     def ready(url: str) -> None:
-        console.print(url, soft_wrap=True, markup=False, highlight=False)
+        console.print(url)
         if open_page:
             typer.launch(url)
 
@@ -99,7 +99,7 @@ def serve(
                 fast=fast,
                 is_stopped=is_stopped,
                 ready=ready,
-                report=lambda line: console.print(line, soft_wrap=True, markup=False, highlight=False),
+                report=console.print,
             )
         )
     console.print("stopped")

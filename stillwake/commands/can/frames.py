@@ -83,7 +83,7 @@ def send(
             bus.send_message(stamped(time.time()))
             sent += 1
             show(sent)
-    console.print(f"sent {sent} frames", highlight=False)
+    console.print(f"sent {sent} frames")
     if sent < count:
         raise KeyboardInterrupt
 
@@ -177,7 +177,7 @@ def decode(
             if summary:
                 show(done)
             else:
-                console.print(_line(traffic), soft_wrap=True, highlight=False)
+                console.print(_line(traffic))
 
         log_summary = summarise(read_messages(file), config=config, key=key, seen=seen)
         if log_summary.first_s is None:
@@ -193,7 +193,7 @@ def decode(
     _print_summary(log_summary)
     for path in (csv_file, json_file):
         if path is not None:
-            console.print(f"wrote {path}", soft_wrap=True, highlight=False)
+            console.print(f"wrote {path}")
 
 
 def _line(traffic: "Traffic") -> str:
@@ -267,12 +267,10 @@ def _print_summary(found: "Summary") -> None:
         )
     console.print(table)
     if found.unchecked_macs:
-        console.print(f"{found.unchecked_macs} secured frames, {UNCHECKED}", soft_wrap=True, highlight=False)
+        console.print(f"{found.unchecked_macs} secured frames, {UNCHECKED}")
     load = "-" if found.load is None else f"{100 * found.load:.2f} %"
     console.print(
         f"{found.frames} data frames, {found.remote} remote, {found.errors} error frames"
         + (f", {found.unsound} such as no wire carries" if found.unsound else "")
-        + f" in {found.span_s:.6f} s from {begin_ns / 1e9:.6f}; load of the bus by data frames {load}",
-        soft_wrap=True,
-        highlight=False,
+        + f" in {found.span_s:.6f} s from {begin_ns / 1e9:.6f}; load of the bus by data frames {load}"
     )

@@ -19,7 +19,4 @@ def keygen(
     from can_bridge.secoc.key import KEY_LENGTH, write_key
 
     write_key(file, secrets.token_bytes(KEY_LENGTH))
-    console.print(
-        f"wrote {file}: keep it secret; for frames it is --set bus.key={file}, for diagnosis --access {file}",
-        soft_wrap=True,
-    )
+    console.print(f"wrote {file}: keep it secret; for frames it is --set bus.key={file}, for diagnosis --access {file}")

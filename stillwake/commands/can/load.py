@@ -55,7 +55,7 @@ def load(
     found = bus_load(config)
     console.print(_table(found))
     for line in _lines(found):
-        console.print(line, soft_wrap=True)
+        console.print(line)
     if json_file is not None:
         write_result(json_file, figures=figures(found), facts=facts(config), on=date.today())
     if found.late:

@@ -117,7 +117,7 @@ def _follow(
                 continue
             shown = now
             if live is None:
-                console.print(line(state, now - begin), soft_wrap=True, highlight=False)
+                console.print(line(state, now - begin))
             else:
                 live.update(table(state, time.monotonic_ns()), refresh=True)
         last = table(state, time.monotonic_ns())

@@ -185,10 +185,10 @@ def import_(
         write(output, made)
     notes += [f"note: {item.text}" for item in asymmetry(made)]
     console.print(episodes_table(made))
-    console.print(sensors_line(layout), soft_wrap=True, markup=False)
+    console.print(sensors_line(layout))
     for line in notes:
-        console.print(line, soft_wrap=True, markup=False, highlight=False)
-    console.print(f"wrote {output}; next: stillwake dataset check {output}", soft_wrap=True, markup=False)
+        console.print(line)
+    console.print(f"wrote {output}; next: stillwake dataset check {output}")
 
 
 def _checked_for_logs(logs: list[Path], options: DriveOptions, loaded: Loaded, dynamic_pressure: float | None) -> None:

@@ -37,11 +37,11 @@ def check(file: File, config_file: ConfigFile = None, overrides: Overrides = [])
         lines += [(marks[item.stops], item.text) for item in findings(data_set, config)]
     for mark, line in lines:
         console.print(mark, end="", markup=True)
-        console.print(line, soft_wrap=True, markup=False, highlight=False)
+        console.print(line)
     wrong = sum("red" in mark for mark, _ in lines)
     if wrong:
         raise DatasetError(f"{file}: {wrong} thing{'s' if wrong > 1 else ''} to put right")
-    console.print(f"{file}: fit for training and export", soft_wrap=True, markup=False)
+    console.print(f"{file}: fit for training and export")
 
 
 def show(
@@ -64,12 +64,12 @@ def show(
         typer.echo(fitting_settings(data_set), nl=False)
     else:
         console.print(episodes_table(data_set))
-        console.print(sensors_line(data_set.layout), soft_wrap=True, markup=False)
+        console.print(sensors_line(data_set.layout))
         facts = ", ".join(
             f"{name.replace('_', ' ')} {'not known' if value is None else f'{value:g}'}"
             for name, value in data_set.plant.as_dict().items()
         )
-        console.print(facts, soft_wrap=True, markup=False)
+        console.print(facts)
     if picture is not None:
         from stillwake.parts.dataset_picture import draw
 

@@ -95,7 +95,7 @@ def calibrate(
                 calibration.store(asking)
             after = calibration.read(asking)
     console.print(table(found, after))
-    console.print(after_power_on(after), soft_wrap=True)
+    console.print(after_power_on(after))
     if json_file is not None:
         facts = {"changed": changes, "store": store, "revert": revert, "versions": versions("stillwake")}
         write_result(json_file, figures=figures(found, after), facts=facts, on=date.today())
@@ -199,4 +199,4 @@ def _write_a2l(path: Path, bundle: Path | None, trust: str | None, config: Confi
     )
     with replacing(path) as part:
         part.write_text(text, encoding="utf-8")
-    console.print(f"wrote {path}: the calibration of {release.manifest.name}", soft_wrap=True)
+    console.print(f"wrote {path}: the calibration of {release.manifest.name}")

@@ -68,10 +68,10 @@ def flash(
     key = None if access is None else AccessKey.read(access)
     release = open_release(bundle, trust)
     image = image_of(read_files(bundle))
-    console.print(*describe(release), sep="\n", soft_wrap=True)
+    console.print(*describe(release), sep="\n")
 
     def judge(facts: "EcuFacts") -> None:
-        console.print(f"ECU {facts.serial_number}, {facts.hardware}: runs {_running(facts)}", soft_wrap=True)
+        console.print(f"ECU {facts.serial_number}, {facts.hardware}: runs {_running(facts)}")
         if dry_run:
             console.print(_comparison(release, len(image), facts))
         check_fits(release, len(image), facts)
@@ -98,7 +98,7 @@ def flash(
         "without --no-confirm confirms it",
         End.CONFIRMED: f"{release.manifest.name} runs, and is confirmed",
     }[flashed.end]
-    console.print(line + _effort(flashed, len(image)), soft_wrap=True)
+    console.print(line + _effort(flashed, len(image)))
 
 
 class _Shown:

@@ -45,7 +45,7 @@ def flash_keys(
     raw = _read(keys)
     with open_client(config.bus) as client:
         before, after = bring(Asking(client, key=key.answer, clock=time.monotonic, sleep=time.sleep), raw)
-    console.print(f"the ECU has key list {after}, and had {before or 'none'}", soft_wrap=True)
+    console.print(f"the ECU has key list {after}, and had {before or 'none'}")
 
 
 def _read(path: Path) -> bytes:
