@@ -186,10 +186,9 @@ full: test docs
 	$(BIN)/stillwake steady runs/steady.npz --json results/steady.json
 	$(MAKE) generated
 
-# The second plant: its tests, then hours of icoFoam; needs the Debian package openfoam.
+# The second plant: its tests, then half an hour of icoFoam; needs the Debian package openfoam.
 openfoam: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m openfoam
-	$(BIN)/python -m benchmarks openfoam --json results/openfoam.json
 	$(BIN)/stillwake run runs/foam --overwrite --plant openfoam --lead-in 15 --controlled 85 --settle 25 \
 		--json results/openfoam_loop.json
 

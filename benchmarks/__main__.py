@@ -40,7 +40,6 @@ class Measurement:
 MEASUREMENTS: Final = {
     "wake-speed": Measurement("wake.speed", "what a time step of the plant costs, and where the time goes"),
     "adjoint": Measurement("wake.adjoint", "gradients through the flow: exactness, cost, memory", "minutes"),
-    "openfoam": Measurement("wake.openfoam_study", "the same wake by OpenFOAM's icoFoam, forced, controlled", "hours"),
     "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C"),
     "controller-loop": Measurement("controller.loop", "drag with ONNX and C, in float32 and int8, in the closed loop"),
     "weights": Measurement("release.weights", "what a weight of the cost changes, in the closed loop", "minutes"),
