@@ -26,7 +26,7 @@ from contract.release import bundle as bundles
 from contract.results import versions
 from contract.shipped import BUNDLE
 from firmware_sim.bench.disturbances import Disturbances
-from firmware_sim.bench.simulation import simulate
+from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.starts import phases_apart
 from firmware_sim.runs.control import trouble
@@ -137,14 +137,9 @@ def outcome(bundle: Path, config: Config, case: Case, phase: int = 0, phases: in
     for _ in range(phases_apart(phases, flow.control_period)[phase]):
         wake.advance(0.0)
     spans = Spans(lead_in=LEAD_IN, controlled=drive.duration_s / point.convective_time, settle=SETTLE)
-    log = simulate(
-        release,
-        replace(config, flow=flow, mpc=release.manifest.mpc),
-        spans=spans,
-        wake=wake,
-        disturbances=Disturbances.parse(case.disturbed),
-        drive=drive,
-    )
+    driven = replace(config, flow=flow, mpc=release.manifest.mpc)
+    disturbed = Disturbances.parse(case.disturbed)
+    log = Simulation(release, driven, spans=spans, disturbances=disturbed, drive=drive).run(wake)
     totals = drive_totals(log)
     assert totals is not None
     return {**totals.rounded(), "trouble": trouble(log)}

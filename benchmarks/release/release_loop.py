@@ -27,7 +27,7 @@ from contract.release import bundle as bundles
 from contract.release.checks import Bundle
 from contract.results import versions
 from contract.shipped import BUNDLE
-from firmware_sim.bench.simulation import simulate
+from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.folder import CampaignFolder
 from firmware_sim.campaign.starts import keep_states, phases_apart, starting_states
@@ -133,7 +133,7 @@ def measured(release: Bundle, config: Config, start: Path, calibration: Calibrat
     """One run from there, with what is left of its reduction when the jets are paid for."""
     wake = TruckWake(config.flow, body=config.body)
     wake.reset(load_state(start))
-    found = summary(simulate(release, config, spans=SPANS, wake=wake, calibration=calibration))
+    found = summary(Simulation(release, config, spans=SPANS, calibration=calibration).run(wake))
     return with_net({name: found[name] for name in _MEASURED})
 
 

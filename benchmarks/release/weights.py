@@ -20,7 +20,7 @@ from contract.config.loading import load_config
 from contract.release import bundle as bundles
 from contract.results import versions
 from contract.shipped import BUNDLE
-from firmware_sim.bench.simulation import simulate
+from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.ecu.calibrating import release_calibration
 from firmware_sim.runs.summary import summary
@@ -62,7 +62,7 @@ def outcome(name: str, value: float, spans: Spans = SPANS) -> dict[str, Any]:
     other = replace(own, weights=replace(own.weights, **{name: value}))
     wake = TruckWake(config.flow, body=config.body)
     wake.reset(_start())
-    found = summary(simulate(release, config, spans=spans, wake=wake, calibration=other))
+    found = summary(Simulation(release, config, spans=spans, calibration=other).run(wake))
     return {key: found[key] for key in (*LOOP, "Cd_uncontrolled")}
 
 

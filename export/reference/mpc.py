@@ -75,19 +75,6 @@ def predict(program: ControllerProgram, z: Array, plan: Array) -> Array:
     return decode(program, rollout(program, z, plan)[..., 1:, :])
 
 
-def plan_cost(
-    program: ControllerProgram,
-    z: Array,
-    plan: Array,
-    previous_action: Array | float,
-    weights: Array | None = None,
-    start: Array | None = None,
-) -> Array:
-    """J of the plan from latent state z, shape (...,)."""
-    terms = cost_terms(predict(program, z, plan), plan, previous_action, program.mpc.drag_reference, start)
-    return np.asarray(terms @ _weights(program, weights))
-
-
 def evaluate(
     program: ControllerProgram,
     z: Array,

@@ -127,11 +127,6 @@ class WireNoise(Span, section="wire_errors"):
     at: Literal["send", "receive"] = "send"
     """Wrong for all nodes, or for a receiver alone."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require(self.node in ("all", *NODES), self, "node", "all, vehicle or ecu")
-        require(self.at in ("send", "receive"), self, "at", "send or receive")
-
 
 @dataclass(frozen=True, kw_only=True)
 class Reset(Instant, section="reset"):
@@ -143,10 +138,6 @@ class Reset(Instant, section="reset"):
     node: Literal["ecu"] = "ecu"
     boot_s: NonNegative[float] = 0.2
     """From the reset to the first step."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require(self.node == "ecu", self, "node", "ecu")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,10 +152,6 @@ class Clock(Span, section="clock"):
     """By which it is fast."""
     offset_s: Finite[float] = 0.0
     """By which it is ahead at the start of the span."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require(self.node == "ecu", self, "node", "ecu")
 
 
 @dataclass(frozen=True, kw_only=True)

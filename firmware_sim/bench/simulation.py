@@ -41,7 +41,7 @@ WARM_UP_PLANS: Final = 3
 class Simulation:
     """One run, which takes place once. Raises StillwakeError if the bundle does not fit the vehicle, the bus cannot
     carry virtual time, the jets could never move, a span is too short, a disturbance could not act, or the calibration
-    is out of its limits.
+    is out of its limits. Pictures and files are `closed_loop.py`'s.
 
     Args:
         config: the vehicle; its operating point and control period must be the bundle's.
@@ -171,40 +171,6 @@ class Simulation:
             drive=None if drive is None else drive.name,
         )
         return RunLog.of(rows, lead_in, loop.totals(), metadata, wake.layout, traffic=wired.traffic(), without=without)
-
-
-def simulate(
-    bundle: Bundle,
-    config: Config,
-    *,
-    spans: Spans,
-    wake: LoopPlant,
-    controller: RunnableController | None = None,
-    calibration: Calibration | None = None,
-    disturbances: Disturbances | None = None,
-    seed: int = 0,
-    observer: Observer | None = None,
-    origin: RunOrigin | None = None,
-    progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
-    ecu: LoopEcu | None = None,
-    drive: Drive | None = None,
-) -> RunLog:
-    """`Simulation` and its `run` in one call.
-
-    Pictures and files are `closed_loop.py`'s; `Invariants.of(config, disturbances)` is an observer.
-    """
-    made = Simulation(
-        bundle,
-        config,
-        spans=spans,
-        controller=controller,
-        calibration=calibration,
-        disturbances=disturbances,
-        seed=seed,
-        ecu=ecu,
-        drive=drive,
-    )
-    return made.run(wake, observer=observer, origin=origin, progress=progress)
 
 
 def _check_vehicle(config: Config, requested: int) -> None:

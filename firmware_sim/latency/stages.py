@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,18 +45,6 @@ class Stage(StrEnum):
     plan only if that was missed."""
     ACTUATE = "actuate"
     """From that instant to the jets' driver taking the command."""
-
-
-CHAIN: Final = (
-    Stage.SAMPLE,
-    Stage.BUS_TO_ECU,
-    Stage.WAIT,
-    Stage.RECEIVE,
-    Stage.PLAN,
-    Stage.GATE,
-    Stage.BUS_TO_VEHICLE,
-)
-"""Stages that add up to ALL in a period whose own command came."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

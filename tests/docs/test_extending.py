@@ -16,7 +16,7 @@ from contract.recording.dataset import UNITS, Dataset, Episode, write
 from contract.release.bundle import load
 from contract.sensors import TRUCK
 from contract.shipped import BUNDLE
-from firmware_sim.bench.simulation import simulate
+from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from train.samples.rows import Rows
 
@@ -101,7 +101,7 @@ def test_every_third_frame_is_lost_at_a_port_and_in_a_run(plant):
     config = load_config()
     oscillator = plant.OscillatorPlant(config.flow)
     wide = Spans(lead_in=8.0, controlled=28.0, settle=0.0, averages=False)
-    log = simulate(load(BUNDLE), config, spans=wide, wake=oscillator, disturbances=made.disturbances)
+    log = Simulation(load(BUNDLE), config, spans=wide, disturbances=made.disturbances).run(oscillator)
     (injected,) = log.metadata.faults
     # From 3 s to 3.6 s there are 60 frames of the vehicle: pressures and speeds.
     assert (injected.text, injected.acted) == ("vehicle:every_nth:n=3", 20)
@@ -111,5 +111,5 @@ def test_clipped_sensors_are_what_the_controller_reads(plant):
     made = module("my_sensors", *blocks("add-a-disturbance.md")[3:])
     config = load_config()
     faulty = made.WithSensors(plant.OscillatorPlant(config.flow), made.Clipped(0.25))
-    log = simulate(load(BUNDLE), config, spans=SHORT, wake=faulty)
+    log = Simulation(load(BUNDLE), config, spans=SHORT).run(faulty)
     assert np.abs(log.series["wall_Cp"]).max() == pytest.approx(0.25)

@@ -17,8 +17,9 @@ from contract.config.learning import ModelConfig
 from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
 from export.program.random_windows import random_window
+from export.reference.cost import cost_terms
 from export.reference.model import encode, encoder_layers
-from export.reference.mpc import adam, evaluate, gradient, optimise, plan_cost, predict, rollout
+from export.reference.mpc import adam, evaluate, gradient, optimise, predict, rollout
 from tests.examples import examples
 
 HORIZON, LATENT = 6, 3
@@ -55,7 +56,7 @@ def test_every_function_acts_on_the_last_axes(shape, seed):
     encoded = encode(program, windows)
     latents = rollout(program, z, plan)
     forces = predict(program, z, plan)
-    cost = plan_cost(program, z, plan, before, weights)
+    cost = cost_terms(forces, plan, before, program.mpc.drag_reference) @ weights
     slope = gradient(program, z, plan, before, weights)
     optimised = optimise(program, z, plan, before, free, weights)
     *_, moved = adam(program, z, plan, before, rates, free_mask=free)

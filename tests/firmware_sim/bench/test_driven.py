@@ -15,7 +15,7 @@ from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
 from contract.release import bundle
 from firmware_sim.bench.disturbances import Disturbances
-from firmware_sim.bench.simulation import Simulation, simulate
+from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.runs.run_log import COLUMNS, WALL, WITHOUT, RunLog
@@ -131,7 +131,7 @@ def test_a_drive_at_the_design_speed_is_the_run_without_one_to_the_bit(random_re
         wake = TruckWake(coarse.flow)
         wake.reset(coarse.start)
         spans = Spans(lead_in=9.0, controlled=5.0, settle=1.0, averages=False)
-        return simulate(bundle.load(random_release), Config(flow=coarse.flow), spans=spans, wake=wake, drive=drive)
+        return Simulation(bundle.load(random_release), Config(flow=coarse.flow), spans=spans, drive=drive).run(wake)
 
     plain, steady = run(None), run(Drive(name="", times=(0.0,), speeds=(25.0,)))
     for name in (*COLUMNS, WALL):

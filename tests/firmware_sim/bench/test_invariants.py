@@ -18,11 +18,10 @@ from can_bridge.wire.message_specs import JET_COMMAND
 from can_bridge.wire.messages import JetCommand, Mode
 from contract.config.tree import Config
 from contract.config.vehicle import BackgroundConfig, BusConfig, EcuConfig, VehicleConfig
-from firmware_sim.bench import simulation, wiring
+from firmware_sim.bench import simulation
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.invariants import Invariants
-from firmware_sim.bench.simulation import simulate
-from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.bench.simulation import Simulation
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode
 from tests.each import each
@@ -37,16 +36,8 @@ def violations(*texts: str, config: Config = DEFAULT, seed: int = 0):
     """What breaks in a run of a stub controller on an oscillator, with everything else real; and the run."""
     disturbances = Disturbances.parse(texts)
     observer = Invariants.of(config, disturbances)
-    log = simulate(
-        make_bundle(),
-        config,
-        spans=SPANS,
-        wake=LiveOscillator(config),
-        controller=Waves(),
-        disturbances=disturbances,
-        seed=seed,
-        observer=observer,
-    )
+    run = Simulation(make_bundle(), config, spans=SPANS, controller=Waves(), disturbances=disturbances, seed=seed)
+    log = run.run(LiveOscillator(config), observer=observer)
     return observer.violations, log
 
 
@@ -187,32 +178,3 @@ def test_control_without_an_edge_is_caught(monkeypatch):
     assert names() == set()  # an ordinary run has its edge
     assert "enable_edge" in names("ecu:disconnect@0.5..0.7")
     assert "enable_edge" in names("reset@0.6")
-
-
-def wrong_vehicle(monkeypatch, **methods: Callable[..., Any]) -> None:
-    monkeypatch.setattr(wiring, "VehicleNode", type("Wrong", (VehicleNode,), methods))
-
-
-def as_commanded(self: VehicleNode, command: JetCommand) -> float:
-    """Whatever its mode, but bounds and rate are kept."""
-    wanted = command.flow_m2_per_s / self.operating_point.flow_rate_scale
-    return max(-0.075, min(0.075, self._action + max(-0.075, min(0.075, wanted - self._action))))
-
-
-def test_a_vehicle_that_follows_an_ecu_which_is_off_is_caught(monkeypatch):
-    wrong_ecu(monkeypatch, lambda sent, step: sent._replace(flow_m2_per_s=1.0) if step > 30 else sent)
-    assert names("reset@0.4") == {"bus_bounds"}
-    wrong_vehicle(monkeypatch, _driven=as_commanded)
-    assert names("reset@0.4") == {"bus_bounds", "jets_shut"}
-
-
-def test_jets_beyond_their_bounds_or_rate_are_caught(monkeypatch):
-    sound = VehicleNode._driven
-    for factor, broken in ((1.2, {"jets_bounds"}), (-1.0, {"jets_rate"})):
-        calls = iter(range(10**6))
-
-        def driven(self: VehicleNode, command: JetCommand, factor: float = factor, calls: Any = calls) -> float:
-            return sound(self, command) * (factor if factor > 0 else factor ** next(calls))
-
-        wrong_vehicle(monkeypatch, _driven=driven)
-        assert broken <= names() <= {"jets_bounds", "jets_rate"}

@@ -12,7 +12,7 @@ from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
 from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, Disturbances
-from firmware_sim.bench.simulation import simulate
+from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.runs.run_log import RunLog
 from tests.firmware_sim.bench.harness import NAMES, SPANS, LiveOscillator, Oscillator, Run, Waves
@@ -249,11 +249,8 @@ def test_a_run_goes_on_from_a_saved_state_to_the_bit(shared_wake):
     for texts in ((), ("gust:amplitude=0.1,period=5", "reynolds=700"), ()):
         shared_wake.reset(saved)
         disturbances = Disturbances.parse(texts)
-        runs.append(
-            simulate(
-                make_bundle(), CONFIG, spans=spans, wake=shared_wake, controller=Waves(), disturbances=disturbances
-            )
-        )
+        run = Simulation(make_bundle(), CONFIG, spans=spans, controller=Waves(), disturbances=disturbances)
+        runs.append(run.run(shared_wake))
     assert same(runs[0], runs[2])
     assert not same(runs[0], runs[1])
 
