@@ -1,4 +1,4 @@
-"""The ECU in C of a run, by its name: on this machine, or on an emulated Cortex-M7."""
+"""The ECU in C of a run, by its name: on this machine, on an emulated Cortex-M7, or with a whole board around it."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -12,6 +12,7 @@ from firmware_sim.in_c.compiler import host_compiler
 
 C: Final = "c"
 CORTEX_M7: Final = "cortex-m7"
+CORTEX_M7_BOARD: Final = "cortex-m7-board"
 CLOCKS_MHZ: Final = (1.0, 10_000.0)
 """Range of clocks; a core at less takes seconds for a step, and none runs at more."""
 
@@ -37,8 +38,8 @@ def loop_ecu(kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.
     """An ECU in C, just powered on.
 
     Args:
-        kind: C or CORTEX_M7.
-        sources: `firmware_sim.in_c.c_ecu.ecu_sources`.
+        kind: C, CORTEX_M7 or CORTEX_M7_BOARD.
+        sources: `firmware_sim.in_c.c_ecu.ecu_sources`, and those of the board's firmware where it runs.
         clock_mhz: of the emulated core.
 
     Raises:
@@ -52,9 +53,10 @@ def loop_ecu(kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.
         return LoopEcu(ecu=host, kind=kind, computed_by=f"C99 {precision}, {host.description}")
     check_ecu(kind, clock_mhz)
     # The emulator is of an extra.
+    from firmware_sim.mcu.board.board_ecu import BoardEcu
     from firmware_sim.mcu.ecu_machine import McuEcu
 
-    core = McuEcu(sources, clock_mhz=clock_mhz)
+    core = (BoardEcu if kind == CORTEX_M7_BOARD else McuEcu)(sources, clock_mhz=clock_mhz)
     return LoopEcu(
         ecu=core,
         kind=kind,

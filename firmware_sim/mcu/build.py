@@ -22,8 +22,9 @@ COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
 BARE: Final = (
     "-target", "thumb-freestanding-eabihf", "-fno-unroll-loops",
     "-ffreestanding", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables",
-    "-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections", "-Wl,-e,mcu_reset", "-T", LINKER_SCRIPT,
+    "-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections", "-T",
 )  # fmt: skip
+BOARD_SCRIPT: Final = "sw_board.ld"
 
 
 def compile_for_cortex_m7(
@@ -48,8 +49,29 @@ def compile_for_cortex_m7(
     firmware = {item.name: item.read_bytes() for item in folder.iterdir() if item.name not in left_out}
     with tempfile.TemporaryDirectory() as place:
         image = Path(place, "firmware.elf")
-        _compile(library_sources(sources) | firmware | dict(board or {}), image, (*COMMON, *BARE, f"-mcpu={core.cpu}"))
+        _compile(library_sources(sources) | firmware | dict(board or {}), image, _flags(LINKER_SCRIPT, core))
         return image.read_bytes()
+
+
+def compile_board(sources: Mapping[str, bytes]) -> bytes:
+    """The whole firmware of a board, from its vector table on, as an ELF file.
+
+    Args:
+        sources: a library's with its ECU, and those of the board, `sw_board.ld` among them.
+
+    Raises:
+        McuError: they do not compile, or `ziglang` is not installed.
+    """
+    with tempfile.TemporaryDirectory() as place:
+        image = Path(place, "firmware.elf")
+        contents = library_sources(sources) | {BOARD_SCRIPT: sources[BOARD_SCRIPT]}
+        _compile(contents, image, _flags(BOARD_SCRIPT, CORTEX_M7))
+        return image.read_bytes()
+
+
+def _flags(script: str, core: Core) -> tuple[str, ...]:
+    entry = "sw_board_start" if script == BOARD_SCRIPT else "mcu_reset"
+    return (*COMMON, *BARE, script, f"-Wl,-e,{entry}", f"-mcpu={core.cpu}")
 
 
 def compile_block_counter(output: Path) -> None:

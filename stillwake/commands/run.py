@@ -46,7 +46,7 @@ _BUS: Final = (
 """All but the channel: a bus in virtual time has none."""
 _USES: Final = ("body", "operating_point", "flow", *_BUS, "ecu", "vehicle")
 PYTHON: Final = "python"
-ECUS: Final = (PYTHON, "c", "cortex-m7")
+ECUS: Final = (PYTHON, "c", "cortex-m7", "cortex-m7-board")
 _STARTING: Final = "starting (first run: compiles)"
 
 
@@ -58,7 +58,8 @@ def run(
         Path | None, typer.Option(help="Run this C library of the bundle's (`export --c`) in place of ONNX Runtime.")
     ] = None,
     ecu: Annotated[
-        str, typer.Option(help="ECU that runs: python, c (on this machine) or cortex-m7 (emulated).")
+        str,
+        typer.Option(help="ECU that runs: python, c (on this machine), cortex-m7 (emulated) or cortex-m7-board."),
     ] = PYTHON,
     clock_mhz: Annotated[float, typer.Option(help="Clock of the emulated core, MHz.")] = 480.0,
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.", min=0.2)] = 25.0,
@@ -108,7 +109,9 @@ def run(
     are in docs/reference/bus-faults.md.
 
     --ecu c runs the whole ECU as its C sources, and --ecu cortex-m7 the same ones on an emulated microcontroller, whose
-    modelled cycles are charged as compute time. Both are of the folder that --library names, or of the shipped model.
+    modelled cycles are charged as compute time. With --ecu cortex-m7-board the whole firmware runs, from its reset
+    vector on, and has frames through the registers of its CAN controller; docs/how-to/from-a-fresh-board.md has more.
+    All are of the folder that --library names, or of the shipped model.
 
     --disturb takes the same texts, and what disturbs the run elsewhere: noise:level=0.5 at the transducers,
     reset@5 in the ECU, reynolds=700 in the flow. The kinds are noise, bias, drift, stuck, dead, swap, quantise,
@@ -242,7 +245,8 @@ def _ecu_in_c(kind: str, library: Path | None, release: Bundle, config: Config, 
         LibraryError: no library was named, and the bundle is not the shipped one; or the library is not the bundle's.
         StillwakeError: it cannot be compiled, or the settings are not for an ECU in C.
     """
-    from firmware_sim.bench.ecus import check_ecu, loop_ecu
+    from export.to_c.board_files import board_sources
+    from firmware_sim.bench.ecus import CORTEX_M7_BOARD, check_ecu, loop_ecu
     from firmware_sim.in_c.c_ecu import ecu_sources
     from stillwake.parts.c_release import library_folder
 
@@ -256,6 +260,8 @@ def _ecu_in_c(kind: str, library: Path | None, release: Bundle, config: Config, 
         console.print("making the C library of the shipped model, as `stillwake export --c` does", soft_wrap=True)
     with library_folder(library) as folder:
         sources = ecu_sources(folder, release, config)
+    if kind == CORTEX_M7_BOARD:
+        sources |= board_sources()
     return loop_ecu(kind, sources, clock_mhz=clock_mhz)
 
 

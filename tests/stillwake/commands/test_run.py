@@ -40,7 +40,7 @@ BEFORE = {
     "--drive ramps --plant openfoam": "--drive ramps: needs the own solver, --plant stillwake",
     "--drive steady-80 --controlled 40": "--controlled = 40 less --settle = 40 leaves 0 t_c: must be at least 10",
     # An ECU in C.
-    "--ecu rust": "--ecu rust: must be one of python, c, cortex-m7",
+    "--ecu rust": "--ecu rust: must be one of python, c, cortex-m7, cortex-m7-board",
     "--ecu c --set bus.key=k.pem": "bus.key: --ecu c has no authentication",
     "--ecu c --library nowhere": "library nowhere: No such file or directory",
     # What the bundle fixes, and what a run does not use.

@@ -1,0 +1,71 @@
+/* What is this board's: where its registers stand, its clocks, its bit timing, its sectors. Another board with the same
+ * kinds of peripherals changes this file and the memories in sw_board.ld, and nothing else. Addresses are those of an
+ * STM32H743 (RM0433), but for the counter, which is Arm's (CNTReadBase); its clock tree and pins are for the board's
+ * maker, in sw_board_power_on.
+ */
+#ifndef SW_BOARD_H
+#define SW_BOARD_H
+
+#include <stdint.h>
+
+#include "sw_ecu.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* --- The board --- */
+
+#define SW_BOARD_COUNTER 0x5c008000u /* counts ns since power-on */
+#define SW_BOARD_RANDOM 0x48021800u
+#define SW_BOARD_CAN 0x4000a000u     /* M_CAN's registers */
+#define SW_BOARD_CAN_RAM 0x4000ac00u /* its message RAM */
+#define SW_BOARD_CAN_INTERRUPT 19u   /* its line 0; it only ends the core's sleep */
+#define SW_BOARD_TIMER_INTERRUPT 30u /* the counter's compare value; the same */
+#define SW_BOARD_CAN_NS 2000u        /* of the time stamps of received frames: a nominal bit */
+/* 80 MHz: 160 quanta a nominal bit, 500 kbit/s; 40 a data bit, 2 Mbit/s; both are sampled behind 80 % and 75 %. */
+#define SW_BOARD_CAN_NOMINAL ((31u << 25) | (0u << 16) | (126u << 8) | 31u)
+#define SW_BOARD_CAN_DATA ((1u << 23) | (0u << 16) | (28u << 8) | (9u << 4) | 9u)
+#define SW_BOARD_CAN_DELAY (30u << 8) /* where a data bit is sampled behind the transceiver's delay, in clocks */
+#define SW_BOARD_FLASH 0x52002100u    /* registers of the bank that holds what is written in the field, the second */
+#define SW_BOARD_FLASH_BANK 0x08100000u
+#define SW_BOARD_FLASH_SECTORS 8u
+
+/* --- The same for every board --- */
+
+#define SW_BOARD_REGISTER(address) (*(volatile uint32_t *)(uintptr_t)(address))
+
+/* Clocks, pins, watchdog: nothing on the emulated board. Runs before memory is cleared. */
+void sw_board_power_on(void);
+
+void sw_board_main(void);
+
+/* ns since power-on. */
+int64_t sw_board_now_ns(void);
+
+/* Sleep until a frame comes or until_ns; a wake-up for another reason is allowed. */
+void sw_board_sleep(int64_t until_ns);
+
+/* 32 random bits; 0 from a generator that failed is an answer like any other, and *failed then is 1. */
+uint32_t sw_board_random(uint8_t *failed);
+
+/* Does not return. */
+void sw_board_reset(void);
+
+/* Frames of these identifiers of 11 bits are received, all others refused. */
+void sw_board_can_start(const uint16_t *ids, uint32_t count);
+
+/* Everything that has come, oldest first, into at most `room` frames; how many. */
+int sw_board_can_receive(sw_frame *frames, int room);
+
+/* Hand over a frame; 1 if there is no room for it or the controller is bus-off, and it is lost. */
+int sw_board_can_send(const sw_frame *frame);
+
+/* The error counters of now; a controller that went bus-off is counted, and starts again. */
+void sw_board_can_health(sw_bus_health *health);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

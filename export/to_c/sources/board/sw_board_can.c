@@ -1,0 +1,151 @@
+/* A driver of Bosch's M_CAN (user's manual, revision 3.3): received frames through FIFO 0, sent ones through the transmit
+ * FIFO, both polled. Elements have room for 64 bytes.
+ */
+#include <stddef.h>
+
+#include "sw_board.h"
+
+#define CAN(offset) SW_BOARD_REGISTER(SW_BOARD_CAN + (offset))
+#define RAM(word) SW_BOARD_REGISTER(SW_BOARD_CAN_RAM + 4u * (word))
+
+#define DBTP 0x00cu
+#define CCCR 0x018u
+#define NBTP 0x01cu
+#define TSCC 0x020u
+#define TSCV 0x024u
+#define ECR 0x040u
+#define PSR 0x044u
+#define TDCR 0x048u
+#define IR 0x050u
+#define IE 0x054u
+#define ILE 0x05cu
+#define GFC 0x080u
+#define SIDFC 0x084u
+#define RXF0C 0x0a0u
+#define RXF0S 0x0a4u
+#define RXF0A 0x0a8u
+#define RXESC 0x0bcu
+#define TXBC 0x0c0u
+#define TXFQS 0x0c4u
+#define TXESC 0x0c8u
+#define TXBRP 0x0ccu
+#define TXBAR 0x0d0u
+#define TXBCR 0x0d4u
+
+#define CCCR_INIT 1u
+#define CCCR_CCE 2u
+#define CCCR_FD_AND_BRS 0x300u
+#define PSR_BUS_OFF 0x80u
+#define IR_NEW_IN_FIFO_0 1u
+#define REFUSE_REMOTE_AND_OTHERS 0x2bu /* GFC: neither remote frames nor what no filter names */
+#define FILTER_TO_FIFO_0 ((2u << 30) | (1u << 27)) /* a classic filter: identifier and mask */
+#define ELEMENT_64_BYTES 7u
+#define STANDARD_SHIFT 18u
+#define XTD 0x40000000u
+#define FDF 0x200000u
+#define BRS 0x100000u
+
+/* The message RAM, in words: 128 filters, 64 received elements, 8 to be sent. */
+#define FILTERS 0u
+#define RECEIVED 128u
+#define RECEIVED_ELEMENTS 64u
+#define WORDS 18u
+#define SENT (RECEIVED + RECEIVED_ELEMENTS * WORDS)
+#define SENT_ELEMENTS 8u
+
+static const uint8_t lengths[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
+
+void sw_board_can_start(const uint16_t *ids, uint32_t count)
+{
+    CAN(CCCR) = CCCR_INIT;
+    while ((CAN(CCCR) & CCCR_INIT) == 0u) {
+    }
+    CAN(CCCR) = CCCR_INIT | CCCR_CCE | CCCR_FD_AND_BRS;
+    CAN(NBTP) = SW_BOARD_CAN_NOMINAL;
+    CAN(DBTP) = SW_BOARD_CAN_DATA;
+    CAN(TDCR) = SW_BOARD_CAN_DELAY;
+    CAN(TSCC) = 1u; /* time stamps in nominal bits */
+    for (uint32_t i = 0; i < count; i++) RAM(FILTERS + i) = FILTER_TO_FIFO_0 | ((uint32_t)ids[i] << 16) | 0x7ffu;
+    CAN(SIDFC) = (count << 16) | (4u * FILTERS);
+    CAN(GFC) = REFUSE_REMOTE_AND_OTHERS;
+    CAN(RXF0C) = (RECEIVED_ELEMENTS << 16) | (4u * RECEIVED);
+    CAN(RXESC) = ELEMENT_64_BYTES;
+    CAN(TXBC) = (SENT_ELEMENTS << 24) | (4u * SENT);
+    CAN(TXESC) = ELEMENT_64_BYTES;
+    CAN(IE) = IR_NEW_IN_FIFO_0;
+    CAN(ILE) = 1u;
+    CAN(CCCR) = CCCR_FD_AND_BRS;
+}
+
+static void read_element(sw_frame *frame, uint32_t at)
+{
+    const uint32_t first = RAM(at), second = RAM(at + 1u);
+    frame->is_extended = (first & XTD) != 0u;
+    frame->id = frame->is_extended != 0u ? first & 0x1fffffffu : (first >> STANDARD_SHIFT) & 0x7ffu;
+    frame->is_fd = (second & FDF) != 0u;
+    const uint8_t code = (uint8_t)((second >> 16) & 15u);
+    frame->length = frame->is_fd != 0u || code < 8u ? lengths[code] : 8u;
+    for (uint32_t i = 0; i < frame->length; i += 4u) {
+        const uint32_t word = RAM(at + 2u + i / 4u);
+        for (uint32_t j = 0; j < 4u; j++) frame->data[i + j] = (uint8_t)(word >> (8u * j));
+    }
+    /* The counter has 16 bits: a frame must be fetched before it has gone round. */
+    const uint32_t age = (CAN(TSCV) - second) & 0xffffu;
+    frame->timestamp_ns = sw_board_now_ns() - (int64_t)age * (int64_t)SW_BOARD_CAN_NS;
+}
+
+int sw_board_can_receive(sw_frame *frames, int room)
+{
+    int count = 0;
+    CAN(IR) = IR_NEW_IN_FIFO_0;
+    while (count < room) {
+        const uint32_t status = CAN(RXF0S), index = (status >> 8) & 63u;
+        if ((status & 127u) == 0u) break;
+        read_element(&frames[count], RECEIVED + index * WORDS);
+        CAN(RXF0A) = index;
+        count++;
+    }
+    return count;
+}
+
+static uint32_t code_of(uint8_t length)
+{
+    uint32_t code = 0;
+    while (code < 15u && lengths[code] < length) code++;
+    return code;
+}
+
+int sw_board_can_send(const sw_frame *frame)
+{
+    const uint32_t status = CAN(TXFQS);
+    const uint32_t index = (status >> 16) & 31u, at = SENT + index * WORDS;
+    /* What waits while the controller is bus-off would come out late, as if it were of then. */
+    if ((CAN(PSR) & PSR_BUS_OFF) != 0u) {
+        CAN(TXBCR) = CAN(TXBRP);
+        return 1;
+    }
+    if ((status & 63u) == 0u) return 1;
+    RAM(at) = frame->is_extended != 0u ? XTD | frame->id : frame->id << STANDARD_SHIFT;
+    RAM(at + 1u) = (code_of(frame->length) << 16) | (frame->is_fd != 0u ? FDF | BRS : 0u);
+    for (uint32_t i = 0; i < frame->length; i += 4u) {
+        uint32_t word = 0;
+        for (uint32_t j = 0; j < 4u; j++) word |= (uint32_t)frame->data[i + j] << (8u * j);
+        RAM(at + 2u + i / 4u) = word;
+    }
+    CAN(TXBAR) = UINT32_C(1) << index;
+    return 0;
+}
+
+void sw_board_can_health(sw_bus_health *health)
+{
+    /* Going bus-off sets INIT; clearing it begins the recovery of 128 times eleven recessive bits. */
+    while ((CAN(CCCR) & CCCR_INIT) != 0u) {
+        if (health->bus_off < UINT32_MAX) health->bus_off++;
+        CAN(CCCR) = CCCR_FD_AND_BRS;
+    }
+    const uint32_t errors = CAN(ECR);
+    health->is_bus_off = (CAN(PSR) & PSR_BUS_OFF) != 0u;
+    health->tx_errors = errors & 0xffu;
+    /* RP: the counter of 7 bits is at the passive level or above. */
+    health->rx_errors = ((errors >> 15) & 1u) != 0u ? 128u : (errors >> 8) & 0x7fu;
+}

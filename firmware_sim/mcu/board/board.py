@@ -1,0 +1,217 @@
+"""The board: a core, its memories and registers, from power-on to the loss of its supply, in virtual time.
+
+The firmware runs from its reset vector until it sleeps (`wfi`); nothing else passes time. No interrupt is served: the
+firmware masks them, and one that is pending ends its sleep. A board is one power cycle; what its flash holds is given
+to the next one. The memory map is an STM32H743's, with the registers of `flash_controller`, `can_controller` and
+`small_parts`.
+"""
+
+import struct
+from collections.abc import Callable
+from typing import Any, Final, Protocol
+
+import unicorn
+from unicorn import arm_const, unicorn_const
+
+from contract.errors import McuError
+from firmware_sim.mcu.block_counter import BlockCounter
+from firmware_sim.mcu.board.can_controller import CanController
+from firmware_sim.mcu.board.flash_controller import SECTOR, SECTORS, WORD, FlashBank, FlashController, PowerCut
+from firmware_sim.mcu.board.small_parts import CoreRegisters, Counter, RandomNumbers, SystemReset
+from firmware_sim.mcu.elf import Firmware
+from firmware_sim.mcu.pipeline import Pipeline
+
+PROGRAM: Final = 0x0800_0000
+PROGRAM_BYTES: Final = 1 << 20
+BANK: Final = 0x0810_0000
+BANK_BYTES: Final = SECTOR * SECTORS
+DTCM, DTCM_BYTES = 0x2000_0000, 128 * 1024
+SRAM, SRAM_BYTES = 0x2400_0000, 512 * 1024
+STACK_BYTES: Final = 16 * 1024
+_PAGE: Final = 4096
+_COUNTER, _RANDOM, _CAN, _FLASH, _CORE = 0x5C00_8000, 0x4802_1800, 0x4000_A000, 0x5200_2100, 0xE000_E000
+_UNTOUCHED: Final = 0xA5
+_RETURN: Final = PROGRAM + PROGRAM_BYTES - 0x100
+_LONGEST_US: Final = 600_000_000
+"""Wall time after which a core that does not sleep is given up."""
+
+
+class Part(Protocol):
+    """Registers of 32 bits by their offset in a block."""
+
+    def read(self, offset: int) -> int: ...
+
+    def write(self, offset: int, value: int) -> None: ...
+
+
+class Board:
+    """A board that is switched on; `run` has it execute.
+
+    Args:
+        firmware: in the first bank of flash.
+        bank: the second bank, changed in place; an erased one if None.
+        now_ns: what the counter shows.
+        cut_at: the supply fails in this operation of the flash, counted from 1; 0 for never.
+        seed: of random numbers, and of what a torn word holds.
+
+    Attributes:
+        counter, can, flash: its peripherals.
+        bus_faults: whether a read of the flash that cannot be corrected stopped the core.
+    """
+
+    def __init__(
+        self, firmware: Firmware, bank: FlashBank | None = None, *, now_ns: int = 0, cut_at: int = 0, seed: int = 0
+    ) -> None:
+        self._symbols, self._raised = firmware.symbols, list[Exception]()
+        binding: Any = unicorn
+        mode = unicorn_const.UC_MODE_THUMB | unicorn_const.UC_MODE_MCLASS
+        self._failure: Any = binding.UcError
+        self._core: Any = binding.Uc(unicorn_const.UC_ARCH_ARM, mode)
+        self._core.ctl_set_cpu_model(arm_const.UC_CPU_ARM_CORTEX_M7)
+        readable = unicorn_const.UC_PROT_READ | unicorn_const.UC_PROT_EXEC
+        self._core.mem_map(BANK, BANK_BYTES, readable)
+        for start, size in ((PROGRAM, PROGRAM_BYTES), (DTCM, DTCM_BYTES), (SRAM, SRAM_BYTES)):
+            self._core.mem_map(start, size)
+        for segment in firmware.segments:
+            self._core.mem_write(segment.address, segment.content)
+        self.counter, self.can, self._registers = Counter(now_ns), CanController(), CoreRegisters()
+        self.flash = FlashController(bank or FlashBank(), self._flash_changed, cut_at=cut_at, seed=seed)
+        self._shut_pages: set[int] = set()
+        self._flash_changed(0, BANK_BYTES)
+        parts: tuple[tuple[int, int, Part], ...] = (
+            (_COUNTER, 0x1000, self.counter),
+            (_RANDOM, 0x1000, RandomNumbers(seed)),
+            (_CAN, 0x4000, self.can),
+            (_FLASH, 0x1000, self.flash),
+            (_CORE, 0x1000, self._registers),
+        )
+        for base, size, part in parts:
+            page, reads, writes = base & ~(_PAGE - 1), self._reader(part, base), self._writer(part, base)
+            self._core.mmio_map(page, size, reads, None, writes, None)
+        hooks = unicorn_const.UC_HOOK_MEM_WRITE_PROT, unicorn_const.UC_HOOK_MEM_READ_PROT
+        for hook, does in zip(hooks, (self._stored, self._loaded), strict=True):
+            self._core.hook_add(hook, does)
+        program = bytes(self._core.mem_read(PROGRAM, PROGRAM_BYTES))
+        self._blocks = BlockCounter(self._core, PROGRAM, PROGRAM_BYTES, Pipeline(program, PROGRAM))
+        self._core.mem_write(DTCM, bytes([_UNTOUCHED]) * STACK_BYTES)
+        stack, start = struct.unpack_from("<II", program)
+        self._core.reg_write(arm_const.UC_ARM_REG_SP, stack)
+        self._at = start
+
+    def run(self) -> tuple[int, int]:
+        """Execute until the firmware sleeps. Returns instructions, and cycles by the model.
+
+        Raises:
+            McuError: the core stopped, asked for what is not modelled, or does not come to sleep.
+            PowerCut, SystemReset: the power cycle is over.
+        """
+        self._blocks.start()
+        self.can.now_ns = self.counter.now_ns
+        self._execute(self._at | 1, 0xFFFF_FFFE)
+        self._at = int(self._core.reg_read(arm_const.UC_ARM_REG_PC))
+        if self._core.mem_read(self._at - 2, 2) != b"\x30\xbf":
+            raise McuError(f"the core does not come to sleep: after {_LONGEST_US // 10**6} s it is at {self._at:#x}")
+        return self._blocks.total()
+
+    def call(self, function: str, *arguments: int) -> int:
+        """Have a function of the firmware run while it sleeps, as a debugger does; its result."""
+        kept, registers = self._core.context_save(), (arm_const.UC_ARM_REG_R0, arm_const.UC_ARM_REG_R1)
+        for register, value in zip(registers, arguments, strict=False):
+            self._core.reg_write(register, value)
+        self._core.reg_write(arm_const.UC_ARM_REG_LR, _RETURN | 1)
+        try:
+            self._execute(self.symbol(function) | 1, _RETURN)
+            return int(self._core.reg_read(arm_const.UC_ARM_REG_R0))
+        finally:
+            self._core.context_restore(kept)
+
+    def symbol(self, name: str) -> int:
+        """Its address; raises McuError if the firmware has none."""
+        if name not in self._symbols:
+            raise McuError(f"the firmware has no symbol {name}")
+        return self._symbols[name]
+
+    def peek(self, address: int, size: int) -> bytes:
+        """Bytes of memory."""
+        return bytes(self._core.mem_read(address, size))
+
+    def poke(self, address: int, content: bytes) -> None:
+        """Change bytes of memory."""
+        self._core.mem_write(address, content)
+
+    def stack_depth(self) -> int:
+        """Bytes of stack touched since power-on."""
+        stack = self.peek(DTCM, STACK_BYTES)
+        return STACK_BYTES - next((i for i, byte in enumerate(stack) if byte != _UNTOUCHED), STACK_BYTES)
+
+    def _execute(self, start: int, end: int) -> None:
+        try:
+            self._core.emu_start(start, end, timeout=_LONGEST_US)
+        except self._failure as error:
+            if not self._raised:
+                at = self._core.reg_read(arm_const.UC_ARM_REG_PC)
+                raise McuError(f"the core stopped at {at:#x} ({error})") from error
+        if self._raised:
+            raise self._raised[0]
+
+    def _guarded(self, work: Callable[[], object]) -> int:
+        """What a register does or shows; its exceptions end the emulation, and come out of it."""
+        try:
+            shown = work()
+            return shown if isinstance(shown, int) else 0
+        except (McuError, PowerCut, SystemReset) as error:
+            self._raised.append(error)
+            self._core.emu_stop()
+            return 0
+
+    def _reader(self, part: Part, base: int) -> Callable[..., int]:
+        shift = base & (_PAGE - 1)
+
+        def read(_core: Any, offset: int, size: int, _data: Any) -> int:
+            return self._guarded(lambda: part.read(_whole(offset, size) - shift))
+
+        return read
+
+    def _writer(self, part: Part, base: int) -> Callable[..., None]:
+        shift = base & (_PAGE - 1)
+
+        def write(_core: Any, offset: int, size: int, value: int, _data: Any) -> None:
+            self._guarded(lambda: part.write(_whole(offset, size) - shift, value & 0xFFFF_FFFF))
+            if part is self._registers and self._registers.has_floats:
+                self._core.reg_write(arm_const.UC_ARM_REG_FPEXC, 0x4000_0000)
+
+        return write
+
+    def _stored(self, _core: Any, _access: int, address: int, size: int, value: int, _data: Any) -> bool:
+        if not BANK <= address < BANK + BANK_BYTES:
+            return False
+        data = (value & (1 << 8 * size) - 1).to_bytes(size, "little")
+        self._guarded(lambda: self.flash.store(address - BANK, data))
+        return True
+
+    def _loaded(self, _core: Any, _access: int, address: int, _size: int, _value: int, _data: Any) -> bool:
+        """A read from a page with a word that cannot be read."""
+        offset = address - BANK
+        if self.flash.is_bad(offset):
+            self.flash.found_bad(offset)
+            if not (self._registers.ignores_bus_faults and self._core.reg_read(arm_const.UC_ARM_REG_FAULTMASK)):
+                self._raised.append(McuError(f"bus fault: the flash's word at {address:#x} cannot be read"))
+                return False
+        return True
+
+    def _flash_changed(self, offset: int, size: int) -> None:
+        self._core.mem_write(BANK + offset, bytes(self.flash.bank.content[offset : offset + size]))
+        pages = range(offset // _PAGE * _PAGE, offset + size, _PAGE)
+        words = _PAGE // WORD
+        shut = {page for page in pages if 2 in self.flash.bank.programmed[page // WORD : page // WORD + words]}
+        for page in (shut - self._shut_pages) | (self._shut_pages & set(pages)) - shut:
+            access = unicorn_const.UC_PROT_NONE if page in shut else unicorn_const.UC_PROT_READ
+            self._core.mem_protect(BANK + page, _PAGE, access)
+        self._shut_pages = self._shut_pages - set(pages) | shut
+
+
+def _whole(offset: int, size: int) -> int:
+    """The offset of a register; raises McuError for an access that is not of a whole one."""
+    if size != 4 or offset % 4:
+        raise McuError(f"a register is accessed with {size} bytes at {offset:#x}: must be 4, aligned")
+    return offset

@@ -1,0 +1,195 @@
+"""A Bosch M_CAN with its message RAM (user's manual, revision 3.3), as far as the firmware uses it.
+
+Modelled: CCCR (INIT, CCE, FDOE, BRSE), NBTP, DBTP, TDCR, TSCC and TSCV (time stamps in nominal bits), ECR (TEC, REC,
+RP), PSR (EP, EW, BO), IR (RF0N, RF0L), IE, ILE, GFC, SIDFC with classic filters into FIFO 0, RXF0C, RXF0S, RXF0A,
+RXESC, TXBC, TXFQS, TXESC, TXBRP, TXBAR, TXBCR and TXBTO; elements of up to 64 bytes with XTD, FDF and BRS. Every other
+register is an error. A frame leaves at once, unless the controller is bus-off: then it waits. There is no recovery's
+delay: the bus that gives the error counters has it.
+"""
+
+import struct
+from typing import Final
+
+from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
+from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
+from contract.errors import McuError
+
+MESSAGE_RAM: Final = 0xC00
+RAM_BYTES: Final = 10 * 1024
+CLOCK_HZ: Final = 80_000_000
+_CCCR, _ECR, _PSR, _TSCV, _IR = 0x18, 0x40, 0x44, 0x24, 0x50
+_RXF0S, _RXF0A, _TXFQS, _TXBRP, _TXBAR, _TXBCR, _TXBTO = 0xA4, 0xA8, 0xC4, 0xCC, 0xD0, 0xD4, 0xD8
+_DBTP, _NBTP, _GFC, _SIDFC, _RXF0C, _TXBC = 0x0C, 0x1C, 0x80, 0x84, 0xA0, 0xC0
+_PLAIN: Final = {_DBTP, _NBTP, 0x20, 0x48, 0x54, 0x5C, _GFC, _SIDFC, _RXF0C, 0xBC, _TXBC, 0xC8}
+_PROTECTED: Final = _PLAIN - {0x54, 0x5C}
+"""Registers that keep what is written; and those of them that take it with CCE alone."""
+_INIT, _CCE = 1, 2
+_XTD, _FDF, _BRS = 1 << 30, 1 << 21, 1 << 20
+_ELEMENT_WORDS: Final = 18
+
+
+class CanController:
+    """The registers and the message RAM.
+
+    Attributes:
+        sent: frames that left, oldest first, with the time at which they did.
+        lost: received frames for which the FIFO had no room.
+    """
+
+    def __init__(self) -> None:
+        self._ram = bytearray(RAM_BYTES)
+        self._kept = dict.fromkeys(_PLAIN, 0)
+        self._control, self._interrupts = _INIT, 0
+        self._level = self._get = 0
+        self._pending = self._transmitted = self._put = 0
+        self._health, self._went_off = HEALTHY, 0
+        self.now_ns = 0
+        self.sent: list[Frame] = []
+        self.lost = 0
+
+    @property
+    def bit_rates(self) -> tuple[float, float]:
+        """Nominal and data bits a second, by the timing registers."""
+        nominal, data = self._kept[_NBTP], self._kept[_DBTP]
+        quanta = (nominal & 127) + (nominal >> 8 & 255) + 3, (data >> 4 & 15) + (data >> 8 & 31) + 3
+        divider = (nominal >> 16 & 511) + 1, (data >> 16 & 31) + 1
+        return CLOCK_HZ / quanta[0] / divider[0], CLOCK_HZ / quanta[1] / divider[1]
+
+    @property
+    def room(self) -> int:
+        """Frames that FIFO 0 still takes."""
+        return min(self._kept[_RXF0C] >> 16 & 127, 64) - self._level
+
+    @property
+    def wakes(self) -> bool:
+        """Whether its interrupt is pending."""
+        return bool(self._interrupts & self._kept[0x54] and self._kept[0x5C] & 1)
+
+    def surround(self, health: BusHealth) -> None:
+        """What the bus has made of its error counters; each time that it went bus-off since sets INIT."""
+        self._went_off += max(health.bus_off - self._health.bus_off, 0)
+        self._health = health
+        if self._went_off:
+            self._control |= _INIT
+
+    def receive(self, frame: Frame) -> None:
+        """A frame from the bus; one that no filter names, or for which there is no room, is dropped."""
+        if self._control & _INIT or not self._accepts(frame):
+            return
+        self._interrupts |= 1
+        if self.room <= 0:
+            self._interrupts |= 8
+            self.lost += 1
+            return
+        size = self._kept[_RXF0C] >> 16 & 127
+        at = (self._kept[_RXF0C] & 0xFFFC) + (self._get + self._level) % size * 4 * _ELEMENT_WORDS
+        lengths = FD_LENGTHS if frame.is_fd else CLASSIC_LENGTHS
+        first = _XTD | frame.frame_id if frame.is_extended else frame.frame_id << 18
+        second = lengths.index(len(frame.data)) << 16 | (_FDF | _BRS if frame.is_fd else 0)
+        second |= self._time_stamp(frame.timestamp_ns)
+        element = struct.pack("<II", first, second) + frame.data
+        self._ram[at : at + len(element)] = element
+        self._level += 1
+
+    def read(self, offset: int) -> int:
+        """A register, or a word of the message RAM; raises McuError for one that is not modelled."""
+        if offset >= MESSAGE_RAM:
+            return int.from_bytes(self._ram[offset - MESSAGE_RAM : offset - MESSAGE_RAM + 4], "little")
+        return self._read(offset)
+
+    def write(self, offset: int, value: int) -> None:
+        """The same."""
+        if offset >= MESSAGE_RAM:
+            self._ram[offset - MESSAGE_RAM : offset - MESSAGE_RAM + 4] = value.to_bytes(4, "little")
+        elif offset == _CCCR:
+            self._configure(value)
+        elif offset in _PLAIN:
+            if offset in _PROTECTED and self._control & (_INIT | _CCE) != _INIT | _CCE:
+                raise McuError(f"CAN controller: register {offset:#x} is written without INIT and CCE")
+            self._kept[offset] = value
+        elif offset == _IR:
+            self._interrupts &= ~value
+        elif offset == _RXF0A:
+            if self._level == 0 or value != self._get:
+                raise McuError(f"CAN controller: element {value} is acknowledged, and FIFO 0 is at {self._get}")
+            self._get = (self._get + 1) % (self._kept[_RXF0C] >> 16 & 127)
+            self._level -= 1
+        elif offset == _TXBAR:
+            self._pending |= value
+            self._transmitted &= ~value
+            self._put = (self._put + value.bit_count()) % self._queue
+            self._transmit()
+        elif offset == _TXBCR:
+            self._pending &= ~value
+        else:
+            raise McuError(f"CAN controller: no register to write at {offset:#x}")
+
+    def _read(self, offset: int) -> int:
+        health, free = self._health, self._queue - self._pending.bit_count()
+        passive = max(health.tx_errors, health.rx_errors)
+        size = self._kept[_RXF0C] >> 16 & 127
+        put = (self._get + self._level) % size if size else 0
+        known = self._kept | {
+            _CCCR: self._control,
+            _TSCV: self._time_stamp(self.now_ns),
+            _ECR: min(health.tx_errors, 255) | min(health.rx_errors, 127) << 8 | (health.rx_errors > 127) << 15,
+            _PSR: self._is_off << 7 | (passive > 95) << 6 | (passive > 127) << 5,
+            _IR: self._interrupts,
+            _RXF0S: put << 16 | self._get << 8 | self._level,
+            _TXFQS: self._put << 16 | free,
+            _TXBRP: self._pending,
+            _TXBTO: self._transmitted,
+        }
+        if offset not in known:
+            raise McuError(f"CAN controller: no register to read at {offset:#x}")
+        return known[offset]
+
+    @property
+    def _is_off(self) -> bool:
+        return self._went_off > 0 or self._health.state is BusState.BUS_OFF
+
+    @property
+    def _queue(self) -> int:
+        return self._kept[_TXBC] >> 24 & 63
+
+    def _configure(self, value: int) -> None:
+        begins = self._control & _INIT and not value & _INIT
+        self._control = value & ~_CCE if not value & _INIT else value
+        if begins and self._went_off:
+            self._went_off -= 1
+            self._control |= _INIT if self._went_off else 0
+        self._transmit()
+
+    def _transmit(self) -> None:
+        if self._control & _INIT or self._is_off:
+            return
+        for index in range(self._queue):
+            if self._pending >> index & 1:
+                self.sent.append(self._element((self._kept[_TXBC] & 0xFFFC) + index * 4 * _ELEMENT_WORDS))
+        self._transmitted |= self._pending
+        self._pending = 0
+
+    def _element(self, at: int) -> Frame:
+        first, second = struct.unpack_from("<II", self._ram, at)
+        is_fd, code = bool(second & _FDF), second >> 16 & 15
+        length = FD_LENGTHS[code] if is_fd else min(code, 8)
+        return Frame(
+            frame_id=first & 0x1FFF_FFFF if first & _XTD else first >> 18 & 0x7FF,
+            data=bytes(self._ram[at + 8 : at + 8 + length]),
+            timestamp_ns=self.now_ns,
+            is_fd=is_fd,
+            is_extended=bool(first & _XTD),
+        )
+
+    def _accepts(self, frame: Frame) -> bool:
+        if frame.is_extended:
+            return not self._kept[_GFC] >> 2 & 2
+        start, count = self._kept[_SIDFC] & 0xFFFC, self._kept[_SIDFC] >> 16 & 255
+        for (element,) in struct.iter_unpack("<I", self._ram[start : start + 4 * count]):
+            if (frame.frame_id ^ element >> 16) & element & 0x7FF == 0:
+                return bool(element >> 27 & 7 == 1)
+        return not self._kept[_GFC] >> 4 & 2
+
+    def _time_stamp(self, at_ns: int) -> int:
+        """Of 16 bits."""
+        return int(at_ns * self.bit_rates[0] // 1_000_000_000) & 0xFFFF if self._kept[_NBTP] else 0

@@ -1,0 +1,92 @@
+"""The counter, the random numbers and the core's own registers, as far as the firmware uses them."""
+
+import random
+from typing import Final
+
+from contract.errors import McuError
+
+_RESET: Final = 0x05FA_0004
+_BFHFNMIGN: Final = 1 << 8
+
+
+class SystemReset(Exception):  # noqa: N818
+    """The firmware asked for a reset."""
+
+
+class Counter:
+    """Arm's generic counter (CNTReadBase: CNTCV) at 1 GHz, and a compare value behind it that ends the core's sleep.
+
+    Attributes:
+        now_ns, compare_ns: what the two show.
+    """
+
+    def __init__(self, now_ns: int = 0) -> None:
+        self.now_ns, self.compare_ns = now_ns, 0
+
+    def read(self, offset: int) -> int:
+        """Half of one of the two; raises McuError for another register."""
+        if offset not in (0, 4, 8, 12):
+            raise McuError(f"counter: no register at {offset:#x}")
+        value = self.now_ns if offset < 8 else self.compare_ns
+        return value >> 8 * (offset & 4) & 0xFFFF_FFFF
+
+    def write(self, offset: int, value: int) -> None:
+        """The compare value alone can be written."""
+        if offset not in (8, 12):
+            raise McuError(f"counter: no register to write at {offset:#x}")
+        shift = 8 * (offset & 4)
+        self.compare_ns = self.compare_ns & ~(0xFFFF_FFFF << shift) | value << shift
+
+
+class RandomNumbers:
+    """An STM32H743's generator (RNG: CR with RNGEN, SR with DRDY, DR), with a seed."""
+
+    def __init__(self, seed: int) -> None:
+        self._random, self._control = random.Random(seed), 0
+
+    def read(self, offset: int) -> int:
+        enabled = bool(self._control & 4)
+        if offset == 8:
+            return self._random.getrandbits(32) if enabled else 0
+        return {0: self._control, 4: int(enabled)}[offset]
+
+    def write(self, offset: int, value: int) -> None:
+        self._control = value if offset == 0 else self._control
+
+
+class CoreRegisters:
+    """The system control space: CPACR, CCR with BFHFNMIGN, AIRCR with SYSRESETREQ, ICSR, and the NVIC's first words.
+
+    Attributes:
+        has_floats: whether CPACR gives the floating-point unit free.
+        ignores_bus_faults: whether CCR has handlers of the highest priority go on after one.
+    """
+
+    _KEPT: Final = (0x100, 0x280, 0xD14, 0xD88)
+
+    def __init__(self) -> None:
+        self._kept = dict.fromkeys(self._KEPT, 0)
+
+    @property
+    def has_floats(self) -> bool:
+        return self._kept[0xD88] >> 20 & 0xF == 0xF
+
+    @property
+    def ignores_bus_faults(self) -> bool:
+        return bool(self._kept[0xD14] & _BFHFNMIGN)
+
+    def read(self, offset: int) -> int:
+        """Raises McuError for a register that is not modelled."""
+        if offset not in self._kept:
+            raise McuError(f"core: no register to read at {0xE000_E000 + offset:#x}")
+        return self._kept[offset]
+
+    def write(self, offset: int, value: int) -> None:
+        """The same; raises SystemReset."""
+        if offset == 0xD0C:
+            if value == _RESET:
+                raise SystemReset
+        elif offset in self._kept:
+            self._kept[offset] = value
+        else:
+            raise McuError(f"core: no register to write at {0xE000_E000 + offset:#x}")
