@@ -134,16 +134,6 @@ def test_what_was_altered_is_not_taken(office, tmp_path):
     altered(office.target("rollout/00"), json.dumps({"release": "releases/next.zip"}).encode(), "Error")
 
 
-def test_older_metadata_are_refused_once_newer_were_seen(office, tmp_path):
-    before = shutil.copytree(office.folder, tmp_path / "before")
-    office.at(NOW).roll_out("next", 100)
-    assert office.asked_by(tmp_path / "state") == "next"
-    shutil.rmtree(office.folder)
-    shutil.copytree(before, office.folder)
-    (tmp_path / "state" / "new.zip").unlink()
-    refused(office, tmp_path / "state", "BadVersionNumberError")
-
-
 def test_a_server_that_tells_no_news_is_found_out(office, tmp_path):
     office.at(NOW - timedelta(days=3)).renew()
     refused(office, tmp_path / "state", "ExpiredMetadataError", "timestamp")
@@ -181,12 +171,6 @@ def test_an_assignment_of_what_was_never_published_is_refused(office, tmp_path):
 def test_a_release_for_other_hardware_is_refused(office, tmp_path):
     office.at(NOW).roll_out("next", 100)
     refused(office, tmp_path / "state", "is for hardware h7, this vehicle has h8", hardware="h8")
-
-
-def test_another_root_is_not_believed(office, sound, tmp_path):
-    other = Office(tmp_path / "other", sound)
-    office.root = other.root
-    refused(office, tmp_path / "state", "signed by")
 
 
 def test_a_call_that_makes_no_sense_is_refused(office):

@@ -53,17 +53,6 @@ def test_random_nets_of_odd_sizes(seed):
     check_lowering(program, in_c(program), "C library", random_windows(program, 8, seed=seed))
 
 
-@pytest.mark.slow
-@pytest.mark.proofs  # the optimiser takes long; test_export.py runs the shipped library as it is built for speed
-def test_paper_size_as_built_for_speed():
-    program = random_program(11)
-    report = check_lowering(
-        program, CController(c_library(program), program.sizes), "C library", random_windows(program, 20)
-    )
-    # Far from the small gradients and kinks that the gate leaves room for, actions agree to float32's rounding.
-    assert report.action < 2e-6
-
-
 def test_equal_forces_share_the_subgradient():
     """With the decoder's output switched off every Cd ties and every Cl is 0: the kinks of all terms at once."""
     program = random_program(3, model=SMALL, mpc=MpcConfig(horizon=HORIZON))

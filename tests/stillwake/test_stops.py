@@ -38,9 +38,10 @@ STOPPED = {
     "--forces forces.csv": 143,
     "can decode long.log --summary --csv out.csv --json out.json": 143,
     f"can monitor {' '.join(VIRTUAL)}": 0,
+    f"vehicle --priority 0 {' '.join(VIRTUAL)}": 3,
     f"can send Pressure Valid0=1 --count 100000 {' '.join(VIRTUAL)}": 143,
 }
-"""Commands that take long, and how they end on SIGTERM: 0 where it is how they are ended."""
+"""Commands that take long, and how they end on SIGTERM: 0 where it is how they are ended, 3 where no ECU answered."""
 NO_ROOM = {
     "can decode long.log --summary --csv out.csv": "out.csv",
     "can load --json out.json": "out.json",

@@ -127,20 +127,6 @@ def test_the_summary_has_every_figure(run):
     assert 0.0 < summary["mpc_ms_p50"] <= summary["mpc_ms_p99"] <= summary["mpc_ms_max"]
 
 
-def test_control_starts_when_it_is_requested_and_moves_the_jets(run):
-    _, log, _ = run
-    assert log.enabled_at == LEAD_IN
-    modes, actions = log.series["mode"], log.series["action"]
-    assert set(modes[:LEAD_IN]) == {Mode.OFF}
-    assert set(modes[LEAD_IN:]) == {Mode.CONTROL}
-    # Planned ahead: the jets follow a command in the period after, and the sample at its end shows it.
-    assert not actions[: LEAD_IN + 2].any()
-    # A random controller's action may pass through zero, to the wire's resolution.
-    assert np.count_nonzero(actions[LEAD_IN + 2 :]) >= CONTROLLED - 3
-    np.testing.assert_array_equal(actions[LEAD_IN + 2 :], log.series["command"][LEAD_IN:-2])
-    assert np.diff(log.series["t"]) == pytest.approx(0.2)
-
-
 def short_run(release, coarse, folder, *, lead_in=1.0, controlled=1.0, progress=lambda *_: None, report=str, **bus):
     spans: dict[str, Any] = {"lead_in": lead_in, "controlled": controlled, "settle": 0.0, "averages": False}
     config = Config(flow=coarse.flow, bus=BusConfig(**bus))

@@ -9,8 +9,6 @@ import pytest
 from benchmarks.ecu.lockstep import Lockstep
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND
-from can_bridge.wire.messages import Mode
-from contract.controller.c_folder import library_sources
 from contract.errors import ConfigError
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.ecus import CORTEX_M7, C, check_ecu, loop_ecu
@@ -19,7 +17,6 @@ from firmware_sim.bench.spans import Spans
 from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
 from firmware_sim.in_c.compiler import zig_compiler
-from firmware_sim.in_c.host_library import CController
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.run_tables import service_rows
 from firmware_sim.runs.summary import summary
@@ -54,24 +51,6 @@ def run(release: Exported, ecu: LoopEcu | None, controller=None, *faults: str) -
 
 def host(sources) -> LoopEcu:
     return LoopEcu(ecu=CEcu(sources, compiler=zig_compiler(), flags=ZIG), kind=C, computed_by="a test")
-
-
-@pytest.mark.proofs  # test_c_ecu.py has a short one
-def test_the_ecu_in_c_gives_the_run_of_the_one_in_python(release, sources):
-    """Frame by frame, their times included, also through a reset: the control step is the same library's in both."""
-    sizes = release.bundle.manifest.sizes
-    for faults in ((), ("reset@0.2",)):
-        library = CController(library_sources(sources), sizes, compiler=zig_compiler(), flags=ZIG)
-        by_python, expected = run(release, None, library, *faults)
-        by_c, frames = run(release, host(sources), None, *faults)
-        assert frames == expected, faults
-        np.testing.assert_array_equal(by_c.series["Cd"], by_python.series["Cd"])
-        assert by_c.metadata.status == by_python.metadata.status
-        assert Mode.CONTROL in by_c.series["mode"]
-        assert (by_python.metadata.ecu.kind, by_c.metadata.ecu.kind) == ("python", "c")
-        assert by_c.metadata.ecu.modelled_ms is None
-        counters = [frame.data[2] for frame in frames if frame.frame_id == JET_COMMAND.frame_id]
-        assert counters.count(0) == 1 + len(faults)
 
 
 @pytest.mark.proofs  # test_ecu_machine.py has every frame of a shorter one

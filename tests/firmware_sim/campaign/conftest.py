@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from firmware_sim.campaign import conduct as conducting
 from firmware_sim.campaign.judgement import Phase, Row, judged
 from firmware_sim.campaign.outcome import Course, Figures, Outcome, Service
 from firmware_sim.campaign.scenario import UNDISTURBED, Place, Scenario
@@ -59,3 +60,34 @@ def rows_of(*others: tuple[Scenario, Sequence[Phase]], undisturbed: Sequence[Pha
 def place() -> Place:
     """A release whose third sensor is on the base; control is asked for at 0.7 s, and a t_c takes 0.1 s."""
     return Place(sensors=("upper_39", "lower_39", "base_0", "base_9"), base_sensor="base_0", enabled_s=0.7, t_c_s=0.1)
+
+
+class Worker:
+    """Stands for the workers, whose runs take minutes: made-up outcomes by the scenario's name.
+
+    Attributes:
+        ran: names of the tasks.
+        drag: under control, by scenario; as `phase_of` has it for the others.
+        stop_after: so many runs.
+        failing, unsafe: the task that falls over, and the scenario in which an invariant breaks.
+    """
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, **drag: float) -> None:
+        from wake.truck.state import developed_state
+
+        self.ran: list[str] = []
+        self.drag, self.stop_after, self.failing, self.unsafe = drag, 10**6, "", ""
+        start = developed_state()
+        monkeypatch.setattr(conducting, "execute", self)
+        monkeypatch.setattr(conducting, "starting_states", lambda folder, config, phases: (start,) * phases)
+
+    def __call__(self, tasks, bundle, starts, *, workers, scheduler, finished) -> None:
+        for task in tasks:
+            if len(self.ran) == self.stop_after:
+                raise KeyboardInterrupt
+            self.ran.append(task.name)
+            scenario = task.name.rpartition(".phase")[0]
+            broken = ["period 3: jets_shut"] if scenario == self.unsafe else []
+            phase = phase_of(self.drag.get(scenario, 0.8), broken=broken)
+            outcome = phase.under if task.controlled else phase.free
+            finished(task, Outcome(key="", failure="it fell over") if task.name == self.failing else outcome)

@@ -7,19 +7,16 @@ import pytest
 from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
 from contract.release import bundle
-from firmware_sim.campaign import conduct as conducting
 from firmware_sim.campaign.conduct import Campaign, conduct
 from firmware_sim.campaign.folder import CampaignFolder
-from firmware_sim.campaign.outcome import Outcome
 from firmware_sim.campaign.task import Timing
-from tests.firmware_sim.campaign.conftest import phase_of, scenario_of
+from tests.firmware_sim.campaign.conftest import Worker, scenario_of
 
 SCENARIOS = (
     scenario_of("undisturbed"),
     scenario_of("noise_0.5", "A", disturb=("noise:level=0.5",)),
     scenario_of("gust", "B", disturb=("gust:amplitude=0.1,period=20",)),
 )
-DRAG = {"undisturbed": 0.8, "noise_0.5": 0.85, "gust": 0.95}
 
 
 @pytest.fixture
@@ -28,32 +25,9 @@ def campaign(bundle_of) -> Campaign:
     return Campaign(scenarios=SCENARIOS, bundle=bundle_of(), config=Config(), timing=timing, phases=2)
 
 
-class Worker:
-    """Runs nothing, and gives an outcome by the scenario's name; stops after `stop_after` runs."""
-
-    def __init__(self) -> None:
-        self.ran: list[str] = []
-        self.stop_after = 10**6
-        self.failing = ""
-
-    def __call__(self, tasks, bundle, starts, *, workers, scheduler, finished) -> None:
-        for task in tasks:
-            if len(self.ran) == self.stop_after:
-                raise KeyboardInterrupt
-            self.ran.append(task.name)
-            scenario = task.name.rpartition(".phase")[0]
-            outcome = phase_of(DRAG.get(scenario, 1.0)).under if task.controlled else phase_of().free
-            finished(task, Outcome(key="", failure="it fell over") if task.name == self.failing else outcome)
-
-
 @pytest.fixture
 def worker(monkeypatch) -> Worker:
-    from wake.truck.state import developed_state
-
-    made = Worker()
-    monkeypatch.setattr(conducting, "execute", made)
-    monkeypatch.setattr(conducting, "starting_states", lambda folder, config, phases: (developed_state(),) * phases)
-    return made
+    return Worker(monkeypatch, **{"noise_0.5": 0.85, "gust": 0.95})
 
 
 def test_every_scenario_runs_from_every_phase(campaign, worker, tmp_path) -> None:

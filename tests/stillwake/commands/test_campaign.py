@@ -4,8 +4,7 @@ import json
 
 import pytest
 
-from firmware_sim.campaign import conduct as conducting
-from tests.firmware_sim.campaign.conftest import phase_of
+from tests.firmware_sim.campaign.conftest import Worker
 
 OWN = """
 [[group]]
@@ -27,31 +26,9 @@ def plan(tmp_path):
     return path
 
 
-class Executor:
-    """Stands for the workers, whose runs take minutes: made-up outcomes, by the scenario's name."""
-
-    def __init__(self) -> None:
-        self.ran: list[str] = []
-        self.unsafe: str = ""
-        self.stop_after = 10**6
-
-    def __call__(self, tasks, bundle, starts, *, workers, scheduler, finished) -> None:
-        for task in tasks:
-            if len(self.ran) == self.stop_after:
-                raise KeyboardInterrupt
-            self.ran.append(task.name)
-            broken = ["period 3: jets_shut"] if task.name.startswith(f"{self.unsafe}.") else []
-            finished(task, phase_of(broken=broken).under if task.controlled else phase_of().free)
-
-
 @pytest.fixture
-def executor(monkeypatch) -> Executor:
-    from wake.truck.state import developed_state
-
-    made = Executor()
-    monkeypatch.setattr(conducting, "execute", made)
-    monkeypatch.setattr(conducting, "starting_states", lambda folder, config, phases: (developed_state(),) * phases)
-    return made
+def executor(monkeypatch) -> Worker:
+    return Worker(monkeypatch)
 
 
 @pytest.mark.slow  # a second of CPU or more

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from dataclasses import astuple
 from pathlib import Path
 
-import h5py
 import pytest
 
 from contract.config.loading import load_config
@@ -95,24 +94,6 @@ def test_a_file_that_is_there_is_replaced_only_when_asked_and_a_source_never(
     (tmp_path / "sweep.csv").write_text("\n".join(text))
     line = refused(*call, tmp_path / "other.h5", *files)
     assert "sweep.csv: line 41, column 'Cl': '' is not a number" in line
-
-
-def test_everything_that_is_wrong_is_reported_at_once(run: Run, made: Path) -> None:
-    with h5py.File(made, "r+") as file:
-        del file["episodes/calm"].attrs["provenance"]
-        file["episodes/sweep/t"][...] = 2 * file["episodes/sweep/t"][...]
-        file["episodes/sweep/action"][7] = -0.4
-        file["episodes/held out"].attrs["role"] = "extended"
-    status, output, errors = run("check", made)
-    assert status == 1
-    for line in (
-        "episode calm: attribute 'provenance' is missing",
-        "episode sweep: t rises by 0.6, must rise by the control period of 0.3",
-        "episode sweep: action is -0.4 at step 7, beyond the limit of 0.2",
-        "dataset has no episode with role 'test'",
-    ):
-        assert line in output
-    assert "4 things to put right" in errors
 
 
 def test_settings_that_do_not_agree_are_wrong_where_they_are_given(run: Run, made: Path) -> None:

@@ -95,26 +95,3 @@ def test_a_recording_that_is_whole_says_so(
 def test_a_training_that_diverges_is_one_line(refused: Callable[..., str], tmp_path: Path) -> None:
     line = refused("train", tmp_path / "model", *SMALL, "--set", "train.learning_rate=1e12")
     assert line.startswith("error: joint fit: the loss is not finite after ")
-
-
-@pytest.mark.proofs  # the parts are tested in tests/train/fitting
-@pytest.mark.slow  # the real fit up to its first checkpoint, twice
-def test_a_training_stopped_after_a_checkpoint_keeps_it_and_goes_on(
-    cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    output, note = tmp_path / "model", unfinished.note
-
-    def stop_after_it(*arguments: Any) -> None:
-        note(*arguments)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(unfinished, "note", stop_after_it)
-    for _ in range(2):
-        before = unfinished.reached(unfinished.folder_of(output))
-        outcome = cli("train", output, *SMALL)
-        reached = unfinished.reached(unfinished.folder_of(output))
-        assert reached is not None and reached != before
-        assert (outcome.code, outcome.err) == (130, f"stopped; the same command goes on from {reached}\n")
-        assert "wrote" not in outcome.out
-        assert before is None or f"ends: {before}" in flat(outcome.out)
-        assert sorted(path.name for path in tmp_path.rglob("*")) == ["fit.pt", "model.checkpoints", "training.json"]

@@ -1,10 +1,6 @@
 """`stillwake vehicle`: what it refuses, what it says, and how it ends."""
 
 import json
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -69,44 +65,3 @@ def test_a_slower_vehicle_has_longer_periods_and_says_what_its_ecu_needs(cli) ->
     assert "vehicle at 6.25 m/s, control period 80 ms" in said
     assert f"warning: bundle {open_release(None, None).manifest.name} is for 2.5 m, 25 m/s" in said
     assert "bundle renew ... --set operating_point.speed=6.25" in said
-
-
-@pytest.mark.proofs  # two processes, as test_latency.py has them
-@pytest.mark.processes  # two of them, in real time
-def test_an_ecu_and_its_vehicle_on_one_bus(tmp_path: Path, short_release: Path) -> None:
-    """How far control gets in these seconds depends on what else the computer does; how both end does not."""
-    bus = ("--set", "bus.interface=udp_multicast", "--set", "bus.channel=239.74.163.201")
-    release = str(short_release)
-    ecu = _started("ecu", release, *bus)
-    vehicle = _started(
-        "vehicle", "--bundle", release, *bus, "--enable-after", "0.5", "--json", str(tmp_path / "v.json")
-    )
-    try:
-        # The ECU's first line is that it is there; the vehicle's third one is of its first period.
-        assert ecu.stderr is not None
-        assert vehicle.stdout is not None
-        first = ecu.stderr.readline()
-        told = [vehicle.stdout.readline() for _ in range(3)]
-        time.sleep(2.0)
-        vehicle.send_signal(signal.SIGTERM)
-        out, err = vehicle.communicate(timeout=60)
-        ecu.send_signal(signal.SIGTERM)
-        ecu.communicate(timeout=60)
-    finally:
-        for process in (ecu, vehicle):
-            process.kill()
-            process.wait()
-    assert "ecu: runs bundle" in first
-    assert told[2].startswith("real time: ")
-    assert (vehicle.returncode, err) == (0, "")
-    assert "stopped: the request for control is withdrawn" in out
-    figures = json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))["figures"]
-    assert 0 < figures["commands"] <= figures["periods"]
-    assert sum(figures["modes"].values()) == figures["commands"]
-    assert figures["age_p50_ms"] > 0.0
-
-
-def _started(*words: str) -> "subprocess.Popen[str]":
-    return subprocess.Popen(
-        [sys.executable, "-m", "stillwake", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )

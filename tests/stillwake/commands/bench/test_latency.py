@@ -1,13 +1,9 @@
 """`stillwake bench latency`: what it asks of its processes, its errors in one line, and a short run on a real bus."""
 
 import json
-import signal
-import subprocess
 import sys
-import time
 from pathlib import Path
 
-import psutil
 import pytest
 
 from contract.config.loading import load
@@ -72,21 +68,3 @@ def test_a_short_run_on_a_real_bus(cli, tmp_path, short_release):
     assert onnx["baseline"]["periods"] >= 100
     kept = {path.name for path in (tmp_path / "report").iterdir()}
     assert kept == {"report.md", "histogram.png", "onnx", "settings.toml"}
-
-
-@pytest.mark.processes
-@pytest.mark.proofs  # three more processes; test_serve.py has the same of two
-def test_sigterm_ends_all_of_it_and_leaves_nothing(tmp_path, short_release):
-    what = ("--bundle", str(short_release), "--periods", "5000")
-    command = [sys.executable, "-m", "stillwake", "bench", "latency", str(tmp_path / "report"), *what]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60.0
-    while len(children := psutil.Process(process.pid).children()) < 3 and time.monotonic() < deadline:
-        time.sleep(0.1)
-    assert len(children) >= 3
-    process.send_signal(signal.SIGTERM)
-    _, errors = process.communicate(timeout=60.0)
-    assert process.returncode == 143
-    assert errors.strip() == "stopped"
-    assert not [child for child in children if child.is_running() and child.status() != psutil.STATUS_ZOMBIE]
-    assert list(tmp_path.iterdir()) == []
