@@ -34,7 +34,6 @@ class ReceivePath:
     """One node for each backend; each call feeds one of them and follows what comes out to its end.
 
     Attributes:
-        fed: receptions that went in, apart from serial lines, whose number is a matter of their ends.
         authentic: frames of secured messages that came as far as their end-to-end check; the caller may clear it.
     """
 
@@ -45,7 +44,6 @@ class ReceivePath:
         self.driver = PythonCanBus(self._messages, linux_error_frames=True)
         self._messages_in = [(E2eReceiver(message.spec, _E2E), message.parse) for message in MESSAGES]
         self._verifiers = {message.spec: VerifierState() for message in MESSAGES if message.spec.is_secured}
-        self.fed = 0
         self.authentic: list[Frame] = []
         self._time = 0.0
 
@@ -59,8 +57,7 @@ class ReceivePath:
         for content in contents:
             self._time += 1.0
             self._datagrams.waiting.append((content, _SENDER, self._time))
-            self.fed += 1
-        return self._followed(self.udp)
+        return self._followed(self.udp, len(self._datagrams.waiting))
 
     def lines(self, content: bytes) -> list[Frame]:
         """Bytes of a serial line, whole lines or not."""
@@ -72,25 +69,31 @@ class ReceivePath:
 
     def messages(self, contents: Iterable[can.Message]) -> list[Frame]:
         """Messages as any driver of python-can's may give them."""
-        before = len(self._messages.waiting)
         self._messages.waiting.extend(contents)
-        self.fed += len(self._messages.waiting) - before
-        return self._followed(self.driver)
+        return self._followed(self.driver, len(self._messages.waiting))
 
     def totals(self) -> tuple[int, dict[Rejection, int]]:
         """Frames accepted by the three buses, and receptions refused by reason."""
         refused = {reason: sum(bus.rejected[reason] for bus in self.buses) for reason in Rejection}
         return sum(bus.accepted for bus in self.buses), refused
 
-    def _followed(self, bus: PythonCanBus) -> list[Frame]:
-        """All frames that came, after end-to-end check and parser; AssertionError where the books do not balance."""
+    def _followed(self, bus: PythonCanBus, fed: int | None = None) -> list[Frame]:
+        """All frames that came, after end-to-end check and parser; AssertionError where the books do not balance.
+
+        Args:
+            bus: that was fed.
+            fed: receptions that went in; None for serial lines, whose number is a matter of their ends.
+        """
         before, received = bus.accepted, -1
+        expected = None if fed is None else bus.received + fed
         frames: list[Frame] = []
         while bus.received != received:
             received = bus.received
             frames += bus.receive_all()
         if len(frames) != bus.accepted - before or bus.received != bus.accepted + sum(bus.rejected.values()):
             raise AssertionError(f"{bus.received} received: {bus.accepted} accepted, {bus.rejected} refused")
+        if expected not in (None, bus.received):
+            raise AssertionError(f"{bus.received} received, {expected} went in")
         for receiver, parse in self._messages_in:
             spec = receiver.spec
             accepted = receiver.tick(self._authenticated(frames, spec)).accepted
