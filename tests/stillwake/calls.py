@@ -1,14 +1,10 @@
-"""Calls of every verb with odd numbers, paths and words, made from the signatures of the commands."""
+"""Calls of every verb with odd numbers, paths and words, made from the parameters of the commands."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from types import UnionType
-from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin, get_type_hints
+from types import NoneType
+from typing import Any, Final, Literal, get_args, get_origin, get_type_hints
 
-import typer
 from hypothesis import strategies as st
-from typer.models import ArgumentInfo, OptionInfo
 
 from contract.config.listing import sections
 from contract.config.tree import Config
@@ -49,87 +45,33 @@ USUAL: Final = {
 """What a call needs to get past the first check, by verb and parameter."""
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """One argument or option: its name, its option on the command line ("" for an argument), and its plain type."""
-
-    name: str
-    option: str
-    kind: Any
-    is_required: bool
-
-
-@dataclass(frozen=True)
-class Verb:
-    """A command by the words that call it."""
-
-    words: tuple[str, ...]
-    parameters: tuple[Parameter, ...]
-
-    def __str__(self) -> str:
-        return " ".join(self.words)
-
-
-def verbs_of(app: typer.Typer, above: tuple[str, ...] = ()) -> Iterator[Verb]:
-    """Every command of an app and of the groups in it."""
-    for command in app.registered_commands:
-        assert command.callback is not None
-        yield Verb((*above, command.name or command.callback.__name__), tuple(_parameters(command.callback)))
-    for group in app.registered_groups:
-        assert group.typer_instance is not None
-        assert isinstance(group.name, str)
-        yield from verbs_of(group.typer_instance, (*above, group.name))
-
-
 @st.composite
-def calls(draw: st.DrawFn, verb: Verb) -> list[str]:
-    """The words behind `stillwake`: usual ones, but for one to three that are odd."""
-    odd = draw(st.sets(st.sampled_from([one.name for one in verb.parameters]), min_size=1, max_size=3))
-    arguments: list[str] = []
-    options: list[str] = []
-    for one in verb.parameters:
-        if one.name not in odd and not one.is_required:
+def calls(draw: st.DrawFn, verb: str, command: Any) -> list[str]:
+    """The words behind `stillwake` for one of `docs.command_line.commands()`: usual ones, but for one to three."""
+    kinds, arguments, options = get_type_hints(command.callback), list[str](), list[str]()
+    odd = draw(st.sets(st.sampled_from([one.name for one in command.params]), min_size=1, max_size=3))
+    for one in command.params:
+        if one.name not in odd and not one.required:
             continue
-        if one.kind is bool:
-            options.append(one.option)
+        if kinds[one.name] is bool:
+            options.append(one.opts[0])
             continue
-        value = draw(_odd(one)) if one.name in odd else USUAL.get((verb.words[0], one.name), "out")
+        usual = USUAL.get((verb.split()[0], one.name), "out")
+        value = draw(_odd(one.name, kinds[one.name])) if one.name in odd else usual
         # Behind `=`, so that a leading dash is a value; "--" does it for arguments.
-        (options if one.option else arguments).append(f"{one.option}={value}" if one.option else value)
-    return [*verb.words, *options, *(["--", *arguments] if arguments else [])]
+        is_option = one.param_type_name == "option"
+        (options if is_option else arguments).append(f"{one.opts[0]}={value}" if is_option else value)
+    return [*verb.split(), *options, *(["--", *arguments] if arguments else [])]
 
 
-def _odd(one: Parameter) -> st.SearchStrategy[str]:
-    if one.name == "overrides":
+def _odd(name: str, kind: Any) -> st.SearchStrategy[str]:
+    if name == "overrides":
         names = st.sampled_from([setting.name for setting in SETTINGS])
         values = st.sampled_from([*NUMBERS, *WORDS])
         return st.builds(lambda name, value: f"{name}={value}", names, values) | st.sampled_from(WORDS)
-    if one.kind is Path:
-        return st.sampled_from(PATHS)
-    if one.kind in (int, float):
-        return st.sampled_from(NUMBERS)
-    if get_origin(one.kind) is Literal:
-        return st.sampled_from([*get_args(one.kind), *WORDS])
-    return st.sampled_from([*WORDS, *PATHS])
-
-
-def _parameters(command: Callable[..., Any]) -> Iterator[Parameter]:
-    defaults = command.__kwdefaults__ or {}
-    code, given = command.__code__, command.__defaults__ or ()
-    with_default = {*code.co_varnames[code.co_argcount - len(given) : code.co_argcount], *defaults}
-    for name, hint in get_type_hints(command, include_extras=True).items():
-        if name == "return":
-            continue
-        plain, info = _plain(hint)
-        decls = [decl for decl in (info.param_decls or ()) if decl.startswith("--")]
-        option = "" if isinstance(info, ArgumentInfo) else (decls[0] if decls else f"--{name.replace('_', '-')}")
-        yield Parameter(name, option, plain, name not in with_default)
-
-
-def _plain(hint: Any) -> tuple[Any, ArgumentInfo | OptionInfo]:
-    assert get_origin(hint) is Annotated, hint
-    kind, *metadata = get_args(hint)
-    (info,) = (item for item in metadata if isinstance(item, ArgumentInfo | OptionInfo))
-    if get_origin(kind) in (Union, UnionType):
-        (kind,) = (part for part in get_args(kind) if part is not type(None))
-    return (get_args(kind)[0] if get_origin(kind) is list else kind), info
+    if get_origin(kind) is Literal:
+        return st.sampled_from([*get_args(kind), *WORDS])
+    # Of a list and of what may be left out, the inner kind.
+    kind = next((inner for inner in get_args(kind) if inner is not NoneType), kind)
+    values_of: dict[Any, tuple[str, ...]] = {Path: PATHS, int: NUMBERS, float: NUMBERS}
+    return st.sampled_from(values_of.get(kind, (*WORDS, *PATHS)))

@@ -23,10 +23,10 @@ import stillwake.__main__
 from contract.errors import StillwakeError
 from contract.recording import dataset
 from contract.release import signing
+from docs import command_line
 from tests.conftest import kept_command
-from tests.stillwake.calls import Verb, calls, verbs_of
+from tests.stillwake.calls import calls
 
-VERBS = list(verbs_of(stillwake.__main__.app))
 ASKED = os.environ.get("STILLWAKE_CALLS")
 EXAMPLES, DERANDOMIZE = (3, True) if ASKED is None else (int(ASKED), False)
 """Calls of each verb. They are the same in every test run; STILLWAKE_CALLS=500 looks at as many others."""
@@ -142,11 +142,6 @@ def call(words: list[str]) -> tuple[int, str, str]:
 @pytest.mark.proofs  # long; refusals by name stay
 @pytest.mark.slow  # some calls of every verb
 def test_any_call_ends_well(random_release, no_work) -> None:
-    for verb in VERBS:
-        _check_any_call(verb, random_release, no_work)
-
-
-def _check_any_call(verb: Verb, release: Path, no_work: Callable[[], None]) -> None:
     @settings(
         max_examples=EXAMPLES,
         deadline=None,
@@ -154,12 +149,12 @@ def _check_any_call(verb: Verb, release: Path, no_work: Callable[[], None]) -> N
         derandomize=DERANDOMIZE,
         suppress_health_check=list(HealthCheck),
     )
-    @given(st.data())
-    def check(data: st.DataObject) -> None:
-        words = data.draw(calls(verb), label="stillwake")
+    @given(data=st.data())
+    def check(verb: str, command: Any, data: st.DataObject) -> None:
+        words = data.draw(calls(verb, command), label="stillwake")
         with tempfile.TemporaryDirectory() as name, chdir(name):
             folder = Path(name).resolve()
-            prepare(folder, release)
+            prepare(folder, random_release)
             before = listing(folder)
             no_work()
             status, out, err = call(words)
@@ -172,4 +167,5 @@ def _check_any_call(verb: Verb, release: Path, no_work: Callable[[], None]) -> N
         if status != 0:
             assert after == before, (words, set(after) ^ set(before))
 
-    check()
+    for verb, command in command_line.commands().items():
+        check(verb, command)
