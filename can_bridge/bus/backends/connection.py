@@ -2,7 +2,6 @@
 
 import struct
 from contextlib import suppress
-from types import TracebackType
 from typing import Final, Self
 
 import can
@@ -37,9 +36,7 @@ class Connection:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _received(self, timeout_s: float) -> can.Message | Rejection | None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from threading import Event, Thread
-from types import TracebackType
 from typing import Final, Self
 
 from can_bridge.bus.backends.python_can import PythonCanBus
@@ -37,9 +36,7 @@ class ReceiveThread:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stop.set()
         self._thread.join()
 

@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from threading import Event, Lock, Thread
-from types import TracebackType
 from typing import Final, Self
 
 from can_bridge.bus.backends.python_can import PythonCanBus
@@ -78,9 +77,7 @@ class Connection:
         self._connect(self._open())
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._closing.set()
         if self._opener is not None:
             self._opener.join()

@@ -6,7 +6,6 @@ frame comes. A reset boots here too; the control goes on with what was booted fr
 
 from collections.abc import Callable, Sequence
 from threading import Event, Thread
-from types import TracebackType
 from typing import Final, Self
 
 from can_bridge.wire.frame import Frame
@@ -54,9 +53,7 @@ class DiagnosisThread:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stop.set()
         self._wakes.set()
         self._thread.join()

@@ -78,7 +78,7 @@ class TestOnACheapPlant:
             # Stored in 16 bits.
             assert episode.series["Cd"] == pytest.approx(expected, abs=2**-15)
             assert episode.initial_action == 0.0
-            assert episode.provenance["amplitude"] == plan.amplitude
+            assert episode.provenance["amplitude"] == plan.level
             assert episode.provenance["start"] == "steady.npz"
 
     def test_rounds_of_both_kinds_count_on_in_one_file(self, tmp_path, start):
