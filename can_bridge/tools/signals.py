@@ -126,9 +126,7 @@ def _of_classic_pressure(value: Pressure) -> tuple[Signal, ...]:
         Signal(name="EnableRequest", value=int(value.enable_request)),
         Signal(name="Age", value=STALE_MS if value.age_ns == STALE_NS else value.age_ns / 1e6, unit="ms"),
         *(
-            Signal(
-                name=f"Pressure{i}", value=pressure if valid else INVALID, unit="Pa", text="" if valid else "INVALID"
-            )
+            _or_word(f"Pressure{i}", pressure if valid else None, "Pa", INVALID, "INVALID")
             for i, (pressure, valid) in enumerate(zip(value.pressure_pa, value.valid, strict=True))
         ),
     )
@@ -137,20 +135,17 @@ def _of_classic_pressure(value: Pressure) -> tuple[Signal, ...]:
 def _of_speed(value: VehicleSpeed) -> tuple[Signal, ...]:
     speed, age_ns, density = value
     return (
-        Signal(
-            name="AirDensity",
-            value=DENSITY_UNKNOWN if density is None else density,
-            unit="kg/m3",
-            text="NOT_KNOWN" if density is None else "",
-        ),
-        Signal(
-            name="Speed",
-            value=NO_SPEED if speed is None else speed,
-            unit="m/s",
-            text="NOT_AVAILABLE" if speed is None else "",
-        ),
+        _or_word("AirDensity", density, "kg/m3", DENSITY_UNKNOWN, "NOT_KNOWN"),
+        _or_word("Speed", speed, "m/s", NO_SPEED, "NOT_AVAILABLE"),
         Signal(name="Age", value=age_ns / 1e6, unit="ms"),
     )
+
+
+def _or_word(name: str, value: float | None, unit: str, without: float, word: str) -> Signal:
+    """A value that may be missing: then the wire has another number for it, with a name in the table."""
+    if value is None:
+        return Signal(name=name, value=without, unit=unit, text=word)
+    return Signal(name=name, value=value, unit=unit)
 
 
 def _of_command(value: JetCommand) -> tuple[Signal, ...]:

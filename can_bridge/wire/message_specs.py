@@ -4,10 +4,10 @@ These restate `contract/stillwake.dbc`, which defines them: the runtime has no D
 every number here with the file.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
-from can_bridge.wire.frame import Frame
+from can_bridge.wire.frame import FD_LENGTHS, Frame
 
 FRESHNESS_LENGTH: Final = 8
 MAC_LENGTH: Final = 8
@@ -38,86 +38,45 @@ class MessageSpec:
         return frame.frame_id == self.frame_id and not frame.is_extended
 
 
-PRESSURE: Final = MessageSpec(
-    name="Pressure", frame_id=0x120, length=16, protected=16, data_id=0x5701, profile=5, is_fd=True
-)
-VEHICLE_SPEED: Final = MessageSpec(
-    name="VehicleSpeed", frame_id=0x128, length=8, protected=8, data_id=0x5707, profile=5, is_fd=True
-)
-JET_COMMAND: Final = MessageSpec(
-    name="JetCommand", frame_id=0x130, length=8, protected=8, data_id=0x5702, profile=5, is_fd=True
-)
-ECU_STATUS: Final = MessageSpec(
-    name="EcuStatus", frame_id=0x140, length=24, protected=24, data_id=0x5703, profile=5, is_fd=True
-)
+def _fd(name: str, frame_id: int, length: int, data_id: int) -> MessageSpec:
+    return MessageSpec(
+        name=name, frame_id=frame_id, length=length, protected=length, data_id=data_id, profile=5, is_fd=True
+    )
 
-PRESSURE_CLASSIC: Final = MessageSpec(
-    name="PressureClassic", frame_id=0x121, length=8, protected=8, data_id=0x71, profile=2, is_fd=False
-)
-VEHICLE_SPEED_CLASSIC: Final = MessageSpec(
-    name="VehicleSpeedClassic", frame_id=0x129, length=8, protected=8, data_id=0x74, profile=2, is_fd=False
-)
-JET_COMMAND_CLASSIC: Final = MessageSpec(
-    name="JetCommandClassic", frame_id=0x131, length=8, protected=8, data_id=0x72, profile=2, is_fd=False
-)
-ECU_STATUS_CLASSIC: Final = MessageSpec(
-    name="EcuStatusClassic", frame_id=0x141, length=8, protected=8, data_id=0x73, profile=2, is_fd=False
-)
 
-PRESSURE_SECURED: Final = MessageSpec(
-    name="PressureSecured",
-    frame_id=0x122,
-    length=32,
-    protected=16,
-    data_id=0x5704,
-    profile=5,
-    is_fd=True,
-    is_secured=True,
-)
-VEHICLE_SPEED_SECURED: Final = MessageSpec(
-    name="VehicleSpeedSecured",
-    frame_id=0x12A,
-    length=24,
-    protected=8,
-    data_id=0x5708,
-    profile=5,
-    is_fd=True,
-    is_secured=True,
-)
-JET_COMMAND_SECURED: Final = MessageSpec(
-    name="JetCommandSecured",
-    frame_id=0x132,
-    length=24,
-    protected=8,
-    data_id=0x5705,
-    profile=5,
-    is_fd=True,
-    is_secured=True,
-)
-ECU_STATUS_SECURED: Final = MessageSpec(
-    name="EcuStatusSecured",
-    frame_id=0x142,
-    length=48,
-    protected=24,
-    data_id=0x5706,
-    profile=5,
-    is_fd=True,
-    is_secured=True,
-)
+def _classic(plain: MessageSpec, data_id: int) -> MessageSpec:
+    """The message of the same name on classic CAN, one identifier further on."""
+    name, frame_id = f"{plain.name}Classic", plain.frame_id + 1
+    return MessageSpec(name=name, frame_id=frame_id, length=8, protected=8, data_id=data_id, profile=2, is_fd=False)
+
+
+def _secured(plain: MessageSpec, data_id: int) -> MessageSpec:
+    """The same message in the shortest frame that also holds freshness and MAC, two identifiers further on."""
+    name, frame_id = f"{plain.name}Secured", plain.frame_id + 2
+    length = min(one for one in FD_LENGTHS if one >= plain.protected + FRESHNESS_LENGTH + MAC_LENGTH)
+    return replace(plain, name=name, frame_id=frame_id, length=length, data_id=data_id, is_secured=True)
+
+
+PRESSURE: Final = _fd("Pressure", 0x120, length=16, data_id=0x5701)
+VEHICLE_SPEED: Final = _fd("VehicleSpeed", 0x128, length=8, data_id=0x5707)
+JET_COMMAND: Final = _fd("JetCommand", 0x130, length=8, data_id=0x5702)
+ECU_STATUS: Final = _fd("EcuStatus", 0x140, length=24, data_id=0x5703)
+
+PRESSURE_CLASSIC: Final = _classic(PRESSURE, data_id=0x71)
+VEHICLE_SPEED_CLASSIC: Final = _classic(VEHICLE_SPEED, data_id=0x74)
+JET_COMMAND_CLASSIC: Final = _classic(JET_COMMAND, data_id=0x72)
+ECU_STATUS_CLASSIC: Final = _classic(ECU_STATUS, data_id=0x73)
+
+PRESSURE_SECURED: Final = _secured(PRESSURE, data_id=0x5704)
+VEHICLE_SPEED_SECURED: Final = _secured(VEHICLE_SPEED, data_id=0x5708)
+JET_COMMAND_SECURED: Final = _secured(JET_COMMAND, data_id=0x5705)
+ECU_STATUS_SECURED: Final = _secured(ECU_STATUS, data_id=0x5706)
 
 SPECS: Final = (
-    PRESSURE,
-    PRESSURE_CLASSIC,
-    PRESSURE_SECURED,
-    VEHICLE_SPEED,
-    VEHICLE_SPEED_CLASSIC,
-    VEHICLE_SPEED_SECURED,
-    JET_COMMAND,
-    JET_COMMAND_CLASSIC,
-    JET_COMMAND_SECURED,
-    ECU_STATUS,
-    ECU_STATUS_CLASSIC,
-    ECU_STATUS_SECURED,
+    *(PRESSURE, PRESSURE_CLASSIC, PRESSURE_SECURED),
+    *(VEHICLE_SPEED, VEHICLE_SPEED_CLASSIC, VEHICLE_SPEED_SECURED),
+    *(JET_COMMAND, JET_COMMAND_CLASSIC, JET_COMMAND_SECURED),
+    *(ECU_STATUS, ECU_STATUS_CLASSIC, ECU_STATUS_SECURED),
 )
 
 FLOW_RESOLUTION_M2_PER_S: Final = 0.0002

@@ -84,22 +84,6 @@ class Row:
         return self._spread("abs_Cl")
 
     @property
-    def mean_Cl(self) -> Spread:
-        return self._spread("mean_Cl")
-
-    @property
-    def Cd(self) -> Spread:
-        return self._spread("Cd")
-
-    @property
-    def rms_action(self) -> Spread:
-        return self._spread("rms_action")
-
-    @property
-    def free_Cd(self) -> Spread:
-        return _spread([phase.free for phase in self.phases], "Cd")
-
-    @property
     def free_abs_Cl(self) -> Spread:
         return _spread([phase.free for phase in self.phases], "abs_Cl")
 
@@ -143,10 +127,10 @@ class Row:
         spreads = {
             "reduction_percent": self.reduction,
             "abs_Cl": self.abs_Cl,
-            "mean_Cl": self.mean_Cl,
-            "Cd": self.Cd,
-            "rms_action": self.rms_action,
-            "Cd_uncontrolled": self.free_Cd,
+            "mean_Cl": self._spread("mean_Cl"),
+            "Cd": self._spread("Cd"),
+            "rms_action": self._spread("rms_action"),
+            "Cd_uncontrolled": _spread([phase.free for phase in self.phases], "Cd"),
             "abs_Cl_uncontrolled": self.free_abs_Cl,
         }
         return {
