@@ -17,6 +17,9 @@ typedef struct {
     uint8_t keys[2u * SW_MOST_KEYS][32]; /* those that may sign, then those that are revoked */
 } sw_key_list;
 
+/* Whether a key is of small order: anyone can sign anything for it. */
+int sw_key_is_weak(const uint8_t key[32]);
+
 /* Whether a signature of these bytes is this key's; never by a key of small order. */
 int sw_signature_is_good(const uint8_t signature[64], const uint8_t key[32], const uint8_t *data, uint32_t length);
 

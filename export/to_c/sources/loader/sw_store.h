@@ -7,7 +7,7 @@
  *
  * A loss of power may end any call: what it had kept until then is a state from which the next boot finds a valid image,
  * if there was one. Freestanding, no allocation, no static state. Long work is done in pieces: where a call answers
- * SW_STORE_MORE, call sw_store_go_on until it answers otherwise; any other call throws that work away first.
+ * SW_STORE_MORE, call sw_store_go_on until it answers otherwise; the calls above, boot and drop throw that work away first.
  */
 #ifndef SW_STORE_H
 #define SW_STORE_H
@@ -86,14 +86,13 @@ typedef struct {
     uint8_t reason;      /* sw_boot_reason of the last boot */
     uint8_t verdicts[2]; /* sw_verdict of the last boot; SW_VERDICT_NONE: it did not look at this slot */
     uint8_t running;     /* the slot that was booted, as long as the image is still in it; or SW_NO_SLOT */
-    uint8_t booted;      /* the slot that was booted; or SW_NO_SLOT */
     uint8_t announced;   /* the slot of the transfer under way; or SW_NO_SLOT */
     uint8_t verdict;     /* result of `finish` and `revert` */
     uint32_t wanted;     /* result of `announce`: the offset from which bytes are wanted */
     /* Work in pieces. */
     uint8_t work, slot;  /* sw_work, and the slot that it is about */
     uint32_t at, until;  /* sectors to erase, or bytes to read */
-    sw_slot_state next;  /* of the slot, once the work is done */
+    sw_slot_state next;  /* of the slot, once it is erased */
     sw_sha256 whole, payload;
     uint8_t header[SW_HEADER_BYTES];
 } sw_store;

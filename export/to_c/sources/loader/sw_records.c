@@ -1,0 +1,267 @@
+#include "sw_records.h"
+
+#include "sw_bytes.h"
+
+#define WORD SW_FLASH_WORD
+#define WORDS (SW_FLASH_SECTOR / WORD)
+#define TRIES 3u /* places in which a record is tried */
+
+/* First byte of a word: what it is. A blank word has 0xFF. */
+#define IS_SECTOR 0xc3u
+#define IS_FIRST 0xa5u
+#define IS_FURTHER 0x5au
+
+/* The first word of a record: what it is, kind, length (2), CRC-32 of kind, length and data (4), data. */
+#define KIND 1u
+#define LENGTH 2u
+#define CRC 4u
+#define DATA 8u
+#define IN_FIRST (WORD - DATA)
+#define IN_FURTHER (WORD - 1u)
+/* The first word of a sector: what it is, magic (3), sequence (4), CRC-32 of these (4). */
+#define SEQUENCE 4u
+#define SECTOR_CRC 8u
+
+static const uint8_t sector_magic[SEQUENCE] = {IS_SECTOR, 'S', 'W', '1'};
+
+uint32_t sw_crc32(uint32_t before, const uint8_t *data, uint32_t length)
+{
+    static const uint32_t table[16] = {
+        0x00000000u, 0x1db71064u, 0x3b6e20c8u, 0x26d930acu, 0x76dc4190u, 0x6b6b51f4u, 0x4db26158u, 0x5005713cu,
+        0xedb88320u, 0xf00f9344u, 0xd6d6a3e8u, 0xcb61b38cu, 0x9b64c2b0u, 0x86d3d2d4u, 0xa00ae278u, 0xbdbdf21cu,
+    };
+    uint32_t crc = ~before;
+    for (uint32_t i = 0; i < length; i++) {
+        crc ^= data[i];
+        crc = (crc >> 4) ^ table[crc & 15u];
+        crc = (crc >> 4) ^ table[crc & 15u];
+    }
+    return ~crc;
+}
+
+static uint32_t address_of(uint32_t sector, uint32_t word) { return sector * SW_FLASH_SECTOR + word * WORD; }
+
+static int read_word(const sw_records *records, uint32_t sector, uint32_t word, uint8_t data[WORD])
+{
+    return records->flash->read(records->flash->context, address_of(sector, word), data, WORD);
+}
+
+/* A word that reads back as it was written; 1: it does not. */
+static int write_word(const sw_records *records, uint32_t sector, uint32_t word, const uint8_t data[WORD])
+{
+    uint8_t found[WORD];
+    if (records->flash->program(records->flash->context, address_of(sector, word), data) != 0) return 1;
+    return read_word(records, sector, word, found) != 0 || !sw_bytes_equal(found, data, WORD);
+}
+
+static int is_blank(const uint8_t data[WORD])
+{
+    uint32_t all = 0xffu;
+    for (uint32_t i = 0; i < WORD; i++) all &= data[i];
+    return all == 0xffu;
+}
+
+static uint32_t words_of(uint32_t length)
+{
+    return length <= IN_FIRST ? 1u : 1u + (length - IN_FIRST + IN_FURTHER - 1u) / IN_FURTHER;
+}
+
+static uint32_t crc_begun(sw_record_kind kind, uint32_t length)
+{
+    const uint8_t head[3] = {(uint8_t)kind, (uint8_t)(length >> 8), (uint8_t)length};
+    return sw_crc32(0, head, 3);
+}
+
+/* Where the data of the record's word with this number begins, and how many bytes it can have. */
+static uint32_t offset_of(uint32_t number) { return number == 0u ? 0u : IN_FIRST + (number - 1u) * IN_FURTHER; }
+static uint32_t begin_in(uint32_t number) { return number == 0u ? DATA : 1u; }
+
+static uint32_t lesser(uint32_t one, uint32_t other) { return one < other ? one : other; }
+
+/* Whether a record stands at a word, whole. */
+static int is_record(const sw_records *records, uint32_t word, const uint8_t first[WORD])
+{
+    const uint32_t kind = first[KIND];
+    const uint32_t length = ((uint32_t)first[LENGTH] << 8) | first[LENGTH + 1u];
+    const uint32_t count = words_of(length);
+    if (first[0] != IS_FIRST || kind == 0u || kind > SW_RECORD_KINDS || length > SW_MAX_RECORD) return 0;
+    if (count > WORDS - word) return 0;
+    uint32_t crc = sw_crc32(crc_begun((sw_record_kind)kind, length), &first[DATA], lesser(length, IN_FIRST));
+    for (uint32_t i = 1; i < count; i++) {
+        uint8_t data[WORD];
+        if (read_word(records, records->sector, word + i, data) != 0 || data[0] != IS_FURTHER) return 0;
+        crc = sw_crc32(crc, &data[1], lesser(length - offset_of(i), IN_FURTHER));
+    }
+    return crc == sw_big_u32(&first[CRC]);
+}
+
+/* Whether a sector is valid, and its sequence. */
+static int is_valid(const sw_records *records, uint32_t sector, uint32_t *sequence)
+{
+    uint8_t data[WORD];
+    if (read_word(records, sector, 0, data) != 0 || !sw_bytes_equal(data, sector_magic, SEQUENCE)) return 0;
+    *sequence = sw_big_u32(&data[SEQUENCE]);
+    return sw_crc32(0, data, SECTOR_CRC) == sw_big_u32(&data[SECTOR_CRC]);
+}
+
+static void scan(sw_records *records)
+{
+    uint32_t word = 1;
+    while (word < WORDS) {
+        uint8_t data[WORD];
+        const int is_readable = read_word(records, records->sector, word, data) == 0;
+        uint32_t count = 1;
+        if (is_readable && is_record(records, word, data)) {
+            const uint32_t place = (uint32_t)data[KIND] - 1u;
+            records->words[place] = word;
+            records->lengths[place] = ((uint32_t)data[LENGTH] << 8) | data[LENGTH + 1u];
+            count = words_of(records->lengths[place]);
+        }
+        word += count;
+        if (!is_readable || !is_blank(data)) records->end = word;
+    }
+}
+
+void sw_records_open(sw_records *records, const sw_flash *flash)
+{
+    records->flash = flash;
+    records->sector = SW_RECORD_SECTORS;
+    records->sequence = 0;
+    records->end = 1;
+    for (uint32_t i = 0; i < SW_RECORD_KINDS; i++) {
+        records->words[i] = 0;
+        records->lengths[i] = 0;
+    }
+    for (uint32_t sector = 0; sector < SW_RECORD_SECTORS; sector++) {
+        uint32_t sequence = 0;
+        if (is_valid(records, sector, &sequence)
+            && (records->sector == SW_RECORD_SECTORS || sequence > records->sequence)) {
+            records->sector = sector;
+            records->sequence = sequence;
+        }
+    }
+    if (records->sector < SW_RECORD_SECTORS) scan(records);
+}
+
+/* A blank sector, erased if need be. */
+static int blanked(const sw_records *records, uint32_t sector)
+{
+    uint8_t data[WORD];
+    uint32_t word = 0;
+    while (word < WORDS && read_word(records, sector, word, data) == 0 && is_blank(data)) word++;
+    return word < WORDS && records->flash->erase(records->flash->context, sector) != 0;
+}
+
+void sw_records_tidy(sw_records *records)
+{
+    if (records->sector < SW_RECORD_SECTORS) (void)blanked(records, 1u - records->sector);
+}
+
+uint32_t sw_records_length(const sw_records *records, sw_record_kind kind)
+{
+    return records->lengths[(uint32_t)kind - 1u];
+}
+
+int sw_records_read(const sw_records *records, sw_record_kind kind, uint32_t offset, uint8_t *data, uint32_t length)
+{
+    const uint32_t word = records->words[(uint32_t)kind - 1u];
+    const uint32_t end = offset + length;
+    if (word == 0u || offset > SW_MAX_RECORD || length > SW_MAX_RECORD || end > sw_records_length(records, kind)) return 1;
+    for (uint32_t i = 0; offset_of(i) < end; i++) {
+        uint8_t found[WORD];
+        const uint32_t last = lesser(offset_of(i + 1u), end);
+        if (last <= offset) continue;
+        if (read_word(records, records->sector, word + i, found) != 0) return 1;
+        for (uint32_t at = offset_of(i) > offset ? offset_of(i) : offset; at < last; at++) {
+            data[at - offset] = found[begin_in(i) + at - offset_of(i)];
+        }
+    }
+    return 0;
+}
+
+static int write_record(const sw_records *records, uint32_t sector, uint32_t word, sw_record_kind kind,
+                        const uint8_t *data, uint32_t length)
+{
+    const uint32_t crc = sw_crc32(crc_begun(kind, length), data, length);
+    for (uint32_t i = 0; i < words_of(length); i++) {
+        const uint32_t begin = offset_of(i);
+        uint8_t found[WORD];
+        sw_bytes_fill(found, 0, WORD);
+        found[0] = i == 0u ? IS_FIRST : IS_FURTHER;
+        if (i == 0u) {
+            found[KIND] = (uint8_t)kind;
+            found[LENGTH] = (uint8_t)(length >> 8);
+            found[LENGTH + 1u] = (uint8_t)length;
+            sw_put_big_u32(&found[CRC], crc);
+        }
+        sw_bytes_copy(&found[begin_in(i)], &data[begin], lesser(length - begin, WORD - begin_in(i)));
+        if (write_word(records, sector, word + i, found) != 0) return 1;
+    }
+    return 0;
+}
+
+/* Words as they stand to another sector; 1: one cannot be read there; 2: one cannot be written here. */
+static int copied(const sw_records *records, uint32_t from, uint32_t sector, uint32_t to, uint32_t count)
+{
+    for (uint32_t i = 0; i < count; i++) {
+        uint8_t data[WORD];
+        if (read_word(records, records->sector, from + i, data) != 0) return 1;
+        if (write_word(records, sector, to + i, data) != 0) return 2;
+    }
+    return 0;
+}
+
+/* The newest records, with this one in place of an older, into the other sector, which is valid from its last word on. */
+static int moved(sw_records *records, sw_record_kind kind, const uint8_t *data, uint32_t length)
+{
+    sw_records next = *records;
+    uint8_t head[WORD];
+    next.sector = records->sector == 0u ? 1u : 0u;
+    next.sequence = records->sequence + 1u;
+    next.end = 1;
+    if (blanked(records, next.sector) != 0) return 1;
+    for (uint32_t i = 0; i < SW_RECORD_KINDS; i++) {
+        const uint32_t count = words_of(records->lengths[i]);
+        next.words[i] = 0;
+        if (records->words[i] == 0u || i + 1u == (uint32_t)kind) continue;
+        const int failed = copied(records, records->words[i], next.sector, next.end, count);
+        if (failed == 2) return 1;
+        if (failed == 0) {
+            next.words[i] = next.end;
+        } else {
+            next.lengths[i] = 0; /* it cannot be read any more: the others need not be lost with it */
+        }
+        next.end += count;
+    }
+    if (write_record(records, next.sector, next.end, kind, data, length) != 0) return 1;
+    next.words[(uint32_t)kind - 1u] = next.end;
+    next.lengths[(uint32_t)kind - 1u] = length;
+    next.end += words_of(length);
+    sw_bytes_fill(head, 0, WORD);
+    sw_bytes_copy(head, sector_magic, SEQUENCE);
+    sw_put_big_u32(&head[SEQUENCE], next.sequence);
+    sw_put_big_u32(&head[SECTOR_CRC], sw_crc32(0, head, SECTOR_CRC));
+    if (write_word(records, next.sector, 0, head) != 0) return 1;
+    *records = next;
+    return 0;
+}
+
+int sw_records_keep(sw_records *records, sw_record_kind kind, const uint8_t *data, uint32_t length)
+{
+    const uint32_t count = words_of(length);
+    if (length > SW_MAX_RECORD) return 1;
+    for (uint32_t i = 0; i < TRIES; i++) {
+        if (records->sector == SW_RECORD_SECTORS || count > WORDS - records->end) {
+            if (moved(records, kind, data, length) == 0) return 0;
+        } else {
+            const uint32_t word = records->end;
+            records->end += count; /* what failed there stays */
+            if (write_record(records, records->sector, word, kind, data, length) == 0) {
+                records->words[(uint32_t)kind - 1u] = word;
+                records->lengths[(uint32_t)kind - 1u] = length;
+                return 0;
+            }
+        }
+    }
+    return 1;
+}

@@ -1,0 +1,91 @@
+#include "sw_release.h"
+
+#include "sw_bytes.h"
+
+#define MAGIC 8u
+#define LENGTH 8u
+#define HEADER_LENGTH 12u
+#define PAYLOAD 16u
+#define LAYOUT 48u
+#define DBC 80u
+#define DIGEST 112u
+#define SECURITY_VERSION 144u
+#define PERIOD 148u
+#define POINT 156u
+#define VEHICLE_END 192u
+#define HARDWARE 192u
+#define NAME 256u
+#define RESERVED 320u
+#define SIGNER 416u
+#define SIGNATURE 448u
+#define SHA256 32u
+
+static int all_zero(const uint8_t *data, uint32_t length)
+{
+    uint32_t found = 0;
+    for (uint32_t i = 0; i < length; i++) found |= data[i];
+    return found == 0u;
+}
+
+/* Bytes of a name of printable ASCII, padded with zeros; 0: it is none. */
+static uint32_t name_length(const uint8_t *field)
+{
+    uint32_t length = 0;
+    while (length < SW_NAME_BYTES && field[length] != 0u) {
+        if (field[length] < 0x20u || field[length] > 0x7eu) return 0;
+        length++;
+    }
+    return all_zero(&field[length], SW_NAME_BYTES - length) ? length : 0u;
+}
+
+static sw_verdict signer_verdict(const uint8_t *header, const sw_key_list *keys)
+{
+    if (all_zero(&header[SIGNER], SW_HEADER_BYTES - SIGNER)) return SW_VERDICT_UNSIGNED;
+    if (!sw_signature_is_good(&header[SIGNATURE], &header[SIGNER], header, SIGNATURE)) return SW_VERDICT_BAD_SIGNATURE;
+    if (sw_key_is_allowed(keys, &header[SIGNER])) return SW_VERDICT_GOOD;
+    return sw_key_is_revoked(keys, &header[SIGNER]) ? SW_VERDICT_REVOKED_KEY : SW_VERDICT_UNKNOWN_KEY;
+}
+
+static int content_is_in_order(const uint8_t *header, const uint8_t *payload_sha256)
+{
+    return sw_bytes_equal(&header[PAYLOAD], payload_sha256, SHA256) && all_zero(&header[RESERVED], SIGNER - RESERVED)
+           && (header[HARDWARE] == 0u ? all_zero(&header[HARDWARE], SW_NAME_BYTES)
+                                      : name_length(&header[HARDWARE]) > 0u)
+           && name_length(&header[NAME]) > 0u;
+}
+
+static sw_verdict fit_verdict(const uint8_t *header, const sw_rules *rules, uint32_t least_security_version)
+{
+    if (!sw_bytes_equal(&header[DBC], rules->dbc, SHA256)) return SW_VERDICT_WRONG_DBC;
+    if (!sw_bytes_equal(&header[LAYOUT], rules->layout, SHA256)) return SW_VERDICT_WRONG_BUILD;
+    if (header[HARDWARE] != 0u && !sw_bytes_equal(&header[HARDWARE], rules->hardware, SW_NAME_BYTES)) {
+        return SW_VERDICT_WRONG_HARDWARE;
+    }
+    if (!sw_bytes_equal(&header[PERIOD], rules->vehicle, POINT - PERIOD)) return SW_VERDICT_WRONG_PERIOD;
+    if (!sw_bytes_equal(&header[POINT], &rules->vehicle[POINT - PERIOD], VEHICLE_END - POINT)) {
+        return SW_VERDICT_WRONG_VEHICLE;
+    }
+    return sw_little_u32(&header[SECURITY_VERSION]) < least_security_version ? SW_VERDICT_TOO_OLD : SW_VERDICT_GOOD;
+}
+
+sw_verdict sw_release_judge(const uint8_t header[SW_HEADER_BYTES], uint32_t length, const uint8_t payload_sha256[32],
+                            const sw_key_list *keys, const sw_rules *rules, uint32_t least_security_version,
+                            sw_release_facts *facts)
+{
+    static const uint8_t magic[MAGIC] = {'S', 'W', 'C', 'T', 'R', 'L', '0', '1'};
+    if (length < SW_HEADER_BYTES || !sw_bytes_equal(header, magic, MAGIC) || sw_little_u32(&header[LENGTH]) != length
+        || sw_little_u32(&header[HEADER_LENGTH]) != SW_HEADER_BYTES) {
+        return SW_VERDICT_DAMAGED;
+    }
+    sw_verdict verdict = signer_verdict(header, keys);
+    if (verdict != SW_VERDICT_GOOD) return verdict;
+    if (!content_is_in_order(header, payload_sha256)) return SW_VERDICT_DAMAGED;
+    verdict = fit_verdict(header, rules, least_security_version);
+    if (verdict != SW_VERDICT_GOOD) return verdict;
+    facts->security_version = sw_little_u32(&header[SECURITY_VERSION]);
+    sw_bytes_copy(facts->digest, &header[DIGEST], SHA256);
+    facts->name_length = (uint8_t)name_length(&header[NAME]);
+    sw_bytes_copy(facts->name, &header[NAME], SW_NAME_BYTES);
+    sw_bytes_copy(facts->signer, &header[SIGNER], 32);
+    return SW_VERDICT_GOOD;
+}

@@ -1,0 +1,229 @@
+#include "sw_store_parts.h"
+
+/* Whether it was booted and failed, so that its image has to come again. */
+static int is_known_bad(const sw_store *store, uint32_t slot)
+{
+    const uint8_t phase = store->state.slots[slot].phase;
+    return (phase == SW_PHASE_TRIAL || phase == SW_PHASE_CONFIRMED) && store->verdicts[slot] != SW_VERDICT_GOOD
+           && store->verdicts[slot] != SW_VERDICT_NONE;
+}
+
+/* The slot that is not protected: by the release that runs, if it is confirmed, or by the confirmed one. SW_NO_SLOT: the
+ * release before boots from the next reset on, and the ECU was not reset yet.
+ */
+static uint32_t writable_slot(const sw_store *store)
+{
+    const uint32_t active = store->state.active;
+    const uint32_t running = store->running;
+    if (running == SW_NO_SLOT
+        || (active != SW_NO_SLOT && store->state.slots[running].phase != SW_PHASE_CONFIRMED)) {
+        return active == SW_NO_SLOT ? 0u : 1u - active;
+    }
+    if (active != SW_NO_SLOT && running != active && !is_known_bad(store, active)) return SW_NO_SLOT;
+    return 1u - running;
+}
+
+/* The state with an empty slot; a confirmed release in the other one is active then. */
+static void without(const sw_store *store, uint32_t slot, sw_store_state *next)
+{
+    *next = store->state;
+    sw_state_empty_slot(&next->slots[slot]);
+    next->active = (uint8_t)(next->slots[1u - slot].phase == SW_PHASE_CONFIRMED ? 1u - slot : SW_NO_SLOT);
+}
+
+static int holds(const sw_slot_state *slot, const sw_slot_state *other)
+{
+    return slot->phase != SW_PHASE_EMPTY && slot->phase != SW_PHASE_BAD && slot->length == other->length
+           && sw_bytes_equal(slot->sha256, other->sha256, 32);
+}
+
+void sw_store_drop(sw_store *store)
+{
+    store->work = SW_WORK_NONE;
+    store->announced = SW_NO_SLOT;
+}
+
+/* The slot is announced, and the memory stands exactly behind what was received. */
+static sw_store_result announced(sw_store *store)
+{
+    store->work = SW_WORK_NONE;
+    if (!sw_state_slots_equal(&store->next, &store->state.slots[store->slot])) {
+        sw_store_state next;
+        without(store, store->slot, &next);
+        next.slots[store->slot] = store->next;
+        if (sw_state_keep(store, &next) != 0) return SW_STORE_BAD_MEMORY;
+    }
+    store->wanted = store->next.received;
+    store->announced = store->slot;
+    return SW_STORE_DONE;
+}
+
+sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_t sha256[32])
+{
+    sw_store_state next;
+    store->work = SW_WORK_NONE;
+    if (length == 0u || length > SW_SLOT_BYTES) return SW_STORE_OUT_OF_RANGE;
+    const uint32_t slot = writable_slot(store);
+    if (slot == SW_NO_SLOT) return SW_STORE_OUT_OF_ORDER;
+    const sw_slot_state *standing = &store->state.slots[slot];
+    store->announced = SW_NO_SLOT;
+    if (store->running == slot) store->running = SW_NO_SLOT;
+    store->slot = (uint8_t)slot;
+    sw_state_empty_slot(&store->next);
+    store->next.phase = SW_PHASE_FILLING;
+    store->next.length = length;
+    sw_bytes_copy(store->next.sha256, sha256, 32);
+    uint32_t wanted = SW_NO_OFFSET;
+    if (holds(standing, &store->next) && !is_known_bad(store, slot)) wanted = sw_slots_begin_again(store, slot);
+    if (wanted == standing->received) {
+        store->next.received = wanted;
+        return announced(store);
+    }
+    /* Until it is announced, what a cut leaves behind these bytes does not count. */
+    without(store, slot, &next);
+    if (wanted != SW_NO_OFFSET) {
+        store->next.received = wanted;
+        next.slots[slot] = store->next;
+    }
+    if (sw_state_keep(store, &next) != 0) return SW_STORE_BAD_MEMORY;
+    store->at = store->next.received / SW_FLASH_SECTOR;
+    store->work = SW_WORK_CLEAR;
+    return SW_STORE_MORE;
+}
+
+sw_store_result sw_store_append(sw_store *store, const uint8_t *data, uint32_t length)
+{
+    const uint32_t slot = store->announced;
+    store->work = SW_WORK_NONE;
+    if (slot == SW_NO_SLOT) return SW_STORE_OUT_OF_ORDER;
+    const sw_slot_state *standing = &store->state.slots[slot];
+    if (standing->phase != SW_PHASE_FILLING || length > standing->length - standing->received) {
+        return SW_STORE_OUT_OF_ORDER;
+    }
+    sw_store_state next = store->state;
+    store->announced = SW_NO_SLOT;
+    if (sw_slots_append(store, slot, next.tail[slot], data, length) != 0) return SW_STORE_BAD_MEMORY;
+    next.slots[slot].received += length;
+    if (sw_state_keep(store, &next) != 0) return SW_STORE_BAD_MEMORY;
+    store->announced = (uint8_t)slot;
+    return SW_STORE_DONE;
+}
+
+sw_store_result sw_store_finish(sw_store *store)
+{
+    const uint32_t slot = store->announced;
+    store->work = SW_WORK_NONE;
+    if (slot == SW_NO_SLOT) return SW_STORE_OUT_OF_ORDER;
+    if (store->state.slots[slot].received < store->state.slots[slot].length) {
+        store->verdict = SW_VERDICT_INCOMPLETE;
+        return SW_STORE_DONE;
+    }
+    sw_judge_begin(store, slot);
+    store->work = SW_WORK_FINISH;
+    return SW_STORE_MORE;
+}
+
+static sw_store_result finished(sw_store *store)
+{
+    const sw_slot_state *standing = &store->state.slots[store->slot];
+    sw_slot_state checked;
+    sw_state_empty_slot(&checked);
+    checked.length = standing->length;
+    checked.received = standing->received;
+    sw_bytes_copy(checked.sha256, standing->sha256, 32);
+    store->verdict = (uint8_t)sw_judge_end(store, &checked.facts);
+    checked.phase = store->verdict == SW_VERDICT_GOOD ? SW_PHASE_CHECKED : SW_PHASE_BAD;
+    if (sw_state_slots_equal(&checked, standing)) return SW_STORE_DONE;
+    return sw_state_keep_slot(store, store->slot, &checked) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
+}
+
+static sw_store_result reverted(sw_store *store)
+{
+    sw_store_state next = store->state;
+    sw_release_facts facts;
+    store->verdict = (uint8_t)sw_judge_end(store, &facts);
+    next.active = store->slot;
+    if (store->verdict != SW_VERDICT_GOOD || store->state.active == store->slot) return SW_STORE_DONE;
+    return sw_state_keep(store, &next) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
+}
+
+static sw_store_result cleared(sw_store *store)
+{
+    if (sw_slots_erase(store, store->slot, store->at) != 0) {
+        store->work = SW_WORK_NONE;
+        return SW_STORE_BAD_MEMORY;
+    }
+    store->at++;
+    return store->at < SW_SLOT_SECTORS ? SW_STORE_MORE : announced(store);
+}
+
+sw_store_result sw_store_go_on(sw_store *store)
+{
+    const uint8_t work = store->work;
+    if (work == SW_WORK_NONE) return SW_STORE_DONE;
+    if (work == SW_WORK_CLEAR) return cleared(store);
+    if (sw_judge_go_on(store)) return SW_STORE_MORE;
+    store->work = SW_WORK_NONE;
+    return work == SW_WORK_FINISH ? finished(store) : reverted(store);
+}
+
+sw_store_result sw_store_activate(sw_store *store)
+{
+    sw_store_state next = store->state;
+    const uint32_t slot = sw_state_in_phase(&next, SW_PHASE_CHECKED);
+    const uint32_t trial = sw_state_in_phase(&next, SW_PHASE_TRIAL);
+    store->work = SW_WORK_NONE;
+    if (slot == SW_NO_SLOT) {
+        return trial != SW_NO_SLOT && trial != store->running ? SW_STORE_DONE : SW_STORE_OUT_OF_ORDER;
+    }
+    if (trial != SW_NO_SLOT) sw_state_give_up(&next.slots[trial]);
+    next.slots[slot].phase = SW_PHASE_TRIAL;
+    next.slots[slot].boots_left = SW_TRIAL_BOOTS;
+    if (sw_state_keep(store, &next) != 0) return SW_STORE_BAD_MEMORY;
+    store->announced = SW_NO_SLOT;
+    return SW_STORE_DONE;
+}
+
+sw_store_result sw_store_confirm(sw_store *store)
+{
+    sw_store_state next = store->state;
+    const uint32_t slot = store->running;
+    store->work = SW_WORK_NONE;
+    if (slot == SW_NO_SLOT) return SW_STORE_OUT_OF_ORDER;
+    sw_slot_state *standing = &next.slots[slot];
+    if (standing->phase == SW_PHASE_CONFIRMED) return SW_STORE_DONE;
+    /* By a key that was taken off the list it would not boot again, and the one before may be too old from now on. */
+    if (standing->phase != SW_PHASE_TRIAL || !sw_key_is_allowed(&store->keys, standing->facts.signer)) {
+        return SW_STORE_OUT_OF_ORDER;
+    }
+    standing->phase = SW_PHASE_CONFIRMED;
+    standing->boots_left = 0;
+    next.active = (uint8_t)slot;
+    if (standing->facts.security_version > next.least_security_version) {
+        next.least_security_version = standing->facts.security_version;
+    }
+    return sw_state_keep(store, &next) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
+}
+
+sw_store_result sw_store_revert(sw_store *store)
+{
+    const uint32_t trial = sw_state_in_phase(&store->state, SW_PHASE_TRIAL);
+    /* By what runs: if the answer is lost, and the request comes again, it must not lead back to where it was. */
+    const uint32_t now = store->running != SW_NO_SLOT ? store->running : store->state.active;
+    store->work = SW_WORK_NONE;
+    if (trial != SW_NO_SLOT) {
+        sw_slot_state standing = store->state.slots[trial];
+        sw_state_give_up(&standing);
+        store->verdict = SW_VERDICT_GOOD;
+        return sw_state_keep_slot(store, trial, &standing) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
+    }
+    if (now == SW_NO_SLOT || store->state.slots[1u - now].phase != SW_PHASE_CONFIRMED) return SW_STORE_OUT_OF_ORDER;
+    sw_judge_begin(store, 1u - now);
+    store->work = SW_WORK_REVERT;
+    return SW_STORE_MORE;
+}
+
+uint32_t sw_store_received(const sw_store *store)
+{
+    return store->announced == SW_NO_SLOT ? SW_NO_OFFSET : store->state.slots[store->announced].received;
+}
