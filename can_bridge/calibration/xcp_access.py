@@ -24,7 +24,6 @@ class Access(Protocol):
 
     def answer(self, level: Level, seed: bytes) -> bytes:
         """The right key to a seed."""
-        ...
 
 
 class WrongKey(Exception):  # noqa: N818  (an answer of the tool's, no error of ours)

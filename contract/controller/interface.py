@@ -85,7 +85,6 @@ class Controller(Protocol):
     ) -> ControlStep:
         """One control step; without weights the controller's own default applies. Raises ControllerError if there is no
         answer."""
-        ...
 
 
 class RunnableController(Controller, Protocol):
@@ -99,7 +98,6 @@ class RunnableController(Controller, Protocol):
 
     def warm_up(self, steps: int) -> None:
         """Run on zeros, so that the first real step does not pay for what happens once."""
-        ...
 
 
 class CompiledLibrary(Controller, Protocol):
@@ -108,7 +106,6 @@ class CompiledLibrary(Controller, Protocol):
     @property
     def workspace_bytes(self) -> int:
         """Scratch memory that a caller has to own."""
-        ...
 
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]

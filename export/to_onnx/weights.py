@@ -28,7 +28,6 @@ class Store(Protocol):
             rows: outputs in another order, where an operator wants one.
             leading: axes of length 1 in front, likewise.
         """
-        ...
 
 
 class Float32Store:

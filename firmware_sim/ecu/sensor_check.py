@@ -60,7 +60,6 @@ class Estimator(Protocol):
 
     def estimates(self, window: Array) -> Array:
         """(V, S) in Cp for a window (L, S+1); raises ControllerError if there are none."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -17,29 +17,23 @@ class SteppedEcu(Protocol):
     @property
     def state(self) -> EcuState:
         """After the latest step."""
-        ...
 
     @property
     def trace(self) -> Trace:
         """Trace of the latest step."""
-        ...
 
     @property
     def frames_rejected(self) -> int:
         """Pressure frames that came but were not accepted."""
-        ...
 
     def restore(self, state: EcuState) -> None:
         """Go on from a state."""
-        ...
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ...) -> list[Frame]:
         """One control period: the frames to be sent."""
-        ...
 
     def status(self) -> EcuStatus:
         """Health counters as of the latest step."""
-        ...
 
 
 class CalibratedEcu(SteppedEcu, Protocol):
@@ -48,11 +42,9 @@ class CalibratedEcu(SteppedEcu, Protocol):
     @property
     def calibration(self) -> Calibration:
         """The values in force."""
-        ...
 
     def calibrate(self, calibration: Calibration) -> None:
         """Have other values from the next step on; raises ConfigError."""
-        ...
 
     def step(
         self,
@@ -64,7 +56,6 @@ class CalibratedEcu(SteppedEcu, Protocol):
         updating: bool = False,
     ) -> list[Frame]:
         """The same, with what is around the ECU."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)

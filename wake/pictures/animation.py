@@ -38,11 +38,9 @@ class MovingPicture(Protocol):
 
     def pixels(self) -> Pixels:
         """The present state as (height, width, 3)."""
-        ...
 
     def palette(self) -> Array:
         """At most 256 colours for a GIF, (n, 3) from 0 to 1."""
-        ...
 
 
 def animate(
