@@ -192,15 +192,6 @@ def test_what_end_to_end_protection_can_see_is_seen_and_the_rest_is_planned_on(c
             assert not run.log.series["action"][36:].any()
 
 
-def test_a_babbling_node_shuts_the_jets_at_both_ends():
-    run = Run("vehicle:babble@0.59..0.8", "no_request@1..1.04")
-    assert run.modes[30:40].tolist() == [Mode.HOLD, Mode.DECAY, Mode.DECAY, *[Mode.FAULT] * 7]
-    assert run.reasons[36] == Reason.STREAM_LOST
-    # Nothing gets through to the vehicle either.
-    assert not run.log.series["action"][34:40].any()
-    assert run.modes[-1] == Mode.CONTROL
-
-
 # Flow.
 
 

@@ -80,13 +80,6 @@ def test_a_run_without_control_is_the_solver_by_itself_and_control_begins_with_t
     assert course_of(free).Cd != course_of(windy).Cd
 
 
-def test_lost_pressures_latch_and_are_counted(release, start) -> None:
-    service = service_of(run_task(task_of("vehicle:drop:probability=1@0.18.."), release, start))
-    assert (service.latches, service.violations) == (1, 0)
-    assert service.in_control < service.requested
-    assert "STREAM_LOST" in service.reasons
-
-
 def test_what_is_raised_in_a_run_is_its_outcome(release, start, monkeypatch) -> None:
     def diverged(*_arguments: object) -> None:
         raise ZeroDivisionError("by nothing")

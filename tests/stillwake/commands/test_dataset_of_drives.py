@@ -155,23 +155,6 @@ def test_a_gap_makes_two_episodes_by_name_or_is_filled(place: Place) -> None:
     assert len(whole) == 200
 
 
-def test_a_table_of_the_same_drive_gives_the_same_episode_as_its_log(place: Place) -> None:
-    one, values = drive("fd", 200, 1), forces(200)
-    rows = slice(4, 804, 4)
-    columns = {"action": one.action, "Cd": values["Cd"][rows], "Cl": values["Cl"][rows]}
-    columns |= dict(zip(NAMES, one.Cp.T, strict=True))
-    table = place.folder / "table.csv"
-    np.savetxt(table, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
-    outcome = place.call("--test", table, "--forces", place.folder / "forces.csv")
-    assert outcome.code == 0, outcome.err
-    log, direct = place.read.episodes
-    assert (log.name, direct.name, direct.role) == ("drive", "table", "test")
-    for name in ("t", "action", "Cp", "Cd", "Cl"):
-        # Cd and Cl by 1 us of the log's clock, all by the 16 bits that they are stored in.
-        np.testing.assert_allclose(log.series[name], direct.series[name], atol=CP_QUANTUM, err_msg=name)
-    assert log.provenance["messages"] == "CAN FD"
-
-
 def test_what_is_missing_or_contradicts_itself_is_refused(all_refused: Callable[..., None], place: Place) -> None:
     gap = [m for i, m in enumerate(log_of(drive("fd", 200, 4))) if not 200 <= i < 210]
     write(place.folder / "gap.log", gap)

@@ -13,7 +13,6 @@ from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import JetCommand, Mode, Reason
 from contract.config.tree import Config
 from contract.controller.interface import ControlStep
-from firmware_sim.ecu.daemon.control_loop import SHUT_FRAMES
 from firmware_sim.ecu.real_time.deadlines import wrapped
 from firmware_sim.ecu.real_time.stage_times import EcuStage
 from tests.each import each
@@ -151,19 +150,6 @@ def test_a_lost_bus_is_logged_opened_again_and_gives_no_control_back_by_itself(r
     rig.request = True
     rig.run(8)
     assert rig.commands[-1].mode is Mode.CONTROL
-
-
-def test_the_end_shuts_the_jets_on_the_bus(rig):
-    rig.into_control()
-    sent = len(rig.commands)
-    rig.loop.shut()
-    rig._apply()
-    last = rig.commands[sent:]
-    assert len(last) == SHUT_FRAMES
-    assert {(c.enable, c.flow_m2_per_s, c.mode) for c in last} == {(False, 0.0, Mode.OFF)}
-    assert rig.actions[-1] == 0.0
-    # A period lies between two of them, so that a receiver that takes one a period takes each.
-    assert rig.vehicle.frames_rejected == 0
 
 
 def test_frames_that_the_bus_does_not_take_are_counted_and_the_loop_goes_on(rig, monkeypatch):
