@@ -8,32 +8,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from contract.arrays import Index
 from contract.config.controller import MpcConfig
 from contract.model.model_folder import PRIOR, SLIM, ModelFolder
-from contract.release.manifest import Scaling
 from export.program.controller_program import ControllerProgram
 
 
 def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
     """The controller with these optimiser settings; raises ExportError if the weights do not fit."""
     about = model.description
+    chosen = about.layout.indices(about.sensors)
+    mean, std = (np.array(each)[chosen].tolist() for each in (about.scaling.pressure_mean, about.scaling.pressure_std))
     return ControllerProgram.from_state(
         encoder=model.network(SLIM),
         dynamics=model.deployed("dynamics"),
         decoder=model.deployed("decoder"),
-        scaling=_of_sensors(about.scaling, about.layout.indices(about.sensors)),
+        scaling=replace(about.scaling, pressure_mean=tuple(mean), pressure_std=tuple(std)),
         mpc=mpc,
         action_limit=about.config.flow.action_limit,
         sensors=about.sensors,
         encoder_rows=about.config.model.window,
         prior=model.network(PRIOR),
-    )
-
-
-def _of_sensors(whole: Scaling, chosen: Index) -> Scaling:
-    return replace(
-        whole,
-        pressure_mean=tuple(np.array(whole.pressure_mean)[chosen].tolist()),
-        pressure_std=tuple(np.array(whole.pressure_std)[chosen].tolist()),
     )

@@ -18,18 +18,13 @@ def cells(row: Row) -> tuple[str, ...]:
     """A row of the matrix in words, by `HEADS`."""
     return (
         row.scenario.name,
-        safe_word(row),
+        "safe" if row.safe else "UNSAFE",  # a word needs no colour
         row.use.value,
         spread(row.reduction, ".1f"),
         spread(row.abs_Cl, ".2f"),
         number(row.in_control, ".0f"),
         str(row.latches) if row.latches else "",
     )
-
-
-def safe_word(row: Row) -> str:
-    """Whether it is safe, in a word that needs no colour."""
-    return "safe" if row.safe else "UNSAFE"
 
 
 def spread(value: Spread, style: str) -> str:

@@ -21,7 +21,7 @@ from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.live import present
 from firmware_sim.live.event_log import EventLog
 from firmware_sim.live.loop.live_run import LiveRun, Period
-from firmware_sim.live.loop.messages import Answer, Choice, Hello, Message, SettingsNow, pack_field
+from firmware_sim.live.loop.messages import Answer, Choice, Hello, Message, pack_field
 from firmware_sim.live.loop.noticing import START, noticed
 from firmware_sim.live.requests import Asked, asked
 from firmware_sim.live.setting_words import changes
@@ -153,7 +153,7 @@ class LiveSession:
         if items := self._events.new():
             out.append({"type": "events", "run": run.number, "items": items})
         if self._settings_due:
-            out.append(self._settings_now())
+            out.append({"type": "settings", "settings": self._settings.to_tree()})
         if self._now_due and run.latest is not None:
             out += self._present(run.latest)
         self._rows = []
@@ -312,9 +312,6 @@ class LiveSession:
         if run.picture is not None:
             out.append(pack_field(run.picture))
         return out
-
-    def _settings_now(self) -> SettingsNow:
-        return {"type": "settings", "settings": self._settings.to_tree()}
 
     def _fps(self) -> float:
         ticks = self._ticks

@@ -70,6 +70,7 @@ def _drive_rows(drive: DriveTotals) -> list[tuple[str, str, str]]:
 def service_rows(log: RunLog) -> list[tuple[str, str]]:
     """(quantity, value), formatted: what happened on the bus and in the ECU."""
     run, timing = log.metadata, latency(log)
+    actuator = run.config.vehicle.actuator_delay
     return [
         *_control_rows(log),
         *_injected(run),
@@ -81,7 +82,7 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
         ("periods left out by the ECU (overruns)", str(run.status.overruns)),
         *_on_this_machine(run, timing),
         ("sample to jets in virtual time, max", _sample_to_jets(log)),
-        ("actuator's delay / compensated by the ECU", _delays(run)),
+        ("actuator's delay / compensated by the ECU", f"{actuator} / {run.config.ecu.delay_steps} periods"),
         ("pressure frames and commands sent", str(log.bus.sent)),
         ("of these lost on the bus", str(log.bus.lost)),
         ("of these rejected end to end", str(log.bus.rejected)),
@@ -243,7 +244,3 @@ def _sample_to_jets(log: RunLog) -> str:
     if longest != longest:
         return "no command arrived"
     return f"{longest:.2f} ms" + (f", {delay:g} ms of it the actuator's delay" if delay else "")
-
-
-def _delays(run: RunMetadata) -> str:
-    return f"{run.config.vehicle.actuator_delay} / {run.config.ecu.delay_steps} periods"

@@ -50,11 +50,12 @@ def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tup
         raise ConfigError(
             f"no setting begins with {prefix!r}; the sections are {', '.join(one.name for one in listed)}"
         )
-    kept = (
-        replace(section, settings=tuple(one for one in section.settings if _is_kept(one, prefix, only_changed)))
-        for section in listed
-    )
-    return tuple(section for section in kept if section.settings)
+    kept = []
+    for section in listed:
+        named = (one for one in section.settings if one.name.startswith(prefix))
+        if chosen := tuple(one for one in named if one.is_changed or not only_changed):
+            kept.append(replace(section, settings=chosen))
+    return tuple(kept)
 
 
 def table(listed: Sequence[Section], loaded: Loaded, *, explain: bool) -> Iterator[str]:
@@ -89,10 +90,6 @@ def source(one: Setting, loaded: Loaded) -> str:
     if one.name in loaded.in_file:
         return "file"
     return "release" if one.is_changed else "default"
-
-
-def _is_kept(one: Setting, prefix: str, only_changed: bool) -> bool:
-    return one.name.startswith(prefix) and (one.is_changed or not only_changed)
 
 
 def _bounds(one: Setting) -> str:

@@ -11,6 +11,7 @@ from contract.errors import PlantError
 
 _WIDTH: Final = {b"scalar": 1, b"vector": 3}
 _LIST: Final = re.compile(rb"internalField\s+nonuniform\s+List<(scalar|vector)>\s*(\d+)\s*\(")
+_TIME: Final = re.compile(r"\d+(\.\d+)?(e[+-]\d+)?")
 
 
 def parse_cells(content: bytes, name: str) -> Array:
@@ -30,10 +31,8 @@ def parse_cells(content: bytes, name: str) -> Array:
 
 def latest(folder: Path) -> Path | None:
     """The folder of the latest time after 0 whose fields are there, or None."""
-    times = [(float(item.name), item) for item in folder.iterdir() if _is_time(item.name) and (item / "p").is_file()]
+    times = [
+        (float(item.name), item) for item in folder.iterdir() if _TIME.fullmatch(item.name) and (item / "p").is_file()
+    ]
     later = [item for item in times if item[0] > 0]
     return max(later)[1] if later else None
-
-
-def _is_time(name: str) -> bool:
-    return re.fullmatch(r"\d+(\.\d+)?(e[+-]\d+)?", name) is not None

@@ -112,7 +112,8 @@ def _ghosts(grid: Grid, component: Component, open_faces: Mask, touched: Mask, d
     target, start, source, weight = [], [0], [], []
     for i, j in np.argwhere(touched & ~open_faces):
         at_wall = abs(float(distance(x[i], y[j]))) < _ON_WALL
-        if at_wall or _is_outer(i, j, open_faces.shape, component):
+        at_edge = i in (0, open_faces.shape[0] - 1) if component == "u" else j in (0, open_faces.shape[1] - 1)
+        if at_wall or at_edge:
             continue  # a face on a wall keeps its prescribed normal velocity, an outer one its inflow or outflow
         target.append(layout.offset(component, i, j))
         for (si, sj), w in _parabola(x, y, int(i), int(j), open_faces, distance):
@@ -125,11 +126,6 @@ def _ghosts(grid: Grid, component: Component, open_faces: Mask, touched: Mask, d
         source=np.array(source, dtype=np.int64),
         weight=np.array(weight, dtype=np.float64),
     )
-
-
-def _is_outer(i: int, j: int, shape: tuple[int, ...], component: Component) -> bool:
-    """Whether the face lies on an edge of the domain to which the velocity component is normal."""
-    return i in (0, shape[0] - 1) if component == "u" else j in (0, shape[1] - 1)
 
 
 def _parabola(
