@@ -30,6 +30,7 @@ SRAM, SRAM_BYTES = 0x2400_0000, 512 * 1024
 STACK_BYTES: Final = 16 * 1024
 _PAGE: Final = 4096
 _COUNTER, _RANDOM, _CAN, _FLASH, _CORE = 0x5C00_8000, 0x4802_1800, 0x4000_A000, 0x5200_2100, 0xE000_E000
+_READABLE: Final = unicorn_const.UC_PROT_READ
 _UNTOUCHED: Final = 0xA5
 _RETURN: Final = PROGRAM + PROGRAM_BYTES - 0x100
 _LONGEST_US: Final = 600_000_000
@@ -68,16 +69,17 @@ class Board:
         self._failure: Any = binding.UcError
         self._core: Any = binding.Uc(unicorn_const.UC_ARCH_ARM, mode)
         self._core.ctl_set_cpu_model(arm_const.UC_CPU_ARM_CORTEX_M7)
-        readable = unicorn_const.UC_PROT_READ | unicorn_const.UC_PROT_EXEC
-        self._core.mem_map(BANK, BANK_BYTES, readable)
         for start, size in ((PROGRAM, PROGRAM_BYTES), (DTCM, DTCM_BYTES), (SRAM, SRAM_BYTES)):
             self._core.mem_map(start, size)
         for segment in firmware.segments:
             self._core.mem_write(segment.address, segment.content)
         self.counter, self.can, self._registers = Counter(now_ns), CanController(), CoreRegisters()
         self.flash = FlashController(bank or FlashBank(), self._flash_changed, cut_at=cut_at, seed=seed)
-        self._shut_pages: set[int] = set()
+        self._bad_pages, self._bad_wanted = set[int](), set[int]()
+        for page in range(0, BANK_BYTES, _PAGE):
+            self._core.mem_map(BANK + page, _PAGE, _READABLE)
         self._flash_changed(0, BANK_BYTES)
+        self._exchange_pages()
         parts: tuple[tuple[int, int, Part], ...] = (
             (_COUNTER, 0x1000, self.counter),
             (_RANDOM, 0x1000, RandomNumbers(seed)),
@@ -88,9 +90,7 @@ class Board:
         for base, size, part in parts:
             page, reads, writes = base & ~(_PAGE - 1), self._reader(part, base), self._writer(part, base)
             self._core.mmio_map(page, size, reads, None, writes, None)
-        hooks = unicorn_const.UC_HOOK_MEM_WRITE_PROT, unicorn_const.UC_HOOK_MEM_READ_PROT
-        for hook, does in zip(hooks, (self._stored, self._loaded), strict=True):
-            self._core.hook_add(hook, does)
+        self._core.hook_add(unicorn_const.UC_HOOK_MEM_WRITE_PROT, self._stored)
         program = bytes(self._core.mem_read(PROGRAM, PROGRAM_BYTES))
         self._blocks = BlockCounter(self._core, PROGRAM, PROGRAM_BYTES, Pipeline(program, PROGRAM))
         self._core.mem_write(DTCM, bytes([_UNTOUCHED]) * STACK_BYTES)
@@ -152,10 +152,13 @@ class Board:
                 at = self._core.reg_read(arm_const.UC_ARM_REG_PC)
                 raise McuError(f"the core stopped at {at:#x} ({error})") from error
         if self._raised:
-            raise self._raised[0]
+            raise self._raised.pop()
 
     def _guarded(self, work: Callable[[], object]) -> int:
         """What a register does or shows; its exceptions end the emulation, and come out of it."""
+        if self._raised:
+            # The core stops a few instructions later, and these do nothing any more.
+            return 0
         try:
             shown = work()
             return shown if isinstance(shown, int) else 0
@@ -168,6 +171,8 @@ class Board:
         shift = base & (_PAGE - 1)
 
         def read(_core: Any, offset: int, size: int, _data: Any) -> int:
+            if part is self.flash:
+                self._exchange_pages()
             return self._guarded(lambda: part.read(_whole(offset, size) - shift))
 
         return read
@@ -189,25 +194,44 @@ class Board:
         self._guarded(lambda: self.flash.store(address - BANK, data))
         return True
 
-    def _loaded(self, _core: Any, _access: int, address: int, _size: int, _value: int, _data: Any) -> bool:
+    def _loaded(self, offset: int, size: int) -> int:
         """A read from a page with a word that cannot be read."""
-        offset = address - BANK
         if self.flash.is_bad(offset):
             self.flash.found_bad(offset)
             if not (self._registers.ignores_bus_faults and self._core.reg_read(arm_const.UC_ARM_REG_FAULTMASK)):
-                self._raised.append(McuError(f"bus fault: the flash's word at {address:#x} cannot be read"))
-                return False
-        return True
+                raise McuError(f"bus fault: the flash's word at {BANK + offset:#x} cannot be read")
+        return int.from_bytes(self.flash.bank.content[offset : offset + size], "little")
 
     def _flash_changed(self, offset: int, size: int) -> None:
-        self._core.mem_write(BANK + offset, bytes(self.flash.bank.content[offset : offset + size]))
-        pages = range(offset // _PAGE * _PAGE, offset + size, _PAGE)
-        words = _PAGE // WORD
-        shut = {page for page in pages if 2 in self.flash.bank.programmed[page // WORD : page // WORD + words]}
-        for page in (shut - self._shut_pages) | (self._shut_pages & set(pages)) - shut:
-            access = unicorn_const.UC_PROT_NONE if page in shut else unicorn_const.UC_PROT_READ
-            self._core.mem_protect(BANK + page, _PAGE, access)
-        self._shut_pages = self._shut_pages - set(pages) | shut
+        bank, words = self.flash.bank, _PAGE // WORD
+        for page in range(offset // _PAGE * _PAGE, offset + size, _PAGE):
+            is_bad = 2 in bank.programmed[page // WORD : page // WORD + words]
+            (self._bad_wanted.add if is_bad else self._bad_wanted.discard)(page)
+            if page not in self._bad_pages:
+                self._core.mem_write(BANK + page, bytes(bank.content[page : page + _PAGE]))
+
+    def _exchange_pages(self) -> None:
+        """Have pages with a word that cannot be read pass through here, and the others be memory.
+
+        The emulator sees no single read of a memory without being slow at all of them. It is not done amid a store.
+        """
+        for page in self._bad_wanted ^ self._bad_pages:
+            self._core.mem_unmap(BANK + page, _PAGE)
+            if page in self._bad_pages:
+                self._core.mem_map(BANK + page, _PAGE, _READABLE)
+                self._core.mem_write(BANK + page, bytes(self.flash.bank.content[page : page + _PAGE]))
+            else:
+                self._core.mmio_map(BANK + page, _PAGE, *self._bad_page(page))
+        self._bad_pages = set(self._bad_wanted)
+
+    def _bad_page(self, page: int) -> tuple[Any, ...]:
+        def read(_core: Any, offset: int, size: int, _data: Any) -> int:
+            return self._guarded(lambda: self._loaded(page + offset, size))
+
+        def write(core: Any, offset: int, size: int, value: int, _data: Any) -> None:
+            self._stored(core, 0, BANK + page + offset, size, value, None)
+
+        return read, None, write, None
 
 
 def _whole(offset: int, size: int) -> int:

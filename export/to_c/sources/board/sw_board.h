@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 #include "sw_ecu.h"
+#include "sw_flash.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -45,6 +46,9 @@ int64_t sw_board_now_ns(void);
 
 /* Sleep until a frame comes or until_ns; a wake-up for another reason is allowed. */
 void sw_board_sleep(int64_t until_ns);
+
+/* The second bank; its driver has no state. */
+extern const sw_flash sw_board_flash;
 
 /* 32 random bits; 0 from a generator that failed is an answer like any other, and *failed then is 1. */
 uint32_t sw_board_random(uint8_t *failed);

@@ -1,0 +1,88 @@
+/* A driver of the STM32H743's flash controller (RM0433, section 4): sectors of 128 KiB, words of 32 bytes, for the bank
+ * that is not the program's, so that the core runs on meanwhile. The data cache, where it is on, must not hold this bank.
+ */
+#include <stddef.h>
+
+#include "sw_board.h"
+
+#define FLASH(offset) SW_BOARD_REGISTER(SW_BOARD_FLASH + (offset))
+#define KEYR 0x04u
+#define CR 0x0cu
+#define SR 0x10u
+#define CCR 0x14u
+#define CR_LOCK 1u
+#define CR_PROGRAM 2u
+#define CR_ERASE_SECTOR 4u
+#define CR_64_BITS (3u << 4)
+#define CR_START (1u << 7)
+#define SR_AT_WORK 7u /* BSY, WBNE, QW */
+#define SR_DOUBLE_ERROR (1u << 26)
+#define SR_ERRORS 0x0eee0000u
+#define CORE_CONFIGURATION SW_BOARD_REGISTER(0xe000ed14u)
+#define IGNORE_BUS_FAULTS (1u << 8)
+
+static uint32_t begin(void)
+{
+    FLASH(CCR) = SR_ERRORS;
+    if ((FLASH(CR) & CR_LOCK) != 0u) {
+        FLASH(KEYR) = 0x45670123u;
+        FLASH(KEYR) = 0xcdef89abu;
+    }
+    return FLASH(CR) & CR_LOCK;
+}
+
+/* Returns 1 if the controller found an error. */
+static int end(void)
+{
+    __asm__ volatile("dsb" ::: "memory");
+    while ((FLASH(SR) & SR_AT_WORK) != 0u && (FLASH(SR) & SR_ERRORS) == 0u) {
+    }
+    const uint32_t errors = FLASH(SR) & SR_ERRORS;
+    FLASH(CR) = CR_LOCK;
+    return errors != 0u;
+}
+
+static int erase(void *context, uint32_t sector)
+{
+    (void)context;
+    if (sector >= SW_BOARD_FLASH_SECTORS || begin() != 0u) return 1;
+    FLASH(CR) = CR_64_BITS | CR_ERASE_SECTOR | (sector << 8);
+    FLASH(CR) = CR_64_BITS | CR_ERASE_SECTOR | (sector << 8) | CR_START;
+    return end();
+}
+
+static int program(void *context, uint32_t address, const uint8_t *word)
+{
+    (void)context;
+    if (address >= SW_FLASH_SECTOR * SW_BOARD_FLASH_SECTORS || address % SW_FLASH_WORD != 0u || begin() != 0u) return 1;
+    FLASH(CR) = CR_64_BITS | CR_PROGRAM;
+    for (uint32_t i = 0; i < SW_FLASH_WORD; i += 4u) {
+        const uint32_t part = word[i] | ((uint32_t)word[i + 1u] << 8) | ((uint32_t)word[i + 2u] << 16) |
+                              ((uint32_t)word[i + 3u] << 24);
+        SW_BOARD_REGISTER(SW_BOARD_FLASH_BANK + address + i) = part;
+    }
+    return end();
+}
+
+/* A word that cannot be corrected is a bus fault; with the fault mask set and BFHFNMIGN the core goes on behind it. */
+static int read(void *context, uint32_t address, uint8_t *data, uint32_t length)
+{
+    const uint32_t size = SW_FLASH_SECTOR * SW_BOARD_FLASH_SECTORS;
+    (void)context;
+    if (address > size || length > size - address) return 1;
+    FLASH(CCR) = SR_DOUBLE_ERROR;
+    const uint32_t configuration = CORE_CONFIGURATION;
+    __asm__ volatile("cpsid f" ::: "memory");
+    CORE_CONFIGURATION = configuration | IGNORE_BUS_FAULTS;
+    __asm__ volatile("dsb\n isb" ::: "memory");
+    const volatile uint8_t *const from = (const volatile uint8_t *)(uintptr_t)(SW_BOARD_FLASH_BANK + address);
+    for (uint32_t i = 0; i < length; i++) data[i] = from[i];
+    __asm__ volatile("dsb\n isb" ::: "memory");
+    CORE_CONFIGURATION = configuration;
+    __asm__ volatile("cpsie f" ::: "memory");
+    return (FLASH(SR) & SR_DOUBLE_ERROR) != 0u;
+}
+
+const sw_flash sw_board_flash = {
+    NULL, (const uint8_t *)(uintptr_t)SW_BOARD_FLASH_BANK, erase, program, read,
+};

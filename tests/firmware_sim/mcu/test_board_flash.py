@@ -1,0 +1,134 @@
+"""The board's flash through its driver in machine code: write-once words, torn ones, cuts, and the next power cycle."""
+
+import pytest
+
+from contract.errors import McuError
+
+pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
+pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")
+pytest.importorskip("elftools", reason="pyelftools (extra mcu) is not installed")
+pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
+
+from export.to_c.board_files import board_sources
+from firmware_sim.in_c.c_ecu import ecu_sources
+from firmware_sim.mcu.board.board import BANK, Board
+from firmware_sim.mcu.board.flash_controller import SECTOR, WORD, FlashBank, PowerCut
+from firmware_sim.mcu.board.small_parts import SystemReset
+from firmware_sim.mcu.build import compile_board
+from firmware_sim.mcu.elf import Firmware, read_elf
+from tests.firmware_sim.ecu_in_c import CONFIG, exported
+
+pytestmark = pytest.mark.mcu
+WORDS = [bytes(range(k, k + WORD)) for k in (1, 60)]
+CALLED = b"""#include "sw_board.h"
+int test_erase(uint32_t sector);
+int test_program(uint32_t address);
+int test_read(uint32_t address);
+uint8_t test_data[64];
+sw_ecu *const sw_board_ecu = 0;
+extern void sw_board_main(void);
+int test_erase(uint32_t sector) { return sw_board_flash.erase(0, sector); }
+int test_program(uint32_t address) { return sw_board_flash.program(0, address, test_data); }
+int test_read(uint32_t address) { return sw_board_flash.read(0, address, test_data, 64); }
+int test_word(uint32_t address);
+int test_word(uint32_t address) { return *(const volatile int *)(uintptr_t)address; }
+int test_random(void);
+int test_random(void) { uint8_t failed; return (int)sw_board_random(&failed) + failed; }
+int test_reset(void);
+int test_reset(void) { sw_board_reset(); return 0; }
+void sw_board_main(void) { for (;;) sw_board_sleep(0); }
+"""
+KEPT = b"EXTERN(vectors sw_ecu_calibrate test_erase test_program test_read test_word test_random test_reset"
+
+
+@pytest.fixture(scope="module")
+def firmware(tmp_path_factory) -> Firmware:
+    release = exported(tmp_path_factory.mktemp("flash"))
+    sources = ecu_sources(release.folder, release.bundle, CONFIG) | board_sources() | {"sw_board_main.c": CALLED}
+    script = sources["sw_board.ld"].replace(b"EXTERN(vectors sw_board_ecu sw_ecu_calibrate", KEPT)
+    return read_elf(compile_board(sources | {"sw_board.ld": script}))
+
+
+class Driven:
+    """A board whose functions a test calls."""
+
+    def __init__(self, firmware: Firmware, bank: FlashBank | None = None, **facts: int) -> None:
+        self.board = Board(firmware, bank, **facts)
+        self.board.run()
+
+    def program(self, address: int, word: bytes) -> int:
+        self.board.poke(self.board.symbol("test_data"), word)
+        return self.board.call("test_program", address)
+
+    def read(self, address: int) -> tuple[int, bytes]:
+        failed = self.board.call("test_read", address)
+        return failed, self.board.peek(self.board.symbol("test_data"), 64)
+
+
+def test_words_are_written_once_and_sectors_are_erased(firmware):
+    driven = Driven(firmware)
+    at = 3 * SECTOR
+    assert [driven.program(at + k * WORD, word) for k, word in enumerate(WORDS)] == [0, 0]
+    assert driven.read(at) == (0, b"".join(WORDS))
+    assert driven.board.call("test_word", BANK + at) == int.from_bytes(WORDS[0][:4], "little")
+    # A second time it is neither, and cannot be read, not even where the two are the same.
+    for word in (WORDS[1], WORDS[0]):
+        assert driven.program(at, word) == 0
+        failed, data = driven.read(at)
+        assert (failed, data[WORD:]) == (1, WORDS[1])
+        assert driven.read(at + WORD)[0] == 0
+    assert driven.read(at - WORD)[0] == 1
+    kept = FlashBank.unpack(driven.board.flash.bank.pack())
+    # The error is in the memory: the next power cycle finds it, and a read without the driver's care is a bus fault.
+    driven = Driven(firmware, kept)
+    assert driven.read(at)[0] == 1
+    with pytest.raises(McuError, match="bus fault"):
+        driven.board.call("test_word", BANK + at)
+    assert driven.board.call("test_erase", 3) == 0
+    assert driven.read(at) == (0, b"\xff" * 64)
+    assert driven.program(at, WORDS[1]) == 0
+    assert driven.read(at) == (0, WORDS[1] + b"\xff" * WORD)
+    assert driven.read(0) == (0, b"\xff" * 64)
+    assert (driven.board.flash.erased, driven.board.flash.words) == (1, 1)
+
+
+def test_what_the_driver_refuses_never_reaches_the_memory(firmware):
+    driven = Driven(firmware)
+    refused = [driven.board.call("test_erase", 8), driven.program(8 * SECTOR, WORDS[0]), driven.program(4, WORDS[0])]
+    assert refused == [1, 1, 1]
+    assert [driven.board.call("test_read", at) for at in (8 * SECTOR - 32, 2**32 - 32, 8 * SECTOR - 64)] == [1, 1, 0]
+    assert driven.board.flash.operations == 0
+    # A store outside an operation of the controller is an error of its, as is a wrong key until the next reset.
+    flash = driven.board.flash
+    flash.store(0, b"1234")
+    assert flash.read(0x10) >> 18 & 1
+    flash.write(0x04, 1)
+    assert driven.board.call("test_erase", 0) == 1
+    for wrong in (FlashBank().pack()[1:], b"\x03" + FlashBank().pack()[1:]):
+        with pytest.raises(McuError, match="must be"):
+            FlashBank.unpack(wrong)
+
+
+@pytest.mark.parametrize("cut_at", [1, 2, 3])
+def test_a_supply_that_fails_leaves_what_is_torn(firmware, cut_at):
+    """By the operation: an erasure, or one of two words."""
+    bank = FlashBank()
+    driven = Driven(firmware, bank, cut_at=cut_at, seed=cut_at)
+    with pytest.raises(PowerCut):  # noqa: PT012
+        driven.board.call("test_erase", 0)
+        for k, word in enumerate(WORDS):
+            driven.program(k * WORD, word)
+    assert bank.programmed[:3] == {1: b"\2\2\2", 2: b"\2\0\0", 3: b"\1\2\0"}[cut_at]
+    after = Driven(firmware, bank)
+    assert [after.read(at)[0] for at in (0, WORD)] == {1: [1, 1], 2: [1, 0], 3: [1, 1]}[cut_at]
+    torn = bank.content[(cut_at - 2) * WORD :][:WORD] if cut_at > 1 else b""
+    # A bit that was to stay set is set; of the others some are.
+    assert all(byte & kept == kept for byte, kept in zip(torn, WORDS[cut_at - 2], strict=False))
+    assert torn != WORDS[cut_at - 2]
+
+
+def test_random_numbers_and_the_reset(firmware):
+    numbers = [Driven(firmware, seed=seed).board.call("test_random") for seed in (1, 1, 2)]
+    assert numbers[0] == numbers[1] != numbers[2]
+    with pytest.raises(SystemReset):
+        Driven(firmware).board.call("test_reset")
