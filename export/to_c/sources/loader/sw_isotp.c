@@ -1,0 +1,327 @@
+/* ISO-TP: messages from frames, and frames from messages. */
+#include "sw_isotp.h"
+
+#include "sw_counts.h"
+
+enum { SINGLE, FIRST, CONSECUTIVE, FLOW }; /* the high half of a frame's first byte */
+enum { FLOW_CONTINUE, FLOW_WAIT, FLOW_OVERFLOW, NO_ANSWER };
+enum { IDLE, READY, WAITING, SENDING };
+
+#define CLASSIC 8u
+#define PADDING 0xccu /* fewest stuff bits */
+#define NUMBERS 16u   /* sequence numbers are counted in four bits */
+#define MS INT64_C(1000000)
+#define LONGEST_MS 0x7fu
+#define SHORTEST_CODE 0xf1u /* of 100 us .. 900 us */
+#define LONGEST_CODE 0xf9u
+#if SW_FRAMES_FD
+#define FRAME_LENGTH 64u
+#else
+#define FRAME_LENGTH CLASSIC
+#endif
+
+/* Bytes of the longest message that fits a single frame of this length. */
+static uint32_t capacity(uint32_t frame_length) { return frame_length - (frame_length <= CLASSIC ? 1u : 2u); }
+
+static void copy(uint8_t *to, const uint8_t *from, uint32_t count)
+{
+    for (uint32_t i = 0; i < count; i++) to[i] = from[i];
+}
+
+/* --- Reception --- */
+
+static void abort_reception(sw_isotp *end)
+{
+    if (end->wanted > 0u) end->aborted_receptions = sw_counted(end->aborted_receptions, 1);
+    end->wanted = 0;
+}
+
+/* A whole message, in its frame. */
+static uint32_t single(sw_isotp *end, const sw_frame *frame)
+{
+    const uint32_t low = frame->data[0] & 0xfu;
+    const uint32_t header = frame->length <= CLASSIC ? 1u : 2u;
+    const uint32_t length = header == 1u ? low : frame->data[1];
+    if ((header == 2u && low != 0u) || length == 0u || length > frame->length - header) return 0;
+    abort_reception(end);
+    copy(end->message, &frame->data[header], length);
+    return length;
+}
+
+/* A message begins, and replaces one that is on the way. A length of more than 12 bits is no message for us. */
+static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
+{
+    if (frame->length < CLASSIC) return;
+    const uint8_t *data = frame->data;
+    const uint32_t length = (data[0] & 0xfu) << 8 | data[1];
+    if (length == 0u) {
+        const uint32_t longer = (uint32_t)data[2] << 24 | (uint32_t)data[3] << 16 | (uint32_t)data[4] << 8 | data[5];
+        if (longer > SW_ISOTP_MOST) {
+            abort_reception(end);
+            end->answer = FLOW_OVERFLOW;
+        }
+        return;
+    }
+    if (length <= capacity(frame->length)) return;
+    abort_reception(end);
+    end->wanted = (uint16_t)length;
+    end->received = (uint16_t)(frame->length - 2u);
+    end->frame_length = frame->length;
+    end->next_number = 1;
+    end->next_until_ns = now_ns + SW_ISOTP_WAIT_NS;
+    end->answer = FLOW_CONTINUE;
+    copy(end->message, &data[2], end->received);
+}
+
+/* The next piece. Only a last frame may be shorter than the first: a shorter one is ignored, and the next one then has
+ * the wrong number.
+ */
+static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
+{
+    if (end->wanted == 0u) return 0;
+    if ((frame->data[0] & 0xfu) != end->next_number) {
+        abort_reception(end);
+        return 0;
+    }
+    const uint32_t count = frame->length - 1u;
+    const uint32_t longest = end->frame_length - 1u;
+    const uint32_t missing = (uint32_t)end->wanted - end->received;
+    const uint32_t taken = missing < count ? missing : count;
+    if (count > longest || (count < longest && count < missing)) return 0;
+    copy(&end->message[end->received], &frame->data[1], taken);
+    end->received = (uint16_t)(end->received + taken);
+    end->next_number = (uint8_t)((end->next_number + 1u) % NUMBERS);
+    end->next_until_ns = now_ns + SW_ISOTP_WAIT_NS;
+    if (end->received < end->wanted) return 0;
+    end->wanted = 0;
+    return end->received;
+}
+
+/* --- Transmission --- */
+
+static void end_transmission(sw_isotp *end)
+{
+    sw_isotp_queue *queue = &end->queue;
+    uint32_t waiting = 0;
+    for (uint32_t i = 0; i < queue->count; i++) waiting += queue->lengths[i];
+    copy(queue->bytes, &queue->bytes[queue->under_way], waiting);
+    queue->under_way = 0;
+    end->state = IDLE;
+}
+
+static void abort_transmission(sw_isotp *end)
+{
+    end->aborted_transmissions = sw_counted(end->aborted_transmissions, 1);
+    end_transmission(end);
+}
+
+static void wait_for_flow(sw_isotp *end, int64_t now_ns)
+{
+    end->state = WAITING;
+    end->flow_until_ns = now_ns + SW_ISOTP_WAIT_NS;
+}
+
+/* Least time between frames from its byte; codes that are reserved mean the longest. */
+static int64_t separation_ns(uint32_t code)
+{
+    if (code >= SHORTEST_CODE && code <= LONGEST_CODE) return (int64_t)(code - SHORTEST_CODE + 1u) * (MS / 10);
+    return (code < LONGEST_MS ? code : LONGEST_MS) * MS;
+}
+
+/* The receiver's answer; ignored while none is due. */
+static void flow(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
+{
+    if (frame->length < 3u || end->state != WAITING) return;
+    const uint32_t status = frame->data[0] & 0xfu;
+    if (status == FLOW_CONTINUE) {
+        end->state = SENDING;
+        end->block_size = frame->data[1];
+        end->left_in_block = end->block_size;
+        end->separation_ns = separation_ns(frame->data[2]);
+        end->not_before_ns = now_ns;
+        end->waits = 0;
+    } else if (status == FLOW_WAIT && end->waits < SW_ISOTP_WAITS) {
+        end->waits++;
+        end->flow_until_ns = now_ns + SW_ISOTP_WAIT_NS;
+    } else {
+        abort_transmission(end);
+    }
+}
+
+static void start_frame(sw_frame *frame, int64_t now_ns)
+{
+    frame->timestamp_ns = now_ns;
+    frame->id = SW_RESPONSE_ID;
+    frame->is_extended = 0;
+    frame->is_fd = SW_FRAMES_FD;
+    frame->length = 0;
+}
+
+static void put(sw_frame *frame, uint32_t byte)
+{
+    frame->data[frame->length] = (uint8_t)byte;
+    frame->length++;
+}
+
+static void put_all(sw_frame *frame, const uint8_t *data, uint32_t count)
+{
+    for (uint32_t i = 0; i < count; i++) put(frame, data[i]);
+}
+
+/* Up to the next length that a frame can have, and to 8 bytes at least. */
+static void pad(sw_frame *frame)
+{
+    static const uint8_t lengths[] = {8, 12, 16, 20, 24, 32, 48, 64};
+    uint32_t i = 0;
+    while (lengths[i] < frame->length) i++;
+    while (frame->length < lengths[i]) put(frame, PADDING);
+}
+
+/* The frame with which the message under way begins. */
+static void begin(sw_isotp *end, int64_t now_ns, sw_frame *frame)
+{
+    const uint32_t length = end->queue.under_way;
+    if (length <= capacity(FRAME_LENGTH)) {
+        if (length >= CLASSIC) put(frame, 0);
+        put(frame, length);
+        put_all(frame, end->queue.bytes, length);
+        end_transmission(end);
+        return;
+    }
+    put(frame, (uint32_t)FIRST << 4 | length >> 8);
+    put(frame, length & 0xffu);
+    put_all(frame, end->queue.bytes, FRAME_LENGTH - 2u);
+    end->sent = FRAME_LENGTH - 2u;
+    end->number = 1;
+    end->waits = 0;
+    wait_for_flow(end, now_ns);
+}
+
+/* The frame that goes on with it. */
+static void go_on(sw_isotp *end, int64_t now_ns, sw_frame *frame)
+{
+    const uint32_t left = (uint32_t)end->queue.under_way - end->sent;
+    const uint32_t count = left < FRAME_LENGTH - 1u ? left : FRAME_LENGTH - 1u;
+    put(frame, (uint32_t)CONSECUTIVE << 4 | end->number);
+    put_all(frame, &end->queue.bytes[end->sent], count);
+    end->sent = (uint16_t)(end->sent + count);
+    end->number = (uint8_t)((end->number + 1u) % NUMBERS);
+    end->not_before_ns = now_ns + end->separation_ns;
+    if (count == left) {
+        end_transmission(end);
+    } else if (end->left_in_block > 0u) {
+        end->left_in_block--;
+        if (end->left_in_block == 0u) wait_for_flow(end, now_ns);
+    } else {
+        /* All that is left may follow. */
+    }
+}
+
+/* The oldest message that waits is under way now, if there is one. */
+static void take_next(sw_isotp *end)
+{
+    sw_isotp_queue *queue = &end->queue;
+    if (end->state != IDLE || queue->count == 0u) return;
+    queue->under_way = queue->lengths[0];
+    queue->count--;
+    for (uint32_t i = 0; i < queue->count; i++) queue->lengths[i] = queue->lengths[i + 1u];
+    end->state = READY;
+}
+
+/* Whether the message under way has a frame for now, which is written. */
+static int next_frame(sw_isotp *end, int64_t now_ns, sw_frame *frame)
+{
+    take_next(end);
+    const int may = end->state == READY || (end->state == SENDING && now_ns >= end->not_before_ns);
+    if (may) {
+        start_frame(frame, now_ns);
+        if (end->state == READY) {
+            begin(end, now_ns, frame);
+        } else {
+            go_on(end, now_ns, frame);
+        }
+        pad(frame);
+    }
+    return may;
+}
+
+/* --- The end as a whole --- */
+
+static void tick(sw_isotp *end, int64_t now_ns)
+{
+    if (end->wanted > 0u && now_ns > end->next_until_ns) abort_reception(end);
+    if (end->state == WAITING && now_ns > end->flow_until_ns) abort_transmission(end);
+}
+
+void sw_isotp_init(sw_isotp *end, uint8_t *message)
+{
+    uint8_t *bytes = (uint8_t *)end;
+    for (size_t i = 0; i < sizeof *end; i++) bytes[i] = 0;
+    end->message = message;
+    end->answer = NO_ANSWER;
+    end->state = IDLE;
+}
+
+uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
+{
+    uint32_t length = 0;
+    if (frame->is_extended || frame->id != SW_REQUEST_ID) return 0;
+    tick(end, now_ns);
+    if (frame->length == 0u || frame->length > SW_FRAME_BYTES) return 0;
+    switch (frame->data[0] >> 4) {
+    case SINGLE:
+        length = single(end, frame);
+        break;
+    case FIRST:
+        first(end, now_ns, frame);
+        break;
+    case CONSECUTIVE:
+        length = consecutive(end, now_ns, frame);
+        break;
+    case FLOW:
+        flow(end, now_ns, frame);
+        break;
+    default:
+        break; /* for a later version of the standard */
+    }
+    return length;
+}
+
+uint8_t *sw_isotp_place(sw_isotp *end, uint32_t *room)
+{
+    sw_isotp_queue *queue = &end->queue;
+    uint32_t used = queue->under_way;
+    for (uint32_t i = 0; i < queue->count; i++) used += queue->lengths[i];
+    *room = SW_ISOTP_ROOM - used;
+    return &queue->bytes[used < SW_ISOTP_ROOM ? used : 0u];
+}
+
+void sw_isotp_send(sw_isotp *end, uint32_t length)
+{
+    uint32_t room;
+    (void)sw_isotp_place(end, &room);
+    if (end->queue.count == SW_ISOTP_QUEUE || length > room) {
+        end->dropped_sent = sw_counted(end->dropped_sent, 1);
+        return;
+    }
+    end->queue.lengths[end->queue.count] = (uint16_t)length;
+    end->queue.count++;
+}
+
+int sw_isotp_poll(sw_isotp *end, int64_t now_ns, sw_frame frames[SW_ISOTP_BURST])
+{
+    int count = 0;
+    tick(end, now_ns);
+    if (end->answer == FLOW_CONTINUE && end->wanted == 0u) end->answer = NO_ANSWER;
+    if (end->answer != NO_ANSWER) {
+        start_frame(&frames[0], now_ns);
+        put(&frames[0], (uint32_t)FLOW << 4 | end->answer);
+        put(&frames[0], 0); /* all frames at once, */
+        put(&frames[0], 0); /* without a pause */
+        pad(&frames[0]);
+        end->answer = NO_ANSWER;
+        count = 1;
+    }
+    while (count < SW_ISOTP_BURST && next_frame(end, now_ns, &frames[count])) count++;
+    return count;
+}

@@ -1,0 +1,79 @@
+/* One end of an ISO-TP connection (ISO 15765-2:2016), as a state machine of time and frames: the twin of
+ * can_bridge/isotp/endpoint.py. Messages of 1 to SW_ISOTP_MOST bytes, one at a time in each direction.
+ *
+ * Times are in ns, from 0 to 2^61.
+ */
+#ifndef SW_ISOTP_H
+#define SW_ISOTP_H
+
+#include <stdint.h>
+
+#include "sw_ecu.h"
+#include "sw_uds_settings.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SW_ISOTP_MOST 4095u /* bytes that the 12-bit length of a first frame can name */
+
+/* Messages that wait to be sent, with the one under way. */
+typedef struct {
+    uint8_t count; /* of those that wait */
+    uint16_t under_way; /* bytes of the message under way; 0 without one */
+    uint16_t lengths[SW_ISOTP_QUEUE];
+    uint8_t bytes[SW_ISOTP_ROOM]; /* the one under way, then those that wait, oldest first */
+} sw_isotp_queue;
+
+typedef struct {
+    uint8_t *message; /* SW_ISOTP_MOST bytes, the caller's: what has come of a message */
+    /* Reception. */
+    uint16_t wanted; /* bytes of the message on its way; 0 without one */
+    uint16_t received;
+    uint8_t frame_length; /* of its first frame */
+    uint8_t next_number;
+    uint8_t answer; /* flow status that is due, or SW_ISOTP_NO_ANSWER */
+    int64_t next_until_ns;
+    /* Transmission. */
+    uint8_t state;
+    uint8_t number;
+    uint8_t block_size;
+    uint8_t left_in_block;
+    uint8_t waits;
+    uint16_t sent;
+    int64_t separation_ns;
+    int64_t not_before_ns;
+    int64_t flow_until_ns;
+    sw_isotp_queue queue;
+    /* Messages that did not arrive, since the start. */
+    uint32_t aborted_receptions;
+    uint32_t aborted_transmissions;
+    uint32_t dropped_sent;
+} sw_isotp;
+
+/* After power-on; `message` has SW_ISOTP_MOST bytes. */
+void sw_isotp_init(sw_isotp *end, uint8_t *message);
+
+/* Takes a frame from the bus; frames for others are ignored. Returns the bytes of a message that is whole now and stands
+ * in `message` until the next call, or 0.
+ */
+uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame);
+
+/* Where the next message to be sent may be written, and how many bytes there are. */
+uint8_t *sw_isotp_place(sw_isotp *end, uint32_t *room);
+
+/* Has the `length` bytes that the message has sent by the calls of sw_isotp_poll that follow. One that is longer than
+ * its room was, or that finds SW_ISOTP_QUEUE messages waiting, is dropped and counted.
+ */
+void sw_isotp_send(sw_isotp *end, uint32_t length);
+
+/* Frames to be put on the bus now, SW_ISOTP_BURST at most: the answer to the other end first, then what we send. Returns
+ * how many.
+ */
+int sw_isotp_poll(sw_isotp *end, int64_t now_ns, sw_frame frames[SW_ISOTP_BURST]);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

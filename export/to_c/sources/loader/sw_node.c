@@ -1,0 +1,124 @@
+/* Control and diagnosis of one ECU, from a boot to the next reset. */
+#include "sw_node.h"
+
+#include <stddef.h>
+
+#include "sw_ecu_parts.h"
+#include "sw_image.h"
+
+/* --- Boot --- */
+
+/* The ECU of the booted image; without one, an ECU that stays shut. */
+static void start_ecu(sw_node *node)
+{
+    const uint8_t *image = sw_store_image(&node->store);
+    sw_numbers numbers;
+    node->is_shut = 1;
+    if (image != NULL && sw_image_open(image, &numbers) == SW_IMAGE_OK) {
+        node->is_shut = 0;
+        sw_ecu_init_of(&node->ecu, &numbers);
+        sw_calibrating_restore(node);
+    } else {
+        node->ecu.surroundings.fault = SW_REASON_NONE;
+    }
+}
+
+void sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *flash, uint8_t *message)
+{
+    uint8_t *bytes = (uint8_t *)node;
+    for (size_t i = 0; i < sizeof *node; i++) bytes[i] = 0;
+    node->equipment = equipment;
+    sw_isotp_init(&node->isotp, message);
+    sw_uds_init(&node->uds);
+    sw_store_open(&node->store, flash, equipment->rules);
+    sw_store_boot(&node->store);
+    start_ecu(node);
+}
+
+/* --- Control --- */
+
+uint8_t sw_node_refusal(const sw_node *node)
+{
+    const int asks = node->has_asked && node->service_ns - node->asked_ns < SW_REMEMBERED_NS;
+    return node->drives_jets || asks ? SW_NRC_CONDITIONS_NOT_CORRECT : 0u;
+}
+
+int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
+                    sw_frame frames_out[SW_FRAMES_OUT])
+{
+    sw_ecu *ecu = &node->ecu;
+    const uint32_t missed = ecu->state.missed;
+    int sent;
+    /* What is booted next knows nothing of the jets that run now. */
+    ecu->surroundings.fault = node->wants_reset ? SW_REASON_UPDATING : SW_REASON_NONE;
+    ecu->surroundings.updating = node->programming.is_updating;
+    if (node->is_shut) {
+        sent = sw_shut_step(ecu, now_ns, frames_out);
+    } else {
+        sw_calibrating_hand_over(node);
+        sent = sw_ecu_step(ecu, now_ns, frames_in, count, frames_out);
+    }
+    node->drives_jets = (uint8_t)sw_drives_jets(ecu->state.fail_safe.mode);
+    if (ecu->state.missed == missed && ecu->state.fail_safe.enable_request) {
+        node->has_asked = 1;
+        node->asked_ns = now_ns;
+    }
+    return sent;
+}
+
+/* --- Diagnosis --- */
+
+static int64_t clipped(int64_t now_ns)
+{
+    if (now_ns < 0) return 0;
+    return now_ns < SW_LATEST_NS ? now_ns : SW_LATEST_NS;
+}
+
+/* Requests that have come whole, SW_ISOTP_QUEUE of them at most. Returns how many. */
+static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
+{
+    uint32_t requests = 0;
+    for (int i = 0; i < count; i++) {
+        const uint32_t length = sw_isotp_receive(&node->isotp, now_ns, &frames_in[i]);
+        if (length == 0u || requests == SW_ISOTP_QUEUE) continue;
+        sw_uds_request(node, now_ns, node->isotp.message, length);
+        requests++;
+    }
+    return requests;
+}
+
+int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
+                    sw_frame frames_out[SW_ISOTP_BURST])
+{
+    const int64_t time_ns = clipped(now_ns);
+    const int was_busy = sw_uds_is_busy(&node->uds);
+    if (node->wants_reset) return 0;
+    node->service_ns = time_ns;
+    const int looked_at = count < (int)SW_MOST_FRAMES ? count : (int)SW_MOST_FRAMES;
+    const uint32_t requests = take_requests(node, time_ns, frames_in, looked_at);
+    /* A request that begins long work has done its first piece; those that come amid it do none. */
+    if (was_busy || requests == 0u || !sw_uds_is_busy(&node->uds)) sw_uds_tick(node, time_ns);
+    const int sent = sw_isotp_poll(&node->isotp, time_ns, frames_out);
+    node->is_sending = (uint8_t)(sent > 0);
+    return sent;
+}
+
+int sw_node_step(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
+                 sw_frame frames_out[SW_NODE_FRAMES])
+{
+    const int sent = sw_node_control(node, now_ns, frames_in, count, frames_out);
+    return sent + sw_node_service(node, now_ns, frames_in, count, &frames_out[sent]);
+}
+
+int sw_node_is_busy(const sw_node *node)
+{
+    return node->wants_reset || node->is_sending || sw_uds_is_busy(&node->uds);
+}
+
+int sw_node_wants_reset(const sw_node *node) { return node->wants_reset; }
+
+int sw_node_needs_reset(const sw_node *node) { return node->wants_reset || node->programming.is_updating; }
+
+size_t sw_node_bytes(void) { return sizeof(sw_node); }
+
+size_t sw_node_loader_bytes(void) { return offsetof(sw_node, ecu); }

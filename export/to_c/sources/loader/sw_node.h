@@ -1,0 +1,105 @@
+/* The ECU as a vehicle runs it: it boots a release from its flash memory, controls, and can be flashed and calibrated. The
+ * twin of firmware_sim/ecu/flashable.
+ *
+ * Freestanding C99. No allocation, no recursion, no static state: everything stands in the caller's sw_node.
+ *
+ *     static sw_node node;
+ *     static uint8_t message[SW_ISOTP_MOST];
+ *     sw_node_init(&node, &equipment, &flash, message);
+ *     every control period:
+ *         count = sw_node_step(&node, now_ns, frames_in, n, frames_out);   send frames_out[0 .. count - 1]
+ *     in between, whenever there is time and a frame for diagnosis or sw_node_is_busy:
+ *         count = sw_node_service(&node, now_ns, frames_in, n, frames_out);
+ *     whenever what was sent is on the bus and sw_node_wants_reset: reset the microcontroller.
+ *
+ * A call does at most one piece of long work. No call may interrupt another one of the same node.
+ */
+#ifndef SW_NODE_H
+#define SW_NODE_H
+
+#include <stdint.h>
+
+#include "sw_access.h"
+#include "sw_calibrating.h"
+#include "sw_ecu.h"
+#include "sw_isotp.h"
+#include "sw_programming.h"
+#include "sw_store.h"
+#include "sw_uds.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SW_NODE_FRAMES (SW_FRAMES_OUT + SW_ISOTP_BURST) /* that a step sends at most */
+
+/* What an ECU is given at production; no reset changes it, and it outlives the node. */
+typedef struct {
+    const sw_rules *rules;     /* by which images and key lists are judged */
+    const uint8_t *access_key; /* shared with the tester, SW_AES_BYTES */
+    const char *hardware;      /* its name; UTF-8, as the following */
+    const char *serial;        /* number of this ECU */
+    const char *software;      /* version of the loader */
+    sw_random random;
+    void *context; /* for `random` */
+} sw_equipment;
+
+struct sw_node {
+    const sw_equipment *equipment;
+    sw_store store;
+    sw_isotp isotp;
+    sw_uds uds;
+    sw_access access;
+    sw_programming programming;
+    sw_calibrating calibrating;
+    uint8_t is_shut;     /* no release runs */
+    uint8_t wants_reset; /* the caller must reset the ECU */
+    uint8_t is_sending;
+    /* The vehicle's request for control, as seen in the control periods: while it stands nothing is flashed. */
+    uint8_t has_asked;
+    uint8_t drives_jets;
+    int64_t asked_ns; /* the latest period with usable pressures that asked for control */
+    int64_t service_ns;
+    sw_ecu ecu; /* last; the caller writes `ecu.surroundings.health` as for sw_ecu_step */
+};
+
+/* Power-on: boots the flash memory's release. `message` has SW_ISOTP_MOST bytes; all that is given outlives the node. */
+void sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *flash, uint8_t *message);
+
+/* One control period and one look at diagnosis; frames_in as for sw_ecu_step, and not the memory of frames_out. Returns
+ * how many frames there are to be sent.
+ */
+int sw_node_step(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
+                 sw_frame frames_out[SW_NODE_FRAMES]);
+
+/* The two parts of it, for whoever runs them apart. Of the frames of a call diagnosis looks at SW_MOST_FRAMES. */
+int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
+                    sw_frame frames_out[SW_FRAMES_OUT]);
+int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
+                    sw_frame frames_out[SW_ISOTP_BURST]);
+
+/* Whether sw_node_service has something to do without another frame. */
+int sw_node_is_busy(const sw_node *node);
+
+int sw_node_wants_reset(const sw_node *node);
+
+/* Whether only a reset leads out of the shut jets: an image is being written, or a reset was asked for. */
+int sw_node_needs_reset(const sw_node *node);
+
+/* Why nothing may be flashed now: the SW_NRC_, or 0. */
+uint8_t sw_node_refusal(const sw_node *node);
+
+/* --- sw_shut.c --- */
+
+/* The control period of an ECU without a release: jets shut, and the reason on the bus. */
+int sw_shut_step(sw_ecu *ecu, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT]);
+
+/* sizeof(sw_node), and that without its sw_ecu, for callers in other languages. */
+size_t sw_node_bytes(void);
+size_t sw_node_loader_bytes(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,252 @@
+/* The services of UDS, and who may use them. The twin of can_bridge/uds/permissions.py and of the handlers in server.py.
+ *
+ * One more service is one more row of `services`, with a function that handles it.
+ */
+#include "sw_node.h"
+
+#define HARD_RESET 1u
+#define START 1u
+#define PLAIN 0x00u         /* data format of a download: neither compressed nor encrypted */
+#define FOUR_AND_FOUR 0x44u /* bytes of length and of address in a download request */
+#define TWO_BYTES 0x20u     /* format of the block length in its answer */
+#define P2_UNIT_MS 10u
+#define COUNT(table) (sizeof(table) / sizeof(table)[0])
+
+/* Who may write an identifier or start a routine, and with how many bytes; 0xffff: any number. */
+typedef struct {
+    uint16_t number;
+    uint8_t sessions;
+    uint8_t level;
+    uint16_t length;
+} permission;
+
+#define ANY 0xffffu
+static const permission writable[] = {
+    {SW_DID_KEY_LIST, SW_IN_PROGRAMMING, SW_LEVEL_PROGRAMMING, ANY},
+    {SW_DID_CALIBRATION, SW_IN_EXTENDED, SW_LEVEL_CALIBRATION, sizeof(sw_calibration)},
+    {SW_DID_CALIBRATION_STORED, SW_IN_EXTENDED, SW_LEVEL_CALIBRATION, 1},
+};
+static const permission routines[] = {
+    {SW_ROUTINE_PRECONDITIONS, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 0, 0},
+    {SW_ROUTINE_SELF_TEST, SW_IN_PROGRAMMING, SW_LEVEL_PROGRAMMING, 0},
+    {SW_ROUTINE_ACTIVATE, SW_IN_PROGRAMMING, SW_LEVEL_PROGRAMMING, 0},
+    {SW_ROUTINE_CONFIRM, SW_IN_PROGRAMMING, SW_LEVEL_PROGRAMMING, 0},
+    {SW_ROUTINE_REVERT, SW_IN_PROGRAMMING, SW_LEVEL_PROGRAMMING, 0},
+    {SW_ROUTINE_ERASE, SW_IN_PROGRAMMING, SW_LEVEL_PROGRAMMING, 4 + 32},
+    {SW_ROUTINE_CHECK, SW_IN_PROGRAMMING, SW_LEVEL_PROGRAMMING, 0},
+};
+
+/* Whether a number may be used in this session, unlocked, with this many bytes: 0 or the refusal. */
+static uint8_t refusal(const sw_node *node, const permission *table, uint32_t rows, uint32_t number, uint32_t length)
+{
+    for (uint32_t i = 0; i < rows; i++) {
+        if (table[i].number != number) continue;
+        if ((table[i].sessions & 1u << node->uds.session) == 0u) return SW_NRC_OUT_OF_RANGE;
+        if (sw_uds_is_locked(node, table[i].level)) return SW_NRC_SECURITY_ACCESS_DENIED;
+        return table[i].length == ANY || table[i].length == length ? 0u : SW_NRC_INCORRECT_LENGTH;
+    }
+    return SW_NRC_OUT_OF_RANGE;
+}
+
+static uint8_t control_session(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+{
+    const uint8_t session = body[0];
+    if (session < SW_SESSION_DEFAULT || session > SW_SESSION_EXTENDED) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
+    if (length != 1u) return SW_NRC_INCORRECT_LENGTH;
+    if (session == SW_SESSION_PROGRAMMING) {
+        const uint8_t code = sw_node_refusal(node);
+        if (code != 0u) return code;
+    }
+    sw_uds_change_session(node, node->uds.now_ns, session);
+    sw_answer_byte(answer, session);
+    sw_answer_number(answer, SW_P2_MS, 2);
+    sw_answer_number(answer, SW_P2_EXTENDED_MS / P2_UNIT_MS, 2);
+    return SW_UDS_DONE;
+}
+
+static uint8_t reset(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+{
+    if (body[0] != HARD_RESET) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
+    if (length != 1u) return SW_NRC_INCORRECT_LENGTH;
+    const uint8_t code = sw_programming_before_reset(node);
+    if (code != 0u) return code;
+    node->uds.reset_is_due = 1;
+    sw_answer_byte(answer, body[0]);
+    return SW_UDS_DONE;
+}
+
+static uint8_t hear_tester(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+{
+    (void)node;
+    if (body[0] != 0u) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
+    if (length != 1u) return SW_NRC_INCORRECT_LENGTH;
+    sw_answer_byte(answer, body[0]);
+    return SW_UDS_DONE;
+}
+
+/* The standard leaves out what is not there, if anything else is. */
+static uint8_t read(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+{
+    const uint32_t before = answer->length;
+    if (length == 0u || length % 2u != 0u || length > 2u * SW_MAX_DIDS) return SW_NRC_INCORRECT_LENGTH;
+    for (uint32_t at = 0; at < length; at += 2u) {
+        const uint32_t start = answer->length;
+        sw_answer_bytes(answer, &body[at], 2);
+        if (sw_programming_read(node, sw_number(&body[at], 2), answer) != 0u) answer->length = start;
+    }
+    if (answer->length == before) return SW_NRC_OUT_OF_RANGE;
+    return answer->length > SW_LONGEST_ANSWER ? SW_NRC_RESPONSE_TOO_LONG : SW_UDS_DONE;
+}
+
+/* A level's seed has its number, the answer to the seed the next one. */
+static uint8_t give_access(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+{
+    const int is_answer = body[0] % 2u == 0u;
+    const uint8_t level = (uint8_t)(is_answer ? body[0] - 1u : body[0]);
+    uint8_t session = SW_SESSION_EXTENDED;
+    if (level == SW_LEVEL_PROGRAMMING) {
+        session = SW_SESSION_PROGRAMMING;
+    } else if (level != SW_LEVEL_CALIBRATION) {
+        return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
+    } else {
+        /* The extended session's level. */
+    }
+    if (node->uds.session != session) return SW_NRC_SUB_FUNCTION_NOT_IN_SESSION;
+    if (length != (is_answer ? 1u + SW_ANSWER_BYTES : 1u)) return SW_NRC_INCORRECT_LENGTH;
+    sw_answer_byte(answer, body[0]);
+    if (is_answer) {
+        return sw_access_unlock(&node->access, &node->store, node->uds.now_ns, level, node->equipment->access_key,
+                                &body[1]);
+    }
+    uint8_t seed[SW_SEED_BYTES];
+    const uint8_t code = sw_access_seed(&node->access, node->uds.now_ns, level, node->equipment->random,
+                                        node->equipment->context, seed);
+    sw_answer_bytes(answer, seed, SW_SEED_BYTES);
+    return code;
+}
+
+static uint8_t write(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+{
+    if (length <= 2u) return SW_NRC_INCORRECT_LENGTH;
+    const uint32_t number = sw_number(body, 2);
+    const uint8_t code = refusal(node, writable, COUNT(writable), number, length - 2u);
+    if (code != 0u) return code;
+    sw_answer_bytes(answer, body, 2);
+    return sw_programming_write(node, number, &body[2], length - 2u);
+}
+
+static uint8_t routine(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+{
+    if (body[0] != START) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
+    if (length < 3u) return SW_NRC_INCORRECT_LENGTH;
+    const uint32_t number = sw_number(&body[1], 2);
+    const uint8_t code = refusal(node, routines, COUNT(routines), number, length - 3u);
+    if (code != 0u) return code;
+    if (number == SW_ROUTINE_ERASE) node->uds.transfer.state = SW_NO_TRANSFER;
+    for (uint32_t i = 0; i < sizeof node->uds.head; i++) node->uds.head[i] = body[i];
+    node->uds.piece = 0;
+    sw_answer_bytes(answer, body, sizeof node->uds.head);
+    return sw_programming_routine(node, number, &body[3], answer);
+}
+
+/* --- A download: blocks in their order. A tester that missed an answer sends its request again. --- */
+
+static uint8_t download(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+{
+    sw_transfer *transfer = &node->uds.transfer;
+    if (length < 2u) return SW_NRC_INCORRECT_LENGTH;
+    if (body[0] != PLAIN || body[1] != FOUR_AND_FOUR) return SW_NRC_OUT_OF_RANGE;
+    if (length != 2u + 4u + 4u) return SW_NRC_INCORRECT_LENGTH;
+    if (sw_uds_is_locked(node, SW_LEVEL_PROGRAMMING)) return SW_NRC_SECURITY_ACCESS_DENIED;
+    const uint32_t offset = sw_number(&body[2], 4);
+    const uint32_t bytes = sw_number(&body[6], 4);
+    if (transfer->state != SW_TRANSFER_OPEN) {
+        const uint8_t code = sw_programming_download(node, offset, bytes);
+        if (code != 0u) return code;
+        transfer->state = SW_TRANSFER_OPEN;
+        transfer->offset = offset;
+        transfer->length = bytes;
+        transfer->missing = bytes;
+        transfer->expected = 1;
+        transfer->has_last = 0;
+    } else if (transfer->has_last || transfer->offset != offset || transfer->length != bytes) {
+        return SW_NRC_CONDITIONS_NOT_CORRECT;
+    } else {
+        /* The same again, before the first block. */
+    }
+    sw_answer_byte(answer, TWO_BYTES);
+    sw_answer_number(answer, SW_MAX_BLOCK, 2);
+    return SW_UDS_DONE;
+}
+
+/* Whether to write this block: SW_UDS_MORE; SW_UDS_DONE if it is the last one again, or what is wrong with it. */
+static uint8_t judged(const sw_transfer *transfer, uint8_t counter, uint32_t bytes, const uint8_t *digest)
+{
+    int is_last = transfer->has_last && transfer->last == counter;
+    for (uint32_t i = 0; i < SW_BLOCK_DIGEST_BYTES; i++) is_last &= transfer->last_digest[i] == digest[i];
+    if (transfer->state != SW_TRANSFER_OPEN) return SW_NRC_SEQUENCE_ERROR;
+    if (is_last) return SW_UDS_DONE;
+    if (transfer->missing == 0u) return SW_NRC_SEQUENCE_ERROR;
+    if (counter != transfer->expected) return SW_NRC_WRONG_BLOCK_COUNTER;
+    return bytes > transfer->missing ? SW_NRC_TRANSFER_SUSPENDED : SW_UDS_MORE;
+}
+
+static uint8_t take_block(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+{
+    sw_transfer *transfer = &node->uds.transfer;
+    uint8_t digest[SW_BLOCK_DIGEST_BYTES];
+    if (length < 2u || length >= SW_MAX_BLOCK) return SW_NRC_INCORRECT_LENGTH;
+    if (sw_uds_is_locked(node, SW_LEVEL_PROGRAMMING)) return SW_NRC_SECURITY_ACCESS_DENIED;
+    const uint32_t bytes = length - 1u;
+    sw_programming_digest(&body[1], bytes, digest);
+    const uint8_t verdict = judged(transfer, body[0], bytes, digest);
+    sw_answer_byte(answer, body[0]);
+    if (verdict != SW_UDS_MORE) return verdict;
+    /* If it fails there is no transfer any more: what the memory holds is known only after a new announcement. */
+    transfer->state = SW_NO_TRANSFER;
+    const uint8_t code = sw_programming_append(node, &body[1], bytes);
+    if (code != 0u) return code;
+    transfer->state = SW_TRANSFER_OPEN;
+    transfer->missing -= bytes;
+    transfer->expected = (uint8_t)(body[0] + 1u);
+    transfer->has_last = 1;
+    transfer->last = body[0];
+    for (uint32_t i = 0; i < SW_BLOCK_DIGEST_BYTES; i++) transfer->last_digest[i] = digest[i];
+    return SW_UDS_DONE;
+}
+
+/* All bytes came; the routine that checks finds out whether they are the announced ones. */
+static uint8_t end_transfer(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+{
+    sw_transfer *transfer = &node->uds.transfer;
+    (void)body;
+    (void)answer;
+    if (length != 0u) return SW_NRC_INCORRECT_LENGTH;
+    if (sw_uds_is_locked(node, SW_LEVEL_PROGRAMMING)) return SW_NRC_SECURITY_ACCESS_DENIED;
+    if (transfer->state == SW_NO_TRANSFER || transfer->missing > 0u) return SW_NRC_SEQUENCE_ERROR;
+    transfer->state = SW_TRANSFER_CLOSED;
+    return SW_UDS_DONE;
+}
+
+static const sw_service services[] = {
+    {SW_SERVICE_SESSION, SW_IN_ALL, 1, control_session},
+    /* The programming session begins only while the jets are shut; the reset looks again. */
+    {SW_SERVICE_RESET, SW_IN_PROGRAMMING, 1, reset},
+    {SW_SERVICE_READ, SW_IN_ALL, 0, read},
+    {SW_SERVICE_SECURITY, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, give_access},
+    {SW_SERVICE_WRITE, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 0, write},
+    {SW_SERVICE_ROUTINE, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, routine},
+    {SW_SERVICE_DOWNLOAD, SW_IN_PROGRAMMING, 0, download},
+    {SW_SERVICE_TRANSFER, SW_IN_PROGRAMMING, 0, take_block},
+    {SW_SERVICE_EXIT, SW_IN_PROGRAMMING, 0, end_transfer},
+    {SW_SERVICE_TESTER_PRESENT, SW_IN_ALL, 1, hear_tester},
+};
+
+const sw_service *sw_service_of(uint8_t number)
+{
+    const sw_service *found = NULL;
+    for (uint32_t i = 0; i < COUNT(services); i++) {
+        if (services[i].service == number) found = &services[i];
+    }
+    return found;
+}

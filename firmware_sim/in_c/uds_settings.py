@@ -1,0 +1,59 @@
+"""The constants of diagnosis in C: `sw_uds_settings.h`, so that no number of the Python server is restated there."""
+
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Final
+
+from can_bridge.flashing import state
+from can_bridge.flashing.access_level import Level
+from can_bridge.isotp.settings import IsoTpSettings
+from can_bridge.uds import security, server, services
+from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
+from contract.release.checks import dbc_sha256
+from firmware_sim.ecu.flashable import diagnostic_link, vehicle_request
+
+HEADER: Final = "sw_uds_settings.h"
+ROOM: Final = 1024
+"""Bytes of answers that wait in C, with the one under way; `IsoTpSettings.send_room` there."""
+LONGEST_ANSWER: Final = 1024
+"""Bytes; one that would be longer is refused as too long."""
+_ISOTP: Final = IsoTpSettings(receive_id=services.REQUEST_ID, send_id=services.RESPONSE_ID)
+_NUMBERED: Final[Mapping[str, type[IntEnum]]] = {
+    "SERVICE": Service, "SESSION": Session, "NRC": Nrc, "ROUTINE": Routine, "DID": Did, "LEVEL": Level,
+}  # fmt: skip
+
+
+def uds_settings() -> bytes:
+    """The header. It is the same for every release and vehicle."""
+    numbers = {
+        "REQUEST_ID": services.REQUEST_ID,
+        "RESPONSE_ID": services.RESPONSE_ID,
+        "MAX_REQUEST": services.MAX_REQUEST,
+        "MAX_BLOCK": services.MAX_BLOCK,
+        "MAX_DIDS": server.MAX_DIDS,
+        "P2_MS": services.P2_MS,
+        "P2_EXTENDED_MS": services.P2_EXTENDED_MS,
+        "S3_MS": services.S3_MS,
+        "LEVELS": len(Level),
+        "ACCESS_ATTEMPTS": security.MAX_ATTEMPTS,
+        "ATTEMPTS_COUNTED": state.MOST_ATTEMPTS,
+        "LONGEST_ANSWER": LONGEST_ANSWER,
+        "ISOTP_ROOM": ROOM,
+        "ISOTP_QUEUE": _ISOTP.queue,
+        "ISOTP_WAITS": _ISOTP.max_waits,
+        "MOST_FRAMES": diagnostic_link.MOST_FRAMES,
+        **{f"{kind}_{item.name}": item.value for kind, items in _NUMBERED.items() for item in items},
+    }
+    texts = {
+        "ISOTP_BURST": _ISOTP.burst,
+        "ISOTP_WAIT_NS": f"INT64_C({_ISOTP.n_bs_ns})",
+        "ACCESS_DELAY_NS": f"INT64_C({security.DELAY_NS})",
+        "REMEMBERED_NS": f"INT64_C({vehicle_request.REMEMBERED_NS})",
+        "DBC_SHA256_BYTES": "{" + ", ".join(map(str, bytes.fromhex(dbc_sha256()))) + "}",
+    }
+    found = {name: f"{value:#x}u" for name, value in numbers.items()} | texts
+    lines = "\n".join(f"#define SW_{name} {value}" for name, value in found.items())
+    return (
+        "/* Generated: the numbers of diagnosis. */\n"
+        f"#ifndef SW_UDS_SETTINGS_H\n#define SW_UDS_SETTINGS_H\n\n{lines}\n\n#endif\n"
+    ).encode()
