@@ -117,7 +117,7 @@ SNAPSHOT_TEXTS: Final[Mapping[Snapshot, str]] = {
     Snapshot.MODE_BEFORE: "mode of EcuStatus in the control period before",
     Snapshot.MISSED: "control periods without usable pressures since power-on",
     Snapshot.OVERRUNS: "control periods left out since power-on",
-    Snapshot.PRESSURES_CP: "the newest pressure coefficients, as float32",
+    Snapshot.PRESSURES_CP: "the newest pressure coefficients of that period, as float32; 0 without",
 }
 STATUS_TEXTS: Final[Mapping[Status, str]] = {
     Status.TEST_FAILED: "the fault stands; gone once control runs",

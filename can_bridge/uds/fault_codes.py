@@ -52,7 +52,7 @@ class Snapshot(IntEnum):
     OVERRUNS = 0xFD23
     """Control periods left out since power-on, at most 65535 (2)."""
     PRESSURES_CP = 0xFD24
-    """The newest pressure coefficients, as float32 (4 each)."""
+    """The newest pressure coefficients of the period before, as float32 (4 each)."""
 
 
 SNAPSHOT_FORMATS: Final[Mapping[Snapshot, str]] = {

@@ -106,7 +106,7 @@ class Did(IntEnum):
     DBC_SHA256 = 0xFD00
     """(32)"""
     STORE = 0xFD01
-    """What the slots hold, as JSON: `can_bridge.flashing.report`."""
+    """What the slots hold: `can_bridge.flashing.report`."""
     KEY_LIST = 0xFD02
     """To be written: a signed key list. Read: its version (4)."""
     CAPACITY = 0xFD03

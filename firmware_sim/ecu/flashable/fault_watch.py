@@ -44,5 +44,5 @@ def _snapshot(before: EcuState, after: EcuState, since_power_on_ns: int) -> byte
             min(after.missed, COUNT_LIMIT),
             min(after.overruns, COUNT_LIMIT),
         )
-        + after.memory.window[-1, :SENSORS].astype(np.dtype(">f4")).tobytes()
+        + before.memory.window[-1, :SENSORS].astype(np.dtype(">f4")).tobytes()
     )

@@ -1,0 +1,155 @@
+"""The PDX file as another implementation reads it, and the running server asked and understood by that alone."""
+
+import io
+import zipfile
+from typing import Any
+
+import pytest
+
+from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.verdicts import Verdict
+from can_bridge.odx.pdx import pdx
+from can_bridge.uds.fault_codes import CODES, in_letters
+from can_bridge.uds.server import UdsServer
+from can_bridge.uds.services import Did, Nrc, Routine, Session
+from can_bridge.wire.messages import Mode, Reason
+from contract.config.controller import CostWeights
+from contract.config.vehicle import BusConfig
+from contract.controller.calibration import NAMES, Calibration
+from firmware_sim.runs.reasons import BECAUSE
+from tests.can_bridge.uds.scripted_ecu import Bench
+from tests.can_bridge.uds.test_faults import SNAPSHOT, Memory
+
+odxtools = pytest.importorskip("odxtools")
+
+VALUES = Calibration(weights=CostWeights(), action_limit=0.0625, command_step=0.03125, delay_steps=3)
+BY_NAME = dict(zip(NAMES, VALUES.values, strict=True))
+ARGUMENTS: dict[str, dict[str, Any]] = {
+    "clear_faults": {"group": 0xFFFFFF},
+    "faults_count": {"mask": 0x08},
+    "faults_by_status": {"mask": 0x08},
+    "faults_snapshot": {"code": CODES[Reason.STREAM_LOST], "record": 1},
+    "faults_extended": {"code": CODES[Reason.STREAM_LOST], "record": 1},
+    "enable_sending": {"kind": 1},
+    "disable_sending": {"kind": 1},
+    "write_key_list": {"value": b"signed"},
+    "write_calibration": {"value": BY_NAME | {"delay_steps": 3}},
+    "write_calibration_stored": {"value": 1},
+    "routine_erase": {"length": 9, "sha256": bytes(range(32))},
+    "download": {"offset": 0, "length": 3},
+    "transfer": {"counter": 1, "data": b"abc"},
+}
+"""Of services that carry more than their constants."""
+
+
+def layer_of(bus: BusConfig) -> Any:
+    database = odxtools.database.Database(use_weakrefs=False)
+    database.add_pdx_file(io.BytesIO(pdx(bus, BECAUSE)))
+    database.refresh()
+    return database.base_variants.stillwake_ecu
+
+
+@pytest.fixture(scope="module")
+def layer() -> Any:
+    return layer_of(BusConfig())
+
+
+@pytest.fixture
+def bench() -> Bench:
+    memory = Memory()
+    memory.note(Reason.STREAM_LOST)
+    bench = Bench()
+    packed = VALUES.pack()
+    bench.server = UdsServer(bench.ecu, bench.key, lambda count: b"\xaa" * count, faults=memory.now)
+    bench.ecu.values = {did: b"\x05\x06\x07\x08" for did in Did} | {
+        Did.SERIAL_NUMBER: "Nr. 0815 µ".encode(),
+        Did.DBC_SHA256: bytes(range(32)),
+        Did.PERIOD_NS: bytes(8),
+        Did.CALIBRATION: packed,
+        Did.CALIBRATION_LIMITS: 3 * packed,
+        Did.CALIBRATION_STORED: b"\x01",
+    }
+    return bench
+
+
+def ask(bench: Bench, layer: Any, name: str) -> dict[str, Any]:
+    """The decoded answer to a service's request, which the layer encodes."""
+    service = layer.services[name]
+    arguments = dict(ARGUMENTS.get(name, {}))
+    if name.startswith("key_"):
+        seed = ask(bench, layer, name.replace("key", "seed")).get("seed", bytes(16))
+        level = Level[name.removeprefix("key_").upper()]
+        arguments["key"] = bench.key.answer(level, bytes(seed))
+    bench.ecu.status = {"routine_erase": bytes(4), "routine_check": bytes([Verdict.TOO_OLD])}.get(name, b"")
+    answer = bench.ask(service.encode_request(**arguments))
+    assert answer is not None
+    return dict(service.decode_message(answer).param_dict) if answer[0] != 0x7F else {"nrc": answer[2]}
+
+
+def states_of(service: Any) -> tuple[set[str], set[str]]:
+    """Sessions and levels that a service needs one of."""
+    names = {ref.state.short_name for ref in service.pre_condition_state_refs}
+    sessions = {name.removeprefix("session_") for name in names if name.startswith("session_")}
+    return sessions, {name.removeprefix("level_") for name in names if name.startswith("level_")}
+
+
+def test_every_service_is_answered_in_its_states_and_refused_in_others(layer, bench):
+    """By the file alone: requests are encoded, states entered, and answers decoded to their last byte."""
+    refusals = {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.OUT_OF_RANGE}
+    assert len(layer.services) > 40
+    for service in layer.services:
+        name = service.short_name
+        sessions, levels = states_of(service)
+        for session in Session:
+            bench.ask(0x10, 1)
+            bench.ask(0x10, session)
+            if session.name.lower() not in sessions:
+                assert ask(bench, layer, name)["nrc"] in refusals, (name, session)
+                continue
+            for level in levels:
+                assert ask(bench, layer, name) == {"nrc": Nrc.SECURITY_ACCESS_DENIED}, name
+                bench.unlock(Level[level.upper()])
+            if name in ("transfer", "exit"):
+                assert "nrc" not in ask(bench, layer, "download")
+            if name == "exit":
+                ask(bench, layer, "transfer")
+            answer = ask(bench, layer, name)
+            assert "nrc" not in answer, (name, session, answer)
+            bench.wait(1)
+
+
+def test_answers_mean_what_the_server_means(layer, bench):
+    assert ask(bench, layer, "read_serial_number")["value"] == "Nr. 0815 µ"
+    read = ask(bench, layer, "read_calibration_limits")["value"]
+    assert read["greatest"] == pytest.approx(BY_NAME)
+    assert ask(bench, layer, "read_capacity")["value"] == 0x05060708
+    found = ask(bench, layer, "faults_by_status")["faults"]
+    assert [(one["code"].display_trouble_code, one["status"]) for one in found] == [("U1101-87", 0x2F)]
+    (moment,) = ask(bench, layer, "faults_snapshot")["snapshots"]
+    assert (moment["time_ms_0"], moment["mode_before_0"], moment["missed_0"]) == (65535, Mode.CONTROL.name, 3)
+    assert [moment[f"pressures_cp_{sensor}"] for sensor in range(4)] == [1.0, -0.5, 0.0, 0.25]
+    assert len(SNAPSHOT) == 25
+    assert len(ask(bench, layer, "faults_supported")["faults"]) == len(CODES)
+    bench.unlock()
+    assert ask(bench, layer, "routine_check")["verdict"] == Verdict.TOO_OLD.in_words
+    request = layer.services.read_store.encode_request()
+    (refused,) = layer.decode_response(b"\x7f\x22\x31", request)
+    assert refused.param_dict["code"] == "out of range"
+
+
+def test_it_has_all_that_the_tables_have_and_the_bus(layer):
+    names = {service.short_name for service in layer.services}
+    assert {f"read_{did.name.lower()}" for did in Did} | {f"routine_{one.name.lower()}" for one in Routine} <= names
+    (codes,) = layer.diag_data_dictionary_spec.dtc_dops
+    assert {dtc.trouble_code: dtc.display_trouble_code for dtc in codes.dtcs} == {
+        code: in_letters(code) for code in CODES.values()
+    }
+    assert (layer.get_can_receive_id(), layer.get_can_send_id()) == (0x7E0, 0x7E8)
+    assert (layer.get_can_baudrate(), layer.get_can_fd_baudrate()) == (500_000, 2_000_000)
+    assert layer.get_max_can_payload_size() == 64
+    classic = layer_of(BusConfig(frames="classic"))
+    assert (classic.uses_can_fd(), classic.get_max_can_payload_size()) == (False, 8)
+    assert pdx(BusConfig(), BECAUSE) == pdx(BusConfig(), BECAUSE)
+    with zipfile.ZipFile(io.BytesIO(pdx(BusConfig(), BECAUSE))) as archive:
+        catalogue = archive.read("index.xml").decode()
+        assert all(f">{name}<" in catalogue for name in archive.namelist() if name != "index.xml")
