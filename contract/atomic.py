@@ -13,10 +13,8 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
     """Find out before the work whether its result can be written: a file is made next to `path` and removed again.
 
     Folders that are missing on the way are not made; the test is then done in the nearest one that is there. Raises
-    StillwakeError if `path` is of the other kind or has no name of its own, or nothing can be written there.
-
-    Args:
-        folder: whether the result is a folder; otherwise it is a file.
+    StillwakeError if `path` is of the other kind or has no name of its own, or nothing can be written there. `folder`
+    states whether the result is a folder; otherwise it is a file.
     """
     if not folder and path.is_dir():
         raise StillwakeError(f"cannot write {path}: it is a directory, must be a file")

@@ -10,11 +10,8 @@ def install(extra: str) -> str:
 
 
 class StillwakeError(Exception):
-    """Something the user can put right; the message names the offending value and what would be right.
-
-    Attributes:
-        status: what a command that ends with it exits with.
-    """
+    """Something the user can put right; the message names the offending value and what would be right. `status` is what
+    a command that ends with it exits with."""
 
     status: ClassVar[int] = 1
 

@@ -69,11 +69,8 @@ class SensorLayout:
     def of(
         cls, names: Sequence[str], positions: Array, *, base: Sequence[int] = (), symmetric: bool = True
     ) -> "SensorLayout":
-        """A layout whose mirror images follow from the positions, as far as every sensor has one.
-
-        Args:
-            symmetric: whether body and jets are their own mirror images in y = 0.
-        """
+        """A layout whose mirror images follow from the positions, as far as every sensor has one. `symmetric` states
+        whether body and jets are their own mirror images in y = 0."""
         positions = np.asarray(positions, dtype=np.float64)
         return cls(
             names=tuple(names),

@@ -30,11 +30,8 @@ _STEP: Final = re.compile(r"\.(\w+)|\[(\d+)\]")
 
 def typed(tree: object, kind: type[T], *, complete: bool = False) -> T:
     """The tree as a dataclass, with whole numbers as floats and lists as tuples where the fields' types are. Raises
-    ConfigError if a name is unknown or missing, or a value has another type.
-
-    Args:
-        complete: whether every field must be there, also those with defaults.
-    """
+    ConfigError if a name is unknown or missing, or a value has another type. `complete` states whether every field must
+    be there, also those with defaults."""
     _check_names(tree, kind, "", complete=complete)
     try:
         value = msgspec.convert(tree, kind)

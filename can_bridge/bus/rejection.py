@@ -24,11 +24,7 @@ class Rejection(Enum):
 
 
 class UnusableReceptionError(Exception):
-    """What a backend of ours received and cannot hand over; the backend itself is sound.
-
-    Attributes:
-        reason: why.
-    """
+    """What a backend of ours received and cannot hand over; the backend itself is sound."""
 
     def __init__(self, reason: Rejection) -> None:
         super().__init__(reason.value)

@@ -9,11 +9,7 @@ from can_bridge.wire.message_specs import MessageSpec
 
 @dataclass(frozen=True, kw_only=True)
 class SenderState:
-    """What the sender of one message must remember.
-
-    Attributes:
-        counter: what the next frame will carry.
-    """
+    """What the sender of one message must remember. `counter` is what the next frame will carry."""
 
     counter: int = 0
 

@@ -88,11 +88,8 @@ class Controller(Protocol):
 
 
 class RunnableController(Controller, Protocol):
-    """A controller on this machine: it has a description and can be made ready before a run.
-
-    Attributes:
-        description: what computes the step, for people.
-    """
+    """A controller on this machine: it has a description and can be made ready before a run. `description` is what
+    computes the step, for people."""
 
     description: str
 

@@ -56,11 +56,8 @@ class Finding:
 
 
 def findings(dataset: Dataset, config: Config, *, choosing: bool = True) -> tuple[Finding, ...]:
-    """All that stands out under these settings, what stops training first.
-
-    Args:
-        choosing: whether training is to choose the sensors, as `config.train` has it; not if the caller names them.
-    """
+    """All that stands out under these settings, what stops training first. `choosing` states whether training is to
+    choose the sensors, as `config.train` has it; not if the caller names them."""
     found = [
         *_disagreements(dataset, config),
         *_missing_roles(dataset),

@@ -30,11 +30,7 @@ from contract.release.signing import PublicKey
 
 @dataclass(frozen=True, kw_only=True)
 class MadeEstimator:
-    """A sensor estimator for a bundle.
-
-    Attributes:
-        figures: what the manifest holds of it.
-    """
+    """A sensor estimator for a bundle. `figures` is what the manifest holds of it."""
 
     graph: bytes
     figures: SensorEstimator
@@ -73,11 +69,7 @@ def check_replaceable(path: Path) -> None:
 
 def sign(path: Path, key: Ed25519PrivateKey, judge: Callable[[Bundle], object] | None = None) -> Bundle:
     """Verify all of a bundle but its signature, and sign it in place. Raises BundleError as `load` does; StillwakeError
-    if it cannot be written.
-
-    Args:
-        judge: called with the bundle before it is signed; raises for one that must not be.
-    """
+    if it cannot be written. `judge` is called with the bundle before that; it raises for one that must not be."""
     contents = read_files(path)
     contents.pop(SIGNATURE, None)
     bundle = read_checked(path, contents)

@@ -47,11 +47,7 @@ class OnnxController:
 
     def warm_up(self, steps: int, limit_s: float = WARM_UP_LIMIT_S) -> None:
         """Run on zeros, so that the first real step does not pay for ONNX Runtime's first allocations. Raises
-        BundleControllerError if they take longer, fail, or answer with numbers that are not finite.
-
-        Args:
-            limit_s: wall-clock time for all steps.
-        """
+        BundleControllerError if they take longer, fail, or answer with numbers that are not finite."""
         self._graph.run_on_zeros(self._session, steps, limit_s)
 
     def control_step(

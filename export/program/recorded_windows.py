@@ -18,9 +18,6 @@ def recorded_windows(
 
     The last ones, because a recording's start is a transient. Raises ConfigError if the program has a sensor that the
     layout has not; ExportError if the episode is too short.
-
-    Args:
-        layout: of the episode's sensors.
     """
     needed = program.window + count - 1
     if count < 1 or len(episode) < needed:

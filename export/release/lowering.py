@@ -20,11 +20,8 @@ from export.to_onnx.linear_step import build_linear_controller
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lowered:
-    """What stands to be written, once it has passed its gates.
-
-    Attributes:
-        library: the C library's files by name; None where none was asked for.
-    """
+    """What stands to be written, once it has passed its gates. `library` is the C library's files by name; None where
+    none was asked for."""
 
     program: Program | LinearProgram
     graph: bytes

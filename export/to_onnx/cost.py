@@ -18,11 +18,8 @@ class CostGradientNames:
 
 
 class Cost:
-    """J for given weights (8,) and previous action (1,); both are values of the outermost graph.
-
-    Args:
-        start: the plan (1, H) that the optimiser starts from; None where none runs, and `gradient` is not called.
-    """
+    """J for given weights (8,) and previous action (1,); both are values of the outermost graph. `start` is the plan
+    (1, H) that the optimiser starts from; None where none runs, and `gradient` is not called."""
 
     def __init__(
         self, graph: Graph, mpc: MpcConfig, weights: str, previous_action: str, start: str | None = None

@@ -111,11 +111,7 @@ class _Period(NamedTuple):
 
 
 class Commands:
-    """Judges the flow rates that an ECU commands; `bus_shut` is the part of `bus_bounds` without a mode that drives.
-
-    Attributes:
-        flow: of the latest command, m2/s.
-    """
+    """Judges the flow rates that an ECU commands; `bus_shut` is the part of `bus_bounds` without a mode that drives."""
 
     def __init__(self, config: Config) -> None:
         scale = config.operating_point.flow_rate_scale
@@ -131,7 +127,6 @@ class Commands:
 
         Args:
             flow, enable: of the command.
-            drives: its mode does.
             share: of a period since the command before, at most 1.
         """
         before, self.flow = self.flow, flow

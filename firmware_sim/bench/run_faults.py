@@ -34,11 +34,7 @@ LOOK_NS: Final = 1_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class NodeFault:
-    """One fault of a run.
-
-    Attributes:
-        node: of `NODES`.
-    """
+    """One fault of a run."""
 
     text: str
     node: str

@@ -41,11 +41,7 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BusPorts:
-    """Where the two nodes send and receive: ports of one `SimulatedBus`, or what wraps them.
-
-    Attributes:
-        ecu_health: of the ECU's CAN controller.
-    """
+    """Where the two nodes send and receive: ports of one `SimulatedBus`, or what wraps them."""
 
     vehicle: Bus
     ecu: Bus

@@ -67,7 +67,6 @@ class Row:
     Attributes:
         phases: by number of the start.
         safe: whether no invariant broke in any phase, and all finished.
-        use: see `Use`.
         reduction: of wall drag against the same phase without control, percent.
         lost: percentage points less than undisturbed.
     """

@@ -95,11 +95,7 @@ def read_budget(path: Path) -> Budget:
 
 
 def verdicts(budget: Budget, counts: Mapping[str, int], latencies: Mapping[Stage, Quantiles]) -> list[Verdict]:
-    """Each limit of the budget with what was measured.
-
-    Args:
-        counts: all of `COUNTS`.
-    """
+    """Each limit of the budget with what was measured."""
     judged = [Verdict(name, allowed, counts[name]) for name, allowed in budget.counts.items()]
     for (stage, name), allowed in budget.latencies.items():
         judged.append(Verdict(f"{stage}.{name}", allowed, getattr(latencies[stage], name.removesuffix("_ms"))))

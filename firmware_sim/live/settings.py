@@ -52,8 +52,6 @@ class LiveSettings:
 
     Attributes:
         enable: the vehicle wants control.
-        controller: of `CONTROLLERS`.
-        plant: of `PLANTS`.
         noise: standard deviation at every transducer, in global deviations.
         dead: sensor that reads Cp 0; none if empty.
         biased: sensor with the bias; none if empty.
@@ -82,7 +80,6 @@ class LiveSettings:
 
         Args:
             given: by the names of the attributes; weights as a mapping by name, or None for the release's.
-            sensors: in use.
             own: the release's weights, for those that are not named.
         """
         known = {item.name for item in fields(self)}

@@ -44,12 +44,8 @@ class RunOrigin:
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """What disturbed a run.
-
-    Attributes:
-        acted: how often it did: for a fault of a port what the fault counts, for wire errors the disturbed attempts,
-            for the others periods.
-    """
+    """What disturbed a run. `acted` counts how often it did: for a fault of a port what the fault counts, for wire
+    errors the disturbed attempts, for the others periods."""
 
     text: str
     acted: int

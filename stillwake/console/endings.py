@@ -23,6 +23,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "bus": ("serial", "msgpack", "cantools"),
     "flash": ("udsoncan", "isotp"),
     "mcu": ("ziglang", "unicorn", "capstone", "elftools"),
+    "fmu": ("pythonfmu3",),
 }
 """Packages, by the names they are imported by, that an extra of `pyproject.toml` brings."""
 LEARNING: Final = ("train", "identify", "export", "mcu")

@@ -13,11 +13,7 @@ from train.fitting.progress import Phase, Stopwatch
 
 
 class PhaseBars:
-    """A `train.fitting.progress.Progress` with a line for each phase.
-
-    Attributes:
-        watch: what every phase took.
-    """
+    """A `train.fitting.progress.Progress` with a line for each phase. `watch` is what every phase took."""
 
     def __init__(self, bar: Bar) -> None:
         self.watch = Stopwatch()

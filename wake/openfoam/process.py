@@ -28,11 +28,7 @@ def require_installed(program: str = PROGRAM) -> None:
 
 class IcoFoam:
     """One run of icoFoam on a case; its output goes to the case's `log.icoFoam`. Raises PlantError if icoFoam is not
-    installed.
-
-    Args:
-        command: what to run in it; icoFoam, or another program in tests.
-    """
+    installed. `command` is what to run in it; icoFoam, or another program in tests."""
 
     def __init__(self, folder: Path, command: tuple[str, ...] = (PROGRAM,)) -> None:
         require_installed(command[0])

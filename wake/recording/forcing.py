@@ -68,10 +68,7 @@ def exploration(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.ra
 
     An Ornstein-Uhlenbeck process sampled every control period: Gaussian, stationary from the first step on, with
     autocorrelation exp(-lag / `exploration_time`). A longer signal begins with the shorter one of the same seed. It is
-    not clipped: the command that it is added to is.
-
-    Args:
-        rms: as a fraction of the action limit.
+    not clipped: the command that it is added to is. `rms` is a fraction of the action limit.
     """
     kept = np.exp(-flow.control_period / forcing.exploration_time)
     white = rng.standard_normal(steps)

@@ -28,11 +28,8 @@ class PartsFolder:
         return cls(output.with_name(output.name + ".parts"))
 
     def claim(self, task: Mapping[str, Any], owner: str) -> None:
-        """Make the folder this call's. Raises StillwakeError if it holds parts of another recording.
-
-        Args:
-            task: the recording's settings, as plain JSON.
-        """
+        """Make the folder this call's. Raises StillwakeError if it holds parts of another recording. `task` is the
+        recording's settings, as plain JSON."""
         shutil.rmtree(self._done, ignore_errors=True)
         if self.path.is_dir() and any(path.is_dir() for path in self.path.iterdir()):
             self._check(task)

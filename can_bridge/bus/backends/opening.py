@@ -27,11 +27,8 @@ _OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
 
 def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> tuple[can.BusABC, str]:
     """Connect as configured: an open bus, and python-can's name of its interface, also where that chose it. Raises
-    BusError naming interface and channel, if that cannot be opened.
-
-    Args:
-        settle_s: what a serial adapter is given to start, in s.
-    """
+    BusError naming interface and channel, if that cannot be opened. `settle_s` is what a serial adapter is given to
+    start, in s."""
     _check_known(config.interface)
     # Vendors' drivers raise what they like, also where their library is missing.
     try:

@@ -13,11 +13,8 @@ POLL_S: Final = 0.05
 
 
 class ReceiveThread:
-    """Runs while the `with` block does. Stop it before closing the bus.
-
-    Attributes:
-        fault: the error that ended the thread before it was stopped; None without one.
-    """
+    """Runs while the `with` block does. Stop it before closing the bus. `fault` is the error that ended the thread
+    before it was stopped; None without one."""
 
     def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
         """Args: deliver: called in the thread with each frame; must not wait."""

@@ -7,11 +7,8 @@ from can_bridge.wire.frame import Frame
 
 
 class Injector:
-    """Passes everything on; each fault's own injector changes what it needs to.
-
-    Attributes:
-        acted: how often the fault did something; each fault defines what it counts.
-    """
+    """Passes everything on; each fault's own injector changes what it needs to. `acted` counts how often the fault did
+    something; each fault defines what it counts."""
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus

@@ -41,11 +41,8 @@ class Made:
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """A file and the role of the episode in it.
-
-    Attributes:
-        made: the episode; without it, the file is read, and its name without the ending becomes the episode's.
-    """
+    """A file and the role of the episode in it. `made` is the episode; without it, the file is read, and its name
+    without the ending becomes the episode's."""
 
     path: Path
     role: Role

@@ -17,12 +17,8 @@ _RESERVED: Final = frozenset({*UNITS, "initial_action"})
 
 def read_sensors(path: Path, *, symmetric: bool) -> SensorLayout:
     """The layout, in the order of the file's rows. Raises DatasetError if a column is missing, or a cell does not fit;
-    the message names file, line and column.
-
-    Args:
-        symmetric: whether body and jets are their own mirror images in y = 0; the sensors' images follow from their
-            places, if every sensor has one.
-    """
+    the message names file, line and column. `symmetric` states whether body and jets are their own mirror images in y =
+    0; the sensors' images follow from their places, if every sensor has one."""
     table = read_csv(path)
     for column in ("name", "x", "y"):
         if column not in table.header:

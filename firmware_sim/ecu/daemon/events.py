@@ -8,11 +8,7 @@ from datetime import UTC, datetime
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """One of them.
-
-    Attributes:
-        date_ns: when, since the epoch.
-    """
+    """One of them; `date_ns` counts from the epoch."""
 
     date_ns: int
     name: str

@@ -39,11 +39,8 @@ Fields = str | int | float
 
 
 class Log:
-    """Keeps events from before there is a log, and knows what was booted last.
-
-    Attributes:
-        release: what is booted, in words.
-    """
+    """Keeps events from before there is a log, and knows what was booted last. `release` is what is booted, in
+    words."""
 
     def __init__(self) -> None:
         self._early: list[tuple[str, str, dict[str, Fields]]] = []

@@ -31,11 +31,7 @@ _AVERAGES_EVERY: Final = 5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Period:
-    """One control period.
-
-    Attributes:
-        planned_ns: what a step that planned took in virtual time; None without one.
-    """
+    """One control period. `planned_ns` is what a step that planned took in virtual time; None without one."""
 
     k: int
     row: Row

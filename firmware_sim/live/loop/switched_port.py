@@ -22,11 +22,7 @@ class Plug:
 
 
 class SwitchedPort:
-    """A port with layers, the first of which is next to the wire.
-
-    Args:
-        port: without any.
-    """
+    """A port with layers, the first of which is next to the wire."""
 
     def __init__(self, port: Bus) -> None:
         self._plugs: list[Plug] = []

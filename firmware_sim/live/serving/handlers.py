@@ -56,7 +56,6 @@ class Served:
 
     Attributes:
         access: who may.
-        stalled_s: see `STALLED_S`.
         viewers: that are open.
     """
 

@@ -92,11 +92,7 @@ class Viewer:
 
 
 class Ring:
-    """The newest items; each has a number from 1 on, in the order in which they came.
-
-    Args:
-        kept: at most.
-    """
+    """The newest items; each has a number from 1 on, in the order in which they came."""
 
     def __init__(self, kept: int) -> None:
         self._items = deque[Any](maxlen=kept)

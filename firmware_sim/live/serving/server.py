@@ -34,11 +34,7 @@ MOST_CONNECTIONS: Final = 128
 
 
 def application(supervisor: Supervisor, access: Access, *, stalled_s: float = STALLED_S) -> Application:
-    """What is answered where.
-
-    Args:
-        stalled_s: a viewer that takes no message for so long is closed.
-    """
+    """What is answered where. A viewer that takes no message for `stalled_s` is closed."""
     served = Served(supervisor=supervisor, access=access, stalled_s=stalled_s)
     own: dict[str, Any] = {"served": served}
     return Application(
@@ -58,11 +54,7 @@ def application(supervisor: Supervisor, access: Access, *, stalled_s: float = ST
 
 
 class BoundedServer(HTTPServer):
-    """Bounds what those can take who have shown no token: connections, their time, and bytes.
-
-    Args:
-        idle_s: see `IDLE_S`.
-    """
+    """Bounds what those can take who have shown no token: connections, their time, and bytes."""
 
     def initialize(self, application: Application, *, idle_s: float = IDLE_S) -> None:  # type: ignore[override]
         super().initialize(

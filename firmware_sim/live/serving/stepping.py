@@ -46,10 +46,7 @@ def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     """The process, to its end: the pipe is closed, or the session fails.
 
     What it sends are pairs: ("messages", list), ("answer", (number, Answer)) and, last, ("ended", error). It gets pairs
-    of a number and a request as JSON.
-
-    Args:
-        fast: whether a period may take less time than it does on a vehicle.
+    of a number and a request as JSON. `fast` states whether a period may take less time than it does on a vehicle.
     """
     # At once, and not by an exception: one that a callback of the interpreter raises is only printed.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
@@ -141,11 +138,7 @@ class Requests:
 
 
 class Outbox:
-    """What is to be sent, by a thread of its own: newest values and rings, so that it never grows.
-
-    Args:
-        pipe: to the server, which need not read.
-    """
+    """What is to be sent, by a thread of its own: newest values and rings, so that it never grows."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe = pipe

@@ -27,7 +27,6 @@ class Supervisor:
     Args:
         fast: whether a period may take less time than it does on a vehicle.
         report: called with each line on what is waited for, and on why the loop ended; from any thread.
-        short_life_s: see `SHORT_LIFE_S`.
     """
 
     def __init__(

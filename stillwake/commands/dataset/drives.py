@@ -127,10 +127,7 @@ def read_drive(
     progress: Callable[[str], None],
 ) -> Drive:
     """Read a log and its forces. Raises DatasetError, BusError, KeyFileError for what does not fit, by the file's name.
-
-    Args:
-        progress: called with what is being read, and how many frames of it so far.
-    """
+    `progress` is called with what is being read, and how many frames of it so far."""
     from can_bridge.drives.log_to_series import series_of
     from can_bridge.logs.log_reader import read_messages
     from can_bridge.wire.messages import SENSORS
