@@ -66,6 +66,11 @@ class Settings:
             raise LibraryError(f"{SETTINGS} is missing: {NO_LIBRARY}")
         return cls(contents[SETTINGS])
 
+    @property
+    def definitions(self) -> dict[str, str]:
+        """All of them as they stand."""
+        return self._found
+
     def text(self, name: str) -> str:
         if name not in self._found:
             raise LibraryError(f"{SETTINGS}: {name} is missing")

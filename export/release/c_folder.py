@@ -7,6 +7,7 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.controller.c_folder import EXPECTED, RECORDED, rows_text, write_folder
+from contract.controller.image_payload import with_layout
 from export.release.gated import Gated
 from export.to_c.folder_files import documents
 
@@ -18,14 +19,13 @@ def write_c_release(
     StillwakeError if the folder cannot be written.
 
     Args:
-        gated: lowerings with a library.
         windows: consecutive recorded windows (L, S+1), whose rows go into the folder.
         ecu: files of the ECU around the control step, if it gets one.
     """
     assert gated.lowered.library is not None
     assert gated.library is not None
     recorded = {RECORDED: recorded_rows(windows).encode(), EXPECTED: rows_text(gated.library.replayed).encode()}
-    library = {**gated.lowered.library, **({} if ecu is None else ecu)}
+    library = with_layout({**gated.lowered.library, **({} if ecu is None else ecu)})
     write_folder(folder, {**library, **recorded, **documents(library)})
 
 

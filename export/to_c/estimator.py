@@ -9,12 +9,14 @@ from typing import Final
 
 import numpy as np
 
+from contract.controller import image_payload
+from contract.controller.c_numbers import Numbers, numbers_source
 from contract.controller.estimator import ESTIMATOR, REACH
 from contract.errors import ExportError
 from export.int8.rounded_estimator import RoundedEstimator
 from export.to_c.float32_arrays import Values
 from export.to_c.int8_format import FULL_RANGE_WIDTH, INT16_QMAX, LANES, packed
-from export.to_c.library import numbers_source
+from export.to_c.library import ALIGNMENTS, numbers
 from export.to_onnx.sensor_estimator import read_estimator
 
 SIZES: Final = "sw_estimator_settings.h"
@@ -32,10 +34,9 @@ def estimator_files(content: bytes) -> dict[str, bytes]:
     """
     rounded = read_estimator(content)
     _check(rounded)
-    return {
-        SIZES: _sizes(rounded),
-        NUMBERS: numbers_source(_arrays(rounded), "the numbers of a release's sensor estimator", "sw_ecu.h"),
-    }
+    found = numbers("sw_estimator_weights", _arrays(rounded), ALIGNMENTS["int8"])
+    source = numbers_source("the numbers of a release's sensor estimator", ['"sw_ecu.h"'], {"sw_own_estimator": found})
+    return {SIZES: _sizes(rounded, found), NUMBERS: source, image_payload.ESTIMATOR: found.packed()}
 
 
 def _check(rounded: RoundedEstimator) -> None:
@@ -54,7 +55,7 @@ def _check(rounded: RoundedEstimator) -> None:
         )
 
 
-def _sizes(rounded: RoundedEstimator) -> bytes:
+def _sizes(rounded: RoundedEstimator, found: Numbers) -> bytes:
     network = rounded.network
     definitions = {
         "SW_ESTIMATOR_ROWS": network.window,
@@ -62,6 +63,7 @@ def _sizes(rounded: RoundedEstimator) -> bytes:
         "SW_ESTIMATOR_LONGEST": max(network.window, len(network.layers[0][1])),
         "SW_ESTIMATOR_ONE": ONE,
         "SW_ESTIMATOR_LIMIT": int(REACH * ONE),
+        **found.settings("SW_ESTIMATOR"),
     }
     lines = "\n".join(f"#define {name} {value}" for name, value in definitions.items())
     return (
@@ -76,16 +78,16 @@ def _arrays(rounded: RoundedEstimator) -> Mapping[str, Values]:
     by_row = first.values[:, : network.window * columns].reshape(-1, network.window, columns)
     biases = [bias for _, bias in network.layers]
     return {
-        "sw_estimator_mean": network.mean,
-        "sw_estimator_factor": ONE / network.std,
-        "sw_estimator_column_rows": np.array([packed(by_row[:, :, column]) for column in range(columns)]),
-        "sw_estimator_flags": first.values[:, -sensors:].T,
-        "sw_estimator_first_scale": first.scales.astype(np.float64) / ONE,
-        "sw_estimator_first_bias": biases[0],
-        "sw_estimator_second_rows": packed(second.values),
-        "sw_estimator_second_scale": second.scales.astype(np.float64),
-        "sw_estimator_second_bias": biases[1],
-        "sw_estimator_last": last.dequantised().astype(np.float64),
-        "sw_estimator_last_bias": biases[2],
-        "sw_estimator_spread": network.std[:-1],
+        "mean": network.mean,
+        "factor": ONE / network.std,
+        "column_rows": np.array([packed(by_row[:, :, column]) for column in range(columns)]),
+        "flags": first.values[:, -sensors:].T,
+        "first_scale": first.scales.astype(np.float64) / ONE,
+        "first_bias": biases[0],
+        "second_rows": packed(second.values),
+        "second_scale": second.scales.astype(np.float64),
+        "second_bias": biases[1],
+        "last": last.dequantised().astype(np.float64),
+        "last_bias": biases[2],
+        "spread": network.std[:-1],
     }

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from contract.arrays import Array
 from contract.errors import ExportError
 from export.program.controller_program import ControllerProgram
+from export.program.float32 import float32_within
 from export.program.weights import PriorWeights
 from export.reference.mpc import ADAM_BETAS
 
@@ -52,13 +53,14 @@ def centred(values: Array) -> Array:
 
 
 def scaling_arrays(program: ControllerProgram) -> dict[str, Array]:
-    """Scaling of the window and of the forces."""
+    """Scaling of the window and of the forces, and how far actions go."""
     scaling = program.scaling
     return {
         "sw_window_mean": np.array(scaling.window_mean),
         "sw_window_factor": 1.0 / np.array(scaling.window_std),
         "sw_force_mean": np.array(scaling.force_mean),
         "sw_force_std": np.array(scaling.force_std),
+        "sw_action_limit": np.array(float32_within(program.action_limit)),
     }
 
 
@@ -118,12 +120,14 @@ def _decoder(program: ControllerProgram) -> dict[str, Array]:
 
 
 def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
-    """Adam's factors of every iteration, and the default cost weights."""
+    """The cost's reference, Adam's factors of every iteration, and the default cost weights."""
     beta1, beta2 = ADAM_BETAS
     number = np.arange(1, program.mpc.iterations + 1)
     return {
+        "sw_drag_reference": np.array(program.mpc.drag_reference),
         "sw_adam_rate": program.mpc.learning_rate / (1.0 - beta1**number),
         "sw_adam_unbias": 1.0 / np.sqrt(1.0 - beta2**number),
+        "sw_adam_epsilon": np.array(program.mpc.epsilon),
         "sw_default_weights": np.array(program.mpc.weights.as_tuple()),
     }
 

@@ -3,20 +3,23 @@
 The generated text is numbers only: `sw_settings.h` and `sw_weights.c` (`contract.controller.c_folder`).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any, Final, overload
 
 import numpy as np
+import numpy.typing as npt
 
-from contract.controller.c_folder import SETTINGS, WEIGHTS, float_literal, settings_header
+from contract.controller import image_payload
+from contract.controller.c_folder import SETTINGS, WEIGHTS, settings_header
+from contract.controller.c_numbers import Numbers, numbers_source, table
 from contract.controller.interface import TERMS
 from contract.release.checks import dbc_sha256
 from contract.release.manifest import Precision
 from export.int8.activation_ranges import ActivationRanges
 from export.int8.rounded_program import Program, RoundedProgram, effective, precision_of
 from export.program.controller_program import ControllerProgram
-from export.program.float32 import as_float32, float32_within
+from export.program.float32 import as_float32
 from export.program.program_hash import program_sha256
 from export.program.weights import LAYER_NORM_EPSILON
 from export.reference.mpc import ADAM_BETAS
@@ -25,7 +28,13 @@ from export.to_c.float32_arrays import LANES, Values, float_arrays, prior_settin
 from export.to_c.int8_arrays import int8_arrays
 from export.to_c.int8_format import c_constants
 
-_LINE: Final = 16
+ALIGNMENTS: Final = {"int8": 16, "float32": 64}
+"""Bytes at multiples of which the arrays begin: a word of Cortex-M or a vector register, and a cache line."""
+_TABLES: Final = ("sw_elu_points", "sw_logistic_points")
+"""The same for every program, and so compiled in."""
+_HOT: Final = ("sw_dyn1_rows", "sw_dyn1_adjoint_rows", "sw_dyn2_rows", "sw_dyn2_adjoint_rows", "sw_dyn3_rows",
+               "sw_dyn3_adjoint_rows")  # fmt: skip
+"""Of `sw_hot`."""
 
 
 @overload
@@ -51,10 +60,40 @@ def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[
     else:
         arrays = {**float_arrays(program)}
     precision = precision_of(program)
-    return static_sources(precision) | {
-        SETTINGS: settings_header(settings(effective(program), precision)),
-        WEIGHTS: numbers_source(arrays, "the numbers of one trained program", "sw_weights.h"),
+    definitions = settings(effective(program), precision)
+    return static_sources(precision) | weights_files(arrays, definitions, ALIGNMENTS[precision])
+
+
+def weights_files(
+    arrays: Mapping[str, Values], definitions: Mapping[str, int | str | np.float32], alignment: int
+) -> dict[str, bytes]:
+    """`sw_settings.h` with these definitions, and a program's numbers by their names in C: as a source, and packed."""
+    rest = {name: values for name, values in arrays.items() if name not in (*_HOT, *_TABLES)}
+    hot = {name: arrays[name] for name in _HOT if name in arrays}
+    constants = {"sw_own_weights": numbers("sw_weights", rest, alignment)}
+    sizes = constants["sw_own_weights"].settings("SW_WEIGHTS") | {"SW_HOT_BYTES": 0}
+    if hot:
+        constants["sw_own_hot"] = numbers("sw_hot", hot, alignment)
+        sizes |= constants["sw_own_hot"].settings("SW_HOT")
+    tables = "\n\n".join(table(name, arrays[name]) for name in _TABLES if name in arrays)
+    return {
+        SETTINGS: settings_header({**definitions, "SW_ALIGNMENT": alignment, **sizes}),
+        WEIGHTS: numbers_source("the numbers of one program", ['"stillwake.h"', '"sw_weights.h"'], constants, tables),
+        image_payload.WEIGHTS: b"".join(each.packed() for each in constants.values()),
     }
+
+
+def numbers(struct: str, arrays: Mapping[str, Values], alignment: int) -> Numbers:
+    """A struct in C; raises ExportError for a value that float32 cannot hold."""
+    return Numbers(
+        struct=struct,
+        members={name.removeprefix("sw_"): _in_c(name, values) for name, values in arrays.items()},
+        alignment=alignment,
+    )
+
+
+def _in_c(name: str, values: Values) -> npt.NDArray[Any]:
+    return np.asarray(values if np.issubdtype(values.dtype, np.integer) else as_float32(values, name))
 
 
 def static_sources(precision: Precision) -> dict[str, bytes]:
@@ -102,7 +141,6 @@ def settings(program: ControllerProgram, precision: Precision) -> dict[str, int 
         "SW_NORM_EPSILON": np.float32(LAYER_NORM_EPSILON),
         "SW_ADAM_BETA1": np.float32(beta1),
         "SW_ADAM_BETA2": np.float32(beta2),
-        "SW_ADAM_EPSILON": np.float32(as_float32(mpc.epsilon, "mpc.epsilon")),
         "SW_ENCODER_ROWS": program.encoder_rows,
         "SW_PRIOR_UNITS": 0 if program.prior is None else len(program.prior.output),
         "SW_PRIOR_MEMORY": 1 if program.prior is None else program.prior.memory,
@@ -122,35 +160,10 @@ def shared_settings(program: AnyProgram, precision: Precision) -> dict[str, int 
         "SW_WINDOW": program.window,
         "SW_SENSORS": len(program.sensors),
         "SW_HORIZON": mpc.horizon,
-        "SW_DRAG_REFERENCE": np.float32(as_float32(mpc.drag_reference, "mpc.drag_reference")),
-        "SW_ACTION_LIMIT": np.float32(float32_within(program.action_limit)),
         # In C, `SW_` and a term's name in capitals is its index.
         **{f"SW_{name.upper()}": index for index, name in enumerate(TERMS)},
         "SW_TERMS": len(TERMS),
     }
-
-
-def numbers_source(arrays: Mapping[str, Values], what: str, header: str) -> bytes:
-    """A source file that defines the arrays by name, as the header declares them."""
-    text = [f"/* Generated: {what}. */", f'#include "{header}"']
-    for name, values in arrays.items():
-        sides = "".join(f"[{size}]" for size in values.shape)
-        if values.dtype in (np.int8, np.int32, np.uint32):
-            text.append(f"const {values.dtype}_t SW_ALIGNED {name}{sides} = {_initialiser(values, str)};")
-        else:
-            text.append(
-                f"const float SW_ALIGNED {name}{sides} = {_initialiser(as_float32(values, name), float_literal)};"
-            )
-    return ("\n\n".join(text) + "\n").encode()
-
-
-def _initialiser(values: Any, number: Callable[[Any], str]) -> str:
-    if values.ndim == 0:
-        return number(values[()])
-    if values.ndim > 1:
-        return "{\n" + ",\n".join(_initialiser(part, number) for part in values) + "}"
-    lines = (values[start : start + _LINE] for start in range(0, len(values), _LINE))
-    return "{" + ",\n ".join(", ".join(map(number, line)) for line in lines) + "}"
 
 
 def example_sources() -> dict[str, bytes]:

@@ -4,9 +4,9 @@ from typing import Final
 
 import numpy as np
 
-from contract.controller.c_folder import SETTINGS, WEIGHTS, settings_header
+from export.program.float32 import float32_within
 from export.program.linear_program import LinearProgram
-from export.to_c.library import linear_sources, numbers_source, shared_settings
+from export.to_c.library import ALIGNMENTS, linear_sources, shared_settings, weights_files
 
 OUTPUTS_AT_A_TIME: Final = 4
 """As the sources compute them."""
@@ -29,11 +29,10 @@ def linear_c_library(program: LinearProgram) -> dict[str, bytes]:
         "sw_window_mean": np.array(program.scaling.window_mean),
         "sw_force_mean": np.array(program.scaling.force_mean),
         "sw_force_std": np.array(program.scaling.force_std),
+        "sw_action_limit": np.array(float32_within(program.action_limit)),
+        "sw_drag_reference": np.array(program.mpc.drag_reference),
         "sw_by_history": filled[:, :-1].T,
         "sw_by_action": filled[:, -1],
         "sw_default_weights": np.array(program.mpc.weights.as_tuple()),
     }
-    return linear_sources() | {
-        SETTINGS: settings_header(definitions),
-        WEIGHTS: numbers_source(arrays, "the numbers of one linear controller", "sw_weights.h"),
-    }
+    return linear_sources() | weights_files(arrays, definitions, ALIGNMENTS["float32"])

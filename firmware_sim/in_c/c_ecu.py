@@ -17,6 +17,7 @@ from can_bridge.wire.messages import EcuStatus, Reason
 from contract.config.tree import Config
 from contract.controller.c_folder import library_sources, read_sources
 from contract.controller.calibration import NAMES, Calibration
+from contract.controller.image_payload import with_layout
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
 from firmware_sim.ecu.ecu_state import EcuState, Trace
@@ -217,4 +218,4 @@ def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes
         config = replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))
     elif check.enabled and ESTIMATOR not in sources:
         raise LibraryError(f"library {folder}: it has no sensor estimator; export it again, or switch off sensor_check")
-    return sources | {c_settings.HEADER: c_settings.ecu_settings(bundle, config)}
+    return with_layout(sources | {c_settings.HEADER: c_settings.ecu_settings(bundle, config)})

@@ -4,6 +4,7 @@ They become `sw_ecu_settings.h` in a library's folder, so that no number of the 
 floating point is written with all of its digits, a double's by default.
 """
 
+from dataclasses import replace
 from operator import attrgetter
 from typing import Final
 
@@ -23,11 +24,12 @@ from can_bridge.wire.message_specs import (
     SPEED_UNKNOWN,
 )
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, Mode, Reason
-from contract.arrays import Array
+from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.config.vehicle import SpeedConfig
 from contract.controller.c_folder import ECU_SETTINGS
-from contract.controller.calibration import Calibration
+from contract.controller.c_numbers import Numbers
+from contract.controller.calibration import LARGEST_WEIGHT, WEIGHTS, Calibration
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
 from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, Manifest
@@ -56,6 +58,8 @@ _MOST: Final = {
     "ecu.benefit_check.doubt_periods": 2**29,
 }
 """Most periods that the C ECU's state has room for; those that are added have room in an int together."""
+_GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(WEIGHTS, LARGEST_WEIGHT))
+"""C allows a release's own weight where it is greater."""
 _LONGEST_PERIOD_NS: Final = 2**53
 """Times up to it are exact in double, so that the command gate's share of a period is the same in both languages."""
 
@@ -130,9 +134,10 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         **{f"SW_MODE_{item.name}": item.value for item in Mode},
         **{f"SW_REASON_{item.name}": item.value for item in Reason},
         "SW_BUNDLE_HASH": f"UINT32_C({bundle.short_hash:#010x})",
-        "SW_CALIBRATION": _calibration(release_calibration(bundle, config)),
+        **_of_release(release_numbers(bundle, config)),
+        "SW_DELAY_STEPS": f"{ecu.delay_steps}u",
         "SW_LEAST_CALIBRATION": _calibration(calibration_limits.least),
-        "SW_GREATEST_CALIBRATION": _calibration(calibration_limits.greatest),
+        "SW_GREATEST_CALIBRATION": _calibration(replace(calibration_limits.greatest, weights=_GREATEST_WEIGHTS)),
         "SW_E2E_MAX_DELTA": e2e.max_delta,
         "SW_E2E_WINDOW": e2e.window,
         "SW_E2E_MIN_OK": e2e.min_ok,
@@ -171,14 +176,40 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         "SW_ALIKE": ALIKE,
         "SW_COPIED": COPIED,
         "SW_DRIFT_ALLOWED": DRIFT_ALLOWED,
-        **(
-            {}
-            if estimator is None
-            else {
-                "SW_FAST_DEVIATIONS": _rows(np.array(estimator.fast)),
-                "SW_SLOW_DEVIATIONS": _rows(np.array(estimator.slow)),
-            }
-        ),
+    }
+
+
+def release_numbers(bundle: Bundle, config: Config) -> Numbers:
+    """`sw_release` of a verified release: what it has whatever the vehicle's settings are. Zeros where it has none."""
+    manifest, estimator, speeds = bundle.manifest, bundle.manifest.sensor_estimator, bundle.manifest.speeds
+    check = BenefitCheck.of(manifest, replace(config.ecu.benefit_check, enabled=True))
+    nothing, point = np.zeros((len(manifest.sensors),) * 2), manifest.operating_point
+    members = {
+        "fast_deviation": nothing if estimator is None else np.array(estimator.fast),
+        "slow_deviation": nothing if estimator is None else np.array(estimator.slow),
+        "slowest": np.array(0.0 if speeds is None else speeds.slowest),
+        "fastest": np.array(0.0 if speeds is None else speeds.fastest),
+        "design_speed": np.array(float(point.speed)),
+        "design_density": np.array(float(point.density)),
+        "weights": np.array(release_calibration(bundle, config).values[:-3], np.float32),
+        "bundle_hash": np.array(bundle.short_hash, np.uint32),
+        "base": np.array([0] if check is None else check.base, np.uint8),
+        "pairs": np.array([[0, 0]] if check is None else check.pairs, np.uint8),
+    }
+    ends = members["base"].nbytes + members["pairs"].nbytes + members["weights"].nbytes + 4
+    # Compilers differ in what they fill a struct up to.
+    return Numbers(struct="sw_release", members={**members, "reserved": np.zeros(8 - ends % 8, np.uint8)})
+
+
+def _of_release(numbers: Numbers) -> dict[str, int | float | str]:
+    sizes = {name: len(numbers.members[name]) for name in ("base", "pairs", "reserved")}
+    return {
+        "SW_BASES": sizes["base"],
+        "SW_MIRRORED_PAIRS": sizes["pairs"],
+        "SW_RELEASE_RESERVED": sizes["reserved"],
+        "SW_RELEASE": numbers.initialiser.replace("\n", " "),
+        "SW_RELEASE_AS_PACKED": numbers.as_packed,
+        **numbers.settings("SW_RELEASE"),
     }
 
 
@@ -188,14 +219,10 @@ def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float
         return {"SW_PAST": 0}
     return {
         "SW_PAST": manifest.past,
-        "SW_SLOWEST": float(manifest.speeds.slowest),
-        "SW_FASTEST": float(manifest.speeds.fastest),
         "SW_SPEED_MARGIN": float(config.margin),
         "SW_OLDEST_SPEED_NS": f"INT64_C({round(config.oldest_ms * 1e6)})",
         "SW_SHORTEST_S": SHORTEST_S,
         "SW_MOST_ACCELERATION": float(config.most_acceleration),
-        "SW_DESIGN_SPEED": float(manifest.operating_point.speed),
-        "SW_DESIGN_DENSITY": float(manifest.operating_point.density),
     }
 
 
@@ -203,13 +230,8 @@ def _of_benefit_check(check: BenefitCheck | None) -> dict[str, int | float | str
     if check is None:
         return {"SW_BENEFIT_CHECK": 0}
     config = check.config
-    pairs = ", ".join(f"{{{one}, {other}}}" for one, other in check.pairs)
     return {
         "SW_BENEFIT_CHECK": 1,
-        "SW_BASES": len(check.base),
-        "SW_BASE_SENSORS": f"{{{', '.join(map(str, check.base))}}}",
-        "SW_MIRRORED_PAIRS": len(check.pairs),
-        "SW_MIRRORED_SENSORS": f"{{{pairs}}}",
         "SW_MEAN_PERIODS": f"{config.mean_periods}u",
         "SW_WAKE_PERIODS": f"{config.wake_periods}u",
         "SW_FIRST_PERIOD": f"{config.first_period}u",
@@ -229,7 +251,3 @@ def _calibration(values: Calibration) -> str:
         f"{np.format_float_scientific(np.float32(value), trim='0')}f" for value in values.values[:-1]
     )
     return f"{{{{{', '.join(weights)}}}, {action_limit}, {command_step}, {values.delay_steps}u}}"
-
-
-def _rows(table: Array) -> str:
-    return "{" + ", ".join("{" + ", ".join(map(repr, row)) + "}" for row in table.tolist()) + "}"

@@ -16,9 +16,11 @@ from tests.proofs.ecu_in_c.variants import bundle_of
 EXACT: Final = ("-O1", "-ffp-contract=off")
 """No multiplication is fused with an addition: decisions are compared to the bit."""
 SHARED: Final = (*EXACT, "-shared", "-fPIC")
-NETWORKS: Final = ("sw_estimator.c", "sw_estimator.h")
-"""Sources of the ECU that are not compared here: their answers are given."""
+NETWORKS: Final = ("sw_estimator.c", "sw_estimator.h", "sw_image.c", "sw_image.h")
+"""Sources of the ECU that are not compared here: their answers, and the numbers behind them, are given."""
 TWIN: Final = "twin.h"
+STAND_INS: Final = ("sw_workspace.h", "sw_weights.h", "sw_estimator.h")
+"""For headers of the networks."""
 FRAMES: Final = 10
 """Most frames in a period, `TWIN_FRAMES`."""
 
@@ -27,7 +29,7 @@ def ecu_files() -> dict[str, bytes]:
     """Sources and headers of the ECU, without its networks."""
     root = files("export.to_c").joinpath("sources")
     found = {item.name: item.read_bytes() for item in root.joinpath("ecu").iterdir() if item.name[-2:] in (".c", ".h")}
-    found["stillwake.h"] = root.joinpath("common", "stillwake.h").read_bytes()
+    found |= {name: root.joinpath("common", name).read_bytes() for name in ("stillwake.h", "sw_program.h")}
     return {name: content for name, content in found.items() if name not in NETWORKS}
 
 
@@ -38,7 +40,7 @@ def sources(config: Config) -> dict[str, bytes]:
     sizes = {"SW_WINDOW": manifest.window, "SW_SENSORS": len(manifest.sensors), "SW_HORIZON": manifest.mpc.horizon}
     own = Path(__file__).with_name("c")
     return ecu_files() | {
-        **{name: own.joinpath(name).read_bytes() for name in ("twin.c", TWIN, "sw_workspace.h", "sw_estimator.h")},
+        **{name: own.joinpath(name).read_bytes() for name in ("twin.c", TWIN, *STAND_INS)},
         "sw_settings.h": settings_header({**sizes, "SW_TERMS": len(TERMS)}),
         HEADER: ecu_settings(bundle, config),
     }

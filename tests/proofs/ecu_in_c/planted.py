@@ -100,11 +100,11 @@ PLANTED: Final = (
     ),
     Planted(
         "the margin narrows the range", "at all speeds", "sw_speed.c",
-        "SW_SLOWEST - margin", "SW_SLOWEST + margin",
+        "release->slowest - margin", "release->slowest + margin",
     ),
     Planted(
         "a speed at the end of the range is outside", "classic, at all speeds", "sw_speed.c",
-        "speed->ratio <= SW_FASTEST + margin", "speed->ratio < SW_FASTEST + margin",
+        "speed->ratio <= release->fastest + margin", "speed->ratio < release->fastest + margin",
     ),
     Planted(
         "a speed is kept a nanosecond too short", "at all speeds", "sw_speed.c",
@@ -112,7 +112,8 @@ PLANTED: Final = (
     ),
     Planted(
         "a stated density is left out", "at all speeds", "sw_speed.c",
-        "stated.density_kg_per_m3 > 0.0 ? stated.density_kg_per_m3 : SW_DESIGN_DENSITY", "SW_DESIGN_DENSITY",
+        "stated.density_kg_per_m3 > 0.0 ? stated.density_kg_per_m3 : release->design_density",
+        "release->design_density",
     ),
     Planted(
         "no acceleration is judged over less than a period", "classic, at all speeds", "sw_speed.c",

@@ -40,7 +40,7 @@ static int read_row(FILE *rows, float pressures[SW_SENSORS], float *previous_act
 static int is_expected(FILE *expected, const double answer[4], int row)
 {
     for (int i = 0; i < 4; i++) {
-        const double allowed = i == 1 || i == 2 ? force_tolerance * (double)sw_force_std[i - 1] : tolerance;
+        const double allowed = i == 1 || i == 2 ? force_tolerance * (double)sw_own_weights.force_std[i - 1] : tolerance;
         double number;
         if (fscanf(expected, "%lf", &number) != 1) {
             fprintf(stderr, "row %d: no answer is expected\n", row);

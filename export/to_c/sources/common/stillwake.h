@@ -3,13 +3,15 @@
  * Freestanding C99. No allocation, no recursion, no library calls, no static state: everything that is written stands
  * in the caller's structures, so that several controllers may run side by side. But for a few comparisons in the cost,
  * the work of a step does not depend on the data. Compile the sources as C; C++ may include this header. sw_settings.h,
- * generated, has the sizes and the hash of the program.
+ * generated, has the sizes and the hash of the program, and sw_weights.c its numbers. They need not be compiled in: with
+ * the functions that end in _of they may stand anywhere in memory (sw_program.h).
  */
 #ifndef STILLWAKE_H
 #define STILLWAKE_H
 
 #include <stddef.h>
 
+#include "sw_program.h"
 #include "sw_settings.h"
 #include "sw_workspace.h"
 
@@ -62,6 +64,10 @@ void sw_input_push(sw_input *input, const float pressures[SW_SENSORS], float pre
 
 /* One control step. The workspace needs no preparation and carries nothing from step to step. */
 sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output);
+
+/* The same two with the numbers of any program that this library has the sizes of. */
+void sw_input_reset_of(const sw_program *program, sw_input *input);
+sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, const sw_input *input, sw_output *output);
 
 /* sizeof(sw_workspace), for callers in other languages. */
 size_t sw_workspace_bytes(void);

@@ -1,5 +1,6 @@
 /* The terms of the cost, one by one. */
 #include "sw_cost.h"
+#include "sw_weights.h"
 
 void sw_cost_terms(const sw_workspace *work, float previous_action, float terms[SW_TERMS])
 {
@@ -16,7 +17,7 @@ void sw_cost_terms(const sw_workspace *work, float previous_action, float terms[
         const float change = work->plan[k + 1] - work->plan[k];
         steps += change * change;
     }
-    terms[SW_DRAG_MEAN] = drag.mean - SW_DRAG_REFERENCE;
+    terms[SW_DRAG_MEAN] = drag.mean - work->program.weights->drag_reference;
     terms[SW_DRAG_FLUCTUATION] = drag.largest - drag.smallest;
     terms[SW_LIFT] = lift_size / (float)SW_HORIZON;
     terms[SW_LIFT_MEAN] = lift.mean * lift.mean;

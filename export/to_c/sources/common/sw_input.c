@@ -2,16 +2,17 @@
 #include "stillwake.h"
 #include "sw_weights.h"
 
-void sw_input_reset(sw_input *input)
+void sw_input_reset_of(const sw_program *program, sw_input *input)
 {
+    const sw_weights *w = program->weights;
     for (int row = 0; row < SW_WINDOW; row++) {
-        for (int c = 0; c < SW_COLUMNS; c++) input->window[row][c] = sw_window_mean[c];
+        for (int c = 0; c < SW_COLUMNS; c++) input->window[row][c] = w->window_mean[c];
     }
     for (int k = 0; k < SW_HORIZON; k++) {
         input->plan[k] = 0.0f;
         input->free[k] = 1.0f;
     }
-    for (int i = 0; i < SW_TERMS; i++) input->weights[i] = sw_default_weights[i];
+    for (int i = 0; i < SW_TERMS; i++) input->weights[i] = w->default_weights[i];
     input->speed = 1.0f;
 }
 

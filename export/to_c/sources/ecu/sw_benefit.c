@@ -12,13 +12,11 @@ typedef struct {
 
 static double magnitude(double value) { return value < 0.0 ? -value : value; }
 
-static measured measure(const double *cp)
+static measured measure(const sw_release *release, const double *cp)
 {
-    static const uint8_t base[SW_BASES] = SW_BASE_SENSORS;
-    static const uint8_t pairs[SW_MIRRORED_PAIRS][2] = SW_MIRRORED_SENSORS;
     measured now = {0.0, 0.0};
-    for (int i = 0; i < SW_BASES; i++) now.base += cp[base[i]];
-    for (int i = 0; i < SW_MIRRORED_PAIRS; i++) now.swing += magnitude(cp[pairs[i][0]] - cp[pairs[i][1]]);
+    for (int i = 0; i < SW_BASES; i++) now.base += cp[release->base[i]];
+    for (int i = 0; i < SW_MIRRORED_PAIRS; i++) now.swing += magnitude(cp[release->pairs[i][0]] - cp[release->pairs[i][1]]);
     now.base /= (double)SW_BASES;
     now.swing /= (double)SW_MIRRORED_PAIRS;
     return now;
@@ -35,7 +33,7 @@ static int helps(const sw_benefit *benefit)
 }
 
 /* The jets are shut. */
-static void rest(sw_benefit *benefit, const double *cp)
+static void rest(sw_benefit *benefit, const sw_release *release, const double *cp)
 {
     if (benefit->waking > 0u) benefit->waking--;
     benefit->driven = 0;
@@ -43,30 +41,30 @@ static void rest(sw_benefit *benefit, const double *cp)
     benefit->swing = 0.0;
     benefit->doubt = 0;
     if (cp == NULL || benefit->waking > 0u) return;
-    const measured now = measure(cp);
+    const measured now = measure(release, cp);
     benefit->rested = at_most(benefit->rested + 1u, SW_MEAN_PERIODS);
     benefit->resting_base += (now.base - benefit->resting_base) / (double)benefit->rested;
     benefit->resting_swing += (now.swing - benefit->resting_swing) / (double)benefit->rested;
 }
 
-static void drive(sw_benefit *benefit, const double *cp)
+static void drive(sw_benefit *benefit, const sw_release *release, const double *cp)
 {
     benefit->waking = SW_WAKE_PERIODS;
     if (cp == NULL) return;
-    const measured now = measure(cp);
+    const measured now = measure(release, cp);
     benefit->driven = at_most(benefit->driven + 1u, SW_FIRST_PERIOD);
     const double over = (double)at_most(benefit->driven, SW_MEAN_PERIODS);
     benefit->base += (now.base - benefit->base) / over;
     benefit->swing += (now.swing - benefit->swing) / over;
 }
 
-uint8_t sw_benefit_next(sw_benefit *benefit, const double *cp, int drives)
+uint8_t sw_benefit_next(sw_benefit *benefit, const sw_release *release, const double *cp, int drives)
 {
     if (!drives) {
-        rest(benefit, cp);
+        rest(benefit, release, cp);
         return SW_REASON_NONE;
     }
-    drive(benefit, cp);
+    drive(benefit, release, cp);
     if (cp == NULL || benefit->driven < SW_FIRST_PERIOD || benefit->rested == 0u) return SW_REASON_NONE;
     if (!helps(benefit)) {
         benefit->doubt = at_most(benefit->doubt + 1u, SW_BENEFIT_DOUBT);

@@ -9,14 +9,24 @@ static const sw_calibration greatest = SW_GREATEST_CALIBRATION;
 /* No number is within any limits. */
 static int is_within(float value, float low, float high) { return value >= low && value <= high; }
 
-int sw_calibration_beyond(const sw_calibration *values)
+int sw_calibration_beyond(const sw_calibration *values, const sw_release *release)
 {
     for (int i = 0; i < SW_TERMS; i++) {
-        if (!is_within(values->weights[i], least.weights[i], greatest.weights[i])) return i + 1;
+        /* A release may have a greater weight than others can be given. */
+        const float own = release->weights[i];
+        const float most = own > greatest.weights[i] ? own : greatest.weights[i];
+        if (!is_within(values->weights[i], least.weights[i], most)) return i + 1;
     }
     if (!is_within(values->action_limit, least.action_limit, greatest.action_limit)) return SW_TERMS + 1;
     if (!is_within(values->command_step, least.command_step, greatest.command_step)) return SW_TERMS + 2;
     return values->delay_steps <= greatest.delay_steps ? 0 : SW_TERMS + 3;
+}
+
+void sw_calibration_own(const sw_release *release, sw_calibration *own)
+{
+    *own = greatest; /* the vehicle's bounds on the jets */
+    for (int i = 0; i < SW_TERMS; i++) own->weights[i] = release->weights[i];
+    own->delay_steps = SW_DELAY_STEPS;
 }
 
 sw_gate_limits sw_calibration_limits(const sw_calibration *values)

@@ -82,7 +82,7 @@ void sw_emit_status(uint8_t *data, const sw_ecu_status *status)
     sw_put_word(&data[3], overruns | (missed << 6) | (crc_errors << 12));
     data[5] = (uint8_t)((crc_errors >> 4) | (refused << 2));
     /* Of the hash its upper half. */
-    sw_put_word(&data[6], SW_BUNDLE_HASH >> 16);
+    sw_put_word(&data[6], status->bundle_hash >> 16);
 }
 
 #endif

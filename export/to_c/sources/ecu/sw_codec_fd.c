@@ -69,8 +69,8 @@ void sw_emit_status(uint8_t *data, const sw_ecu_status *status)
     sw_put_word(&data[6], sw_at_most(status->overruns, SW_COUNT_LIMIT));
     sw_put_word(&data[8], sw_at_most(status->missed, SW_COUNT_LIMIT));
     sw_put_word(&data[10], sw_at_most(status->crc_errors, SW_COUNT_LIMIT));
-    sw_put_word(&data[12], SW_BUNDLE_HASH);
-    sw_put_word(&data[14], SW_BUNDLE_HASH >> 16);
+    sw_put_word(&data[12], status->bundle_hash);
+    sw_put_word(&data[14], status->bundle_hash >> 16);
     sw_put_word(&data[16], sw_at_most(status->refused, SW_COUNT_LIMIT));
     /* Bytes 18 and 19 count what is not authentic: nothing is, or is not, without authentication. */
     data[20] = (uint8_t)sw_at_most(status->tx_errors, SW_ERROR_LIMIT);

@@ -61,7 +61,7 @@ static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *readin
     uint8_t fault = SW_REASON_NONE;
 #if SW_SENSOR_CHECK
     const sw_sensors *sensors = &ecu->state.sensors;
-    fault = sw_sensors_next(&ecu->state.sensors, &ecu->work.estimator, &ecu->state.memory, cp, reading,
+    fault = sw_sensors_next(&ecu->state.sensors, &ecu->numbers, &ecu->work.estimator, &ecu->state.memory, cp, reading,
                             ecu->state.timing.skipped);
     if (sensors->set_aside >= 0) {
         sw_memory_with_column(&ecu->state.memory, sensors->set_aside, sensors->estimates);
@@ -75,14 +75,15 @@ static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *readin
 }
 
 /* The benefit check after this period, and why the jets must shut; a sensor set aside has its estimate. */
-static uint8_t check_benefit(sw_ecu_state *state, int usable)
+static uint8_t check_benefit(sw_ecu_state *state, const sw_release *release, int usable)
 {
     uint8_t fault = SW_REASON_NONE;
 #if SW_BENEFIT_CHECK
     const double *cp = usable ? state->memory.window[SW_WINDOW - 1] : NULL;
-    fault = sw_benefit_next(&state->benefit, cp, sw_drives_jets(state->fail_safe.mode));
+    fault = sw_benefit_next(&state->benefit, release, cp, sw_drives_jets(state->fail_safe.mode));
 #else
     (void)state;
+    (void)release;
     (void)usable;
 #endif
     return fault;
@@ -125,7 +126,7 @@ static decision planned(sw_ecu *ecu)
 {
     decision due = {0.0, SW_REASON_INTERNAL};
     sw_memory_input(&ecu->state.memory, ecu->calibration.weights, &ecu->input);
-    const sw_status status = sw_control_step(&ecu->work.control, &ecu->input, &ecu->output);
+    const sw_status status = sw_control_step_of(&ecu->numbers.program, &ecu->work.control, &ecu->input, &ecu->output);
     const int finite = are_finite(ecu->output.plan, SW_HORIZON) & are_finite(&ecu->output.forces[0][0], 2 * SW_HORIZON);
     if (status == SW_OK && finite) {
         for (int k = 0; k < SW_HORIZON; k++) ecu->state.memory.plan[k] = ecu->output.plan[k];
@@ -195,13 +196,14 @@ static void write_command(sw_frame *frame, const sw_ecu_state *state, const sw_j
     sw_e2e_protect(frame->data, SW_COMMAND_BYTES, SW_COMMAND_DATA_ID, state->command_counter);
 }
 
-static void write_status(sw_frame *frame, const sw_ecu_state *state, int64_t now_ns)
+static void write_status(sw_frame *frame, const sw_ecu_state *state, uint32_t bundle_hash, int64_t now_ns)
 {
     const uint32_t *counts = state->pressures.counts;
     sw_ecu_status status = {0};
     status.state = sw_mode_on_wire(state->fail_safe.mode);
     status.reason = state->fail_safe.reason;
     status.set_aside = (uint8_t)(state->sensors.set_aside >= 0 ? 1 << state->sensors.set_aside : 0);
+    status.bundle_hash = bundle_hash;
     status.overruns = state->overruns;
     status.missed = state->missed;
     status.crc_errors = counts[SW_CHECK_ERROR];
@@ -222,8 +224,8 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
     double dynamic_pressure = SW_DYNAMIC_PRESSURE;
     uint8_t off_speed = 0;
 #if SW_PAST > 0
-    sw_speed_next(&state->speed, frames, count, now_ns);
-    dynamic_pressure = sw_speed_dynamic_pressure(&state->speed);
+    sw_speed_next(&state->speed, ecu->numbers.release, frames, count, now_ns);
+    dynamic_pressure = sw_speed_dynamic_pressure(&state->speed, ecu->numbers.release);
     off_speed = state->speed.is_off;
 #endif
     sw_reception(&received, &state->pressures, frames, count, now_ns, dynamic_pressure);
@@ -244,7 +246,7 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
     after_silence(&state->memory, &state->timing);
     with_row(state, cp);
     const uint8_t sensor_fault = check_sensors(ecu, cp, reading);
-    const uint8_t no_benefit = check_benefit(state, cp != NULL);
+    const uint8_t no_benefit = check_benefit(state, ecu->numbers.release, cp != NULL);
     const uint8_t faults[] = {state->timing.fault, bus_fault(&state->health, &ecu->surroundings.health),
                               (uint8_t)(state->other_ecu.is_there ? SW_REASON_OTHER_ECU : SW_REASON_NONE),
                               sensor_fault, no_benefit, ecu->surroundings.fault};
@@ -271,11 +273,13 @@ static sw_gated act(sw_ecu *ecu, const sw_timing *before, int64_t now_ns)
     return passed;
 }
 
-void sw_ecu_init(sw_ecu *ecu)
+void sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
 {
-    static const sw_calibration own = SW_CALIBRATION;
+    sw_calibration own;
     unsigned char *bytes = (unsigned char *)ecu;
     for (size_t i = 0; i < sizeof *ecu; i++) bytes[i] = 0; /* padding as well: states are compared as bytes */
+    ecu->numbers = *numbers;
+    sw_calibration_own(numbers->release, &own);
     (void)sw_ecu_calibrate(ecu, &own);
     ecu->surroundings.fault = SW_REASON_NONE;
     ecu->state.timing.fault = SW_REASON_NONE;
@@ -289,7 +293,7 @@ void sw_ecu_init(sw_ecu *ecu)
 
 int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values)
 {
-    const int beyond = sw_calibration_beyond(values);
+    const int beyond = sw_calibration_beyond(values, ecu->numbers.release);
     if (beyond == 0) {
         ecu->calibration = *values;
         ecu->limits = sw_calibration_limits(values);
@@ -374,7 +378,7 @@ int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int coun
     command.has_counter = state->has_pressures && (inputs.usable || sw_drives_jets(state->fail_safe.mode));
     command.pressure_counter = state->pressure_counter;
     write_command(&frames_out[0], state, &command, now_ns);
-    write_status(&frames_out[1], state, now_ns);
+    write_status(&frames_out[1], state, ecu->numbers.release->bundle_hash, now_ns);
     state->command_counter = (uint8_t)((state->command_counter + 1u) % SW_E2E_COUNTERS);
     state->status_counter = (uint8_t)((state->status_counter + 1u) % SW_E2E_COUNTERS);
     return SW_FRAMES_OUT;

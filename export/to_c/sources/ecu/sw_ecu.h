@@ -3,7 +3,7 @@
  * It is the twin of the Python ECU (firmware_sim/ecu), which is its specification: the same frames at the same times
  * lead to the same frames and the same state. Freestanding C99. No allocation, no recursion, no library calls, no
  * static state: everything stands in the caller's sw_ecu. sw_ecu_settings.h, generated, has the messages of the DBC,
- * the figures of the release, and the vehicle's settings.
+ * the figures of the release that is compiled in, and the vehicle's settings.
  *
  *     static sw_ecu ecu;
  *     sw_ecu_init(&ecu);
@@ -223,6 +223,30 @@ typedef struct {
     sw_bus_health health;
 } sw_ecu_state;
 
+/* What a release has besides its controller and its sensor estimator; read in place, wherever it stands. */
+typedef struct {
+    double fast_deviation[SW_SENSORS][SW_SENSORS]; /* of sound sensors' residuals, in Cp: sensor i without sensor j */
+    double slow_deviation[SW_SENSORS][SW_SENSORS]; /* the same, of their slow means */
+    double slowest; /* of the speeds that it serves, in design speeds */
+    double fastest;
+    double design_speed;     /* in m/s */
+    double design_density;   /* of the air in kg/m3 */
+    float weights[SW_TERMS]; /* of the cost terms */
+    uint32_t bundle_hash;    /* the first 32 bits of the release's digest */
+    uint8_t base[SW_BASES];  /* sensors on the base */
+    uint8_t pairs[SW_MIRRORED_PAIRS][2]; /* mirrored sensors */
+    uint8_t reserved[SW_RELEASE_RESERVED];
+} sw_release;
+
+/* Where all numbers of a release stand: compiled in, or in an image on flash (sw_image.h). */
+typedef struct {
+    sw_program program;
+    const sw_release *release;
+#if SW_SENSOR_CHECK
+    const struct sw_estimator_weights *estimator;
+#endif
+} sw_numbers;
+
 /* What may be changed of a release on the vehicle, in the layout in which UDS and XCP carry it. */
 typedef struct {
     float weights[SW_TERMS]; /* of the cost terms */
@@ -261,12 +285,18 @@ typedef struct {
     sw_input input;
     sw_output output;
     sw_ecu_work work;
+    sw_numbers numbers; /* what it runs; set by sw_ecu_init and sw_ecu_init_of */
 } sw_ecu;
 
 /* Power-on: nothing received, nothing sent, jets shut, the release's own calibration. Memory of zeros is no substitute:
  * it would hold a request for control that was seen low, and a sensor set aside.
  */
 void sw_ecu_init(sw_ecu *ecu);
+
+/* The same with the numbers of a release that stands elsewhere, as sw_image_open gives them. What they point to must stay
+ * as long as the ECU runs; `numbers` itself need not.
+ */
+void sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers);
 
 /* Other values from the next step on; call it between two steps. Returns 0, or the number of the first value that is
  * out of the limits of release and vehicle, counted from 1 in the order of the structure; nothing is changed then. What

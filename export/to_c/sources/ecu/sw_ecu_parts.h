@@ -76,6 +76,7 @@ typedef struct {
     uint8_t state;  /* SW_MODE_ */
     uint8_t reason; /* SW_REASON_ */
     uint8_t set_aside;
+    uint32_t bundle_hash;
     uint32_t overruns, missed, crc_errors, refused; /* limited when they are sent */
     uint32_t bus_off, tx_errors, rx_errors;
 } sw_ecu_status;
@@ -140,10 +141,10 @@ void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count, i
 
 #if SW_PAST > 0
 /* After a period's frames. */
-void sw_speed_next(sw_speed_state *speed, const sw_frame *frames, int count, int64_t now_ns);
+void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_frame *frames, int count, int64_t now_ns);
 
 /* Pa at Cp = 1, at the design speed where the speed is outside the range; 0 without a speed. */
-double sw_speed_dynamic_pressure(const sw_speed_state *speed);
+double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release);
 #endif
 
 /* --- sw_past.c: rows of periods read again at steps of the present speed --- */
@@ -189,7 +190,8 @@ void sw_memory_input(const sw_memory *memory, const float weights[SW_TERMS], sw_
  * gives for sensor i. Row j < SW_SENSORS leaves sensor j out with i; row SW_SENSORS + p exchanges the p-th pair and
  * leaves i out. Rows of the window have come from `first` on. Estimates are always finite.
  */
-void sw_estimate(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first);
+void sw_estimate(sw_estimator_work *work, const struct sw_estimator_weights *weights,
+                 const double window[SW_WINDOW][SW_COLUMNS], int first);
 #endif
 
 /* --- sw_sensors.c --- */
@@ -200,8 +202,8 @@ void sw_sensors_start(sw_sensors *sensors);
 /* After a period with the memory's window; cp is NULL without pressures, and `reading` has them as they came, whatever
  * the speed is. Returns the SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
  */
-uint8_t sw_sensors_next(sw_sensors *sensors, sw_estimator_work *work, const sw_memory *memory, const double *cp,
-                        const double *reading, int64_t skipped);
+uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estimator_work *work, const sw_memory *memory,
+                        const double *cp, const double *reading, int64_t skipped);
 #endif
 
 /* --- sw_benefit.c --- */
@@ -210,7 +212,7 @@ uint8_t sw_sensors_next(sw_sensors *sensors, sw_estimator_work *work, const sw_m
 /* After a period with these pressures; cp is NULL without any. Whether the jets could run up to now. Returns the
  * SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
  */
-uint8_t sw_benefit_next(sw_benefit *benefit, const double *cp, int drives);
+uint8_t sw_benefit_next(sw_benefit *benefit, const sw_release *release, const double *cp, int drives);
 #endif
 
 /* --- sw_fail_safe.c --- */
@@ -238,7 +240,10 @@ uint8_t sw_mode_on_wire(uint8_t mode);
 /* --- sw_calibration.c --- */
 
 /* The number of the first value that is out of its limits, from 1; 0 if there is none. */
-int sw_calibration_beyond(const sw_calibration *values);
+int sw_calibration_beyond(const sw_calibration *values, const sw_release *release);
+
+/* A release's own in this vehicle. */
+void sw_calibration_own(const sw_release *release, sw_calibration *own);
 
 /* The gate's bounds by values within their limits, never wider than the vehicle's. */
 sw_gate_limits sw_calibration_limits(const sw_calibration *values);

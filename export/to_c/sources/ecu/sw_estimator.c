@@ -33,20 +33,22 @@
 ONCE static void product_of(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first, int place,
                             int column)
 {
+    const sw_estimator_weights *w = work->weights;
     const float limit = (float)SW_ESTIMATOR_LIMIT;
     for (int r = 0; r < SW_ESTIMATOR_ROWS; r++) {
         const int row = SW_WINDOW - SW_ESTIMATOR_ROWS + r;
         const float value = (float)window[row > first ? row : first][column];
-        work->vector[r] = sw_saturated((value - sw_estimator_mean[place]) * sw_estimator_factor[place], limit);
+        work->vector[r] = sw_saturated((value - w->mean[place]) * w->factor[place], limit);
     }
-    sw_dots(work->sums, sw_estimator_column_rows[place], work->vector, SW_ESTIMATOR_WIDTH, SW_ESTIMATOR_ROWS);
+    sw_dots(work->sums, w->column_rows[place], work->vector, SW_ESTIMATOR_WIDTH, SW_ESTIMATOR_ROWS);
 }
 
 /* What leaving out the sensor adds whose column's product stands in work->sums. */
 ONCE static void left_out(const sw_estimator_work *work, int sensor, int32_t out[SW_ESTIMATOR_WIDTH])
 {
+    const sw_estimator_weights *w = work->weights;
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) {
-        out[h] = (int32_t)sw_estimator_flags[sensor][h] * SW_ESTIMATOR_ONE - work->sums[h];
+        out[h] = (int32_t)w->flags[sensor][h] * SW_ESTIMATOR_ONE - work->sums[h];
     }
 }
 
@@ -81,24 +83,26 @@ ONCE static void exchanged(sw_estimator_work *work, const double window[SW_WINDO
 /* From the first layer's values in work->values to the second layer's, both after their ReLU. */
 static void second_layer(sw_estimator_work *work)
 {
+    const sw_estimator_weights *w = work->weights;
     float largest = 0.0f;
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) largest = sw_max(largest, work->values[h]);
     const float inverse = largest > 0.0f ? (float)SW_INT16_QMAX / largest : 0.0f;
     const float scale = largest / (float)SW_INT16_QMAX;
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) work->vector[h] = sw_rounded(work->values[h] * inverse);
-    sw_dots(work->sums, sw_estimator_second_rows, work->vector, SW_ESTIMATOR_WIDTH, SW_ESTIMATOR_WIDTH);
+    sw_dots(work->sums, w->second_rows, work->vector, SW_ESTIMATOR_WIDTH, SW_ESTIMATOR_WIDTH);
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) {
-        const float product = (float)work->sums[h] * scale * sw_estimator_second_scale[h];
-        work->values[h] = sw_max(product + sw_estimator_second_bias[h], 0.0f);
+        const float product = (float)work->sums[h] * scale * w->second_scale[h];
+        work->values[h] = sw_max(product + w->second_bias[h], 0.0f);
     }
 }
 
 /* The hidden layers of a view: sums with what leaving out adds once, or twice where a second sensor is left out. */
 ONCE static void hidden_layers(sw_estimator_work *work, const int32_t *sums, const int32_t *out, const int32_t *also)
 {
+    const sw_estimator_weights *w = work->weights;
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h++) {
         const int32_t sum = sums[h] + out[h] + (also == NULL ? 0 : also[h]);
-        const float value = (float)sum * sw_estimator_first_scale[h] + sw_estimator_first_bias[h];
+        const float value = (float)sum * w->first_scale[h] + w->first_bias[h];
         work->values[h] = sw_max(value, 0.0f);
     }
     second_layer(work);
@@ -107,17 +111,20 @@ ONCE static void hidden_layers(sw_estimator_work *work, const int32_t *sums, con
 /* The last layer for one sensor, in Cp. Four sums, since one would wait for each of its additions. */
 ONCE static double last_layer(const sw_estimator_work *work, int sensor)
 {
-    const float *weights = sw_estimator_last[sensor];
+    const sw_estimator_weights *w = work->weights;
+    const float *last = w->last[sensor];
     float sums[4] = {0.0f, 0.0f, 0.0f, 0.0f};
     for (int h = 0; h < SW_ESTIMATOR_WIDTH; h += 4) {
-        for (int k = 0; k < 4; k++) sums[k] += weights[h + k] * work->values[h + k];
+        for (int k = 0; k < 4; k++) sums[k] += last[h + k] * work->values[h + k];
     }
-    const float output = (sums[0] + sums[1]) + (sums[2] + sums[3]) + sw_estimator_last_bias[sensor];
-    return (double)(output * sw_estimator_spread[sensor] + sw_estimator_mean[sensor]);
+    const float output = (sums[0] + sums[1]) + (sums[2] + sums[3]) + w->last_bias[sensor];
+    return (double)(output * w->spread[sensor] + w->mean[sensor]);
 }
 
-void sw_estimate(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first)
+void sw_estimate(sw_estimator_work *work, const sw_estimator_weights *weights,
+                 const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
+    work->weights = weights;
     in_place(work, window, first);
     int pair = SW_SENSORS;
     for (int i = 0; i < SW_SENSORS; i++) {

@@ -36,10 +36,6 @@ void sw_sensors_start(sw_sensors *sensors)
 #define FLAT_ROWS SW_FLAT_PERIODS
 #endif
 
-/* Of sound sensors' residuals, in Cp: sensor i without sensor j. */
-static const double fast_deviation[SW_SENSORS][SW_SENSORS] = SW_FAST_DEVIATIONS;
-static const double slow_deviation[SW_SENSORS][SW_SENSORS] = SW_SLOW_DEVIATIONS;
-
 /* Ratios to what sound sensors show. */
 typedef struct {
     double liar[SW_SENSORS]; /* that this sensor lies, and the others do not */
@@ -96,14 +92,16 @@ static void count_flat(sw_sensors *sensors, const double *reading)
 }
 
 /* The running means of a hypothesis after one more residual of each sensor. */
-static void average(sw_sensors *sensors, int h, const double readings[SW_SENSORS], const double estimates[SW_SENSORS])
+static void average(sw_sensors *sensors, const sw_release *release, int h, const double readings[SW_SENSORS],
+                    const double estimates[SW_SENSORS])
 {
     for (int s = 0; s < SW_SENSORS; s++) {
         const double residual = readings[s] - estimates[s];
         const double change = sensors->judged ? residual - sensors->residual[h][s] : 0.0;
         const double fast = mean_with(sensors->fast[h][s], residual, SW_FAST_PERIODS);
         const double noise = mean_with(sensors->noise[h][s], square(change) / 2.0, SW_SCORE_PERIODS);
-        const double score = square(fast) / (square(fast_deviation[row_of(h, s)][s]) + SW_NOISE_ALLOWED * noise);
+        const double sound = release->fast_deviation[row_of(h, s)][s];
+        const double score = square(fast) / (square(sound) + SW_NOISE_ALLOWED * noise);
         sensors->residual[h][s] = residual;
         sensors->fast[h][s] = fast;
         sensors->slow[h][s] = mean_with(sensors->slow[h][s], residual, SW_SLOW_PERIODS);
@@ -113,17 +111,18 @@ static void average(sw_sensors *sensors, int h, const double readings[SW_SENSORS
 }
 
 /* All hypotheses: each sensor may lie; each pair may be exchanged, and its readings are compared crosswise. */
-static void average_all(sw_sensors *sensors, const double cp[SW_SENSORS], const sw_estimator_work *work)
+static void average_all(sw_sensors *sensors, const sw_release *release, const double cp[SW_SENSORS],
+                        const sw_estimator_work *work)
 {
     int pair = SW_SENSORS;
     for (int i = 0; i < SW_SENSORS; i++) {
-        average(sensors, i, cp, work->estimates[i]);
+        average(sensors, release, i, cp, work->estimates[i]);
         for (int j = i + 1; j < SW_SENSORS; j++) {
             double crossed[SW_SENSORS];
             for (int s = 0; s < SW_SENSORS; s++) crossed[s] = cp[s];
             crossed[i] = cp[j];
             crossed[j] = cp[i];
-            average(sensors, pair, crossed, work->estimates[pair]);
+            average(sensors, release, pair, crossed, work->estimates[pair]);
             pair++;
         }
     }
@@ -137,14 +136,15 @@ static double alone_in(const double values[SW_SENSORS], int own)
 }
 
 /* The levels of the running means. */
-static levels levels_of(const sw_sensors *sensors)
+static levels levels_of(const sw_sensors *sensors, const sw_release *release)
 {
     levels found = {{0.0}, {0.0}, 0.0, 0.0, 0.0};
     double alone[SW_SENSORS], without[SW_SENSORS];
     for (int j = 0; j < SW_SENSORS; j++) {
         double slow[SW_SENSORS];
         for (int i = 0; i < SW_SENSORS; i++) {
-            const double sound = square(slow_deviation[j][i]) + sensors->noise[j][i] / (double)(2 * SW_SLOW_PERIODS - 1);
+            const double noise = sensors->noise[j][i] / (double)(2 * SW_SLOW_PERIODS - 1);
+            const double sound = square(release->slow_deviation[j][i]) + noise;
             slow[i] = square(sensors->slow[j][i]) / sound;
         }
         alone[j] = sensors->score[j][j];
@@ -182,17 +182,17 @@ static double moved(const double window[SW_WINDOW][SW_COLUMNS], int first, int c
 }
 
 /* The mean of sound sensors' residuals by all others. */
-static double sound_deviation(void)
+static double sound_deviation(const sw_release *release)
 {
     double sound[SW_SENSORS];
-    for (int s = 0; s < SW_SENSORS; s++) sound[s] = fast_deviation[s][s];
+    for (int s = 0; s < SW_SENSORS; s++) sound[s] = release->fast_deviation[s][s];
     return mean_of(sound);
 }
 
 /* Whether the other pressures show a flow in the periods in which this one rested: their median. Before row `first` the
  * window is taken to have been like it.
  */
-static int others_move(int resting, const double window[SW_WINDOW][SW_COLUMNS], int first)
+static int others_move(const sw_release *release, int resting, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
     const int begin = first > SW_WINDOW - FLAT_ROWS ? first : SW_WINDOW - FLAT_ROWS;
     double by[SW_SENSORS - 1];
@@ -200,13 +200,14 @@ static int others_move(int resting, const double window[SW_WINDOW][SW_COLUMNS], 
         if (s != resting) by[n++] = moved(window, begin, s);
     }
     const double median = larger(smaller(by[0], by[1]), smaller(larger(by[0], by[1]), by[2]));
-    return median >= SW_MOVING * sound_deviation();
+    return median >= SW_MOVING * sound_deviation(release);
 }
 
 /* Whether two sensors in use have the same reading over a whole window, and it moves. */
-static int any_alike(const double window[SW_WINDOW][SW_COLUMNS], int set_aside)
+static int any_alike(const sw_release *release, const double window[SW_WINDOW][SW_COLUMNS], int set_aside)
 {
-    const double most = (double)SW_WINDOW * square(SW_ALIKE * sound_deviation());
+    const double sound = sound_deviation(release);
+    const double most = (double)SW_WINDOW * square(SW_ALIKE * sound);
     int alike = 0;
     for (int i = 0; i < SW_SENSORS; i++) {
         for (int j = i + 1; j < SW_SENSORS; j++) {
@@ -216,7 +217,7 @@ static int any_alike(const double window[SW_WINDOW][SW_COLUMNS], int set_aside)
                 if (sum > most) break; /* it only grows */
                 sum += square(window[k][i] - window[k][j]);
             }
-            if (sum <= most && moved(window, 0, i) >= SW_COPIED * sound_deviation()) alike = 1;
+            if (sum <= most && moved(window, 0, i) >= SW_COPIED * sound) alike = 1;
         }
     }
     return alike;
@@ -252,9 +253,9 @@ static uint32_t counted_doubt(uint32_t doubt, int doubted)
 }
 
 /* What the running means and the resting readings amount to. */
-static void judge(sw_sensors *sensors, const double window[SW_WINDOW][SW_COLUMNS], int first)
+static void judge(sw_sensors *sensors, const sw_release *release, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
-    const levels found = levels_of(sensors);
+    const levels found = levels_of(sensors, release);
     int set_aside = sensors->set_aside, resting = 0, which = 0;
     for (int j = SW_SENSORS - 1; j >= 0; j--) {
         if (sensors->flat[j] >= SW_FLAT_PERIODS && j != set_aside) {
@@ -262,7 +263,7 @@ static void judge(sw_sensors *sensors, const double window[SW_WINDOW][SW_COLUMNS
             which = j;
         }
     }
-    const int newly_from_rest = set_aside < 0 && resting == 1 && others_move(which, window, first);
+    const int newly_from_rest = set_aside < 0 && resting == 1 && others_move(release, which, window, first);
     if (newly_from_rest) {
         set_aside = which;
         resting = 0;
@@ -272,7 +273,7 @@ static void judge(sw_sensors *sensors, const double window[SW_WINDOW][SW_COLUMNS
         /* It stays aside. */
     }
     const int swapped = set_aside < 0 && found.swap >= SW_SWAP_LEVEL;
-    if (resting > 0 || (first == 0 && any_alike(window, set_aside))) {
+    if (resting > 0 || (first == 0 && any_alike(release, window, set_aside))) {
         sensors->doubt = SW_DOUBT_PERIODS;
     } else if (set_aside != sensors->set_aside) {
         sensors->doubt = 0;
@@ -285,17 +286,18 @@ static void judge(sw_sensors *sensors, const double window[SW_WINDOW][SW_COLUMNS
         (uint8_t)(sensors->doubt >= SW_DOUBT_PERIODS || (sensors->implausible && sensors->doubt > 0));
 }
 
-uint8_t sw_sensors_next(sw_sensors *sensors, sw_estimator_work *work, const sw_memory *memory, const double *cp,
-                        const double *reading, int64_t skipped)
+uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estimator_work *work, const sw_memory *memory,
+                        const double *cp, const double *reading, int64_t skipped)
 {
+    const sw_release *release = numbers->release;
     prolong(sensors, skipped);
     if (cp != NULL && memory->rows > 0) {
         const int first = SW_WINDOW - (int)memory->rows;
-        sw_estimate(work, memory->window, first);
+        sw_estimate(work, numbers->estimator, memory->window, first);
         for (int s = 0; s < SW_SENSORS; s++) sensors->estimates[SW_KEPT - 1][s] = work->estimates[s][s];
         count_flat(sensors, reading);
-        if (first == 0) average_all(sensors, cp, work);
-        judge(sensors, memory->window, first);
+        if (first == 0) average_all(sensors, release, cp, work);
+        judge(sensors, release, memory->window, first);
     }
     return (uint8_t)(sensors->implausible ? SW_REASON_IMPLAUSIBLE : SW_REASON_NONE);
 }

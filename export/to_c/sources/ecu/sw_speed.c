@@ -12,46 +12,47 @@ static uint64_t age_of(const sw_speed_state *speed, int64_t now_ns)
 }
 
 /* Whether a vehicle gets from the last speed to this one so fast. */
-static int is_plausible(const sw_speed_state *speed, double speed_m_per_s, int64_t now_ns)
+static int is_plausible(const sw_speed_state *speed, const sw_release *release, double speed_m_per_s, int64_t now_ns)
 {
     const double elapsed_s = (double)age_of(speed, now_ns) * 1e-9;
     /* Over a shorter time its rounding and a late frame would be an acceleration. */
     const double most = SW_MOST_ACCELERATION * (elapsed_s > SW_SHORTEST_S ? elapsed_s : SW_SHORTEST_S);
-    const double change = speed_m_per_s - speed->ratio * SW_DESIGN_SPEED;
+    const double change = speed_m_per_s - speed->ratio * release->design_speed;
     return !speed->known || (change <= most && change >= -most);
 }
 
 /* With the speed of a frame, unless that is old, not known or not plausible. */
-static void believe(sw_speed_state *speed, const sw_frame *frame, int64_t now_ns)
+static void believe(sw_speed_state *speed, const sw_release *release, const sw_frame *frame, int64_t now_ns)
 {
     sw_speed stated;
     sw_parse_speed(frame->data, &stated);
     if (stated.known && sw_is_fresh(frame->timestamp_ns, stated.age_ns, now_ns, SW_OLDEST_SPEED_NS) &&
-        is_plausible(speed, stated.speed_m_per_s, now_ns)) {
+        is_plausible(speed, release, stated.speed_m_per_s, now_ns)) {
         speed->known = 1;
-        speed->ratio = stated.speed_m_per_s / SW_DESIGN_SPEED;
-        speed->density = stated.density_kg_per_m3 > 0.0 ? stated.density_kg_per_m3 : SW_DESIGN_DENSITY;
+        speed->ratio = stated.speed_m_per_s / release->design_speed;
+        speed->density = stated.density_kg_per_m3 > 0.0 ? stated.density_kg_per_m3 : release->design_density;
         speed->measured_ns = frame->timestamp_ns - stated.age_ns;
     }
 }
 
-void sw_speed_next(sw_speed_state *speed, const sw_frame *frames, int count, int64_t now_ns)
+void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_frame *frames, int count, int64_t now_ns)
 {
     static const sw_message message = {SW_SPEED_ID, SW_SPEED_BYTES, SW_SPEED_DATA_ID};
     const sw_frame *frame = sw_receive(&speed->receiver, &message, frames, count);
-    if (frame != NULL && speed->receiver.stream == SW_VALID) believe(speed, frame, now_ns);
+    if (frame != NULL && speed->receiver.stream == SW_VALID) believe(speed, release, frame, now_ns);
     if (!speed->known || age_of(speed, now_ns) > (uint64_t)SW_OLDEST_SPEED_NS) {
         speed->known = 0;
         speed->ratio = 0.0;
     } else {
         const double margin = speed->is_off ? 0.0 : SW_SPEED_MARGIN;
-        speed->is_off = (uint8_t)!(speed->ratio >= SW_SLOWEST - margin && speed->ratio <= SW_FASTEST + margin);
+        speed->is_off =
+            (uint8_t)!(speed->ratio >= release->slowest - margin && speed->ratio <= release->fastest + margin);
     }
 }
 
-double sw_speed_dynamic_pressure(const sw_speed_state *speed)
+double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release)
 {
-    const double through_air = (speed->is_off ? 1.0 : speed->ratio) * SW_DESIGN_SPEED;
+    const double through_air = (speed->is_off ? 1.0 : speed->ratio) * release->design_speed;
     return speed->known ? 0.5 * speed->density * through_air * through_air : 0.0;
 }
 

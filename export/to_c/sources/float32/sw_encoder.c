@@ -19,7 +19,7 @@ static void update_cells(sw_encoder_scratch *e)
 }
 
 /* (h - mean) / sqrt(var + eps), with gain and offset; padding becomes zero. */
-static void normalise(sw_encoder_scratch *e)
+static void normalise(sw_encoder_scratch *e, const sw_weights *w)
 {
     float mean = 0.0f, squares = 0.0f;
     for (int k = 0; k < SW_LSTM; k++) mean += e->normed[k];
@@ -30,27 +30,28 @@ static void normalise(sw_encoder_scratch *e)
     }
     const float r = sw_inverse_sqrt(squares / (float)SW_LSTM + SW_NORM_EPSILON);
     for (int k = 0; k < SW_LSTM_P; k++) {
-        e->normed[k] = (e->normed[k] - mean) * r * sw_encoder_gain[k] + sw_encoder_offset[k];
+        e->normed[k] = (e->normed[k] - mean) * r * w->encoder_gain[k] + w->encoder_offset[k];
     }
 }
 
 void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS])
 {
+    const sw_weights *w = work->program.weights;
     sw_encoder_scratch *e = &work->phase.encoder;
     for (int k = 0; k < SW_COLUMNS + SW_LSTM; k++) e->hidden[k] = 0.0f;
     for (int k = 0; k < SW_LSTM_P; k++) e->cell[k] = 0.0f;
     for (int row = SW_WINDOW - SW_ENCODER_ROWS; row < SW_WINDOW; row++) {
         for (int c = 0; c < SW_COLUMNS; c++) {
-            e->hidden[c] = (window[row][c] - sw_window_mean[c]) * sw_window_factor[c];
+            e->hidden[c] = (window[row][c] - w->window_mean[c]) * w->window_factor[c];
         }
-        sw_combine(e->gates, sw_lstm_bias, &sw_lstm_weight[0][0], e->hidden, SW_COLUMNS + SW_LSTM, SW_CELLS);
+        sw_combine(e->gates, w->lstm_bias, &w->lstm_weight[0][0], e->hidden, SW_COLUMNS + SW_LSTM, SW_CELLS);
         update_cells(e);
     }
-    normalise(e);
-    sw_combine(e->head, sw_head_bias, &sw_head_weight[0][0], e->normed, SW_LSTM, SW_HEAD_P);
+    normalise(e, w);
+    sw_combine(e->head, w->head_bias, &w->head_weight[0][0], e->normed, SW_LSTM, SW_HEAD_P);
     for (int k = 0; k < SW_HEAD_P; k++) {
         e->head[k] = sw_max(e->head[k], 0.0f) + (sw_exp(sw_min(e->head[k], 0.0f)) - 1.0f);
     }
-    sw_dots(work->z, &sw_latent_weight[0][0], e->head, SW_LATENT, SW_HEAD_P);
-    for (int l = 0; l < SW_LATENT; l++) work->z[l] += sw_latent_bias[l];
+    sw_dots(work->z, &w->latent_weight[0][0], e->head, SW_LATENT, SW_HEAD_P);
+    for (int l = 0; l < SW_LATENT; l++) work->z[l] += w->latent_bias[l];
 }

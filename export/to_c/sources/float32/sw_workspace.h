@@ -3,6 +3,7 @@
 #define SW_WORKSPACE_H
 
 #include "sw_prior.h"
+#include "sw_program.h"
 #include "sw_settings.h"
 
 #ifdef __cplusplus
@@ -12,9 +13,9 @@ extern "C" {
 /* A vector's length rounded up to whole vector registers; what is added is zero throughout. */
 #define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
 
-/* Tables start at a cache line where the compiler can align them; only speed depends on it. */
+/* Tables start at a cache line where the compiler can align them; only speed depends on it, and images do. */
 #if defined(__GNUC__)
-#define SW_ALIGNED __attribute__((aligned(64)))
+#define SW_ALIGNED __attribute__((aligned(SW_ALIGNMENT)))
 #else
 #define SW_ALIGNED
 #endif
@@ -52,6 +53,7 @@ typedef struct {
 } sw_encoder_scratch;
 
 typedef struct {
+    sw_program program; /* that this control step runs */
     float z[SW_LATENT];                       /* latent state now */
     float latents[SW_LATENT][SW_HORIZON_P];   /* one to SW_HORIZON steps ahead */
     float forces[2][SW_HORIZON_P];            /* Cd, then Cl */

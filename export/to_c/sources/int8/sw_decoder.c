@@ -5,12 +5,12 @@
 #include "sw_parts.h"
 
 /* Products for the first one or for both of the vectors. */
-static void multiply(sw_decoder_scratch *s, const int8_t *w, int rows, int columns, int count)
+static void multiply(sw_decoder_scratch *s, const int8_t *matrix, int rows, int columns, int count)
 {
     if (count == 2) {
-        sw_dots_two(s->sums[0], w, s->vector[0], rows, columns);
+        sw_dots_two(s->sums[0], matrix, s->vector[0], rows, columns);
     } else {
-        sw_dots(s->sums[0], w, s->vector[0], rows, columns);
+        sw_dots(s->sums[0], matrix, s->vector[0], rows, columns);
     }
 }
 
@@ -28,48 +28,50 @@ static void round_residuals(int16_t *restrict vector, const int32_t *restrict x,
 }
 
 /* The same after a block's output has been added. */
-static void add_residuals(int32_t *restrict x, const int16_t *restrict elu, int16_t *restrict vector, int32_t factor)
+static void add_residuals(int32_t *restrict x, const int16_t *restrict elu, int16_t *restrict vector, int32_t of_elu,
+                          int32_t factor)
 {
     for (int o = 0; o < SW_DECODER_P; o++) {
-        x[o] += elu[o] * sw_residual_of_elu;
+        x[o] += elu[o] * of_elu;
         vector[o] = held(sw_scaled(x[o], factor));
     }
 }
 
 static void decode_steps(sw_workspace *work, int first, int count)
 {
+    const sw_weights *w = work->program.weights;
     sw_decoder_tape *tape = &work->decoder;
     sw_decoder_scratch *s = &work->phase.decoder;
     const float qmax = (float)SW_QMAX(SW_LATENT_P);
     for (int t = 0; t < count; t++) {
         for (int l = 0; l < SW_LATENT_P; l++) s->vector[t][l] = 0;
         for (int l = 0; l < SW_LATENT; l++) {
-            s->vector[t][l] = sw_saturated(work->latents[first + t][l] * sw_decoder_inverse_scale, qmax);
+            s->vector[t][l] = sw_saturated(work->latents[first + t][l] * w->decoder_inverse_scale, qmax);
         }
     }
-    multiply(s, sw_decoder_rows, SW_DECODER_P, SW_LATENT_P, count);
+    multiply(s, w->decoder_rows, SW_DECODER_P, SW_LATENT_P, count);
     for (int t = 0; t < count; t++) {
         for (int o = 0; o < SW_DECODER_P; o++) {
-            s->x[t][o] = (int32_t)((float)s->sums[t][o] * sw_decoder_channel[o / 8][SW_SCALE][o % 8] +
-                                   sw_decoder_channel[o / 8][SW_BIAS][o % 8]);
+            s->x[t][o] = (int32_t)((float)s->sums[t][o] * w->decoder_channel[o / 8][SW_SCALE][o % 8] +
+                                   w->decoder_channel[o / 8][SW_BIAS][o % 8]);
         }
     }
-    for (int t = 0; t < count; t++) round_residuals(s->vector[t], s->x[t], sw_residual_factor[0]);
+    for (int t = 0; t < count; t++) round_residuals(s->vector[t], s->x[t], w->residual_factor[0]);
     for (int b = 0; b < SW_BLOCKS; b++) {
-        multiply(s, sw_block_rows[b], SW_DECODER_P, SW_DECODER_P, count);
+        multiply(s, w->block_rows[b], SW_DECODER_P, SW_DECODER_P, count);
         for (int t = 0; t < count; t++) {
             const int k = first + t;
-            tape->r[b][k] = sw_norm_elu(s->sums[t], tape->block[b][k], s->hidden, sw_block_channel[b],
-                                        sw_block_layer[b], SW_DECODER);
-            add_residuals(s->x[t], s->hidden, s->vector[t], sw_residual_factor[b + 1]);
+            tape->r[b][k] = sw_norm_elu(s->sums[t], tape->block[b][k], s->hidden, w->block_channel[b],
+                                        w->block_layer[b], SW_DECODER);
+            add_residuals(s->x[t], s->hidden, s->vector[t], w->residual_of_elu, w->residual_factor[b + 1]);
         }
     }
-    multiply(s, sw_force_rows, SW_ROWS(2), SW_DECODER_P, count);
+    multiply(s, w->force_rows, SW_ROWS(2), SW_DECODER_P, count);
     for (int t = 0; t < count; t++) {
         for (int f = 0; f < 2; f++) {
-            const float scaled = (float)s->sums[t][f] * sw_force_channel[0][SW_SCALE][f] +
-                                 sw_force_channel[0][SW_BIAS][f];
-            work->forces[f][first + t] = scaled * sw_force_std[f] + sw_force_mean[f];
+            const float scaled = (float)s->sums[t][f] * w->force_channel[0][SW_SCALE][f] +
+                                 w->force_channel[0][SW_BIAS][f];
+            work->forces[f][first + t] = scaled * w->force_std[f] + w->force_mean[f];
         }
     }
 }
@@ -88,31 +90,32 @@ static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sum
 }
 
 /* x times the scales of the first layer's rows as int16, as fine as their largest allows; returns the unit. */
-static float round_adjoints(int16_t *restrict vector, int32_t *restrict x, float unit)
+static float round_adjoints(int16_t *restrict vector, int32_t *restrict x, float unit, const sw_weights *w)
 {
     uint32_t bits = 0;
     for (int o = 0; o < SW_DECODER_P; o++) {
-        x[o] = sw_scaled(x[o], sw_decoder_scale[o]);
+        x[o] = sw_scaled(x[o], w->decoder_scale[o]);
         bits |= sw_bits_of(x[o]);
     }
     const sw_fine fine = sw_fine_of((float)bits, (float)SW_QMAX(SW_DECODER_P));
     for (int o = 0; o < SW_DECODER_P; o++) {
         vector[o] = (int16_t)sw_scaled((int32_t)((uint32_t)x[o] << fine.shift), fine.scaled);
     }
-    return fine.factor > 0.0f ? unit * sw_decoder_largest / fine.factor : 0.0f;
+    return fine.factor > 0.0f ? unit * w->decoder_largest / fine.factor : 0.0f;
 }
 
 static void decode_steps_adjoint(sw_workspace *work, int first, int count)
 {
+    const sw_weights *w = work->program.weights;
     sw_decoder_tape *tape = &work->decoder;
     sw_decoder_scratch *s = &work->phase.decoder;
     float unit[2], unit_of_sums[2];
     for (int t = 0; t < count; t++) {
         const int k = first + t;
-        const float d_forces[2] = {work->d_forces[0][k] * sw_force_std[0], work->d_forces[1][k] * sw_force_std[1]};
-        unit[t] = sw_rounded_finely(s->vector[t], d_forces, sw_force_scale, 2);
+        const float d_forces[2] = {work->d_forces[0][k] * w->force_std[0], work->d_forces[1][k] * w->force_std[1]};
+        unit[t] = sw_rounded_finely(s->vector[t], d_forces, w->force_scale, 2);
     }
-    multiply(s, sw_force_adjoint_rows, SW_DECODER_P, SW_FORCES_P, count);
+    multiply(s, w->force_adjoint_rows, SW_DECODER_P, SW_FORCES_P, count);
     for (int t = 0; t < count; t++) {
         for (int o = 0; o < SW_DECODER_P; o++) s->x[t][o] = s->sums[t][o];
     }
@@ -120,13 +123,13 @@ static void decode_steps_adjoint(sw_workspace *work, int first, int count)
         for (int t = 0; t < count; t++) {
             const int k = first + t;
             unit_of_sums[t] = sw_norm_adjoint(s->sums[t], unit[t], s->vector[t], tape->block[b][k],
-                                              sw_block_adjoint[b], sw_block_layer[b], tape->r[b][k], SW_DECODER);
+                                              w->block_adjoint[b], w->block_layer[b], tape->r[b][k], SW_DECODER);
         }
-        multiply(s, sw_block_adjoint_rows[b], SW_DECODER_P, SW_DECODER_P, count);
+        multiply(s, w->block_adjoint_rows[b], SW_DECODER_P, SW_DECODER_P, count);
         for (int t = 0; t < count; t++) unit[t] = add_adjoints(s->x[t], unit[t], s->sums[t], unit_of_sums[t]);
     }
-    for (int t = 0; t < count; t++) unit[t] = round_adjoints(s->vector[t], s->x[t], unit[t]);
-    multiply(s, sw_decoder_adjoint_rows, SW_ROWS(SW_LATENT), SW_DECODER_P, count);
+    for (int t = 0; t < count; t++) unit[t] = round_adjoints(s->vector[t], s->x[t], unit[t], w);
+    multiply(s, w->decoder_adjoint_rows, SW_ROWS(SW_LATENT), SW_DECODER_P, count);
     for (int t = 0; t < count; t++) {
         for (int l = 0; l < SW_LATENT; l++) work->d_latents[first + t][l] = (float)s->sums[t][l] * unit[t];
     }

@@ -5,29 +5,29 @@
 #include "sw_parts.h"
 
 /* A gate's argument as sw_logistic_points takes it. */
-static inline int32_t gate(const sw_encoder_scratch *e, int number, int k)
+static inline int32_t gate(const sw_encoder_scratch *e, const sw_weights *w, int number, int k)
 {
     const int c = number * SW_LSTM_P + k;
-    const float (*of)[8] = sw_lstm_channel[c / 8];
+    const float (*of)[8] = w->lstm_channel[c / 8];
     return (int32_t)((float)e->by_row[c] * of[0][c % 8] + (float)e->by_hidden[c] * of[1][c % 8] + of[2][c % 8]);
 }
 
 /* c = sigmoid(f) c + sigmoid(i) tanh(g), h = sigmoid(o) tanh(c). */
-static void update_cells(sw_encoder_scratch *e)
+static void update_cells(sw_encoder_scratch *e, const sw_weights *w)
 {
     const float one = 1.0f / (float)SW_LOGISTIC_QMAX, product = one * one;
     for (int k = 0; k < SW_LSTM; k++) {
-        const int32_t entering = sw_table_logistic(gate(e, 0, k)) * sw_table_tanh(gate(e, 2, k));
-        const float c = (float)sw_table_logistic(gate(e, 1, k)) * one * e->cell[k] + (float)entering * product;
+        const int32_t entering = sw_table_logistic(gate(e, w, 0, k)) * sw_table_tanh(gate(e, w, 2, k));
+        const float c = (float)sw_table_logistic(gate(e, w, 1, k)) * one * e->cell[k] + (float)entering * product;
         const int32_t argument = (int32_t)(c * (float)(2 * SW_LOGISTIC_ONE) + ((float)SW_LOGISTIC_START + 0.5f));
         e->cell[k] = c;
-        e->output[k] = (float)(sw_table_logistic(gate(e, 3, k)) * sw_table_tanh(argument)) * product;
-        e->hidden[k] = sw_rounded(e->output[k] * sw_cell_inverse_scale);
+        e->output[k] = (float)(sw_table_logistic(gate(e, w, 3, k)) * sw_table_tanh(argument)) * product;
+        e->hidden[k] = sw_rounded(e->output[k] * w->cell_inverse_scale);
     }
 }
 
 /* The normed output of the LSTM as the next layer's input. */
-static void normalise(sw_encoder_scratch *e)
+static void normalise(sw_encoder_scratch *e, const sw_weights *w)
 {
     const float qmax = (float)SW_QMAX(SW_LSTM_P);
     float mean = 0.0f, squares = 0.0f;
@@ -40,13 +40,14 @@ static void normalise(sw_encoder_scratch *e)
     const float r = sw_inverse_sqrt(squares / (float)SW_LSTM + SW_NORM_EPSILON);
     for (int k = 0; k < SW_LSTM_P; k++) e->vector[k] = 0;
     for (int k = 0; k < SW_LSTM; k++) {
-        const float normed = (e->output[k] - mean) * r * sw_encoder_gain[k] + sw_encoder_offset[k];
-        e->vector[k] = sw_saturated(normed * sw_head_inverse_scale, qmax);
+        const float normed = (e->output[k] - mean) * r * w->encoder_gain[k] + w->encoder_offset[k];
+        e->vector[k] = sw_saturated(normed * w->head_inverse_scale, qmax);
     }
 }
 
 void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS])
 {
+    const sw_weights *w = work->program.weights;
     sw_encoder_scratch *e = &work->phase.encoder;
     const float row_qmax = (float)SW_QMAX(SW_ROW_P);
     for (int k = 0; k < SW_ROW_P; k++) e->row[k] = 0;
@@ -56,23 +57,23 @@ void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS])
     }
     for (int row = SW_WINDOW - SW_ENCODER_ROWS; row < SW_WINDOW; row++) {
         for (int c = 0; c < SW_COLUMNS; c++) {
-            const float scaled = (window[row][c] - sw_window_mean[c]) * sw_window_factor[c];
-            e->row[c] = sw_saturated(scaled * sw_row_inverse_scale, row_qmax);
+            const float scaled = (window[row][c] - w->window_mean[c]) * w->window_factor[c];
+            e->row[c] = sw_saturated(scaled * w->row_inverse_scale, row_qmax);
         }
-        sw_dots(e->by_row, sw_lstm_input_rows, e->row, 4 * SW_LSTM_P, SW_ROW_P);
-        sw_dots(e->by_hidden, sw_lstm_hidden_rows, e->hidden, 4 * SW_LSTM_P, SW_LSTM_P);
-        update_cells(e);
+        sw_dots(e->by_row, w->lstm_input_rows, e->row, 4 * SW_LSTM_P, SW_ROW_P);
+        sw_dots(e->by_hidden, w->lstm_hidden_rows, e->hidden, 4 * SW_LSTM_P, SW_LSTM_P);
+        update_cells(e, w);
     }
-    normalise(e);
-    sw_dots(e->by_hidden, sw_head_rows, e->vector, SW_HEAD_P, SW_LSTM_P);
+    normalise(e, w);
+    sw_dots(e->by_hidden, w->head_rows, e->vector, SW_HEAD_P, SW_LSTM_P);
     for (int k = 0; k < SW_HEAD_P; k++) {
-        const float y = (float)e->by_hidden[k] * sw_head_channel[k / 8][SW_SCALE][k % 8] +
-                        sw_head_channel[k / 8][SW_BIAS][k % 8];
+        const float y = (float)e->by_hidden[k] * w->head_channel[k / 8][SW_SCALE][k % 8] +
+                        w->head_channel[k / 8][SW_BIAS][k % 8];
         e->vector[k] = sw_elu((int32_t)(y * (float)SW_ELU_ARGUMENT_ONE + (float)SW_ELU_START));
     }
-    sw_dots(e->by_hidden, sw_latent_rows, e->vector, SW_LATENT_P, SW_HEAD_P);
+    sw_dots(e->by_hidden, w->latent_rows, e->vector, SW_LATENT_P, SW_HEAD_P);
     for (int l = 0; l < SW_LATENT; l++) {
-        work->z[l] = (float)e->by_hidden[l] * sw_latent_channel[l / 8][SW_SCALE][l % 8] +
-                     sw_latent_channel[l / 8][SW_BIAS][l % 8];
+        work->z[l] = (float)e->by_hidden[l] * w->latent_channel[l / 8][SW_SCALE][l % 8] +
+                     w->latent_channel[l / 8][SW_BIAS][l % 8];
     }
 }

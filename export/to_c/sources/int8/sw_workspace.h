@@ -5,6 +5,7 @@
 #include <stdint.h>
 
 #include "sw_prior.h"
+#include "sw_program.h"
 #include "sw_settings.h"
 
 #ifdef __cplusplus
@@ -36,9 +37,9 @@ extern "C" {
 #define SW_WIDEST SW_MAX(SW_MAX(SW_DYN1_P, SW_DYN2_P), SW_STATE_P)
 #define SW_LONGEST SW_MAX(SW_WIDEST, SW_MAX(SW_DECODER_P, SW_MAX(SW_LSTM_P, SW_MAX(SW_HEAD_P, SW_ROW_P))))
 
-/* Tables start at 16 bytes; products on Cortex-M read whole words. */
+/* Tables start at 16 bytes; products on Cortex-M read whole words. Images are for compilers that can align them. */
 #if defined(__GNUC__)
-#define SW_ALIGNED __attribute__((aligned(16)))
+#define SW_ALIGNED __attribute__((aligned(SW_ALIGNMENT)))
 #else
 #define SW_ALIGNED
 #endif
@@ -88,6 +89,7 @@ typedef struct {
 } sw_dynamics_scratch;
 
 typedef struct {
+    sw_program program; /* that this control step runs */
     float z[SW_LATENT];                       /* latent state now */
     float latents[SW_HORIZON_P][SW_LATENT];   /* one to SW_HORIZON steps ahead */
     float forces[2][SW_HORIZON_P];            /* Cd, then Cl */

@@ -17,24 +17,26 @@ static void take_history(sw_workspace *work, const float window[SW_WINDOW][SW_CO
 
 static void roll_out(sw_workspace *work, const sw_input *input)
 {
+    const sw_weights *w = work->program.weights;
     float outputs[SW_OUTPUTS];
     for (int k = 0; k < SW_HORIZON; k++) {
         const float committed = input->plan[k + 1 < SW_HORIZON ? k + 1 : k];
-        sw_products(outputs, &sw_by_history[0][0], SW_OUTPUTS, &work->history[k][0], SW_HISTORY);
-        const float held = sw_min(sw_max(outputs[SW_ROW], -SW_ACTION_LIMIT), SW_ACTION_LIMIT);
+        sw_products(outputs, &w->by_history[0][0], SW_OUTPUTS, &work->history[k][0], SW_HISTORY);
+        const float held = sw_min(sw_max(outputs[SW_ROW], -w->action_limit), w->action_limit);
         const float action = input->free[k] > 0.5f ? held : committed;
-        for (int row = 0; row < SW_ROW; row++) outputs[row] += sw_by_action[row] * action;
+        for (int row = 0; row < SW_ROW; row++) outputs[row] += w->by_action[row] * action;
         work->plan[k] = action;
         work->start[k] = action;
         work->history[SW_WINDOW - 1 + k][SW_DIFFERENCES] = action;
         for (int p = 0; p < SW_DIFFERENCES; p++) work->history[SW_WINDOW + k][p] = outputs[p];
-        work->forces[0][k] = sw_force_mean[0];
+        work->forces[0][k] = w->force_mean[0];
         work->forces[1][k] = outputs[SW_DIFFERENCES];
     }
 }
 
-sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output)
+sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, const sw_input *input, sw_output *output)
 {
+    work->program = *program;
     take_history(work, input->window);
     roll_out(work, input);
     sw_cost_terms(work, input->window[SW_WINDOW - 1][SW_SENSORS], output->terms);

@@ -2,6 +2,7 @@
 #ifndef SW_WORKSPACE_H
 #define SW_WORKSPACE_H
 
+#include "sw_program.h"
 #include "sw_settings.h"
 
 #ifdef __cplusplus
@@ -11,7 +12,15 @@ extern "C" {
 /* What a history has for each control step: the differences, then the action. */
 #define SW_ROW (SW_DIFFERENCES + 1)
 
+/* Tables start at a cache line where the compiler can align them; only speed depends on it, and images do. */
+#if defined(__GNUC__)
+#define SW_ALIGNED __attribute__((aligned(SW_ALIGNMENT)))
+#else
+#define SW_ALIGNED
+#endif
+
 typedef struct {
+    sw_program program;                            /* that this control step runs */
     float history[SW_WINDOW + SW_HORIZON][SW_ROW]; /* oldest first: what was, then what is predicted */
     float forces[2][SW_HORIZON];                   /* Cd, then Cl */
     float plan[SW_HORIZON];

@@ -6,21 +6,23 @@
 
 void sw_adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], int iteration)
 {
-    const float rate = sw_adam_rate[iteration], unbias = sw_adam_unbias[iteration];
+    const sw_weights *w = work->program.weights;
+    const float rate = w->adam_rate[iteration], unbias = w->adam_unbias[iteration];
     for (int k = 0; k < SW_HORIZON; k++) {
         const float g = work->gradient[k];
         const float m = SW_ADAM_BETA1 * work->moment1[k] + (1.0f - SW_ADAM_BETA1) * g;
         const float v = SW_ADAM_BETA2 * work->moment2[k] + (1.0f - SW_ADAM_BETA2) * (g * g);
-        const float moved = work->plan[k] - (m * rate) / (sw_sqrt(v) * unbias + SW_ADAM_EPSILON);
+        const float moved = work->plan[k] - (m * rate) / (sw_sqrt(v) * unbias + w->adam_epsilon);
         work->moment1[k] = m;
         work->moment2[k] = v;
-        if (free_actions[k] > 0.5f) work->plan[k] = sw_min(sw_max(moved, -SW_ACTION_LIMIT), SW_ACTION_LIMIT);
+        if (free_actions[k] > 0.5f) work->plan[k] = sw_min(sw_max(moved, -w->action_limit), w->action_limit);
     }
 }
 
-sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output)
+sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, const sw_input *input, sw_output *output)
 {
     const float previous_action = input->window[SW_WINDOW - 1][SW_SENSORS];
+    work->program = *program;
     sw_start_plan(work, input);
     sw_encode(work, input->window);
     for (int k = 0; k < SW_HORIZON; k++) {

@@ -22,11 +22,11 @@ static void take_past(sw_prior_scratch *prior, const float window[SW_WINDOW][SW_
 }
 
 /* What the units read of the past that begins at a row. */
-static void filter_past(sw_prior_scratch *prior, int begin, float speed)
+static void filter_past(sw_prior_scratch *prior, const sw_weights *w, int begin, float speed)
 {
-    const float *weight = sw_prior_filter;
+    const float *weight = w->prior_filter;
     for (int f = 0; f < SW_PRIOR_FILTERS; f++) {
-        const int first = begin + (int)sw_prior_filter_rows[f][0], count = (int)sw_prior_filter_rows[f][1];
+        const int first = begin + (int)w->prior_filter_rows[f][0], count = (int)w->prior_filter_rows[f][1];
         for (int c = 0; c < SW_PRIOR_ROW; c++) {
             float sum = 0.0f;
             for (int i = 0; i < count; i++) sum += weight[i] * prior->rows[first + i][c];
@@ -40,27 +40,28 @@ static void filter_past(sw_prior_scratch *prior, int begin, float speed)
 }
 
 /* The next differences after the past that begins at a row. */
-static void predict(sw_prior_scratch *prior, int begin)
+static void predict(sw_prior_scratch *prior, const sw_weights *w, int begin)
 {
     const float *past = prior->rows[begin];
     for (int p = 0; p < SW_PRIOR_ROW - 1; p++) {
         float sum = 0.0f;
-        for (int i = 0; i < SW_PRIOR_PAST; i++) sum += sw_prior_predictor[p][i] * past[i];
+        for (int i = 0; i < SW_PRIOR_PAST; i++) sum += w->prior_predictor[p][i] * past[i];
         prior->rows[begin + SW_PRIOR_MEMORY][p] = sum;
     }
 }
 
 void sw_start_plan(sw_workspace *work, const sw_input *input)
 {
+    const sw_weights *w = work->program.weights;
     sw_prior_scratch *prior = &work->phase.prior;
     take_past(prior, input->window);
     for (int k = 0; k < SW_HORIZON; k++) {
         float wanted = 0.0f, *now = prior->rows[SW_PRIOR_MEMORY + k];
-        if (k > 0) predict(prior, k);
-        filter_past(prior, k, input->speed);
-        sw_products(prior->outputs, &sw_prior_weight[0][0], SW_PRIOR_OUTPUTS, prior->inputs, SW_PRIOR_INPUTS);
-        for (int u = 0; u < SW_PRIOR_UNITS; u++) wanted += sw_prior_output[u] * sw_tanh(prior->outputs[u]);
-        wanted = SW_ACTION_LIMIT * sw_tanh(wanted);
+        if (k > 0) predict(prior, w, k);
+        filter_past(prior, w, k, input->speed);
+        sw_products(prior->outputs, &w->prior_weight[0][0], SW_PRIOR_OUTPUTS, prior->inputs, SW_PRIOR_INPUTS);
+        for (int u = 0; u < SW_PRIOR_UNITS; u++) wanted += w->prior_output[u] * sw_tanh(prior->outputs[u]);
+        wanted = w->action_limit * sw_tanh(wanted);
         now[SW_PRIOR_ROW - 1] = input->free[k] > 0.5f ? wanted : input->plan[k + 1 < SW_HORIZON ? k + 1 : k];
         work->plan[k] = now[SW_PRIOR_ROW - 1];
     }

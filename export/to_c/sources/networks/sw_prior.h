@@ -23,15 +23,20 @@ extern "C" {
 /* The units, filled up with zeros to four at a time. */
 #define SW_PRIOR_OUTPUTS ((SW_PRIOR_UNITS + 3) / 4 * 4)
 
-extern const int32_t sw_prior_filter_rows[SW_PRIOR_FILTERS][2]; /* the first row of a past that it reads, and how many */
-extern const float sw_prior_filter[SW_PRIOR_FILTER_ROWS];       /* the rows' weights, filter by filter */
-extern const float sw_prior_weight[SW_PRIOR_INPUTS][SW_PRIOR_OUTPUTS];
-extern const float sw_prior_output[SW_PRIOR_UNITS];
-extern const float sw_prior_predictor[SW_PRIOR_ROW - 1][SW_PRIOR_PAST];
+/* Members of sw_weights: the first row of a past that each filter reads, and how many; the rows' weights, filter by filter;
+ * the layers.
+ */
+#define SW_PRIOR_NUMBERS                                                   \
+    SW_ALIGNED int32_t prior_filter_rows[SW_PRIOR_FILTERS][2];             \
+    SW_ALIGNED float prior_filter[SW_PRIOR_FILTER_ROWS];                   \
+    SW_ALIGNED float prior_weight[SW_PRIOR_INPUTS][SW_PRIOR_OUTPUTS];      \
+    SW_ALIGNED float prior_output[SW_PRIOR_UNITS];                         \
+    SW_ALIGNED float prior_predictor[SW_PRIOR_ROW - 1][SW_PRIOR_PAST];
 
 #else
 #define SW_PRIOR_INPUTS 1
 #define SW_PRIOR_OUTPUTS 1
+#define SW_PRIOR_NUMBERS
 #endif
 
 typedef struct {

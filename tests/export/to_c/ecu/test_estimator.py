@@ -43,7 +43,7 @@ void estimate(const double window[SW_WINDOW][SW_COLUMNS], int first, double foun
 void estimate(const double window[SW_WINDOW][SW_COLUMNS], int first, double found[SW_HYPOTHESES][SW_SENSORS])
 {
     static sw_estimator_work work;
-    sw_estimate(&work, window, first);
+    sw_estimate(&work, &sw_own_estimator, window, first);
     for (int h = 0; h < SW_HYPOTHESES; h++) {
         for (int s = 0; s < SW_SENSORS; s++) found[h][s] = work.estimates[h][s];
     }

@@ -4,6 +4,12 @@
 
 #include "sw_settings.h"
 
+typedef struct sw_estimator_weights {
+    char not_used;
+} sw_estimator_weights;
+
+static const sw_estimator_weights sw_own_estimator = {0};
+
 typedef struct {
     double estimates[SW_SENSORS + SW_SENSORS * (SW_SENSORS - 1) / 2][SW_SENSORS];
 } sw_estimator_work;

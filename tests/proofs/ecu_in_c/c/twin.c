@@ -6,8 +6,9 @@
 static const twin_answers *answers;
 static twin_response *asked;
 
-sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output)
+sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, const sw_input *input, sw_output *output)
 {
+    (void)program;
     (void)work;
     asked->plans_asked++;
     asked->planned_on = *input;
@@ -18,8 +19,10 @@ sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *
 }
 
 #if SW_SENSOR_CHECK
-void sw_estimate(sw_estimator_work *work, const double window[SW_WINDOW][SW_COLUMNS], int first)
+void sw_estimate(sw_estimator_work *work, const sw_estimator_weights *weights,
+                 const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
+    (void)weights;
     asked->estimates_asked++;
     /* Before the first row the window is taken to have been like it. */
     for (int k = 0; k < SW_WINDOW; k++) {

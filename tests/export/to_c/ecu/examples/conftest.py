@@ -10,6 +10,7 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig, SensorCheckConfig
+from contract.controller.image_payload import with_layout
 from contract.release.bundle import load
 from examples.random_programs import random_program
 from export.program.random_windows import random_windows
@@ -39,7 +40,7 @@ def exported(built_for, random_release) -> dict[str, bytes]:
     windows = random_windows(program, 20)
     library = int8_library(program, windows) | ecu_sources() | {HEADER: ecu_settings(load(random_release), config)}
     played = {PLAYED: played_pressures(np.concatenate(windows), config)}
-    return library | example_sources() | played | documents(library)
+    return with_layout(library) | example_sources() | played | documents(library)
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,15 @@
+/* The control step of the program that is compiled in. */
+#include "stillwake.h"
+#include "sw_weights.h"
+
+void sw_input_reset(sw_input *input)
+{
+    const sw_program own = SW_OWN_PROGRAM;
+    sw_input_reset_of(&own, input);
+}
+
+sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output)
+{
+    const sw_program own = SW_OWN_PROGRAM;
+    return sw_control_step_of(&own, work, input, output);
+}

@@ -1,0 +1,25 @@
+/* Where the numbers of a trained program stand: compiled in, or in an image on flash that is read in place.
+ *
+ * They are structures without pointers, laid out as sw_weights.h has them, so that they may stand wherever they are
+ * aligned to SW_ALIGNMENT bytes: `hot`, which every step of every roll-out reads whole, in faster memory than the others.
+ */
+#ifndef SW_PROGRAM_H
+#define SW_PROGRAM_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct sw_weights;
+struct sw_hot;
+
+typedef struct {
+    const struct sw_weights *weights;
+    const struct sw_hot *hot; /* of an int8 library; others have none */
+} sw_program;
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

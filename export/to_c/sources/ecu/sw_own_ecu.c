@@ -1,0 +1,19 @@
+/* The ECU of the release that is compiled in. */
+#include <stddef.h>
+
+#include "sw_ecu.h"
+#include "sw_weights.h"
+
+/* The compiler lays it out as the writer of images does. */
+typedef char as_packed[SW_RELEASE_AS_PACKED ? 1 : -1];
+
+void sw_ecu_init(sw_ecu *ecu)
+{
+    static const sw_release release = SW_RELEASE;
+#if SW_SENSOR_CHECK
+    const sw_numbers own = {SW_OWN_PROGRAM, &release, &sw_own_estimator};
+#else
+    const sw_numbers own = {SW_OWN_PROGRAM, &release};
+#endif
+    sw_ecu_init_of(ecu, &own);
+}
