@@ -64,12 +64,19 @@ class Backing(Protocol):
         """Replace a record, of at most `MAX_RECORD` bytes. Raises MediumError if no place is left that works."""
         ...
 
-    def clear(self, slot: Slot) -> Work[None]:
-        """Erase a slot, piece by piece. Raises MediumError if no place is left that works."""
+    def clear(self, slot: Slot, behind: int = 0) -> Work[None]:
+        """Erase a slot, piece by piece, behind as many bytes as `begin_again` gave. Raises MediumError if it fails."""
         ...
 
-    def begin_again(self, slot: Slot, length: int) -> None:
-        """After power-on, go on behind the first `length` bytes of a slot; what was written behind them is void."""
+    def begin_again(self, slot: Slot, length: int) -> int:
+        """After power-on, go on behind the first `length` bytes of a slot; what was written behind them is void.
+
+        Returns:
+            `length`; or less, where the memory must first be cleared behind that many bytes.
+
+        Raises:
+            MediumError: it must be cleared as a whole.
+        """
         ...
 
     def append(self, slot: Slot, data: bytes) -> None:

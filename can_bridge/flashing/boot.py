@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 from enum import Enum, auto
 
 from can_bridge.flashing.backing import Slot, at_once
+from can_bridge.flashing.checking import Release
 from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.remembered import Remembered
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict
-from contract.release.checks import Bundle
 
 
 class BootReason(Enum):
@@ -51,7 +51,7 @@ class Boot:
     """
 
     slot: Slot | None
-    bundle: Bundle | None
+    bundle: Release | None
     verdicts: Mapping[Slot, Verdict]
     reason: BootReason
     boots_left: int = 0

@@ -1,33 +1,43 @@
-"""The record of calibrations: one a release, tied to its digest, so that no release runs with another one's."""
+"""The record of calibrations: one a release, tied to its digest, so that no release runs with another one's.
 
-import json
+"SWC1" (4), number of calibrations (1)
+for each, by digest: digest (32), length (2), bytes
+"""
+
+import struct
 from collections.abc import Mapping
 from typing import Final
 
-from can_bridge.flashing.backing import MAX_RECORD
-from contract.release import strict_json
-
-SCHEMA: Final = "stillwake-calibrations/1"
 MAX_CALIBRATION: Final = 1024
 """Bytes of one."""
+_MAGIC: Final = b"SWC1"
+_HEAD: Final = struct.Struct(">4sB")
+_ENTRY: Final = struct.Struct(">32sH")
 
 
 def encode(kept: Mapping[str, bytes]) -> bytes:
     """The record of calibrations by digest; raises ValueError for one that is too long."""
-    for digest, blob in kept.items():
+    parts = [_HEAD.pack(_MAGIC, len(kept))]
+    for digest, blob in sorted(kept.items()):
         if len(blob) > MAX_CALIBRATION:
             raise ValueError(f"calibration of {digest[:8]}: {len(blob)} bytes, must be at most {MAX_CALIBRATION}")
-    body = {"schema": SCHEMA, "kept": {digest: blob.hex() for digest, blob in sorted(kept.items())}}
-    return json.dumps(body, separators=(",", ":")).encode()
+        parts.append(_ENTRY.pack(bytes.fromhex(digest), len(blob)) + blob)
+    return b"".join(parts)
 
 
 def decode(raw: bytes) -> dict[str, bytes]:
     """Calibrations by digest; raises ValueError if the record is damaged."""
-    if len(raw) > MAX_RECORD:
-        raise ValueError(f"calibrations: {len(raw)} bytes, must be at most {MAX_RECORD}")
-    body = strict_json.decode(raw)
-    if body.keys() != {"schema", "kept"} or body["schema"] != SCHEMA or not isinstance(body["kept"], dict):
-        raise ValueError(f"calibrations: must be a table of schema {SCHEMA!r}")
-    if not all(isinstance(text, str) for text in body["kept"].values()):
-        raise ValueError("calibrations: must be texts of hex digits")
-    return {digest: bytes.fromhex(text) for digest, text in body["kept"].items()}
+    kept = {}
+    try:
+        magic, count = _HEAD.unpack_from(raw)
+        at = _HEAD.size
+        for _ in range(count):
+            digest, length = _ENTRY.unpack_from(raw, at)
+            at += _ENTRY.size
+            kept[digest.hex()] = raw[at : at + length]
+            at += length
+    except struct.error as error:
+        raise ValueError(f"calibrations: {len(raw)} bytes, of which the last are missing") from error
+    if magic != _MAGIC or at != len(raw):
+        raise ValueError(f"calibrations: {len(raw)} bytes, {at} used, must begin with {_MAGIC.decode()}")
+    return kept

@@ -1,19 +1,36 @@
-"""Whether an image may run on this ECU: every check of a bundle, and the ECU's own rules."""
+"""Whether an image may run on this ECU: every check of a bundle, or of a controller image, and the ECU's own rules."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import BundleDbcError, BundleError, BundleSignatureError, BundleSignerError
-from contract.release import signing
+from contract.release import controller_image, signing
 from contract.release.bundle import verified
-from contract.release.checks import SIGNATURE, Bundle
+from contract.release.checks import SIGNATURE, Bundle, dbc_sha256
+from contract.release.controller_image import ControllerImage
 from contract.release.image import files_of
 from contract.release.key_list import KeyList
 from contract.release.manifest import MANIFEST
+from contract.release.signing import PublicKey
 
-Fits = Callable[[Bundle], Verdict]
-"""Whether a bundle was made for this vehicle: GOOD, WRONG_PERIOD or WRONG_VEHICLE."""
+
+class Release(Protocol):
+    """What a store keeps of a release in order, whatever its image."""
+
+    @property
+    def digest(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def security_version(self) -> int: ...
+    @property
+    def signer(self) -> PublicKey | None: ...
+
+
+Fits = Callable[[Any], Verdict]
+"""Whether a release, as the check gives it, was made for this vehicle: GOOD, WRONG_PERIOD or WRONG_VEHICLE."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +70,51 @@ def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
     if bundle.manifest.security_version < rules.least_security_version:
         return Verdict.TOO_OLD, None
     return Verdict.GOOD, bundle
+
+
+Check = Callable[[bytes, Rules], tuple[Verdict, Release | None]]
+"""As `check`, of another kind of image."""
+
+
+def judge_image(image: bytes, rules: Rules, *, layout: bytes) -> tuple[Verdict, ControllerImage | None]:
+    """As `check`, of a controller image; `layout` names this ECU's build."""
+    keys = rules.keys
+    try:
+        signer = controller_image.signer_of(image)
+        if signer is None:
+            return Verdict.UNSIGNED, None
+        if keys is None or signer not in keys.keys:
+            return Verdict.REVOKED_KEY if keys is not None and signer in keys.revoked else Verdict.UNKNOWN_KEY, None
+        found = controller_image.read(image)
+    except BundleSignatureError:
+        return Verdict.BAD_SIGNATURE, None
+    except BundleError:
+        return Verdict.DAMAGED, None
+    facts = found.facts
+    fails = (
+        (facts.dbc.hex() != dbc_sha256(), Verdict.WRONG_DBC),
+        (facts.layout != layout, Verdict.WRONG_BUILD),
+        (facts.hardware not in (None, rules.hardware), Verdict.WRONG_HARDWARE),
+    )
+    verdict = next((verdict for failed, verdict in fails if failed), Verdict.GOOD)
+    if verdict == Verdict.GOOD:
+        verdict = rules.fits(found)
+    if verdict == Verdict.GOOD and facts.security_version < rules.least_security_version:
+        verdict = Verdict.TOO_OLD
+    return verdict, found if verdict == Verdict.GOOD else None
+
+
+def fits_as(image: bytes) -> Fits:
+    """Whether a controller image is for the same vehicle as this one."""
+    own = image[controller_image.VEHICLE]
+
+    def fits(found: ControllerImage) -> Verdict:
+        other = found.vehicle
+        if other[:8] != own[:8]:
+            return Verdict.WRONG_PERIOD
+        return Verdict.GOOD if other == own else Verdict.WRONG_VEHICLE
+
+    return fits
 
 
 def _signer_verdict(signature: bytes | None, manifest: bytes, keys: KeyList | None) -> Verdict:

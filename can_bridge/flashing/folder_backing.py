@@ -70,8 +70,9 @@ class FolderBacking:
         self._files.rename(_TEMPORARY, _record_file(kind))
         self._files.sync_folder()
 
-    def clear(self, slot: Slot) -> Work[None]:
-        """Empty a slot's file."""
+    def clear(self, slot: Slot, behind: int = 0) -> Work[None]:
+        """Empty a slot's file; `begin_again` asks for no part of one."""
+        assert behind == 0
         self._written.pop(slot, None)
         self._files.replace(_slot_file(slot), b"")
         yield
@@ -79,7 +80,7 @@ class FolderBacking:
         self._files.sync_folder()
         self._written[slot] = 0
 
-    def begin_again(self, slot: Slot, length: int) -> None:
+    def begin_again(self, slot: Slot, length: int) -> int:
         """Cut a slot's file off behind `length` bytes; raises MediumError if it has fewer."""
         there = self._files.size(_slot_file(slot))
         if there < length:
@@ -87,6 +88,7 @@ class FolderBacking:
         if there:
             self._files.truncate(_slot_file(slot), length)
         self._written[slot] = length
+        return length
 
     def append(self, slot: Slot, data: bytes) -> None:
         """Write behind what was written since the slot was cleared.

@@ -8,13 +8,12 @@ from typing import Final
 from can_bridge.flashing import calibrations, state
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing, Kind, Slot, Work
-from can_bridge.flashing.checking import Fits, Rules, check
+from can_bridge.flashing.checking import Check, Fits, Release, Rules
 from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.state import MOST_ATTEMPTS, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError
 from contract.release import key_list
-from contract.release.checks import Bundle
 from contract.release.key_list import KeyList
 from contract.release.signing import PublicKey
 
@@ -25,11 +24,12 @@ PIECE: Final = 4096
 class Remembered:
     """The records of a backing; what is missing or damaged counts as never kept. Arguments as of `Store`."""
 
-    def __init__(self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits) -> None:
+    def __init__(self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits, check: Check) -> None:
         self.backing = backing
         self._root = root
         self._hardware = hardware
         self._fits = fits
+        self._check = check
         records = backing.records()
         self.state = _state(records.get(Kind.STATE, b""))
         self.keys = _key_list(records.get(Kind.KEYS, b""), root)
@@ -45,7 +45,7 @@ class Remembered:
         """As `keep`, of one slot."""
         self.keep(self.state.with_slot(slot, changed))
 
-    def judged(self, slot: Slot) -> Work[tuple[Verdict, Bundle | None]]:
+    def judged(self, slot: Slot) -> Work[tuple[Verdict, Release | None]]:
         """Read a whole image from the memory and make every check."""
         standing = self.state.slots[slot]
         image = bytearray()
@@ -63,7 +63,7 @@ class Remembered:
             fits=self._fits,
             least_security_version=self.state.least_security_version,
         )
-        return check(bytes(image), rules)
+        return self._check(bytes(image), rules)
 
     def take_keys(self, raw: bytes, needed: Collection[Slot]) -> None:
         """As `Store.take_keys`; `needed` are the slots whose keys must stay."""

@@ -1,10 +1,20 @@
-"""What a tester reads of the store (`Did.STORE`): strict JSON of less than `MAX_REPORT` bytes."""
+"""What a tester reads of the store (`Did.STORE`), in less than `MAX_REPORT` bytes.
 
-import json
+    "SWT1" (4)
+    slot that runs, active slot, slot of the next boot (1 each, 0xFF for none); reason of the last boot (1, 0 for none)
+    least security version (4); version of the key list (4, 0 for none)
+    failed attempts for programming (1), for calibration (1)
+    for each slot: phase (1), verdict (1, 0xFF for none), boots left (1), length of the name (2), security version (4),
+        bytes received (4), length of the image (4), digest (32, zeros for none), name (UTF-8)
+
+Numbers are big-endian.
+"""
+
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot
@@ -14,15 +24,13 @@ from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import BusError
 from contract.printable import is_name, shown
-from contract.release import strict_json
-from contract.release.manifest import is_sha256
 
-SCHEMA: Final = "stillwake-store/1"
 MAX_REPORT: Final = 2048
 """Bytes."""
-_LARGEST: Final = 2**32 - 1
-
-E = TypeVar("E", bound=Enum)
+_MAGIC: Final = b"SWT1"
+_HEAD: Final = struct.Struct(">4sBBBBIIBB")
+_SLOT: Final = struct.Struct(">BBBHIII32s")
+_NONE: Final = 0xFF
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,89 +113,68 @@ def report_of(store: Store) -> Report:
 
 def encode(report: Report) -> bytes:
     """The identifier's value."""
-    body = {
-        "schema": SCHEMA,
-        "slots": [{**vars(slot), "phase": slot.phase.name, "verdict": _name(slot.verdict)} for slot in report.slots],
-        "running": _name(report.running),
-        "active": _name(report.active),
-        "next_boot": _name(report.next_boot),
-        "reason": _name(report.reason),
-        "least_security_version": report.least_security_version,
-        "key_list_version": report.key_list_version,
-        "failed_attempts": {level.name: count for level, count in report.failed_attempts.items()},
-    }
-    return json.dumps(body, separators=(",", ":"), ensure_ascii=False).encode()
+    slots = (_NONE if slot is None else slot for slot in (report.running, report.active, report.next_boot))
+    reason = 0 if report.reason is None else report.reason.value
+    attempts = (report.failed_attempts[level] for level in Level)
+    raw = _HEAD.pack(_MAGIC, *slots, reason, report.least_security_version, report.key_list_version or 0, *attempts)
+    for slot in report.slots:
+        name = slot.name.encode()
+        verdict = _NONE if slot.verdict is None else slot.verdict
+        numbers = (slot.security_version, slot.received, slot.length)
+        raw += _SLOT.pack(slot.phase, verdict, slot.boots_left, len(name), *numbers, bytes.fromhex(slot.digest)) + name
+    return raw
+
+
+def tree(report: Report) -> dict[str, Any]:
+    """The report as JSON has it, with all members of enumerations by their names."""
+    slots = [{name: _named(value) for name, value in vars(slot).items()} for slot in report.slots]
+    attempts = {level.name: count for level, count in report.failed_attempts.items()}
+    return {name: _named(value) for name, value in vars(report).items()} | {"slots": slots, "failed_attempts": attempts}
+
+
+def _named(value: object) -> object:
+    return value.name if isinstance(value, Enum) else value
 
 
 def decode(raw: bytes) -> Report:
     """A report that came over a bus; raises BusError if it is none."""
     try:
-        if len(raw) > MAX_REPORT:
-            raise ValueError(f"{len(raw)} bytes, must be at most {MAX_REPORT}")
-        body = strict_json.decode(raw)
-        if body.get("schema") != SCHEMA:
-            raise ValueError(f"schema {body.get('schema')!r}, this version reads {SCHEMA!r}")
-        if body.keys() != Report.__dataclass_fields__.keys() | {"schema"}:
-            raise ValueError(f"fields {', '.join(sorted(body))}")
-        first, second = map(_slot, _list(body["slots"]))
-        attempts = _table(body["failed_attempts"])
-        if attempts.keys() != {level.name for level in Level}:
-            raise ValueError("failed_attempts must be of every level")
-        version = body["key_list_version"]
+        magic, running, active, next_boot, reason, least, version, *attempts = _HEAD.unpack_from(raw)
+        if magic != _MAGIC:
+            raise ValueError(f"begins with {magic.hex()}, this version reads {_MAGIC.hex()}")
+        first, at = _slot(raw, _HEAD.size)
+        second, at = _slot(raw, at)
+        if at != len(raw):
+            raise ValueError(f"{len(raw)} bytes, must be {at}")
         return Report(
             slots=(first, second),
-            running=_member(Slot, body["running"]),
-            active=_member(Slot, body["active"]),
-            next_boot=_member(Slot, body["next_boot"]),
-            reason=_member(BootReason, body["reason"]),
-            least_security_version=_number(body["least_security_version"]),
-            key_list_version=None if version is None else _number(version),
-            failed_attempts={level: _number(attempts[level.name]) for level in Level},
+            running=None if running == _NONE else Slot(running),
+            active=None if active == _NONE else Slot(active),
+            next_boot=None if next_boot == _NONE else Slot(next_boot),
+            reason=None if reason == 0 else BootReason(reason),
+            least_security_version=least,
+            key_list_version=version or None,
+            failed_attempts=dict(zip(Level, attempts, strict=True)),
         )
-    except (ValueError, KeyError) as error:
+    except (ValueError, struct.error) as error:
         raise BusError(f"the ECU's report of its store is damaged ({shown(error)}); read it again") from error
 
 
-def _slot(tree: object) -> SlotReport:
-    table = _table(tree)
-    if table.keys() != SlotReport.__dataclass_fields__.keys():
-        raise ValueError(f"a slot's fields {', '.join(sorted(table))}")
-    phase, name, digest = _member(Phase, table["phase"]), table["name"], table["digest"]
-    if phase is None:
-        raise ValueError("a slot's phase is missing")
-    if not isinstance(name, str) or (name and not is_name(name)):
+def _slot(raw: bytes, at: int) -> tuple[SlotReport, int]:
+    """The slot at this place, and the place behind it."""
+    phase, verdict, boots_left, size, security_version, received, length, digest = _SLOT.unpack_from(raw, at)
+    at += _SLOT.size
+    name = raw[at : at + size].decode()
+    if len(raw) < at + size or (name and not is_name(name)):
         raise ValueError(f"name {name!r}")
-    if digest != "" and not is_sha256(digest):
-        raise ValueError(f"digest {digest!r}")
-    numbers = {field: _number(table[field]) for field in ("security_version", "received", "length", "boots_left")}
-    return SlotReport(phase=phase, name=name, digest=digest, verdict=_member(Verdict, table["verdict"]), **numbers)
-
-
-def _name(member: Enum | None) -> str | None:
-    return None if member is None else member.name
-
-
-def _member(kind: type[E], name: object) -> E | None:
-    if name is None:
-        return None
-    if not isinstance(name, str) or name not in kind.__members__:
-        raise ValueError(f"{kind.__name__} {name!r}")
-    return kind[name]
-
-
-def _number(value: object) -> int:
-    if type(value) is not int or not 0 <= value <= _LARGEST:
-        raise ValueError(f"{value!r} must be a whole number of 32 bits")
-    return value
-
-
-def _list(value: object) -> list[Any]:
-    if not isinstance(value, list):
-        raise ValueError(f"{value!r} must be a list")
-    return value
-
-
-def _table(value: object) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise ValueError(f"{value!r} must be a table")
-    return value
+    slot = SlotReport(
+        phase=Phase(phase),
+        name=name,
+        digest=digest.hex() if any(digest) else "",
+        security_version=security_version,
+        received=received,
+        length=length,
+        boots_left=boots_left,
+        verdict=None if verdict == _NONE else Verdict(verdict),
+    )
+    return slot, at + size

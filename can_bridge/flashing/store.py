@@ -17,7 +17,7 @@ from typing import Final
 
 from can_bridge.flashing.backing import Backing, Kind, Slot, Work, at_once
 from can_bridge.flashing.boot import Boot, boot
-from can_bridge.flashing.checking import Fits
+from can_bridge.flashing.checking import Check, Fits, check
 from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.remembered import PIECE, Remembered
 from can_bridge.flashing.state import TRIAL_BOOTS, Phase, SlotState, StoreState
@@ -40,11 +40,12 @@ class Store:
         backing: where everything lies.
         root: the key that signs key lists.
         hardware: name of this ECU's.
-        fits: whether a bundle was made for this vehicle.
+        fits: whether a release was made for this vehicle.
+        check: of an image: that of bundles, or `judge_image` for the images of microcontrollers.
     """
 
-    def __init__(self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits) -> None:
-        self._remembered = Remembered(backing, root=root, hardware=hardware, fits=fits)
+    def __init__(self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits, check: Check = check) -> None:
+        self._remembered = Remembered(backing, root=root, hardware=hardware, fits=fits, check=check)
         self._last_boot: Boot | None = None
         self._running: Slot | None = None
         self._announced: Slot | None = None
@@ -60,6 +61,7 @@ class Store:
         image: bytes | None,
         hardware: str,
         fits: Fits,
+        check: Check = check,
     ) -> "Store":
         """Fill an empty backing, at production: a key list, and an image as the confirmed one of slot A.
 
@@ -69,7 +71,7 @@ class Store:
             ConfigError: the image fails a check.
             MediumError: the memory is bad.
         """
-        store = cls(backing, root=root, hardware=hardware, fits=fits)
+        store = cls(backing, root=root, hardware=hardware, fits=fits, check=check)
         if store.state.active is not None:
             raise OutOfOrderError("the store has a confirmed release: it must be empty to be provisioned")
         if backing.records().get(Kind.KEYS) != keys:
@@ -132,7 +134,7 @@ class Store:
 
         Returns:
             The offset from which its bytes are wanted: more than 0 if an interrupted transfer of this very image stands
-            there, `length` if all of it does.
+            there, `length` if all of it does; less than was received where the memory can go on only from there.
 
         Raises:
             ConfigError: the length or the hash is out of range.
@@ -148,15 +150,15 @@ class Store:
         self._announced = None
         if self._running == slot:
             self._running = None
-        if standing.holds(length, sha256) and not self._is_known_bad(slot) and self._goes_on(slot):
-            wanted = standing.received
-        else:
-            # Until it is announced, what a cut leaves of this slot does not count.
-            self._remembered.keep(self._without(slot))
-            yield from self._remembered.backing.clear(slot)
-            wanted = 0
+        is_here = standing.holds(length, sha256) and not self._is_known_bad(slot)
+        stays = self._stays(slot) if is_here else None
+        wanted = stays or 0
         announced = SlotState(phase=Phase.FILLING, length=length, sha256=sha256, received=wanted)
-        if announced != standing:
+        if stays is None or stays < standing.received:
+            # Until it is announced, what a cut leaves behind these bytes does not count.
+            self._remembered.keep(self._without(slot).with_slot(slot, announced if stays else SlotState()))
+            yield from self._remembered.backing.clear(slot, wanted)
+        if announced != self.state.slots[slot]:
             self._remembered.keep(self._without(slot).with_slot(slot, announced))
         self._announced = slot
         return wanted
@@ -197,8 +199,8 @@ class Store:
                 checked,
                 phase=Phase.CHECKED,
                 digest=bundle.digest,
-                name=bundle.manifest.name,
-                security_version=bundle.manifest.security_version,
+                name=bundle.name,
+                security_version=bundle.security_version,
                 signer=b"" if bundle.signer is None else bundle.signer.raw,
             )
         if checked != standing:
@@ -329,13 +331,12 @@ class Store:
         was_booted = self.state.slots[slot].phase in (Phase.TRIAL, Phase.CONFIRMED)
         return was_booted and found.get(slot, Verdict.GOOD) != Verdict.GOOD
 
-    def _goes_on(self, slot: Slot) -> bool:
-        """Whether the memory can be written on behind what was received; if not, the image has to come again."""
+    def _stays(self, slot: Slot) -> int | None:
+        """Bytes behind which the memory can be written on; None: the image has to come again."""
         try:
-            self._remembered.backing.begin_again(slot, self.state.slots[slot].received)
+            return self._remembered.backing.begin_again(slot, self.state.slots[slot].received)
         except MediumError:
-            return False
-        return True
+            return None
 
     def _transfer(self) -> tuple[Slot, SlotState]:
         if self._announced is None:

@@ -33,6 +33,8 @@ class Verdict(IntEnum):
     """The memory does not give it back."""
     EMPTY = 14
     """Nothing is in the slot."""
+    WRONG_BUILD = 15
+    """Its numbers are laid out for another firmware; judged right after WRONG_DBC."""
 
     @property
     def in_words(self) -> str:
@@ -55,4 +57,5 @@ _WORDS = {
     Verdict.TOO_OLD: "the bundle's security version is older than this ECU allows",
     Verdict.UNREADABLE: "the memory does not give the image back",
     Verdict.EMPTY: "the slot is empty",
+    Verdict.WRONG_BUILD: "the image was made for another build of the firmware",
 }

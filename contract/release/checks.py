@@ -53,6 +53,14 @@ class Bundle:
     is_trusted: bool = False
 
     @property
+    def name(self) -> str:
+        return self.manifest.name
+
+    @property
+    def security_version(self) -> int:
+        return self.manifest.security_version
+
+    @property
     def short_hash(self) -> int:
         return int(self.digest[:8], 16)
 

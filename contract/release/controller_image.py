@@ -41,7 +41,8 @@ VEHICLE: Final = slice(148, 192)
 MAX_NAME: Final = 64
 """Bytes."""
 _MAGIC: Final = b"SWCTRL01"
-_FACTS: Final = struct.Struct("<8sII32s32s32s32sIQ3ddI64s64s96s")
+_FACTS: Final = struct.Struct("<8sII32s32s32s32sI44s64s64s96s")
+_VEHICLE: Final = struct.Struct("<Q3ddI")
 _SIGNED: Final = 448
 _UNSIGNED: Final = bytes(96)
 
@@ -71,6 +72,11 @@ class ImageFacts:
     hardware: str | None
     name: str
 
+    @property
+    def vehicle(self) -> bytes:
+        """Bytes `VEHICLE` of the header."""
+        return _VEHICLE.pack(self.period_ns, *self.operating_point, self.action_limit, self.sensors)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerImage:
@@ -95,6 +101,11 @@ class ControllerImage:
         """Of the release."""
         return self.facts.security_version
 
+    @property
+    def vehicle(self) -> bytes:
+        """Bytes `VEHICLE` of the header."""
+        return self.facts.vehicle
+
 
 def seal(payload: bytes, facts: ImageFacts, key: Ed25519PrivateKey | None) -> bytes:
     """The image of a payload, signed if there is a key; raises BundleContainerError for a name that it cannot hold."""
@@ -107,10 +118,7 @@ def seal(payload: bytes, facts: ImageFacts, key: Ed25519PrivateKey | None) -> by
         facts.dbc,
         facts.digest,
         facts.security_version,
-        facts.period_ns,
-        *facts.operating_point,
-        facts.action_limit,
-        facts.sensors,
+        facts.vehicle,
         b"" if facts.hardware is None else _packed("hardware", facts.hardware),
         _packed("name", facts.name),
         b"",
@@ -151,8 +159,8 @@ def read(image: bytes) -> ControllerImage:
         BundleSignatureError: the signature is not that of the key in it.
     """
     signer, payload = signer_of(image), image[HEADER:]
-    _, _, _, sha256, layout, dbc, digest, version, period, *rest = _FACTS.unpack_from(image)
-    width, speed, density, limit, sensors, hardware, name, reserved = rest
+    _, _, _, sha256, layout, dbc, digest, version, vehicle, hardware, name, reserved = _FACTS.unpack_from(image)
+    period, width, speed, density, limit, sensors = _VEHICLE.unpack(vehicle)
     if sha256 != hashlib.sha256(payload).digest():
         raise BundleContainerError("image: its payload was altered (SHA-256 does not match the header)")
     if any(reserved):

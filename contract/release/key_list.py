@@ -3,24 +3,35 @@
 A release key that leaks is taken off the list; the root key, which is needed once in years, can stay in a safe. An ECU
 knows its root key from production on. It takes a list only if the root key signed it and its version is greater than
 that of the list it has, so that an old list cannot bring a revoked key back.
+
+    0   8   "SWKEYS01"
+    8   4   version
+    12  1   number of keys, n
+    13  1   number of revoked keys, m
+    14  2   zeros
+    16  32  root key
+    48      the n keys of 32 bytes, ascending, then the m revoked ones, ascending
+        64  Ed25519 signature of all before it by the root key
+
+Numbers are big-endian.
 """
 
-import re
+import struct
 from dataclasses import dataclass
 from typing import Final
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.errors import KeyFileError
-from contract.printable import quoted, shown
-from contract.release import signing, strict_json
+from contract.release import signing
 from contract.release.signing import PublicKey
 
-SCHEMA: Final = "stillwake-keys/1"
 LARGEST_VERSION: Final = 2**32 - 1
 MAX_KEYS: Final = 16
-_FIELDS: Final = ["keys", "revoked", "schema", "version"]
-_KEY: Final = re.compile("[0-9a-f]{64}")
+_MAGIC: Final = b"SWKEYS01"
+_HEADER: Final = struct.Struct(">8sIBBH32s")
+_KEY: Final = 32
+_SIGNATURE: Final = 64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,27 +63,23 @@ class KeyList:
 
 
 def encode(listed: KeyList, root: Ed25519PrivateKey) -> bytes:
-    """The signed list: JSON, then the signature as in `manifest.sig`."""
-    body = {
-        "schema": SCHEMA,
-        "version": listed.version,
-        "keys": sorted(key.raw.hex() for key in listed.keys),
-        "revoked": sorted(key.raw.hex() for key in listed.revoked),
-    }
-    text = strict_json.encode(body)
-    return text + signing.sign(root, text)
+    """The signed list."""
+    allowed, revoked = (sorted(key.raw for key in keys) for keys in (listed.keys, listed.revoked))
+    header = _HEADER.pack(_MAGIC, listed.version, len(allowed), len(revoked), 0, signing.public_key(root).raw)
+    text = header + b"".join(allowed + revoked)
+    return text + root.sign(text)
 
 
 def signer(raw: bytes) -> PublicKey:
-    """Who signed a list; raises KeyFileError if no one did."""
-    text, signature = raw[: -signing.SIGNATURE_LENGTH], raw[-signing.SIGNATURE_LENGTH :]
-    try:
-        found = signing.signer(signature, text)
-    except ValueError as error:
-        raise KeyFileError(f"key list: has no signature ({error})") from error
-    if found is None:
-        raise KeyFileError("key list: the signature is not its signer's: list or signature was altered")
-    return found
+    """The root key that signed a list; raises KeyFileError if none did."""
+    if raw.startswith(b"{"):
+        raise KeyFileError("key list: is of an older version; make it again with `stillwake bundle keylist`")
+    if len(raw) < _HEADER.size + _SIGNATURE or not raw.startswith(_MAGIC):
+        raise KeyFileError(f"key list: {len(raw)} bytes: has no signature, or does not begin with {_MAGIC.decode()}")
+    root = raw[_HEADER.size - _KEY : _HEADER.size]
+    if not signing.is_good(raw[-_SIGNATURE:], root, raw[:-_SIGNATURE]):
+        raise KeyFileError("key list: the signature is not its root key's: list or signature was altered")
+    return PublicKey(root)
 
 
 def decode(raw: bytes, root: PublicKey) -> KeyList:
@@ -83,23 +90,15 @@ def decode(raw: bytes, root: PublicKey) -> KeyList:
     """
     if (found := signer(raw)) != root:
         raise KeyFileError(f"key list: signed by key {found.fingerprint}, must be by the root key {root.fingerprint}")
-    try:
-        body = strict_json.decode(raw[: -signing.SIGNATURE_LENGTH])
-        if sorted(body) != _FIELDS:
-            raise ValueError("must have keys, revoked, schema and version, and nothing else")
-        if body["schema"] != SCHEMA:
-            raise ValueError(f"schema {quoted(body['schema'])}, this version reads {SCHEMA!r}")
-        version = body["version"]
-        if type(version) is not int:
-            raise ValueError(f"version {quoted(version)} must be a whole number")
-        return KeyList(version=version, keys=_keys(body["keys"]), revoked=_keys(body["revoked"]))
-    except ValueError as error:
-        raise KeyFileError(f"key list: is damaged ({shown(error)})") from error
-
-
-def _keys(texts: object) -> frozenset[PublicKey]:
-    if not isinstance(texts, list) or not all(isinstance(text, str) and _KEY.fullmatch(text) for text in texts):
-        raise ValueError("keys must be a list of texts of 64 hex digits")
-    if len(set(texts)) != len(texts):
-        raise ValueError("a key is there twice")
-    return frozenset(PublicKey(bytes.fromhex(text)) for text in texts)
+    _, version, allowed, revoked, reserved, _ = _HEADER.unpack_from(raw)
+    body = raw[_HEADER.size : -_SIGNATURE]
+    if reserved or len(body) != (allowed + revoked) * _KEY:
+        raise KeyFileError(
+            f"key list: is damaged ({len(body)} bytes of {allowed} + {revoked} keys, {reserved} reserved)"
+        )
+    keys = [body[at : at + _KEY] for at in range(0, len(body), _KEY)]
+    for part in (keys[:allowed], keys[allowed:]):
+        if part != sorted(set(part)):
+            raise KeyFileError("key list: is damaged (keys must ascend, each once)")
+    allowed_keys, revoked_keys = (frozenset(map(PublicKey, part)) for part in (keys[:allowed], keys[allowed:]))
+    return KeyList(version=version, keys=allowed_keys, revoked=revoked_keys)

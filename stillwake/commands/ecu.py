@@ -230,11 +230,9 @@ def info(
     config = settings("ecu info", config_file, with_bus(bus, overrides), uses=_BUS).config
     found, report = _asked(config) if slots is None else _from_folder(slots, root)
     if as_json:
-        from json import loads
+        from can_bridge.flashing.report import tree
 
-        from can_bridge.flashing.report import encode
-
-        console.print_json(data={**found, "store": loads(encode(report))})
+        console.print_json(data={**found, "store": tree(report)})
         return
     table = Table(show_header=False)
     if "period_ns" in found:

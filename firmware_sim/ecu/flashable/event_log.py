@@ -46,7 +46,7 @@ def log_boot(log: Log, boot: Boot) -> None:
     if boot.bundle is None or boot.slot is None:
         log("no_release", "no release is in order: jets shut, waiting to be flashed", **verdicts)
         return
-    name, digest = boot.bundle.manifest.name, boot.bundle.digest
+    name, digest = boot.bundle.name, boot.bundle.digest
     event, words = "booted", boot.reason.in_words
     if boot.reason is BootReason.TRIAL:
         event, words = "trial", f"on trial, boot {TRIAL_BOOTS - boot.boots_left} of {TRIAL_BOOTS} without confirmation"

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
+from typing import cast
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing
@@ -14,6 +15,7 @@ from can_bridge.uds.programming import Programming
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Nrc
 from contract.config.tree import Config
+from contract.release.checks import Bundle
 from firmware_sim.ecu.flashable.calibration_link import CalibrationLink
 from firmware_sim.ecu.flashable.diagnostic_link import DiagnosticLink
 from firmware_sim.ecu.flashable.ecu_services import EcuServices
@@ -62,7 +64,8 @@ class PowerCycle:
         self.store = Store(backing, root=equipment.root, hardware=equipment.hardware, fits=fit.fits)
         self.boot = self.store.boot()
         log_boot(equipment.log, self.boot)
-        bundle = self.boot.bundle
+        # This store's check gives bundles.
+        bundle = cast("Bundle | None", self.boot.bundle)
         controller = None if bundle is None else fit.controller(bundle)
         jets = lambda: Nrc.CONDITIONS_NOT_CORRECT if request().drives_jets else None  # noqa: E731
         self.ecu: CalibratedEcu | ShutEcu

@@ -65,7 +65,7 @@ class PlainBacking:
         assert len(record) <= MAX_RECORD
         self._call(lambda: self._keep(kind, record))
 
-    def clear(self, slot: Slot) -> Work[None]:
+    def clear(self, slot: Slot, behind: int = 0) -> Work[None]:
         self._writable.discard(slot)
         for _ in range(CLEAR_PIECES):
             self._call(lambda: self._clear(slot, None))
@@ -73,12 +73,13 @@ class PlainBacking:
         self._call(lambda: self._clear(slot, bytearray()))
         self._writable.add(slot)
 
-    def begin_again(self, slot: Slot, length: int) -> None:
+    def begin_again(self, slot: Slot, length: int) -> int:
         content = self.memory.slots[slot]
         assert content is not None, "never cleared"
         assert length <= len(content), "these bytes were never written"
         del content[length:]
         self._writable.add(slot)
+        return length
 
     def append(self, slot: Slot, data: bytes) -> None:
         content = self.memory.slots[slot]

@@ -122,7 +122,7 @@ def phases(store: Store) -> list[Phase]:
 
 
 def name_of(boot: Boot) -> str | None:
-    return None if boot.bundle is None else boot.bundle.manifest.name
+    return None if boot.bundle is None else boot.bundle.name
 
 
 def digest_of(boot: Boot) -> str:

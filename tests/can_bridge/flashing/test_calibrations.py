@@ -11,16 +11,8 @@ def test_what_goes_in_comes_out():
 
 
 def test_what_is_no_record_is_refused():
-    for raw in (
-        b"",
-        b"[]",
-        b'{"schema": "stillwake-calibrations/1"}',
-        b'{"schema": "stillwake-calibrations/2", "kept": {}}',
-        b'{"schema": "stillwake-calibrations/1", "kept": []}',
-        b'{"schema": "stillwake-calibrations/1", "kept": {}, "more": 1}',
-        b'{"schema": "stillwake-calibrations/1", "kept": {"00": 1}}',
-        b'{"schema": "stillwake-calibrations/1", "kept": {"00": "zz"}}',
-        b" " * 8193,
-    ):
+    raw = calibrations.encode({"ab" * 32: b"one", "cd" * 32: b"two"})
+    assert raw == b"SWC1\2" + b"\xab" * 32 + b"\0\3one" + b"\xcd" * 32 + b"\0\3two"
+    for wrong in (*(raw[:length] for length in range(len(raw))), raw + b"\0", b"SWC2" + raw[4:], b"SWC1\3" + raw[5:]):
         with pytest.raises(ValueError):  # whatever is wrong with it, nothing was kept
-            calibrations.decode(raw)
+            calibrations.decode(wrong)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from can_bridge.flashing import checking, remembered
+from can_bridge.flashing import checking
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot, at_once
 from can_bridge.flashing.state import TRIAL_BOOTS, Phase, SlotState
@@ -36,7 +36,7 @@ def _judge_equal_bytes_once(monkeypatch):
             known[key] = checking.check(raw, rules)
         return known[key]
 
-    monkeypatch.setattr(remembered, "check", check)
+    monkeypatch.setitem(Store.__init__.__kwdefaults__, "check", check)
 
 
 def confirmed_update(backing: PlainBacking) -> None:

@@ -242,7 +242,7 @@ def _judge(ecu: StoreEcu, twin: FolderPlace, asked: Asked, wrong: Callable[[str,
         wrong("bricked", f"no release runs: {ecu.boot.verdicts}")
         return
     if running is None or (running == NEW and not asked.activated):
-        wrong("wrong_release", f"{ecu.boot.bundle.manifest.name} runs in slot {ecu.boot.slot}")
+        wrong("wrong_release", f"{ecu.boot.bundle.name} runs in slot {ecu.boot.slot}")
     confirmed = None if state.active is None else _release_in(twin, state.active, state.slots[state.active].length)
     if confirmed is None or (confirmed == NEW and not asked.confirmed):
         wrong("confirmed_lost", f"the confirmed slot {state.active} has release {confirmed}")
