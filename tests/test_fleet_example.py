@@ -17,8 +17,6 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from contract.errors import StillwakeError
 from contract.release import bundle as bundles
 
-pytest.importorskip("tuf")
-
 FLEET = Path(__file__).parents[1] / "examples" / "fleet"
 REPOSITORY, VEHICLE = (
     SimpleNamespace(**runpy.run_path(str(FLEET / f"{name}.py"))) for name in ("repository", "vehicle")

@@ -5,17 +5,13 @@ from typing import Final
 import numpy as np
 import pytest
 
+from benchmarks.controller.instruction_spread import instruction_spread
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import McuError
 from examples.random_programs import random_program
 from export.program.random_windows import random_window
 from export.release.lowering import int8_library
-
-pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
-pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
-
-from benchmarks.controller.instruction_spread import instruction_spread
 
 pytestmark = pytest.mark.mcu
 

@@ -1,11 +1,13 @@
-"""Programs whose sizes and settings are drawn at random."""
+"""Programs whose sizes and settings are drawn at random, and what every library of one promises."""
 
 import numpy as np
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
 from examples.random_programs import random_program
+from export.gates.parity import control_cases
 from export.program.controller_program import ControllerProgram
+from firmware_sim.in_c.host_library import CController
 
 NAMES = ("upper_39", "lower_39", "base_0", "base_9", "upper_07", "lower_07")
 
@@ -34,3 +36,15 @@ def drawn_program(seed: int) -> ControllerProgram:
     limit, sensors = float(rng.uniform(0.02, 0.2)), NAMES[: int(rng.integers(1, 7))]
     memory = 0 if len(sensors) % 2 else int(of_prior.integers(2, 18))
     return random_program(seed, model=model, mpc=mpc, action_limit=limit, sensors=sensors, prior_memory=memory)
+
+
+def assert_nothing_is_carried(program: ControllerProgram, controller: CController) -> None:
+    """Nothing from step to step, and no scratch is read before it is written."""
+    cases = list(control_cases(program, count=4))
+    first = [controller.control_step(case.window, case.plan, case.free, case.weights) for case in cases]
+    for case, expected in zip(reversed(cases), reversed(first), strict=True):
+        controller.poison_workspace()
+        found = controller.control_step(case.window, case.plan, case.free, case.weights)
+        np.testing.assert_array_equal(found.plan, expected.plan)
+        np.testing.assert_array_equal(found.forces, expected.forces)
+        assert found.cost == expected.cost

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from contract.errors import ExportError, LibraryError
+from contract.errors import ExportError
 from examples.random_programs import random_program
 from export.gates.parity import control_cases
 from export.int8.activation_ranges import activation_ranges
@@ -26,18 +26,12 @@ from export.program.controller_program import ControllerProgram
 from export.program.random_windows import random_window, random_windows
 from export.reference.mpc import control_step, shift
 from export.to_c.library import c_library
-from firmware_sim.in_c.compiler import host_compiler
 from firmware_sim.in_c.host_library import CController
 from tests.each import each
 from tests.examples import examples
-from tests.parity.drawn import drawn_program
+from tests.parity.drawn import assert_nothing_is_carried, drawn_program
 
 HORIZON = 8
-
-try:
-    host_compiler()
-except LibraryError as error:
-    pytest.skip(str(error), allow_module_level=True)
 
 
 def in_integers(rounded: RoundedProgram) -> CController:
@@ -123,15 +117,8 @@ def test_avx2_computes_what_plain_c_does(dynamics_width):
         np.testing.assert_array_equal(found.forces, expected.forces)
 
 
-def test_no_scratch_is_read_before_it_is_written(small):
-    program, controller = small
-    cases = list(control_cases(program, count=4))
-    first = [controller.control_step(case.window, case.plan, case.free, case.weights) for case in cases]
-    for case, expected in zip(reversed(cases), reversed(first), strict=True):
-        controller.poison_workspace()
-        found = controller.control_step(case.window, case.plan, case.free, case.weights)
-        np.testing.assert_array_equal(found.plan, expected.plan)
-        np.testing.assert_array_equal(found.forces, expected.forces)
+def test_nothing_is_carried_from_step_to_step_and_no_scratch_is_read(small):
+    assert_nothing_is_carried(*small)
 
 
 def test_what_the_integers_cannot_hold_is_refused():

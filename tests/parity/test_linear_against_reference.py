@@ -7,7 +7,7 @@ import pytest
 
 from contract.config.controller import MpcConfig
 from contract.controller.interface import ControllerError
-from contract.errors import ExportError, LibraryError
+from contract.errors import ExportError
 from examples.random_programs import random_linear_program
 from export.gates.parity import check_lowering, check_parity
 from export.program.linear_program import LinearProgram
@@ -15,7 +15,6 @@ from export.program.random_windows import random_windows
 from export.release.judged import check_model
 from export.to_c.linear_library import linear_c_library
 from export.to_onnx.linear_step import build_linear_controller
-from firmware_sim.in_c.compiler import host_compiler
 from firmware_sim.in_c.host_library import CController
 from tests.each import each
 
@@ -33,10 +32,6 @@ def program_of(seed: int) -> LinearProgram:
 
 
 def in_c(program: LinearProgram) -> CController:
-    try:
-        host_compiler()
-    except LibraryError as error:
-        pytest.skip(str(error))
     return CController(linear_c_library(program), program.sizes, flags=FAST_BUILD)
 
 

@@ -5,9 +5,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
-
-pytest.importorskip("udsoncan")
-
 from udsoncan.client import Client
 
 from can_bridge.secoc.key import write_key
@@ -30,7 +27,6 @@ def ecu(monkeypatch) -> Ecu:
         with Client(Line(made)) as client:
             yield client
 
-    pytest.importorskip("isotp")
     monkeypatch.setattr("can_bridge.tester.transport.open_client", open_client)
     monkeypatch.setattr("time.sleep", lambda seconds: None)
     return made

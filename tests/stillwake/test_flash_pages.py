@@ -13,9 +13,6 @@ from typing import Any, Final
 
 import pytest
 
-pytest.importorskip("udsoncan")
-pytest.importorskip("isotp")
-
 from tests.firmware_sim.ecu.daemon.driving import PATIENCE_S
 
 ROOT: Final = Path(__file__).resolve().parents[2]

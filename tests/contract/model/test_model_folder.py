@@ -17,8 +17,6 @@ from contract.model.model_folder import DESCRIPTION, WEIGHTS, Description
 from contract.release.manifest import Scaling
 from contract.sensor_layout import SensorLayout
 
-pytest.importorskip("safetensors", reason="safetensors (extra train) is not installed")
-
 RNG = np.random.default_rng(0)
 SCALING = Scaling(
     pressure_mean=tuple(RNG.normal(size=sensors.COUNT).tolist()),

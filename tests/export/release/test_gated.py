@@ -6,14 +6,13 @@ import pytest
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from contract.errors import ExportError, LibraryError
+from contract.errors import ExportError
 from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
 from export.program.random_windows import random_windows
 from export.release.gated import gate
 from export.release.lowering import library_of, lower
-from firmware_sim.in_c.compiler import host_compiler
 from firmware_sim.in_c.host_library import CController
 
 MODEL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
@@ -21,11 +20,6 @@ MPC = MpcConfig(horizon=6)
 PROGRAM, OTHER = random_program(0, model=MODEL, mpc=MPC), random_program(1, model=MODEL, mpc=MPC)
 WINDOWS = random_windows(PROGRAM, 30)
 LOOSE = QuantisationLimits(rms_action_error=2e-3, max_cost_gap=0.01)
-
-try:
-    host_compiler()
-except LibraryError as error:
-    pytest.skip(str(error), allow_module_level=True)
 
 
 def test_rounding_that_changes_too_much_is_refused():

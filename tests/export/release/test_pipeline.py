@@ -17,7 +17,7 @@ from contract.config.learning import ModelConfig
 from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
-from contract.errors import BundleError, ExportError, LibraryError, StillwakeError
+from contract.errors import BundleError, ExportError, StillwakeError
 from contract.recording import dataset
 from contract.recording.dataset import Dataset, Episode, Role
 from contract.recording.facts import PlantFacts
@@ -30,7 +30,6 @@ from export.release.gated import Gated
 from export.release.lowering import Lowered, library_of, lower
 from export.to_onnx.control_step import build_controller
 from firmware_sim.ecu.bundle_policy import BundlePolicy
-from firmware_sim.in_c.compiler import host_compiler
 from firmware_sim.in_c.host_library import CController
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
@@ -48,11 +47,6 @@ CONFIG = Config(
 )
 CHOSEN = ("x.y", "tap A", "q'")
 FACTS = PlantFacts(control_period=PERIOD, action_limit=LIMIT)
-
-try:
-    host_compiler()
-except LibraryError as error:
-    pytest.skip(str(error), allow_module_level=True)
 
 
 def episode(name: str, role: Role, steps: int) -> Episode:

@@ -24,7 +24,6 @@ from tests.firmware_sim.bench.harness import LiveOscillator
 from tests.firmware_sim.ecu_in_c import CONFIG, Exported, exported
 
 pytestmark = [pytest.mark.compiler, pytest.mark.usefixtures("no_pictures")]
-pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
 
 SPANS = Spans(lead_in=1.0, controlled=4.0, settle=0.0, averages=False)
 ZIG = (*("-O3", "-ffp-contract=on", "-g0"), "-march=native")
@@ -57,7 +56,6 @@ def host(sources) -> LoopEcu:
 @pytest.mark.mcu
 def test_the_core_drives_the_loop_in_its_own_time_and_as_the_host_would(release, sources):
     """Every frame and every number of the state, after every step."""
-    pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
     _, expected = run(release, host(sources))
     core = loop_ecu(CORTEX_M7, sources, clock_mhz=480.0)
     both = Lockstep(core.ecu, host(sources).ecu)
@@ -85,7 +83,6 @@ def test_the_core_drives_the_loop_in_its_own_time_and_as_the_host_would(release,
 @pytest.mark.mcu
 def test_a_core_that_is_too_slow_leaves_periods_out(release, sources):
     """At a clock at which a plan takes more than a period, every second period at least is left out."""
-    pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
     log, _ = run(release, loop_ecu(CORTEX_M7, sources, clock_mhz=2.0))
     assert log.metadata.ecu.modelled_ms is not None
     assert log.metadata.ecu.modelled_ms > CONFIG.period_ns / 1e6

@@ -5,8 +5,6 @@ import pytest
 from contract.errors import StillwakeError
 from tests.proofs.gate import mutation
 
-pytest.importorskip("mutmut", reason="comes with stillwake[dev]")
-
 GATE = '''\
 """A gate of one bound."""
 

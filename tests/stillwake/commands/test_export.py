@@ -44,7 +44,6 @@ def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, tmp_path, monk
     again = cli("export", "--c", tmp_path / "c")
     assert again.code != 0
     assert "--overwrite" in again.err
-    pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
     firmware = read_elf(compile_for_cortex_m7(read_sources(tmp_path / "c"), main=ECU))
     assert flash_bytes(firmware) <= FLASH_BYTES
     assert linked_ram(firmware) <= RAM_BYTES - STACK_BYTES
@@ -56,8 +55,6 @@ def test_the_ecu_of_the_shipped_bundle_fits_a_cortex_m7(tmp_path):
 
     What was promised is more: 12 ms at 480 MHz, 64 KiB of RAM, 1 KiB of stack; of its 144 KiB of flash 137 are used.
     """
-    pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
-    pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
     from benchmarks.controller.ecu_measure import measure_ecu
 
     config, sender, folder = load_config(), E2eSender(PRESSURE), tmp_path / "c"

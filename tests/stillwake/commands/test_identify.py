@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from contract.config.loading import load_config
-from contract.errors import LibraryError
 from contract.model import linear_model_folder
 from contract.recording import dataset
 from contract.recording.dataset import Dataset, Episode
@@ -17,7 +16,6 @@ from contract.runtime.onnx_session import OnnxController
 from contract.sensors import TRUCK
 from export.program.linear_program import LinearProgram
 from export.reference.linear import linear_control_step
-from firmware_sim.in_c.compiler import host_compiler
 from firmware_sim.in_c.library_controller import open_library
 from firmware_sim.runs import run_log
 from tests.train.linear.systems import episode
@@ -88,10 +86,6 @@ def test_another_recording_must_be_named(cli, folder, tmp_path):
 @pytest.mark.usefixtures("no_pictures")
 def test_bundle_and_library_drive_the_loop(cli, folder, tmp_path, coarse):
     """The bundle round trip, graph and library next to the reference, and the ECU in C over the bus."""
-    try:
-        host_compiler()
-    except LibraryError as error:
-        pytest.skip(str(error))
     used = ("--dataset", folder / "short.h5", "--set", "mpc.horizon=9")
     done = cli("export", folder / "model", tmp_path / "b", "--c", tmp_path / "c", *used)
     assert done.code == 0, done.err

@@ -61,7 +61,6 @@ def can_conf(tmp_path, monkeypatch):
 
 
 def test_section_of_can_conf_chooses_the_bus_and_our_backend(can_conf):
-    pytest.importorskip("serial")
     from can_bridge.bus.backends.slcan import SlcanBus
 
     with adapter() as line:

@@ -61,7 +61,6 @@ class Bus:
 
 @pytest.fixture
 def bus() -> Bus:
-    pytest.importorskip("msgpack")
     from can.interfaces.udp_multicast import UdpMulticastBus
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_port:
