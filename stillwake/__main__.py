@@ -30,6 +30,7 @@ from stillwake.commands.export import export, mcu
 from stillwake.commands.identify import identify
 from stillwake.commands.picture import animate, picture
 from stillwake.commands.plant import develop, steady
+from stillwake.commands.plant_fmu import plant_fmu
 from stillwake.commands.record import record
 from stillwake.commands.refine import refine
 from stillwake.commands.run import report, run
@@ -78,7 +79,7 @@ SETTINGS: Final = "Settings of every command"
 PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
     CONTROL: (run, report, campaign, vehicle, flash, flash_keys, calibrate, mcu),
     MODEL: (record, train, refine, identify, export),
-    WAKE: (develop, steady, animate),
+    WAKE: (develop, steady, animate, plant_fmu),
     SETTINGS: (config,),
 }
 for panel, commands in PANELS.items():

@@ -21,6 +21,7 @@ MODULES = (
     "firmware_sim.in_c.compiler",
     "firmware_sim.in_c.host_library",
     "firmware_sim.in_c.c_ecu",
+    "firmware_sim.fmu.ecu_fmu",
     "firmware_sim.mcu.build",
 )
 """Where `compile_c` is called by its name."""

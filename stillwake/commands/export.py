@@ -1,6 +1,8 @@
 """The commands that lower a trained model: to a release bundle and a C library, and onto an emulated Cortex-M7."""
 
-from collections.abc import Iterable, Sequence
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import date
 from functools import partial
@@ -42,7 +44,7 @@ def export(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Argument(help="Bundle directory, or .zip, to write. Left out, --c is of the shipped bundle."),
+        typer.Argument(help="Bundle directory, or .zip, to write. Left out, --c and --fmu are of the shipped bundle."),
     ] = None,
     precision: Annotated[
         str | None, typer.Option(help="int8 (weights) or float32. Default: int8; a linear model is float32 only.")
@@ -55,6 +57,10 @@ def export(
         ),
     ] = None,
     c_folder: Annotated[Path | None, typer.Option("--c", help="Also write the C99 library into this folder.")] = None,
+    fmu: Annotated[
+        Path | None,
+        typer.Option(help="Also write the ECU as an FMU for co-simulation, FMI 3.0 (.fmu); needs a C compiler."),
+    ] = None,
     sensors: Annotated[
         bool,
         typer.Option(
@@ -74,31 +80,36 @@ def export(
     the graph agrees with the reference computation in NumPy, and so does the
     C library where one is asked for. The folder of --c has the whole ECU in C
     as well, with the settings of the sections bus and ecu compiled in.
-    `export --c FOLDER` alone writes that folder for the shipped bundle.
+    `export --c FOLDER` alone writes that folder for the shipped bundle, and
+    `export --fmu FILE` its ECU as an FMU.
     """
+    if fmu is not None and fmu.suffix.lower() != ".fmu":
+        raise OutputError(f"--fmu {fmu}: must be a file ending in .fmu")
+    in_c = c_folder is not None or fmu is not None
     if model is None or output is None:
-        if model is not None or c_folder is None or sensors or key is not None or dataset is not None:
-            raise OutputError("no BUNDLE to write: name MODEL and BUNDLE, or --c FOLDER alone for the shipped bundle's")
-        check_output(c_folder, overwrite=overwrite, folder=True, occupant=_LIBRARY, mark=C_SETTINGS)
-        _export_shipped(c_folder, config_file, overrides)
+        if model is not None or not in_c or sensors or key is not None or dataset is not None:
+            raise OutputError(
+                "no BUNDLE to write: name MODEL and BUNDLE, or --c FOLDER alone, or --fmu FILE, of the shipped bundle"
+            )
+        _check_in_c(c_folder, fmu, overwrite=overwrite)
+        _export_shipped(c_folder, fmu, config_file, overrides)
         return
     signing_key = None if key is None else read_private_key(key)
-    config = _settings(model, config_file, overrides, uses=USES if c_folder is None else (*USES, *USES_IN_C))
+    config = _settings(model, config_file, overrides, uses=(*USES, *USES_IN_C) if in_c else USES)
     check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", occupant=_description(output))
-    if c_folder is not None:
-        check_output(c_folder, overwrite=overwrite, folder=True, occupant=_LIBRARY, mark=C_SETTINGS)
+    _check_in_c(c_folder, fmu, overwrite=overwrite)
 
     from export.release.pipeline import PHASES, CLibrary, export_all, gate_figures
     from firmware_sim.in_c.host_library import CController
-    from stillwake.parts.c_release import ecu_files
+    from stillwake.parts.c_release import ecu_files, write_fmu
 
     notice = partial(console.print, soft_wrap=True)
     used = recording() if dataset is None else dataset
     library = None
-    if c_folder is not None:
-        ecu = partial(ecu_files, output, config=config, notice=notice)
-        library = CLibrary(folder=c_folder, compiled=CController, ecu=ecu)
-    with progress_bar("phases") as bar:
+    with _library_folder(c_folder) as folder, progress_bar("phases") as bar:
+        if in_c:
+            ecu = partial(ecu_files, output, config=config, notice=notice)
+            library = CLibrary(folder=folder, compiled=CController, ecu=ecu)
         task = bar.add_task("export", total=len(PHASES), note="")
         done = export_all(
             model,
@@ -116,6 +127,8 @@ def export(
             phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
         )
         bar.update(task, completed=len(PHASES), note="")
+        if fmu is not None:
+            write_fmu(fmu, folder, bundles.load(output), config)
     _show_gates(gate_figures(done))
     signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
@@ -136,18 +149,42 @@ def export(
         )
     if done.library is not None:
         workspace = f"{done.library.workspace_bytes / 1024:.0f} KiB of workspace"
-        console.print(f"wrote {c_folder}: C99, {done.lowered.precision}, {workspace}", soft_wrap=True)
+        if c_folder is not None:
+            console.print(f"wrote {c_folder}: C99, {done.lowered.precision}, {workspace}", soft_wrap=True)
+        _print_fmu(fmu)
 
 
-def _export_shipped(folder: Path, file: Path | None, overrides: list[str]) -> None:
-    """The shipped bundle's library, with the vehicle's settings compiled in."""
+def _check_in_c(folder: Path | None, fmu: Path | None, *, overwrite: bool) -> None:
+    """Refuse places for a library and an FMU; see `check_output`."""
+    if folder is not None:
+        check_output(folder, overwrite=overwrite, folder=True, occupant=_LIBRARY, mark=C_SETTINGS)
+    if fmu is not None:
+        check_output(fmu, overwrite=overwrite)
+
+
+@contextmanager
+def _library_folder(given: Path | None) -> Iterator[Path]:
+    """Where a library is written: the place that was given, or one that lasts as long as the block."""
+    with tempfile.TemporaryDirectory() as scratch:
+        yield Path(scratch, "library") if given is None else given
+
+
+def _print_fmu(fmu: Path | None) -> None:
+    if fmu is not None:
+        console.print(
+            f"wrote {fmu}: FMI 3.0 co-simulation, compiled for this machine, with its sources", soft_wrap=True
+        )
+
+
+def _export_shipped(c_folder: Path | None, fmu: Path | None, file: Path | None, overrides: list[str]) -> None:
+    """The shipped bundle's library and FMU, with the vehicle's settings compiled in."""
     config = settings("export --c", file, overrides, uses=USES_IN_C).config
 
     from export.release.pipeline import PHASES, gate_figures
-    from stillwake.parts.c_release import write_shipped_library
+    from stillwake.parts.c_release import write_fmu, write_shipped_library
 
     release = open_release(None, None)
-    with progress_bar("phases") as bar:
+    with _library_folder(c_folder) as folder, progress_bar("phases") as bar:
         task = bar.add_task("export", total=len(PHASES), note="")
         done = write_shipped_library(
             folder,
@@ -157,8 +194,12 @@ def _export_shipped(folder: Path, file: Path | None, overrides: list[str]) -> No
             phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
         )
         bar.update(task, completed=len(PHASES), note="")
+        if fmu is not None:
+            write_fmu(fmu, folder, release, config)
     _show_gates(gate_figures(done))
-    console.print(f"wrote {folder}: C99, {release.manifest.name}", soft_wrap=True)
+    if c_folder is not None:
+        console.print(f"wrote {c_folder}: C99, {release.manifest.name}", soft_wrap=True)
+    _print_fmu(fmu)
 
 
 def _show_gates(figures: Iterable[tuple[str, Any]]) -> None:

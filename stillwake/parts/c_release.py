@@ -1,4 +1,4 @@
-"""The ECU in C for the folder of a C library, and that folder for the shipped bundle."""
+"""The ECU in C for the folder of a C library, that folder for the shipped bundle, and an FMU of either."""
 
 import tempfile
 from collections.abc import Callable, Iterator
@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from contract.arrays import Array
+from contract.atomic import replacing
 from contract.config.loading import load_config
 from contract.config.tree import Config
-from contract.controller.c_folder import ECU_SETTINGS
+from contract.controller.c_folder import ECU_SETTINGS, read_sources
 from contract.controller.estimator import ESTIMATOR
-from contract.errors import StillwakeError
+from contract.errors import LibraryError, StillwakeError
 from contract.release.bundle import load
 from contract.release.checks import Bundle
 from contract.shipped import BUNDLE, model, recording
@@ -72,6 +73,30 @@ def write_shipped_library(
         recording=recording(),
         phase=phase,
     )
+
+
+def write_fmu(path: Path, library: Path, release: Bundle, config: Config) -> None:
+    """The ECU of a C library as an FMU for co-simulation.
+
+    Args:
+        path: to write.
+        library: folder of the same export.
+        release: that the library is of.
+        config: of the vehicle that the library is compiled for.
+
+    Raises:
+        LibraryError: the library has the control step alone, or does not compile.
+        StillwakeError: the file cannot be written.
+    """
+    from export.to_c.fmu import fmu_sources
+    from firmware_sim.fmu.ecu_fmu import ecu_fmu
+
+    sources = read_sources(library)
+    if ECU_SETTINGS not in sources:
+        raise LibraryError(f"{path}: not written: there is no ECU in C for this release and these settings")
+    made = ecu_fmu(sources, fmu_sources(), release, config)
+    with replacing(path) as temporary:
+        temporary.write_bytes(made)
 
 
 @contextmanager

@@ -1,0 +1,387 @@
+/* The ECU as an FMU for co-simulation, FMI 3.0.
+ *
+ * Inside, a vehicle sends its pressures and its speed as protected frames, and reads the ECU's frames: nothing reaches
+ * the ECU but by its messages, and what runs is the ECU of sw_ecu.h to the bit. It steps at start, start + period, and
+ * so on, on the inputs that stand there; a communication step of any length has the steps that begin in it.
+ *
+ * This file is for a computer, not for a vehicle: the standard has an FMU allocate its instances and saved states.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "sw_codec_bytes.h"
+#include "sw_fmi3.h"
+#include "sw_fmu_settings.h"
+
+#define ALIGNMENT 64u /* of the ECU's workspace at most */
+
+typedef enum { FLOAT32, FLOAT64, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64, BOOLEAN } kind;
+enum { NO_MESSAGE, PRESSURE, SPEED, COMMAND, STATUS };
+
+/* A variable, and the signal of the DBC that carries it. */
+typedef struct {
+    kind type; /* of the functions that get and set it */
+    int is_input;
+    double first; /* value at the start */
+    int message;
+    int start; /* bit */
+    int bits;
+    int is_signed;
+    double scale;
+} variable;
+
+static const variable variables[SW_FMU_VARIABLES] = SW_FMU_TABLE;
+
+/* What the wrapper remembers; the ECU's memory is its own. */
+typedef struct {
+    double values[SW_FMU_VARIABLES]; /* by value reference; 0 is the time */
+    double start;
+    int64_t next_ns; /* the ECU's next step, from the start on */
+    uint8_t pressure_counter;
+    uint8_t speed_counter;
+} memory;
+
+typedef struct {
+    sw_ecu ecu; /* first, for its alignment */
+    memory kept;
+    fmi3InstanceEnvironment environment;
+    fmi3LogMessageCallback log;
+    void *room; /* as it was allocated */
+} instance;
+
+/* A saved state, in memory and as bytes alike. */
+typedef struct {
+    char token[sizeof SW_FMU_TOKEN]; /* of the FMU that saved it */
+    memory kept;
+    sw_ecu_state ecu;
+} saved;
+
+static fmi3Status logged(fmi3LogMessageCallback log, fmi3InstanceEnvironment environment, fmi3String why)
+{
+    if (log != NULL) log(environment, fmi3Error, "logStatusError", why);
+    return fmi3Error;
+}
+
+static fmi3Status refused(const instance *fmu, fmi3String why) { return logged(fmu->log, fmu->environment, why); }
+
+static void power_on(instance *fmu)
+{
+    (void)memset(&fmu->kept, 0, sizeof fmu->kept);
+    for (int i = 0; i < SW_FMU_VARIABLES; i++) fmu->kept.values[i] = variables[i].first;
+    sw_ecu_init(&fmu->ecu);
+}
+
+/* --- Signals. Bits count from the lowest of the first byte on, as in the DBC. --- */
+
+static void put(uint8_t *data, uint32_t reference, int32_t steps)
+{
+    const variable *signal = &variables[reference];
+    for (int i = 0; i < signal->bits; i++) {
+        const int bit = signal->start + i;
+        data[bit / 8] |= (uint8_t)((((uint32_t)steps >> i) & 1u) << (bit % 8));
+    }
+}
+
+static double taken(const uint8_t *data, const variable *signal)
+{
+    uint32_t steps = 0;
+    for (int i = 0; i < signal->bits; i++) {
+        const int bit = signal->start + i;
+        steps |= (((uint32_t)data[bit / 8] >> (bit % 8)) & 1u) << i;
+    }
+    if (signal->is_signed) return (double)sw_signed(steps, UINT32_C(1) << (signal->bits - 1)) * signal->scale;
+    return (double)steps * signal->scale;
+}
+
+/* The nearest whole number, of two the even one, if it is within the bounds; `otherwise` if not, or for no number. */
+static int32_t nearest(double value, int32_t least, int32_t most, int32_t otherwise)
+{
+    if (!(value > (double)least - 1.0 && value < (double)most + 1.0)) return otherwise;
+    const int32_t whole = (int32_t)value;
+    const double rest = value - (double)whole;
+    const int is_odd = whole % 2 != 0;
+    int32_t found = whole;
+    if (rest > 0.5 || (rest >= 0.5 && is_odd)) found = whole + 1;
+    if (rest < -0.5 || (rest <= -0.5 && is_odd)) found = whole - 1;
+    return found >= least && found <= most ? found : otherwise;
+}
+
+/* An age in steps of the wire: to the nearest, or for the few steps of the classic set up, so that nothing looks fresher
+ * than it is. What the wire has no room for, and what is no number, has its last step.
+ */
+static int32_t age_steps(double seconds)
+{
+    const double most_ns = (double)SW_FMU_AGE_LIMIT * (double)SW_AGE_RESOLUTION_NS;
+    if (!(seconds * 1e9 < most_ns)) return SW_FMU_AGE_LIMIT;
+    if (seconds <= 0.0) return 0;
+    const int64_t age_ns = (int64_t)(seconds * 1e9 + 0.5);
+    const int64_t up = SW_FRAMES_FD ? SW_AGE_RESOLUTION_NS / 2 : SW_AGE_RESOLUTION_NS - 1;
+    return (int32_t)((age_ns + up) / SW_AGE_RESOLUTION_NS);
+}
+
+/* --- The vehicle's frames --- */
+
+static void start_frame(sw_frame *frame, uint32_t id, int length, int64_t now_ns)
+{
+    (void)memset(frame, 0, sizeof *frame);
+    frame->timestamp_ns = now_ns;
+    frame->id = id;
+    frame->is_fd = SW_FRAMES_FD;
+    frame->length = (uint8_t)length;
+}
+
+static uint8_t next_counter(uint8_t counter) { return (uint8_t)((counter + 1u) % SW_E2E_COUNTERS); }
+
+/* A pressure beyond a transducer's range stays at its end and is not valid. */
+static void write_pressures(memory *kept, sw_frame *frame)
+{
+    start_frame(frame, SW_PRESSURE_ID, SW_PRESSURE_BYTES, kept->next_ns);
+    for (uint32_t i = 0; i < SW_SENSORS; i++) {
+        const double steps = kept->values[SW_FMU_PRESSURE + i] / SW_PRESSURE_RESOLUTION_PA;
+        const int32_t beyond = steps > 0.0 ? SW_FMU_PRESSURE_LIMIT : steps < 0.0 ? -SW_FMU_PRESSURE_LIMIT : 0;
+        const int is_within = steps >= (double)-SW_FMU_PRESSURE_LIMIT && steps <= (double)SW_FMU_PRESSURE_LIMIT;
+        const int is_valid = is_within && kept->values[SW_FMU_VALID + i] != 0.0;
+        int32_t sent = nearest(steps, -SW_FMU_PRESSURE_LIMIT, SW_FMU_PRESSURE_LIMIT, beyond);
+#if !SW_FRAMES_FD
+        if (!is_valid) sent = SW_PRESSURE_INVALID;
+#endif
+        put(frame->data, SW_FMU_PRESSURE + i, sent);
+        put(frame->data, SW_FMU_VALID + i, is_valid);
+    }
+    put(frame->data, SW_FMU_ENABLE_REQUEST, kept->values[SW_FMU_ENABLE_REQUEST] != 0.0);
+    put(frame->data, SW_FMU_PRESSURE_AGE, age_steps(kept->values[SW_FMU_PRESSURE_AGE]));
+    sw_e2e_protect(frame->data, SW_PRESSURE_BYTES, SW_PRESSURE_DATA_ID, kept->pressure_counter);
+    kept->pressure_counter = next_counter(kept->pressure_counter);
+}
+
+/* A speed or a density that does not fit the wire is sent as unknown. */
+static void write_speed(memory *kept, sw_frame *frame)
+{
+    const int32_t unknown = (int32_t)SW_SPEED_UNKNOWN;
+    const double speed = kept->values[SW_FMU_SPEED] / SW_SPEED_RESOLUTION;
+    const double density = kept->values[SW_FMU_DENSITY] / SW_DENSITY_RESOLUTION;
+    start_frame(frame, SW_SPEED_ID, SW_SPEED_BYTES, kept->next_ns);
+    put(frame->data, SW_FMU_SPEED, nearest(speed, 0, unknown - 1, unknown));
+    put(frame->data, SW_FMU_DENSITY, nearest(density, 1, 255, 0));
+    sw_e2e_protect(frame->data, SW_SPEED_BYTES, SW_SPEED_DATA_ID, kept->speed_counter);
+    kept->speed_counter = next_counter(kept->speed_counter);
+}
+
+static void read_frame(memory *kept, const sw_frame *frame)
+{
+    const int message = frame->id == SW_COMMAND_ID ? COMMAND : STATUS;
+    for (int i = 0; i < SW_FMU_VARIABLES; i++) {
+        if (variables[i].message == message) kept->values[i] = taken(frame->data, &variables[i]);
+    }
+}
+
+/* One control period of the ECU, on the inputs that stand. */
+static void step(instance *fmu)
+{
+    memory *kept = &fmu->kept;
+    sw_frame sent[2], answers[SW_FRAMES_OUT];
+    int count = 0;
+    if (kept->values[SW_FMU_SEND_PRESSURES] != 0.0) write_pressures(kept, &sent[count++]);
+    if (kept->values[SW_FMU_SEND_SPEED] != 0.0) write_speed(kept, &sent[count++]);
+    const int answered = sw_ecu_step(&fmu->ecu, kept->next_ns, sent, count, answers);
+    for (int i = 0; i < answered; i++) read_frame(kept, &answers[i]);
+    kept->next_ns += SW_PERIOD_NS;
+}
+
+/* --- Instances --- */
+
+SW_EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
+
+SW_EXPORT fmi3Status fmi3SetDebugLogging(fmi3Instance fmu, fmi3Boolean on, size_t count, const fmi3String categories[])
+{
+    (void)fmu;
+    (void)on;
+    (void)count;
+    (void)categories;
+    return fmi3OK;
+}
+
+SW_EXPORT fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources,
+                                                   fmi3Boolean visible, fmi3Boolean logging, fmi3Boolean event_mode,
+                                                   fmi3Boolean early_return, const fmi3ValueReference intermediate[],
+                                                   size_t count, fmi3InstanceEnvironment environment,
+                                                   fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update)
+{
+    (void)name;
+    (void)resources;
+    (void)visible;
+    (void)logging;
+    (void)early_return;
+    (void)intermediate;
+    (void)count;
+    (void)update;
+    if (token == NULL || strcmp(token, SW_FMU_TOKEN) != 0) {
+        (void)logged(log, environment, "instantiationToken: is not of this FMU; read it from its modelDescription.xml");
+        return NULL;
+    }
+    if (event_mode) {
+        (void)logged(log, environment, "eventModeUsed: this FMU has no event mode; pass false");
+        return NULL;
+    }
+    char *room = calloc(1, sizeof(instance) + ALIGNMENT);
+    if (room == NULL) return NULL;
+    instance *fmu = (instance *)(void *)(room + (ALIGNMENT - (uintptr_t)room % ALIGNMENT));
+    fmu->environment = environment;
+    fmu->log = log;
+    fmu->room = room;
+    power_on(fmu);
+    return fmu;
+}
+
+SW_EXPORT void fmi3FreeInstance(fmi3Instance fmu)
+{
+    if (fmu != NULL) free(((instance *)fmu)->room);
+}
+
+SW_EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance fmu, fmi3Boolean has_tolerance, fmi3Float64 tolerance,
+                                                 fmi3Float64 start, fmi3Boolean has_stop, fmi3Float64 stop)
+{
+    memory *kept = &((instance *)fmu)->kept;
+    (void)has_tolerance;
+    (void)tolerance;
+    (void)has_stop;
+    (void)stop;
+    kept->start = start;
+    kept->values[0] = start;
+    return fmi3OK;
+}
+
+SW_EXPORT fmi3Status fmi3Reset(fmi3Instance fmu)
+{
+    power_on((instance *)fmu);
+    return fmi3OK;
+}
+
+SW_EXPORT fmi3Status fmi3DoStep(fmi3Instance fmu, fmi3Float64 point, fmi3Float64 size, fmi3Boolean no_earlier_state,
+                                fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *reached)
+{
+    instance *found = fmu;
+    memory *kept = &found->kept;
+    const double behind_ns = (point - kept->values[0]) * 1e9, until_ns = (point + size - kept->start) * 1e9;
+    (void)no_earlier_state;
+    *event = false;
+    *terminate = false;
+    *early = false;
+    *reached = kept->values[0];
+    if (!(behind_ns > -1e3 && behind_ns < 1e3)) {
+        return refused(found, "currentCommunicationPoint: must be where the last step ended, within a microsecond");
+    }
+    if (!(size >= 0.0 && until_ns < (double)SW_LATEST_NS)) {
+        return refused(found, "communicationStepSize: must be 0 or more, and end within 73 years");
+    }
+    /* To the microsecond: a period that begins with the next communication step belongs to that. */
+    while ((double)kept->next_ns < until_ns - 1e3) step(found);
+    kept->values[0] = point + size;
+    *reached = kept->values[0];
+    return fmi3OK;
+}
+
+/* --- Variables --- */
+
+#define ACCESS(NAME, KIND)                                                                                            \
+    SW_EXPORT fmi3Status fmi3Get##NAME(fmi3Instance fmu, const fmi3ValueReference references[], size_t count,         \
+                                       fmi3##NAME values[], size_t size)                                              \
+    {                                                                                                                 \
+        const instance *found = fmu;                                                                                  \
+        (void)size;                                                                                                   \
+        for (size_t i = 0; i < count; i++) {                                                                          \
+            if (references[i] >= SW_FMU_VARIABLES || variables[references[i]].type != KIND) {                         \
+                return refused(found, "fmi3Get" #NAME ": a value reference is of no such variable");                  \
+            }                                                                                                         \
+            values[i] = (fmi3##NAME)found->kept.values[references[i]];                                                \
+        }                                                                                                             \
+        return fmi3OK;                                                                                                \
+    }                                                                                                                 \
+    SW_EXPORT fmi3Status fmi3Set##NAME(fmi3Instance fmu, const fmi3ValueReference references[], size_t count,         \
+                                       const fmi3##NAME values[], size_t size)                                        \
+    {                                                                                                                 \
+        instance *found = fmu;                                                                                        \
+        (void)size;                                                                                                   \
+        for (size_t i = 0; i < count; i++) {                                                                          \
+            const uint32_t reference = references[i];                                                                 \
+            if (reference >= SW_FMU_VARIABLES || variables[reference].type != KIND ||                                 \
+                !variables[reference].is_input) {                                                                     \
+                return refused(found, "fmi3Set" #NAME ": a value reference is of no such input");                     \
+            }                                                                                                         \
+            found->kept.values[reference] = (double)values[i];                                                        \
+        }                                                                                                             \
+        return fmi3OK;                                                                                                \
+    }
+
+ACCESS(Float32, FLOAT32)
+ACCESS(Float64, FLOAT64)
+ACCESS(Int8, INT8)
+ACCESS(UInt8, UINT8)
+ACCESS(Int16, INT16)
+ACCESS(UInt16, UINT16)
+ACCESS(Int32, INT32)
+ACCESS(UInt32, UINT32)
+ACCESS(Int64, INT64)
+ACCESS(UInt64, UINT64)
+ACCESS(Boolean, BOOLEAN)
+
+/* --- States --- */
+
+SW_EXPORT fmi3Status fmi3GetFMUState(fmi3Instance fmu, fmi3FMUState *state)
+{
+    const instance *found = fmu;
+    saved *place = *state == NULL ? calloc(1, sizeof *place) : *state;
+    if (place == NULL) return refused(found, "fmi3GetFMUState: no memory for another state");
+    (void)memcpy(place->token, SW_FMU_TOKEN, sizeof place->token);
+    (void)memcpy(&place->kept, &found->kept, sizeof place->kept);
+    (void)memcpy(&place->ecu, &found->ecu.state, sizeof place->ecu);
+    *state = place;
+    return fmi3OK;
+}
+
+SW_EXPORT fmi3Status fmi3SetFMUState(fmi3Instance fmu, fmi3FMUState state)
+{
+    instance *found = fmu;
+    const saved *from = state;
+    const memory *kept = &from->kept;
+    const int is_timed = kept->next_ns >= 0 && kept->next_ns <= SW_LATEST_NS;
+    if (memcmp(from->token, SW_FMU_TOKEN, sizeof from->token) != 0 || !is_timed ||
+        sw_ecu_restore(&found->ecu, &from->ecu) != 0) {
+        return refused(found, "fmi3SetFMUState: this is no state of this FMU");
+    }
+    (void)memcpy(&found->kept, kept, sizeof *kept);
+    return fmi3OK;
+}
+
+SW_EXPORT fmi3Status fmi3FreeFMUState(fmi3Instance fmu, fmi3FMUState *state)
+{
+    (void)fmu;
+    free(*state);
+    *state = NULL;
+    return fmi3OK;
+}
+
+SW_EXPORT fmi3Status fmi3SerializedFMUStateSize(fmi3Instance fmu, fmi3FMUState state, size_t *size)
+{
+    (void)fmu;
+    (void)state;
+    *size = sizeof(saved);
+    return fmi3OK;
+}
+
+SW_EXPORT fmi3Status fmi3SerializeFMUState(fmi3Instance fmu, fmi3FMUState state, fmi3Byte bytes[], size_t size)
+{
+    if (size < sizeof(saved)) return refused(fmu, "fmi3SerializeFMUState: less room than fmi3SerializedFMUStateSize");
+    (void)memcpy(bytes, state, sizeof(saved));
+    return fmi3OK;
+}
+
+SW_EXPORT fmi3Status fmi3DeserializeFMUState(fmi3Instance fmu, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
+{
+    if (size != sizeof(saved)) return refused(fmu, "fmi3DeserializeFMUState: these bytes are no state of this FMU");
+    saved *place = *state == NULL ? malloc(sizeof *place) : *state;
+    if (place == NULL) return refused(fmu, "fmi3DeserializeFMUState: no memory for another state");
+    (void)memcpy(place, bytes, sizeof *place);
+    *state = place;
+    return fmi3OK;
+}

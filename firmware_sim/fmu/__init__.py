@@ -1,0 +1,1 @@
+"""FMI 3.0: the ECU in C, and the plant, as FMUs for co-simulation with other tools."""

@@ -1,0 +1,81 @@
+"""The ECU in C as one FMU: compiled for this machine, with its sources, to be run by any tool that imports FMI 3.0."""
+
+import hashlib
+import platform
+import sys
+import tempfile
+import uuid
+import zipfile
+from collections.abc import Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree
+
+from contract.config.tree import Config
+from contract.controller.c_folder import library_sources
+from contract.release.checks import Bundle
+from firmware_sim.fmu.ecu_variables import IDENTIFIER, ecu_variables, model_description, wrapper_settings, xml_bytes
+from firmware_sim.in_c.compiler import compile_c, host_compiler
+
+PLATFORM: Final = f"{platform.machine()}-{sys.platform}"
+"""As FMI names it: x86_64-linux."""
+FLAGS: Final = ("-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--no-undefined")
+"""No -march: an FMU is passed on to other machines. What the ECU decides does not depend on it."""
+SETTINGS: Final = "sw_fmu_settings.h"
+_DAY: Final = (1980, 1, 1, 0, 0, 0)
+
+
+def ecu_fmu(ecu: Mapping[str, bytes], wrapper: Mapping[str, bytes], bundle: Bundle, config: Config) -> bytes:
+    """The FMU's file; the same arguments and compiler give the same bytes. Raises LibraryError if there is no compiler,
+    or it does not take the sources.
+
+    Args:
+        ecu: a library's sources with the ECU and its settings (`firmware_sim.in_c.c_ecu.ecu_sources`).
+        wrapper: sources of the wrapper (`export.to_c.library.fmu_sources`).
+        bundle: verified release that both are of.
+        config: of the vehicle that the ECU is compiled for.
+    """
+    sources = library_sources(ecu) | dict(wrapper)
+    made_from = hashlib.sha256(repr(sorted(sources.items())).encode()).digest()
+    token = f"{{{uuid.UUID(bytes=made_from[:16])}}}"
+    variables = ecu_variables(bundle.manifest.sensors, config)
+    sources[SETTINGS] = wrapper_settings(variables, token, config)
+    with tempfile.TemporaryDirectory() as folder:
+        binary = Path(folder, f"{IDENTIFIER}.so")
+        compile_c(sources, binary, compiler=host_compiler(), flags=FLAGS)
+        compiled = binary.read_bytes()
+    return zipped(
+        {
+            "modelDescription.xml": model_description(variables, token, bundle, config),
+            f"binaries/{PLATFORM}/{IDENTIFIER}.so": compiled,
+            "sources/buildDescription.xml": _build_description(sources),
+            **{f"sources/{name}": content for name, content in sorted(sources.items())},
+        }
+    )
+
+
+def zipped(contents: Mapping[str, bytes]) -> bytes:
+    """A zip file of these, whose bytes depend on nothing else."""
+    file = BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in contents.items():
+            info = zipfile.ZipInfo(name, _DAY)
+            info.external_attr = 0o644 << 16
+            archive.writestr(info, content, zipfile.ZIP_DEFLATED)
+    return file.getvalue()
+
+
+def _build_description(sources: Mapping[str, bytes]) -> bytes:
+    add = ElementTree.SubElement
+    root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
+    files = add(
+        add(root, "BuildConfiguration", modelIdentifier=IDENTIFIER),
+        "SourceFileSet",
+        language="C99",
+        compilerOptions="-ffp-contract=off",
+    )
+    for name in sorted(sources):
+        if name.endswith(".c"):
+            add(files, "SourceFile", name=name)
+    return xml_bytes(root)

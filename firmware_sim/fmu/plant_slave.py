@@ -1,0 +1,101 @@
+"""The plant behind FMI 3.0: `pythonfmu3` copies this file into the FMU and runs it in the importing tool's Python.
+
+The project's timing convention holds: in a communication step, which is one control period, the jets ramp from what
+they had reached to the flow that is asked for, and so does the stream to the vehicle's speed. Outputs are of its end.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from pythonfmu3 import Float64, Fmi3Causality, Fmi3Slave, Fmi3Status, Fmi3StepResult, Fmi3Variability, Unit
+
+from contract.config.loading import from_tree
+from contract.errors import StillwakeError
+from wake.plants import own_wake
+
+SETTINGS = "settings.json"
+START = "start.npz"
+
+
+class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
+    """The wake of `stillwake run`, from its start, in engineering units of the operating point.
+
+    Args:
+        resources: folder with `SETTINGS`, a whole configuration, and maybe `START`.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self.description = "The flow around the truck, or another body, with its two jets"
+        self.license = "MIT"
+        folder = Path(self.resources)
+        self._config = config = from_tree(json.loads((folder / SETTINGS).read_text(encoding="utf-8")))
+        self._wake = own_wake(config, start=folder / START if (folder / START).is_file() else None)
+        self._sample = self._wake.sample()
+        self.time, self.jet_flow, self.vehicle_speed = 0.0, 0.0, config.operating_point.speed
+        self._speed = self.vehicle_speed  # of the stream now
+        pressure = config.operating_point.dynamic_pressure
+        self.register_units([Unit("Pa", kg=1, m=-1, s=-2), Unit("m/s", m=1, s=-1), Unit("m2/s", m=2, s=-1)])
+        self.register_units([Unit("s", s=1), Unit("t_c")])
+        self._add("time", "Time", Fmi3Causality.independent, "s", lambda: self.time)
+        what = "Jet flow rate per unit span to be reached at the end of a step"
+        self._add("jet_flow", what, Fmi3Causality.input, "m2/s", None)
+        what = "Of the vehicle through the air, to be reached at the end of a step"
+        self._add("vehicle_speed", what, Fmi3Causality.input, "m/s", None)
+        for i, name in enumerate(self._wake.layout.names):
+            what = f"Wall pressure at {name}, less that of the free stream"
+            self._output(f"pressure.{name}", what, "Pa", lambda i=i: self._sample.Cp[i] * pressure)
+        self._output("Cd", "Drag coefficient of the wall, at the speed of the operating point", "", self._field("Cd"))
+        self._output("Cd_net", "The same with the jets' force, momentum and power", "", self._field("Cd_net"))
+        self._output("Cl", "Lift coefficient", "", self._field("Cl"))
+        self._output("convective_time", "Time in widths over speed", "t_c", self._field("t"))
+
+    def _field(self, name: str) -> Any:
+        return lambda: getattr(self._sample, name)
+
+    def _output(self, name: str, description: str, unit: str, getter: Any) -> None:
+        self._add(name, description, Fmi3Causality.output, unit, getter)
+
+    def _add(self, name: str, description: str, causality: Fmi3Causality, unit: str, getter: Any) -> None:
+        variable = Float64(
+            name,
+            description=description,
+            causality=causality,
+            variability=Fmi3Variability.continuous,
+            unit=unit or None,
+            getter=getter,
+        )
+        self.register_variable(variable, nested=False)
+
+    def do_step(self, current_time: float, step_size: float) -> Fmi3StepResult:
+        """One control period; a step of another length is refused."""
+        config, point = self._config, self._config.operating_point
+        period_s = config.period_ns / 1e9
+        try:
+            if not abs(step_size - period_s) <= 1e-6:
+                raise StillwakeError(
+                    f"communicationStepSize = {step_size:g} s: must be the control period, {period_s:g} s"
+                )
+            before, after = self._speed, self.vehicle_speed
+            if (before, after) == (point.speed, point.speed):
+                self._wake.wind = None
+            else:
+                begin, length = self._wake.t, config.flow.control_period
+                self._wake.wind = lambda t: (before + (after - before) * (t - begin) / length) / point.speed - 1.0
+            limit = config.flow.action_limit
+            action = min(max(self.jet_flow / point.flow_rate_scale, -limit), limit)
+            self._sample = self._wake.advance(action)
+        except StillwakeError as error:
+            self.log(str(error), Fmi3Status.error)
+            return Fmi3StepResult(status=Fmi3Status.error)
+        self._speed, self.time = after, current_time + step_size
+        return Fmi3StepResult()
+
+    def _get_fmu_state(self) -> dict[str, Any]:
+        """What `_set_fmu_state` takes; kept in memory only."""
+        return {"wake": self._wake.state(), "own": (self.time, self.jet_flow, self.vehicle_speed, self._speed)}
+
+    def _set_fmu_state(self, state: dict[str, Any]) -> None:
+        self._sample = self._wake.reset(state["wake"])
+        self.time, self.jet_flow, self.vehicle_speed, self._speed = state["own"]

@@ -1,0 +1,231 @@
+"""The ECU's FMU, imported by another library: a sound file, and the ECU in C to the bit behind its variables."""
+
+import math
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from fmpy import simulate_fmu
+from fmpy.fmi1 import FMICallException
+from fmpy.validation import validate_fmu
+
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.messages import Mode, Pressure, Reason, VehicleSpeed
+from contract.config.vehicle import BusConfig
+from contract.errors import LibraryError
+from contract.release.manifest import SpeedRange
+from export.to_c.fmu import fmu_sources
+from firmware_sim.fmu.ecu_fmu import FLAGS, ecu_fmu
+from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
+from firmware_sim.in_c.compiler import compile_c, host_compiler
+from tests.each import each
+from tests.firmware_sim.ecu_in_c import CONFIG, Exported, exported
+from tests.firmware_sim.fmu.imported import Imported
+
+try:
+    host_compiler()
+except LibraryError as error:
+    pytest.skip(str(error), allow_module_level=True)
+
+pytestmark = pytest.mark.compiler
+
+PERIOD_S = CONFIG.period_ns / 1e9
+
+
+@pytest.fixture(scope="module")
+def release(tmp_path_factory) -> Exported:
+    return exported(tmp_path_factory.mktemp("fmu")).serving(SpeedRange(slowest=0.6, fastest=1.4))
+
+
+@pytest.fixture(scope="module")
+def fmu_of(release, tmp_path_factory):
+    """(FMU, its sources) for a set of messages."""
+
+    def made(frames: Literal["fd", "classic"] = "fd") -> tuple[Path, dict[str, bytes]]:
+        config = replace(CONFIG, bus=BusConfig(frames=frames))
+        sources = ecu_sources(release.folder, release.bundle, config)
+        path = tmp_path_factory.mktemp(frames) / "ecu.fmu"
+        path.write_bytes(ecu_fmu(sources, fmu_sources(), release.bundle, config))
+        return path, sources
+
+    return made
+
+
+def test_the_file_is_sound_the_same_again_and_compiles_from_its_own_sources(fmu_of, tmp_path):
+    path, _ = fmu_of()
+    assert validate_fmu(str(path)) == []
+    assert path.read_bytes() == fmu_of()[0].read_bytes()
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(tmp_path)
+    built = ElementTree.parse(tmp_path / "sources/buildDescription.xml")
+    named = {item.get("name") for item in built.iter("SourceFile")}
+    files = {item.name: item.read_bytes() for item in (tmp_path / "sources").iterdir()}
+    assert named == {name for name in files if name.endswith(".c")}
+    compile_c(files, tmp_path / "again.so", compiler=host_compiler(), flags=FLAGS)
+    assert (tmp_path / "again.so").read_bytes() == next((tmp_path / "binaries").rglob("*.so")).read_bytes()
+
+
+def expected_pressure(values: dict, messages) -> Pressure:
+    """What a vehicle's node would send."""
+    pascal, limit = (
+        np.array([values[name] for name in values if name.startswith("pressure.")]),
+        messages.pressure_limit_pa,
+    )
+    sound = [bool(values[name]) for name in values if name.startswith("valid.")]
+    with np.errstate(invalid="ignore"):
+        within = np.abs(pascal) <= limit
+    age = 655.35e-3 if math.isnan(values["pressure_age"]) else min(max(values["pressure_age"], 0.0), 655.35e-3)
+    return Pressure(
+        pressure_pa=tuple(np.nan_to_num(np.clip(pascal, -limit, limit), nan=0.0).tolist()),
+        valid=tuple(bool(a and b) for a, b in zip(within, sound, strict=True)),
+        enable_request=values["enable_request"],
+        age_ns=round(age * 1e9),
+    )
+
+
+@each("frames", ["fd", "classic"])
+def test_behind_its_variables_the_ecu_gets_the_frames_of_a_vehicle(release, fmu_of, frames):
+    """Within the wire's range and beyond it; compared are the outputs and the ECU's whole state."""
+    path, sources = fmu_of(frames)
+    imported, ecu, rng = Imported(path, start=3.0), CEcu(sources), np.random.default_rng(7)
+    messages, q = message_set(BusConfig(frames=frames)), CONFIG.operating_point.dynamic_pressure
+    sender, speed_sender = E2eSender(messages.pressure.spec), E2eSender(messages.speed.spec)
+    names, modes, reasons = release.bundle.manifest.sensors, set(), set()
+
+    def drawn(usual, *odd, share=0.02):
+        return odd[rng.integers(len(odd))] if k > 30 and rng.random() < share else usual
+
+    for k in range(400):
+        now_ns = k * CONFIG.period_ns
+        cp, braking = 0.3 * np.sin(0.3 * k + np.arange(4)), 25.0 - 0.1 * min(max(k - 150, 0), 120)
+        values = {
+            f"pressure.{name}": drawn(cp[i] * q, 5e3, -9e9, math.nan, math.inf, 0.25) for i, name in enumerate(names)
+        }
+        values |= {f"valid.{name}": drawn(True, False) for name in names}
+        values |= {
+            "enable_request": k > 0 and k % 40 != 39,
+            "pressure_age": drawn(0.004, 0.0, -1.0, 0.0049999, 0.0300001, 0.0651, 0.08, 3.0, math.nan),
+            "vehicle_speed": drawn(braking if k < 340 else -1.0, 24.9976, -1.0, 400.0, math.nan),
+            "air_density": drawn(0.0, 1.234, 1.235, 3.0, math.nan, share=0.2),
+            "send_pressures": drawn(True, False),
+            "send_speed": drawn(True, False),
+        }
+        for name, value in values.items():
+            imported[name] = value
+        imported.step(PERIOD_S)
+        received = []
+        if values["send_pressures"]:
+            received.append(sender.frame(messages.pressure.emit(expected_pressure(values, messages)), now_ns=now_ns))
+        if values["send_speed"]:
+            fits = {"speed": (0.0, 327.6), "density": (0.006, 2.55)}
+            speed, density = (
+                value if lowest <= value <= highest else None
+                for value, (lowest, highest) in zip(
+                    (values["vehicle_speed"], values["air_density"]), fits.values(), strict=True
+                )
+            )
+            message = VehicleSpeed(speed_m_per_s=speed, age_ns=0, density_kg_per_m3=density)
+            received.append(speed_sender.frame(messages.speed.emit(message), now_ns=now_ns))
+        answers = ecu.step(now_ns, received)
+        assert imported.saved().endswith(ecu.saved()), k
+        command, status = messages.command.parse(answers[0].data), messages.status.parse(answers[1].data)
+        assert command is not None and status is not None
+        modes.add(command.mode)
+        reasons.add(status.reason)
+        outputs = {
+            "flow_command": command.flow_m2_per_s,
+            "enable": command.enable,
+            "next_period": command.next_period,
+            "mode": command.mode,
+            **{name: getattr(status, name) for name in ("reason", "overruns", "missed", "crc_errors", "refused")},
+        }
+        assert {name: imported[name] for name in outputs} == outputs, k
+    assert {Mode.CONTROL, Mode.HOLD, Mode.DECAY, Mode.WARMUP} <= modes
+    assert {Reason.STALE, Reason.SENSOR_INVALID, Reason.OFF_SPEED, Reason.NO_SPEED} <= reasons
+    assert imported["overruns"] == 0
+
+
+def swinging(imported: Imported, k: int) -> None:
+    for i in range(4):
+        name = list(imported.variables)[1 + i]
+        imported[name] = 0.3 * CONFIG.operating_point.dynamic_pressure * math.sin(0.3 * k + i)
+    imported["enable_request"] = k > 0
+
+
+def test_a_step_of_any_length_has_the_control_periods_that_begin_in_it(fmu_of):
+    path, _ = fmu_of()
+    whole, parts, pairs = Imported(path), Imported(path), Imported(path)
+    for k in range(12):
+        for imported in (whole, parts, pairs) if k % 2 == 0 else (whole, parts):
+            swinging(imported, k - k % 2)
+        whole.step(PERIOD_S)
+        for share in (0.25, 0.75):
+            parts.step(share * PERIOD_S)
+        if k % 2:
+            pairs.step(2 * PERIOD_S)
+    assert whole["mode"] == Mode.CONTROL
+    assert whole["flow_command"] == parts["flow_command"] == pairs["flow_command"] != 0.0
+    for size in (-PERIOD_S, math.nan, 1e18):
+        with pytest.raises(FMICallException):
+            whole.step(size)
+    whole.time += PERIOD_S
+    with pytest.raises(FMICallException):
+        whole.step(PERIOD_S)
+
+
+def test_a_state_is_gone_back_to_in_memory_or_by_its_bytes_and_another_fmus_refused(fmu_of):
+    path, _ = fmu_of()
+    imported, found = Imported(path), []
+    for k in range(8):
+        swinging(imported, k)
+        imported.step(PERIOD_S)
+    state, content, at = imported.fmu.getFMUState(), imported.saved(), imported.time
+    other = Imported(path)
+    for way in (state, imported.fmu.deserializeFMUState(content)):
+        for again in (imported, other):
+            again.fmu.setFMUState(way)
+            again.time = at
+            again.step(PERIOD_S)
+            found.append(again.saved())
+    assert found == [found[0]] * 4 != [content] * 4
+    for damaged in (content[:-1], b"x" + content[1:], bytes(len(content))):
+        with pytest.raises(FMICallException):
+            imported.fmu.setFMUState(imported.fmu.deserializeFMUState(damaged))
+    assert imported.saved() == found[0]
+    imported.fmu.reset()
+    imported.fmu.enterInitializationMode(startTime=0.0)
+    assert imported.saved() == Imported(path).saved()
+
+
+def test_what_it_does_not_have_is_refused_and_nothing_is_unsafe_to_call(fmu_of):
+    path, _ = fmu_of()
+    imported = Imported(path)
+    outputs = [imported.variables["flow_command"].valueReference]
+    for call in (
+        lambda: imported.fmu.setFloat64(outputs, [1.0]),
+        lambda: imported.fmu.getFloat64([10_000]),
+        lambda: imported.fmu.getFloat32(outputs),
+        lambda: imported.fmu.getString(outputs),
+        lambda: imported.fmu.enterEventMode(),
+    ):
+        with pytest.raises(FMICallException):
+            call()
+    imported.fmu.guid = "{another}"
+    with pytest.raises(Exception, match="instantiate"):
+        imported.fmu.instantiate()
+    times = np.arange(9) * PERIOD_S
+    rows = np.array([(t, t > 0.0) for t in times], dtype=[("time", float), ("enable_request", bool)])
+    simulated = simulate_fmu(
+        str(path),
+        stop_time=times[-1],
+        step_size=PERIOD_S,
+        output_interval=PERIOD_S,
+        input=rows,
+        output=["mode", "time"],
+    )
+    assert simulated["mode"].tolist()[-1] == Mode.CONTROL

@@ -1,0 +1,97 @@
+"""The plant's FMU, imported by another library, and the loop that both FMUs close."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+from fmpy.validation import validate_fmu
+
+from contract.errors import PlantError
+from export.to_c.fmu import fmu_sources
+from firmware_sim.bench.ecus import C, loop_ecu
+from firmware_sim.bench.simulation import Simulation
+from firmware_sim.bench.spans import Spans
+from firmware_sim.fmu.ecu_fmu import ecu_fmu
+from firmware_sim.fmu.plant_fmu import plant_fmu
+from firmware_sim.in_c.c_ecu import ecu_sources
+from tests.firmware_sim.ecu_in_c import CONFIG, exported
+from tests.firmware_sim.fmu.imported import Imported
+from wake.plant.drive import Drive
+from wake.plants import own_wake
+
+pytest.importorskip("pythonfmu3", reason="pythonfmu3 (extra fmu) is not installed")
+
+pytestmark = [pytest.mark.slow, pytest.mark.compiler]  # the flow, twice
+
+PERIOD_S, LEAD_IN, PERIODS = CONFIG.period_ns / 1e9, 6, 16
+
+
+@pytest.fixture(scope="module")
+def plant_path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plant") / "plant.fmu"
+    path.write_bytes(plant_fmu(CONFIG))
+    return path
+
+
+def test_both_fmus_together_are_the_own_loop_to_the_bit(plant_path, tmp_path):
+    """Inputs are set from outputs, then both step: a command for the next period acts in it."""
+    release = exported(tmp_path)
+    sources = ecu_sources(release.folder, release.bundle, CONFIG)
+    (tmp_path / "ecu.fmu").write_bytes(ecu_fmu(sources, fmu_sources(), release.bundle, CONFIG))
+    assert validate_fmu(str(plant_path)) == []
+    ecu, plant = Imported(tmp_path / "ecu.fmu"), Imported(plant_path)
+    pressures = [name for name in ecu.variables if name.startswith("pressure.")]
+    found = []
+    for k in range(PERIODS):
+        found.append([plant["Cd"], plant["Cl"], plant["convective_time"]])
+        plant["jet_flow"] = ecu["flow_command"]
+        for name in pressures:
+            ecu[name] = plant[name]
+        ecu["enable_request"] = k >= LEAD_IN
+        for imported in (ecu, plant):
+            imported.step(PERIOD_S)
+    assert ecu["next_period"]
+    assert ecu["flow_command"] != 0.0
+    t = CONFIG.flow.control_period
+    own_loop = Simulation(
+        release.bundle,
+        CONFIG,
+        spans=Spans(lead_in=LEAD_IN * t, controlled=(PERIODS - LEAD_IN) * t, settle=t, averages=False),
+        ecu=loop_ecu(C, sources),
+    )
+    log = own_loop.run(own_wake(CONFIG))
+    assert np.abs(log.series["action"]).max() > 0.01
+    own = np.stack([log.series[name] for name in ("Cd", "Cl", "t")], axis=1)
+    np.testing.assert_array_equal(np.array(found), own)
+
+
+def test_its_stream_follows_the_vehicle_and_a_state_is_gone_back_to(plant_path):
+    """As on the same drive in the own loop. A step that is no control period is refused."""
+    speeds = (25.0, 24.0, 23.0, 23.0)
+    plant, wake = Imported(plant_path), own_wake(CONFIG)
+    drive = Drive(name="braking", times=tuple(k * PERIOD_S for k in range(len(speeds))), speeds=speeds)
+    wake.wind = drive.wind(CONFIG.operating_point, wake.t)
+    found = []
+    for k, speed in enumerate(speeds[1:]):
+        if k == 1:
+            state, at = plant.fmu.getFMUState(), plant.time
+        plant["vehicle_speed"] = speed
+        plant.step(PERIOD_S)
+        found.append(plant["Cd"])
+        assert plant["Cd"] == pytest.approx(wake.advance(0.0).Cd, rel=1e-9)  # lines that are the same on paper
+    plant.fmu.setFMUState(state)
+    plant.time = at
+    for k in (1, 2):
+        plant["vehicle_speed"] = speeds[k + 1]
+        plant.step(PERIOD_S)
+        assert plant["Cd"] == found[k]
+    for size in (PERIOD_S / 2, math.nan):
+        with pytest.raises(FMICallException):
+            plant.step(size)
+
+
+def test_a_plant_that_cannot_begin_is_refused_when_the_file_is_made():
+    with pytest.raises(PlantError, match="the shipped start is of 500"):
+        plant_fmu(replace(CONFIG, flow=replace(CONFIG.flow, reynolds=700.0)))
