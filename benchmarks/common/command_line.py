@@ -1,14 +1,13 @@
 """What the benchmarks' command lines share: options, the two consoles, and where figures go."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sized
-from datetime import date
+from collections.abc import Iterable, Iterator, Sized
 from pathlib import Path
-from typing import Annotated, Any, Final, TypeVar
+from typing import Annotated, Final, TypeVar
 
 import typer
 
-from contract.results import write_result
 from contract.shipped import MODEL as SHIPPED
+from stillwake.console.outputs import save_json
 from stillwake.console.terminal import make_console, progress_bar
 
 T = TypeVar("T")
@@ -25,6 +24,7 @@ Model = Annotated[
 Dataset = Annotated[Path, typer.Option("--dataset", help="Recording to take windows from.")]
 Parts = Annotated[Path, typer.Option("--parts", help="Folder of finished parts; a stopped run continues.")]
 
+save: Final = save_json
 MODEL: Final = SHIPPED
 """The model of the shipped bundle."""
 
@@ -38,9 +38,3 @@ def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -
         for done, item in enumerate(items, start=1):
             yield item
             bar.update(task, completed=done)
-
-
-def save(json_file: Path | None, *, figures: Any, facts: Mapping[str, Any]) -> None:
-    """Write what was measured today, if a file was asked for."""
-    if json_file is not None:
-        write_result(json_file, figures=figures, facts=facts, on=date.today())

@@ -14,8 +14,8 @@ from rich.text import Text
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release.checks import Bundle
-from contract.results import versions, write_result
-from stillwake.console.outputs import check_json
+from contract.results import versions
+from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
@@ -111,13 +111,12 @@ def campaign(
     from firmware_sim.campaign.report import write_report
 
     write_report(folder, planned, result, date.today())
-    if json_file is not None:
-        facts = {
-            **planned.label(),
-            "bundle_name": release.manifest.name,
-            "versions": versions("stillwake", "numpy", "numba"),
-        }
-        write_result(json_file, figures=[row.figures() for row in result.rows], facts=facts, on=date.today())
+    facts = {
+        **planned.label(),
+        "bundle_name": release.manifest.name,
+        "versions": versions("stillwake", "numpy", "numba"),
+    }
+    save_json(json_file, figures=[row.figures() for row in result.rows], facts=facts)
     _print(result)
     console.print(f"wrote {folder.report} and {folder.table}")
     if not result.safe:

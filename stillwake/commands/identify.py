@@ -1,7 +1,6 @@
 """The command that makes a linear controller of a recording."""
 
 from dataclasses import asdict
-from datetime import date
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -11,9 +10,8 @@ from rich.table import Table
 
 from contract.config.loading import to_tree
 from contract.model.linear_model_folder import check_free
-from contract.results import write_result
 from contract.shipped import recording as shipped_recording
-from stillwake.console.outputs import Overwrite, check_json, check_output
+from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
 from stillwake.console.settings import settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
@@ -91,19 +89,17 @@ def identify(
         bar.update(task, completed=len(PHASES), note="")
     console.print(_accuracy(done))
     console.print(_facts(done))
-    if json_file is not None:
-        write_result(
-            json_file,
-            figures=done.as_metrics(),
-            facts={
-                "dataset_sha256": sha256(recording.read_bytes()).hexdigest(),
-                "identification": asdict(how),
-                "design": asdict(weights),
-                "config": to_tree(config),
-                "versions": done.versions,
-            },
-            on=date.today(),
-        )
+    save_json(
+        json_file,
+        figures=done.as_metrics(),
+        facts={
+            "dataset_sha256": sha256(recording.read_bytes()).hexdigest(),
+            "identification": asdict(how),
+            "design": asdict(weights),
+            "config": to_tree(config),
+            "versions": done.versions,
+        },
+    )
     console.print(f"wrote {output}")
 
 

@@ -1,15 +1,14 @@
 """The commands that prepare flows: the developed wake, and the steady one."""
 
 from dataclasses import asdict
-from datetime import date
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
 
-from contract.results import versions, write_result
+from contract.results import versions
 from stillwake.console.numbers import steps_of
-from stillwake.console.outputs import Overwrite, check_json, check_output
+from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
 from stillwake.console.settings import settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
@@ -67,12 +66,11 @@ def steady(
 
     settled, grid = settle_into(output, config)
     figures = settled.figures()
-    if json_file is not None:
-        facts = {
-            "config": asdict(config.flow),
-            "body": asdict(config.body),
-            "grid": list(grid),
-            "versions": versions("numpy", "numba", "scipy"),
-        }
-        write_result(json_file, figures=figures, facts=facts, on=date.today())
+    facts = {
+        "config": asdict(config.flow),
+        "body": asdict(config.body),
+        "grid": list(grid),
+        "versions": versions("numpy", "numba", "scipy"),
+    }
+    save_json(json_file, figures=figures, facts=facts)
     console.print("  ".join(f"{name} {value:.4g}" for name, value in figures.items()), f"\nwrote {output}")

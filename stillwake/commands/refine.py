@@ -2,7 +2,6 @@
 
 from contextlib import nullcontext
 from dataclasses import replace
-from datetime import date
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Final
@@ -12,10 +11,10 @@ import typer
 from contract.atomic import check_writable
 from contract.config.loading import load_config, to_tree
 from contract.model.model_folder import check_free
-from contract.results import versions, write_result
+from contract.results import versions
 from contract.shipped import model as shipped_model
 from contract.shipped import recording as shipped_recording
-from stillwake.console.outputs import Overwrite, check_json, check_output
+from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
 from stillwake.console.settings import settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, Threads, console, progress_bar
 from stillwake.parts.training_progress import PhaseBars, continued
@@ -100,16 +99,14 @@ def refine(
             resume=not restart,
             threads=threads,
         )
-    if json_file is not None:
-        write_result(
-            json_file,
-            figures={"phases": show.watch.figures(), "periods": periods, "sensors": refined.sensors},
-            facts={
-                "dataset_sha256": refined.dataset_sha256,
-                "config": to_tree(refined.config),
-                "versions": versions("stillwake", "torch", "numpy", "numba"),
-            },
-            on=date.today(),
-        )
+    save_json(
+        json_file,
+        figures={"phases": show.watch.figures(), "periods": periods, "sensors": refined.sensors},
+        facts={
+            "dataset_sha256": refined.dataset_sha256,
+            "config": to_tree(refined.config),
+            "versions": versions("stillwake", "torch", "numpy", "numba"),
+        },
+    )
     console.print(f"{periods} control periods of the plant")
     console.print(f"wrote {output}")

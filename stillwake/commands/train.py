@@ -1,7 +1,6 @@
 """The command that trains the model offline."""
 
 from collections.abc import Sequence
-from datetime import date
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -14,9 +13,8 @@ from contract.config.loading import to_tree
 from contract.config.loading import training as training_settings
 from contract.config.tree import Config
 from contract.model.model_folder import check_free
-from contract.results import write_result
 from contract.shipped import recording as shipped_recording
-from stillwake.console.outputs import Overwrite, check_json, check_output
+from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
 from stillwake.console.settings import settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, Threads, console, progress_bar
 from stillwake.parts.training_progress import PhaseBars, continued
@@ -98,24 +96,22 @@ def train(
         )
     console.print(_metrics_table(trained.metrics))
     stable = trained.ranking.stable or {}
-    if json_file is not None:
-        write_result(
-            json_file,
-            figures={
-                "metrics": trained.metrics.as_tree(),
-                "sensors": trained.sensors,
-                "stable": stable,
-                "phases": show.watch.figures(),
-            },
-            facts={
-                "dataset_sha256": trained.dataset_sha256,
-                "config": to_tree(config),
-                "versions": trained.versions,
-                "minutes": sum(one.wall_s for one in show.watch.spent.values()) / 60.0,
-                "resumed": resumed,
-            },
-            on=date.today(),
-        )
+    save_json(
+        json_file,
+        figures={
+            "metrics": trained.metrics.as_tree(),
+            "sensors": trained.sensors,
+            "stable": stable,
+            "phases": show.watch.figures(),
+        },
+        facts={
+            "dataset_sha256": trained.dataset_sha256,
+            "config": to_tree(config),
+            "versions": trained.versions,
+            "minutes": sum(one.wall_s for one in show.watch.spent.values()) / 60.0,
+            "resumed": resumed,
+        },
+    )
     sets = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in stable.items())
     how = f"top sets identical over the repeats: {sets}" if sets else f"method: {trained.ranking.method}"
     console.print(f"sensors: {', '.join(trained.sensors)}   {how}")

@@ -2,7 +2,6 @@
 
 from contextlib import ExitStack
 from dataclasses import replace
-from datetime import date
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -15,9 +14,9 @@ from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.release.checks import Bundle
-from contract.results import versions, write_result
+from contract.results import versions
 from stillwake.console.bus_option import BusName, with_bus
-from stillwake.console.outputs import check_json
+from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import REAL_BUS, settings
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
@@ -153,14 +152,13 @@ def vehicle(
             bar.update(task, completed=figures.periods, note=note_of(figures))
         was_cut_short = is_stopped() and periods is not None and figures.periods < periods
     _print_figures(figures, "a live wake, which answers the jets" if live else "recorded (open loop)")
-    if json_file is not None:
-        facts = {
-            "bundle": release.digest,
-            "pressures": pressures.description,
-            "config": to_tree(config),
-            "versions": versions("stillwake", "numpy", "python-can"),
-        }
-        write_result(json_file, figures=figures.as_dict(), facts=facts, on=date.today())
+    facts = {
+        "bundle": release.digest,
+        "pressures": pressures.description,
+        "config": to_tree(config),
+        "versions": versions("stillwake", "numpy", "python-can"),
+    }
+    save_json(json_file, figures=figures.as_dict(), facts=facts)
     ended = "stopped" if is_stopped() else "done"
     console.print(f"{ended}: the request for control is withdrawn, also on the bus, and the jets are shut")
     if was_cut_short:

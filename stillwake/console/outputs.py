@@ -1,12 +1,15 @@
 """Where a command writes: checked before it works, and never replaced unless the user asks for it."""
 
+from collections.abc import Mapping
+from datetime import date
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
 
 from contract.atomic import check_writable
 from contract.errors import OutputError
+from contract.results import write_result
 
 DATASET_SUFFIXES: Final = (".h5", ".hdf5")
 """How a data set's name ends."""
@@ -47,3 +50,9 @@ def check_json(path: Path | None) -> None:
     """Refuse a place for figures that cannot be written; figures are replaced by newer ones."""
     if path is not None:
         check_writable(path)
+
+
+def save_json(path: Path | None, *, figures: Any, facts: Mapping[str, Any]) -> None:
+    """Write what was measured today with the facts behind it, if a file was asked for."""
+    if path is not None:
+        write_result(path, figures=figures, facts=facts, on=date.today())

@@ -6,7 +6,6 @@ import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -18,8 +17,8 @@ from contract.config.listing import as_toml, sections
 from contract.config.loading import Loaded
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
-from contract.results import versions, write_result
-from stillwake.console.outputs import Overwrite, check_json, check_output
+from contract.results import versions
+from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
 from stillwake.console.settings import REAL_BUS, settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 from stillwake.parts.releases import Trust, locate, open_release
@@ -111,15 +110,14 @@ def latency(
         write_report(folder, runs, judged)
     for run, of_run in zip(runs, judged, strict=True):
         _print(run, of_run)
-    if json_file is not None:
-        facts = {
-            "bundle": release.digest,
-            "command": shlex.join(("stillwake", *sys.argv[1:])),
-            "interface": loaded.config.bus.interface,
-            "frames": loaded.config.bus.frames,
-            "versions": versions("stillwake", "numpy", "onnxruntime", "python-can"),
-        }
-        write_result(json_file, figures=figures(runs), facts=facts, on=date.today())
+    facts = {
+        "bundle": release.digest,
+        "command": shlex.join(("stillwake", *sys.argv[1:])),
+        "interface": loaded.config.bus.interface,
+        "frames": loaded.config.bus.frames,
+        "versions": versions("stillwake", "numpy", "onnxruntime", "python-can"),
+    }
+    save_json(json_file, figures=figures(runs), facts=facts)
     console.print(f"wrote {output / PAGE}")
     uncontrolled = [run.name for run in runs if run.left_control]
     if uncontrolled:

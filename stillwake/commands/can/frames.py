@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
-from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,10 +14,10 @@ from rich.table import Table
 
 from contract.atomic import replacing
 from contract.errors import BusError, ConfigError
-from contract.results import versions, write_result
+from contract.results import versions
 from stillwake.commands.can.options import BUS, UNCHECKED, key_of, positive
 from stillwake.console.bus_option import BusName, with_bus
-from stillwake.console.outputs import Overwrite, check_json, check_output
+from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
 from stillwake.console.progress import now_and_then
 from stillwake.console.settings import settings
 from stillwake.console.stopping import until_stopped
@@ -182,14 +181,13 @@ def decode(
         log_summary = summarise(read_messages(file), config=config, key=key, seen=seen)
         if log_summary.first_s is None:
             raise BusError(f"{file}: holds no CAN frame")
-    if json_file is not None:
-        used = {
-            "nominal_bitrate": config.nominal_bitrate,
-            "data_bitrate": config.data_bitrate,
-            "e2e": asdict(config.e2e),
-        }
-        facts = {"log": file.name, "config": used, "versions": versions("python-can")}
-        write_result(json_file, figures=log_summary.figures(), facts=facts, on=date.today())
+    used = {
+        "nominal_bitrate": config.nominal_bitrate,
+        "data_bitrate": config.data_bitrate,
+        "e2e": asdict(config.e2e),
+    }
+    facts = {"log": file.name, "config": used, "versions": versions("python-can")}
+    save_json(json_file, figures=log_summary.figures(), facts=facts)
     _print_summary(log_summary)
     for path in (csv_file, json_file):
         if path is not None:

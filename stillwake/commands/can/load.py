@@ -1,7 +1,6 @@
 """The command that reports how busy the bus is, and how late a message can be."""
 
 from dataclasses import asdict
-from datetime import date
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -12,8 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from contract.config.tree import Config
-from contract.results import versions, write_result
-from stillwake.console.outputs import check_json
+from contract.results import versions
+from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console
 
@@ -56,8 +55,7 @@ def load(
     console.print(_table(found))
     for line in _lines(found):
         console.print(line)
-    if json_file is not None:
-        write_result(json_file, figures=figures(found), facts=facts(config), on=date.today())
+    save_json(json_file, figures=figures(found), facts=facts(config))
     if found.late:
         raise typer.Exit(CAN_BE_LATE)
 

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -17,9 +16,9 @@ from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.controller.calibration import NAMES, Calibration
 from contract.errors import ConfigError
-from contract.results import versions, write_result
+from contract.results import versions
 from stillwake.console.bus_option import BusName, with_bus
-from stillwake.console.outputs import check_json
+from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console
 from stillwake.parts.releases import Trust, open_release
@@ -96,9 +95,8 @@ def calibrate(
             after = calibration.read(asking)
     console.print(table(found, after))
     console.print(after_power_on(after))
-    if json_file is not None:
-        facts = {"changed": changes, "store": store, "revert": revert, "versions": versions("stillwake")}
-        write_result(json_file, figures=figures(found, after), facts=facts, on=date.today())
+    facts = {"changed": changes, "store": store, "revert": revert, "versions": versions("stillwake")}
+    save_json(json_file, figures=figures(found, after), facts=facts)
 
 
 def parsed(texts: Sequence[str]) -> dict[str, float]:
