@@ -23,6 +23,7 @@ from stillwake.commands.can import can
 from stillwake.commands.config import config
 from stillwake.commands.dataset import dataset
 from stillwake.commands.diagnosis.calibrate import calibrate
+from stillwake.commands.diagnosis.diagnose import diagnose
 from stillwake.commands.diagnosis.flash import flash
 from stillwake.commands.diagnosis.flash_keys import flash_keys
 from stillwake.commands.ecu import ecu
@@ -89,6 +90,7 @@ app.add_typer(bench, name="bench", rich_help_panel=CONTROL)
 app.add_typer(bundle, name="bundle", rich_help_panel=CONTROL)
 app.add_typer(can, name="can", rich_help_panel=CONTROL)
 app.add_typer(ecu, name="ecu", rich_help_panel=CONTROL)
+app.add_typer(diagnose, name="diagnose", rich_help_panel=CONTROL)
 app.add_typer(dataset, name="dataset", rich_help_panel=MODEL)
 app.add_typer(picture, name="picture", rich_help_panel=WAKE)
 
