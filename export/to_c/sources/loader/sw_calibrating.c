@@ -56,7 +56,9 @@ void sw_calibrating_restore(sw_node *node)
     uint8_t kept[SW_MAX_CALIBRATION];
     node->calibrating.release = node->ecu.calibration;
     node->calibrating.working = node->ecu.calibration;
-    if (sw_store_calibration(&node->store, kept) == sizeof(sw_calibration)) (void)set(node, kept);
+    const uint32_t length = sw_store_calibration(&node->store, kept);
+    node->calibrating.is_kept = length > 0u;
+    if (length == sizeof(sw_calibration)) (void)set(node, kept);
 }
 
 void sw_calibrating_hand_over(sw_node *node)
@@ -64,12 +66,6 @@ void sw_calibrating_hand_over(sw_node *node)
     if (!are_equal(&node->calibrating.working, &node->ecu.calibration)) {
         (void)sw_ecu_calibrate(&node->ecu, &node->calibrating.working);
     }
-}
-
-static int is_kept(const sw_node *node)
-{
-    uint8_t kept[SW_MAX_CALIBRATION];
-    return sw_store_calibration(&node->store, kept) > 0u;
 }
 
 uint8_t sw_calibrating_read(const sw_node *node, uint32_t number, sw_answer *answer)
@@ -84,7 +80,7 @@ uint8_t sw_calibrating_read(const sw_node *node, uint32_t number, sw_answer *ans
         put(answer, &most);
         put(answer, release);
     } else {
-        sw_answer_byte(answer, is_kept(node) ? STORE : REVERT);
+        sw_answer_byte(answer, node->calibrating.is_kept ? STORE : REVERT);
     }
     return 0;
 }
@@ -93,8 +89,10 @@ uint8_t sw_calibrating_read(const sw_node *node, uint32_t number, sw_answer *ans
 static uint8_t keep(sw_node *node, const sw_calibration *values)
 {
     if (node->drives_jets) return SW_NRC_CONDITIONS_NOT_CORRECT;
-    return sw_programming_refusal(sw_store_keep_calibration(&node->store, (const uint8_t *)values,
-                                                            values == NULL ? 0u : (uint32_t)sizeof *values));
+    const uint32_t length = values == NULL ? 0u : (uint32_t)sizeof *values;
+    const sw_store_result result = sw_store_keep_calibration(&node->store, (const uint8_t *)values, length);
+    if (result == SW_STORE_DONE) node->calibrating.is_kept = length > 0u;
+    return sw_programming_refusal(result);
 }
 
 uint8_t sw_calibrating_write(sw_node *node, uint32_t number, const uint8_t *value)
@@ -105,7 +103,7 @@ uint8_t sw_calibrating_write(sw_node *node, uint32_t number, const uint8_t *valu
     if (value[0] == STORE) {
         code = keep(node, &node->calibrating.working);
     } else if (value[0] == REVERT) {
-        if (is_kept(node)) code = keep(node, NULL);
+        if (node->calibrating.is_kept) code = keep(node, NULL);
         if (code == 0u) node->calibrating.working = node->calibrating.release;
     } else {
         code = SW_NRC_OUT_OF_RANGE;

@@ -19,6 +19,7 @@ extern "C" {
 typedef struct {
     sw_calibration working; /* in force from the next control period on */
     sw_calibration release; /* the release's own */
+    uint8_t is_kept;        /* whether values are stored */
 } sw_calibrating;
 
 /* After a boot, once the ECU has the release's own values: stored ones come into force if they are in the limits. */

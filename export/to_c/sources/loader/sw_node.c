@@ -17,6 +17,7 @@ static void start_ecu(sw_node *node)
     if (image != NULL && sw_image_open(image, &numbers) == SW_IMAGE_OK) {
         node->is_shut = 0;
         sw_ecu_init_of(&node->ecu, &numbers);
+        node->bundle_hash = numbers.release->bundle_hash;
         sw_calibrating_restore(node);
     } else {
         node->ecu.surroundings.fault = SW_REASON_NONE;
@@ -37,6 +38,8 @@ void sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *
 
 /* --- Control --- */
 
+int sw_node_has_release(const sw_node *node) { return !node->is_shut && node->store.running != SW_NO_SLOT; }
+
 uint8_t sw_node_refusal(const sw_node *node)
 {
     const int asks = node->has_asked && node->service_ns - node->asked_ns < SW_REMEMBERED_NS;
@@ -52,8 +55,8 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     /* What is booted next knows nothing of the jets that run now. */
     ecu->surroundings.fault = node->wants_reset ? SW_REASON_UPDATING : SW_REASON_NONE;
     ecu->surroundings.updating = node->programming.is_updating;
-    if (node->is_shut) {
-        sent = sw_shut_step(ecu, now_ns, frames_out);
+    if (!sw_node_has_release(node)) {
+        sent = sw_shut_step(ecu, node->bundle_hash, now_ns, frames_out);
     } else {
         sw_calibrating_hand_over(node);
         sent = sw_ecu_step(ecu, now_ns, frames_in, count, frames_out);

@@ -12,6 +12,10 @@
  *         count = sw_node_service(&node, now_ns, frames_in, n, frames_out);
  *     whenever what was sent is on the bus and sw_node_wants_reset: reset the microcontroller.
  *
+ * An image runs where it stands in the flash. A transfer may replace the very image that runs on trial: from its
+ * announcement on, which a reset alone leads out of, the ECU sends the counts and the pressure counter as they stood, and
+ * refuses the self-test.
+ *
  * A call does at most one piece of long work. No call may interrupt another one of the same node.
  */
 #ifndef SW_NODE_H
@@ -52,7 +56,8 @@ struct sw_node {
     sw_access access;
     sw_programming programming;
     sw_calibrating calibrating;
-    uint8_t is_shut;     /* no release runs */
+    uint8_t is_shut;     /* no release was booted */
+    uint32_t bundle_hash; /* of the one that was; 0 without one */
     uint8_t wants_reset; /* the caller must reset the ECU */
     uint8_t is_sending;
     /* The vehicle's request for control, as seen in the control periods: while it stands nothing is flashed. */
@@ -83,6 +88,9 @@ int sw_node_is_busy(const sw_node *node);
 
 int sw_node_wants_reset(const sw_node *node);
 
+/* Whether the image that was booted still stands where it was. */
+int sw_node_has_release(const sw_node *node);
+
 /* Whether only a reset leads out of the shut jets: an image is being written, or a reset was asked for. */
 int sw_node_needs_reset(const sw_node *node);
 
@@ -91,8 +99,10 @@ uint8_t sw_node_refusal(const sw_node *node);
 
 /* --- sw_shut.c --- */
 
-/* The control period of an ECU without a release: jets shut, and the reason on the bus. */
-int sw_shut_step(sw_ecu *ecu, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT]);
+/* The control period of an ECU without a release, or whose release is no longer there: jets shut, and the reason on the
+ * bus, with the counts that stand in the state. Nothing of the release is read.
+ */
+int sw_shut_step(sw_ecu *ecu, uint32_t bundle_hash, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT]);
 
 /* sizeof(sw_node), and that without its sw_ecu, for callers in other languages. */
 size_t sw_node_bytes(void);

@@ -51,7 +51,7 @@ static int runs(sw_ecu *ecu, float amplitude, float most)
 uint8_t sw_self_test(sw_node *node, sw_answer *answer)
 {
     sw_uds *uds = &node->uds;
-    if (node->is_shut) return SW_NRC_CONDITIONS_NOT_CORRECT;
+    if (!sw_node_has_release(node)) return SW_NRC_CONDITIONS_NOT_CORRECT;
     uds->work = sw_self_test;
     uds->piece++;
     switch (uds->piece) {

@@ -1,6 +1,7 @@
 /* An ECU without a release: it keeps the jets shut and reports why, and can be flashed all the same. The twin of
  * firmware_sim/ecu/flashable/shut_ecu.py.
  */
+#include "sw_counts.h"
 #include "sw_ecu_parts.h"
 #include "sw_node.h"
 
@@ -14,11 +15,11 @@ static void begin(sw_frame *frame, uint32_t id, int length, int64_t now_ns)
     for (int i = 0; i < SW_FRAME_BYTES; i++) frame->data[i] = 0;
 }
 
-int sw_shut_step(sw_ecu *ecu, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT])
+int sw_shut_step(sw_ecu *ecu, uint32_t bundle_hash, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT])
 {
     sw_ecu_state *state = &ecu->state;
     sw_jet_command command = {0};
-    sw_ecu_status status = {0}; /* the hash of no release, too */
+    sw_ecu_status status = {0};
     /* Out of an update, too, only a reset leads. */
     const int updating = ecu->surroundings.updating || state->fail_safe.mode == SW_UPDATE;
     state->fail_safe.mode = updating ? SW_UPDATE : SW_FAULT;
@@ -27,6 +28,11 @@ int sw_shut_step(sw_ecu *ecu, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT]
     command.mode = sw_mode_on_wire(state->fail_safe.mode);
     status.state = command.mode;
     status.reason = state->fail_safe.reason;
+    status.overruns = state->overruns;
+    status.missed = state->missed;
+    status.crc_errors = state->pressures.counts[SW_CHECK_ERROR];
+    status.refused = sw_counted(state->pressures.counts[SW_CHECK_REPEATED], state->pressures.counts[SW_CHECK_WRONG_SEQUENCE]);
+    status.bundle_hash = bundle_hash;
     status.bus_off = state->health.bus_off;
     status.tx_errors = state->health.tx_errors;
     status.rx_errors = state->health.rx_errors;

@@ -1,0 +1,179 @@
+/* The store over a flash memory that is played here: words are written once, and the supply may go in any operation. */
+#include "sw_store_parts.h"
+
+#define WORDS (SW_FLASH_BYTES / SW_FLASH_WORD)
+#define NEVER UINT64_MAX
+
+typedef struct {
+    sw_store store;
+    sw_flash flash;
+    sw_rules rules;
+    uint8_t memory[SW_FLASH_BYTES];
+    uint8_t unreadable[WORDS];
+    uint64_t operations, cut_at, worn_at, random;
+    uint32_t twice; /* words that were programmed without being erased, or outside */
+    uint8_t is_off;
+} twin;
+
+static uint32_t drawn(twin *one, uint32_t below)
+{
+    one->random = one->random * 6364136223846793005u + 1442695040888963407u;
+    return (uint32_t)(one->random >> 33) % below;
+}
+
+static int is_blank(const twin *one, uint32_t word)
+{
+    uint32_t all = one->unreadable[word] ? 0u : 0xffu;
+    for (uint32_t i = 0; i < SW_FLASH_WORD; i++) all &= one->memory[word * SW_FLASH_WORD + i];
+    return all == 0xffu;
+}
+
+/* What a cut leaves of a word that was being written: nothing, a prefix of its bits, all of it, or no readable word. */
+static void tear_word(twin *one, uint32_t word, const uint8_t *data)
+{
+    const uint32_t kind = drawn(one, 4);
+    const uint32_t bits = kind == 0u ? 0u : (kind == 1u ? 8u * SW_FLASH_WORD : drawn(one, 8u * SW_FLASH_WORD));
+    for (uint32_t i = 0; i < bits; i++) {
+        if ((data[i / 8u] >> (i % 8u) & 1u) == 0u) {
+            uint8_t *byte = &one->memory[word * SW_FLASH_WORD + i / 8u];
+            *byte = (uint8_t)(*byte & ~(1u << (i % 8u)));
+        }
+    }
+    one->unreadable[word] = kind == 3u;
+}
+
+/* What a cut leaves of a sector that was being erased: each word as it was, blank, any value, or not readable. */
+static void tear_sector(twin *one, uint32_t sector)
+{
+    const uint32_t most = drawn(one, 4);
+    for (uint32_t i = 0; i < SW_FLASH_SECTOR / SW_FLASH_WORD; i++) {
+        const uint32_t word = sector * (SW_FLASH_SECTOR / SW_FLASH_WORD) + i;
+        const uint32_t kind = drawn(one, 4) == 0u ? drawn(one, 4) : most;
+        for (uint32_t k = 0; kind > 0u && k < SW_FLASH_WORD; k++) {
+            one->memory[word * SW_FLASH_WORD + k] = kind == 1u ? 0xffu : (uint8_t)drawn(one, 256);
+        }
+        if (kind > 0u) one->unreadable[word] = kind == 3u;
+    }
+}
+
+static int erase(void *context, uint32_t sector)
+{
+    twin *one = context;
+    if (one->is_off || sector >= SW_FLASH_BYTES / SW_FLASH_SECTOR) return 1;
+    if (one->operations++ == one->cut_at) {
+        tear_sector(one, sector);
+        one->is_off = 1;
+        return 1;
+    }
+    sw_bytes_fill(&one->memory[sector * SW_FLASH_SECTOR], 0xff, SW_FLASH_SECTOR);
+    sw_bytes_fill(&one->unreadable[sector * (SW_FLASH_SECTOR / SW_FLASH_WORD)], 0, SW_FLASH_SECTOR / SW_FLASH_WORD);
+    return 0;
+}
+
+static int program(void *context, uint32_t address, const uint8_t *data)
+{
+    twin *one = context;
+    const uint32_t word = address / SW_FLASH_WORD;
+    if (one->is_off) return 1;
+    if (address % SW_FLASH_WORD != 0u || word >= WORDS || !is_blank(one, word)) {
+        one->twice++;
+        return 1;
+    }
+    const uint64_t number = one->operations++;
+    if (number == one->cut_at) {
+        tear_word(one, word, data);
+        one->is_off = 1;
+        return 1;
+    }
+    if (number == one->worn_at) {
+        tear_word(one, word, data);
+        return (int)drawn(one, 2); /* the memory notices it, or whoever reads it back */
+    }
+    sw_bytes_copy(&one->memory[address], data, SW_FLASH_WORD);
+    return 0;
+}
+
+static int read(void *context, uint32_t address, uint8_t *data, uint32_t length)
+{
+    const twin *one = context;
+    uint32_t failed = one->is_off || length > SW_FLASH_BYTES || address > SW_FLASH_BYTES - length;
+    if (failed) return 1;
+    for (uint32_t i = 0; i < length; i++) {
+        data[i] = one->memory[address + i];
+        failed |= one->unreadable[(address + i) / SW_FLASH_WORD];
+    }
+    return (int)failed;
+}
+
+uint32_t twin_bytes(void) { return (uint32_t)sizeof(twin); }
+
+void twin_erased(twin *one, const uint8_t *rules)
+{
+    sw_bytes_fill((uint8_t *)one, 0, (uint32_t)sizeof(twin));
+    sw_bytes_fill(one->memory, 0xff, SW_FLASH_BYTES);
+    sw_bytes_copy((uint8_t *)&one->rules, rules, (uint32_t)sizeof(sw_rules));
+}
+
+/* The supply comes, and goes in the operation with this number from now on; a word is worn in another one. */
+void twin_power_on(twin *one, uint64_t cut_at, uint64_t worn_at, uint64_t seed)
+{
+    const sw_flash flash = {one, one->memory, erase, program, read};
+    sw_bytes_fill((uint8_t *)&one->store, 0xa5, (uint32_t)sizeof(sw_store)); /* RAM has any value */
+    one->flash = flash;
+    one->operations = 0;
+    one->cut_at = cut_at;
+    one->worn_at = worn_at;
+    one->random = seed;
+    one->is_off = 0;
+    sw_store_open(&one->store, &one->flash, &one->rules);
+}
+
+sw_store *twin_store(twin *one) { return &one->store; }
+const uint8_t *twin_memory(const twin *one) { return one->memory; }
+const uint8_t *twin_unreadable(const twin *one) { return one->unreadable; }
+uint64_t twin_operations(const twin *one) { return one->operations; }
+uint32_t twin_twice(const twin *one) { return one->twice; }
+uint8_t twin_is_off(const twin *one) { return one->is_off; }
+uint32_t twin_wanted(const twin *one) { return one->store.wanted; }
+uint8_t twin_verdict(const twin *one) { return one->store.verdict; }
+const uint8_t *twin_tail(const twin *one, uint32_t slot) { return one->store.state.tail[slot]; }
+
+/* A record as it is kept, into SW_MAX_RECORD bytes; its length. */
+uint32_t twin_record(const twin *one, uint32_t kind, uint8_t *data)
+{
+    const uint32_t length = sw_records_length(&one->store.records, (sw_record_kind)kind);
+    return sw_records_read(&one->store.records, (sw_record_kind)kind, 0, data, length) == 0 ? length : 0u;
+}
+
+/* Checks of one image by itself. */
+uint32_t twin_judge(const uint8_t *image, uint32_t length, const uint8_t *keys, uint32_t keys_length,
+                    const uint8_t *rules, uint32_t least)
+{
+    sw_rules own;
+    sw_key_list list = {0};
+    sw_release_facts facts;
+    sw_sha256 hash;
+    uint8_t header[SW_HEADER_BYTES] = {0}, payload[32];
+    sw_bytes_copy((uint8_t *)&own, rules, (uint32_t)sizeof(own));
+    (void)sw_key_list_decode(keys, keys_length, own.root, &list);
+    sw_bytes_copy(header, image, length < SW_HEADER_BYTES ? length : SW_HEADER_BYTES);
+    sw_sha256_begin(&hash);
+    if (length > SW_HEADER_BYTES) sw_sha256_add(&hash, &image[SW_HEADER_BYTES], length - SW_HEADER_BYTES);
+    sw_sha256_end(&hash, payload);
+    return (uint32_t)sw_release_judge(header, length, payload, &list, &own, least, &facts);
+}
+
+uint32_t twin_keys_version(const uint8_t *data, uint32_t length, const uint8_t *root)
+{
+    sw_key_list list = {0};
+    return sw_key_list_decode(data, length, root, &list) ? list.version : 0u;
+}
+
+void twin_sha256(const uint8_t *data, uint32_t length, uint32_t first, uint8_t *digest)
+{
+    sw_sha256 hash;
+    sw_sha256_begin(&hash);
+    sw_sha256_add(&hash, data, first);
+    sw_sha256_add(&hash, &data[first], length - first);
+    sw_sha256_end(&hash, digest);
+}

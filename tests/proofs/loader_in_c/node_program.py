@@ -1,0 +1,146 @@
+"""Random testers against both ECUs: sound sequences, garbage, odd times, lost and altered frames."""
+
+from collections.abc import Iterator, Sequence
+from random import Random
+from typing import Final
+from unittest.mock import patch
+
+from can_bridge.isotp.endpoint import Endpoint
+from can_bridge.isotp.settings import IsoTpSettings, classic
+from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
+from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
+from tests.proofs.flash import fuzz_requests
+from tests.proofs.flash.fuzz_requests import any_noise, any_plan
+from tests.proofs.loader_in_c.node_twin import MS, Twins, World, as_in_c
+
+_MOST_TICKS: Final = 1500
+"""Without an answer, after which a tester goes on."""
+_STEPS_NS: Final = (MS // 5, MS, MS, MS, 2 * MS, 3 * MS)
+_JUMPS_NS: Final = (30 * MS, 400 * MS, 1001 * MS, 2600 * MS, 5001 * MS, 11_000 * MS, -5 * MS)
+
+_CONTROL: Final = (0x00, 0x02, 0x10, 0x11, 0x20, 0x21, 0x30, 0x31, 0x32, 0x33)
+
+
+class Program:
+    """One tester, one vehicle, one seed.
+
+    Args:
+        trouble: share of frames and times that are not as they should be.
+
+    Attributes:
+        requests: how many were sent.
+        sent: those of plans, as they stood there.
+    """
+
+    def __init__(self, of: World, seed: int | str, *, trouble: float = 0.02) -> None:
+        self._rng = rng = Random(seed)
+        self.twins = Twins(of, first=rng.choice(("one", "one", "one", None)))
+        self._trouble = trouble
+        self._is_fd = of.config.bus.frames == "fd"
+        ids = {"receive_id": RESPONSE_ID, "send_id": REQUEST_ID}
+        long = rng.choice((8, 12, 64, 64, 64)) if self._is_fd else 8
+        blocks = {"block_size": rng.choice((0, 0, 1, 8)), "separation_code": rng.choice((0, 0, 1, 0xF3, 0x80))}
+        self._tester = Endpoint(
+            IsoTpSettings(**ids, frame_length=long, is_fd=True, **blocks) if self._is_fd else classic(**ids)
+        )
+        self._pace = rng.choice((1, 1, 1, 7))
+        self._asks: bool | None = None
+        self._seed: bytes | None = None
+        self.requests, self.sent = 0, [b"\x3e\x00"]
+
+    def run(self, requests: int) -> Twins:
+        """So many requests of one plan after another, with noise in between."""
+        sent = self.sent
+        plan = any_plan(self._rng)
+        answer: bytes | None = None
+        while self.requests < requests and not self.twins.differences:
+            try:
+                request = plan.send(answer) if answer is not None else next(plan)
+            except (StopIteration, TypeError):
+                plan, answer = any_plan(self._rng), None
+                continue
+            if self._rng.random() < 2 * self._trouble:
+                self._ask(any_noise(self._rng, sent[-20:], self._seed) or b"\x00")
+            if self._rng.random() < self._trouble:
+                # The tester is gone for a while.
+                self._pass(self._rng.choice(_JUMPS_NS))
+            answer = self._ask(request)
+            sent.append(request)
+        return self.twins
+
+    def _ask(self, request: bytes) -> bytes | None:
+        """The last answer to a request; some are not waited for."""
+        self.requests += 1
+        self._tester.send(request[:4095])
+        patience = self._rng.choice((1, 30)) if self._rng.random() < self._trouble else _MOST_TICKS
+        found: bytes | None = None
+        for tick in range(patience):
+            self._tick()
+            for answer in self._tester.take():
+                self.twins.seen[f"{answer[0]:02x} {answer[1:3].hex() if answer[0] == 0x7F else ''}".strip()] += 1
+                if answer[:1] == b"\x67" and len(answer) == 18:
+                    self._seed = answer[2:]
+                if answer[0] != 0x7F or answer[2] != 0x78:
+                    found = answer
+            if found is not None or self.twins.differences or (tick > 60 and not self.twins.python.is_busy):
+                break
+        return found
+
+    def _tick(self) -> None:
+        twins, rng = self.twins, self._rng
+        if rng.random() < 0.001:
+            self._asks = rng.choice((None, False, False, True))
+        if twins.now_ns >= twins.due_ns:
+            twins.due_ns = max(twins.due_ns + 20 * MS, twins.now_ns - 20 * MS)
+            twins.control(self._asks)
+        frames = list(self._troubled(self._tester.poll(twins.now_ns)))
+        for frame in twins.service(frames):
+            if rng.random() >= self._trouble / 4:
+                self._tester.receive(twins.now_ns, frame)
+        step_ns = self._pace * rng.choice(_STEPS_NS)
+        self._pass(step_ns if rng.random() >= self._trouble / 20 else rng.choice(_JUMPS_NS))
+
+    def _pass(self, by_ns: int) -> None:
+        self.twins.now_ns = max(MS, self.twins.now_ns + by_ns)
+
+    def _troubled(self, frames: Sequence[Frame]) -> Iterator[Frame]:
+        """Frames as they arrive, and some that no one sent."""
+        rng = self._rng
+        for frame in frames:
+            kind = rng.choice(("lost", "twice", "altered", "shorter")) if rng.random() < self._trouble / 4 else ""
+            data = bytearray(frame.data)
+            if kind == "altered":
+                data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+            if kind == "shorter":
+                data = data[: rng.choice(CLASSIC_LENGTHS)]
+            if kind != "lost":
+                yield self._frame(bytes(data), frame.is_fd)
+            if kind == "twice":
+                yield frame
+        while rng.random() < self._trouble:
+            lengths = FD_LENGTHS if self._is_fd else CLASSIC_LENGTHS
+            data = bytearray(rng.randbytes(rng.choice(lengths)))
+            if data and rng.random() < 0.8:
+                # Control information of a kind that there is, and often a sound length.
+                data[0] = rng.choice(_CONTROL) | data[0] & rng.choice((0, 15))
+            frame_id = REQUEST_ID if rng.random() < 0.9 else rng.randrange(0x800)
+            yield self._frame(bytes(data), self._is_fd, frame_id, is_extended=rng.random() < 0.02)
+
+    def _frame(self, data: bytes, is_fd: bool, frame_id: int = REQUEST_ID, *, is_extended: bool = False) -> Frame:
+        now_ns = self.twins.now_ns
+        return Frame(frame_id=frame_id, data=data, timestamp_ns=now_ns, is_fd=is_fd, is_extended=is_extended)
+
+
+def play(of: World, seed: int | str, requests: int, *, trouble: float = 0.02) -> Twins:
+    """Both ECUs after a program."""
+    with as_in_c(of), patch.object(fuzz_requests, "pool", lambda: of.pool):
+        return Program(of, seed, trouble=trouble).run(requests)
+
+
+def requests_of(of: World, seeds: range) -> Iterator[bytes]:
+    """What testers ask of a Python ECU, in their order."""
+    for seed in seeds:
+        with as_in_c(of), patch.object(fuzz_requests, "pool", lambda: of.pool):
+            testing = Program(of, seed, trouble=0.0)
+            testing.run(60)
+            yield from testing.sent

@@ -1,0 +1,273 @@
+"""One ECU in Python and one in C that are given the same frames at the same times: what both send is compared.
+
+The Python one is `FlashableEcu`, with images for microcontrollers in place of bundles, and with the room for answers
+that C has.
+"""
+
+import hashlib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import partial
+from typing import Any, Final, NamedTuple
+from unittest.mock import patch
+
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.flashing.backing import at_once
+from can_bridge.flashing.checking import Rules, fits_as, judge_image
+from can_bridge.flashing.store import Store
+from can_bridge.flashing.verdicts import Verdict
+from can_bridge.isotp.endpoint import Endpoint
+from can_bridge.uds import server
+from can_bridge.uds.refused import Refused
+from can_bridge.uds.server import UdsServer
+from can_bridge.uds.services import Nrc, Service
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.messages import Pressure
+from contract.config.tree import Config
+from contract.config.vehicle import BenefitCheckConfig, BusConfig, EcuConfig, SensorCheckConfig
+from contract.release import controller_image, key_list, signing
+from contract.release.checks import Bundle, dbc_sha256
+from contract.release.controller_image import ImageFacts
+from firmware_sim.ecu.flashable import diagnostic_link, power_cycle
+from firmware_sim.ecu.flashable.equipment import Equipment
+from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
+from firmware_sim.ecu.flashable.self_test import self_test
+from firmware_sim.in_c.uds_settings import LONGEST_ANSWER, ROOM
+from tests.can_bridge.flashing import plain_backing, releases
+from tests.can_bridge.flashing.plain_backing import PlainBacking
+from tests.can_bridge.flashing.releases import HARDWARE, RELEASE, ROOT, SECOND, STRANGER, keys
+from tests.can_bridge.flashing.store_ecu import KEY, SECRET, Counted
+from tests.firmware_sim.conftest import RecordingController
+from tests.proofs.ecu.hostile_world import small_bundle
+from tests.proofs.flash.fuzz_images import Pool
+from tests.proofs.loader_in_c.node_library import SLOT_BYTES, WANTS_RESET, Host, Library
+
+UNCHECKED: Final = EcuConfig(
+    sensor_check=SensorCheckConfig(enabled=False), benefit_check=BenefitCheckConfig(enabled=False)
+)
+CONFIGS: Final = {"fd": Config(ecu=UNCHECKED), "classic": Config(ecu=UNCHECKED, bus=BusConfig(frames="classic"))}
+LAYOUT: Final = hashlib.sha256(b"layout").digest()
+IN_C: Final = frozenset(
+    {
+        *(Service.SESSION, Service.RESET, Service.READ, Service.SECURITY, Service.WRITE, Service.ROUTINE),
+        *(Service.DOWNLOAD, Service.TRANSFER, Service.EXIT, Service.TESTER_PRESENT),
+    }
+)
+"""Services that C has."""
+TEXTS: Final = (HARDWARE, "0815", "bench")
+MS: Final = 1_000_000
+
+
+def facts(config: Config, name: str, version: int = 1, **changes: Any) -> ImageFacts:
+    """Of an image for this vehicle."""
+    point = config.operating_point
+    own = {
+        "layout": LAYOUT,
+        "dbc": bytes.fromhex(dbc_sha256()),
+        "digest": hashlib.sha256(f"{name} {version}".encode()).digest(),
+        "period_ns": config.period_ns,
+        "operating_point": (point.width, point.speed, point.density),
+        "action_limit": config.flow.action_limit,
+        "sensors": 4,
+        "hardware": None,
+    }
+    return ImageFacts(name=name, security_version=version, **{**own, **changes})
+
+
+class World(NamedTuple):
+    """What both ECUs live in: a vehicle, a library for it, images and key lists."""
+
+    config: Config
+    library: Library
+    bundle: Bundle
+    pool: Pool
+
+
+def world(kind: str, library: Library) -> World:
+    """Images of all kinds for a vehicle of `CONFIGS`."""
+    config = CONFIGS[kind]
+    bundle = small_bundle(config)
+
+    def image(name: str, version: int = 1, key: Any = RELEASE, length: int = 6000, **changes: Any) -> bytes:
+        found = facts(config, name, version, **changes)
+        booted = replace(bundle, digest=found.digest.hex())
+        return controller_image.seal(library.payload(booted, length), found, key)
+
+    good = image("newest", 3, length=9001)
+    images = {
+        **{name: image(name, version) for name, version in (("one", 1), ("old", 0), ('a "quoted\\" name', 2))},
+        "newest": good,
+        "second": image("second", 2, SECOND, length=4096 - 512),
+        "unsigned": image("unsigned", 2, None),
+        "stranger's": image("stranger's", 2, STRANGER),
+        "other hardware's": image("other", 2, hardware="other"),
+        "for this hardware": image("bench", 2, hardware=HARDWARE, length=12_000),
+        "of another build": image("build", 2, layout=bytes(32)),
+        "of another dbc": image("dbc", 2, dbc=bytes(32)),
+        "of another period": image("period", 2, period_ns=1),
+        "of another vehicle": image("vehicle", 2, sensors=5),
+        "altered": good[:-1] + b"!",
+        "altered header": good[:150] + b"!" + good[151:],
+        "no image": bytes(5000),
+        "short": bytes(100),
+    }
+    lists = (keys(1), keys(2, RELEASE, SECOND), keys(3, RELEASE, revoked=(SECOND,)), keys(4, RELEASE, SECOND))
+    evil = key_list.encode(replace(key_list.decode(lists[3], signing.public_key(ROOT)), version=9), STRANGER)
+    return World(config, library, bundle, Pool(images, {}, lists, (evil, lists[1][:-1], lists[3] + b"\n")))
+
+
+def rules_of(of: World) -> bytes:
+    """`sw_rules` of this vehicle."""
+    vehicle = controller_image.seal(b"", facts(of.config, "vehicle"), None)[controller_image.VEHICLE]
+    hardware = HARDWARE.encode().ljust(64, b"\0")
+    return signing.public_key(ROOT).raw + LAYOUT + bytes.fromhex(dbc_sha256()) + hardware + vehicle
+
+
+def may_run(of: World, image: bytes) -> bool:
+    """Whether the image is in order, under one of the key lists."""
+    allowed = key_list.decode(of.pool.key_lists[1], signing.public_key(ROOT))
+    rules = Rules(keys=allowed, hardware=HARDWARE, fits=lambda release: Verdict.GOOD, least_security_version=0)
+    return checked(image, rules, of=of)[0] is Verdict.GOOD
+
+
+def checked(image: bytes, rules: Rules, *, of: World) -> tuple[Verdict, Bundle | None]:
+    """The verdict on an image for microcontrollers, and its release as a bundle."""
+    fits = fits_as(controller_image.seal(b"", facts(of.config, "vehicle"), None))
+    verdict, found = judge_image(image, replace(rules, fits=fits), layout=LAYOUT)
+    if found is None:
+        return verdict, None
+    manifest = replace(of.bundle.manifest, name=found.name, security_version=found.security_version)
+    return verdict, Bundle(manifest=manifest, files={}, digest=found.digest, signer=found.signer)
+
+
+class _Server(UdsServer):
+    def _read(self, body: bytes) -> Any:
+        answer = yield from super()._read(body)
+        if 1 + len(answer) > LONGEST_ANSWER:
+            raise Refused(Nrc.RESPONSE_TOO_LONG)
+        return answer
+
+
+class _Endpoint(Endpoint):
+    def send(self, message: bytes) -> bool:
+        used = len(self._transmission._message) + sum(map(len, self._to_send))
+        return used + len(message) <= ROOM and super().send(message)
+
+
+@contextmanager
+def as_in_c(of: World) -> Iterator[None]:
+    """The Python ECU with images for microcontrollers, the services that C has, and its room for answers."""
+    with ExitStack() as stack:
+        for module, name, value in (
+            (power_cycle, "Store", partial(Store, check=partial(checked, of=of))),
+            (power_cycle, "UdsServer", _Server),
+            (diagnostic_link, "Endpoint", _Endpoint),
+            (server, "SERVICES", {number: who for number, who in server.SERVICES.items() if number in IN_C}),
+            (plain_backing, "CLEAR_PIECES", 3),
+            (power_cycle, "self_test", _self_test),
+        ):
+            stack.enter_context(patch.object(module, name, value))
+        yield
+
+
+_living: Final = list["Twins"]()
+
+
+def _self_test(*given: Any) -> Any:
+    """In C an image runs where it stands, and one that is written over runs no more."""
+    if _living[-1].is_void:
+        raise Refused(Nrc.CONDITIONS_NOT_CORRECT)
+    yield from self_test(*given)
+
+
+class Twins:
+    """Both ECUs, just powered on with release "one", or with none. Enter `as_in_c` before.
+
+    Attributes:
+        differences: what differed, in words; nothing is compared after the first.
+        sent: by the Python one in the latest call.
+        seen: how often answers of each kind came, by service and code.
+    """
+
+    def __init__(self, of: World, *, first: str | None = "one") -> None:
+        self._config = of.config
+        image = b"" if first is None else of.pool.images[first]
+        self.c = Host(of.library, rules_of(of), SECRET, TEXTS)
+        self.c.provision(keys(), image, hashlib.sha256(image).digest())
+        self.c.power_on()
+        backing = _provisioned(of, image)
+        equipment = Equipment(
+            root=signing.public_key(ROOT),
+            access=KEY,
+            random_bytes=Counted(),
+            hardware=TEXTS[0],
+            serial=TEXTS[1],
+            software=TEXTS[2],
+            controller_of=lambda bundle: RecordingController(),
+        )
+        self.backing, self.python = backing, FlashableEcu(backing, of.config, equipment)
+        _living[:] = [self]
+        self._waits_for_control = False
+        self._pressures = E2eSender(message_set(of.config.bus).pressure.spec)
+        self.now_ns, self.due_ns = MS, MS
+        self.differences = list[str]()
+        self.seen = Counter[str]()
+        self.compared = 0
+
+    @property
+    def is_void(self) -> bool:
+        """Whether the release that was booted is written over."""
+        return self.python.boot.slot is not None and self.python.store.running is None
+
+    def control(self, enable: bool | None) -> list[Frame]:
+        """A control period, with pressures unless `enable` is None."""
+        frames = [] if enable is None else [self._pressure(enable)]
+        self._waits_for_control = False
+        return self._compare("control", self.python.control(self.now_ns, frames), self.c.control(self.now_ns, frames))
+
+    def service(self, frames: Sequence[Frame]) -> list[Frame]:
+        """A look at diagnosis."""
+        in_python = self.python.service(self.now_ns, frames)
+        if self.c.fact(WANTS_RESET):
+            self.c.power_on()
+            self._waits_for_control, in_c = True, []
+        else:
+            in_c = [] if self._waits_for_control else self.c.service(self.now_ns, frames)
+        return self._compare("service", in_python, in_c)
+
+    def _compare(self, what: str, in_python: list[Frame], in_c: list[Frame]) -> list[Frame]:
+        self.compared += 1
+        if what == "control" and self.is_void:
+            in_python, in_c = (list(map(self._without_counts, frames)) for frames in (in_python, in_c))
+        if in_python != in_c and not self.differences:
+            one, other = ([f"{frame.frame_id:x}#{frame.data.hex()}" for frame in some] for some in (in_python, in_c))
+            self.differences.append(f"{what} at {self.now_ns} ns: {one} in Python, {other} in C")
+        return in_python
+
+    def _without_counts(self, frame: Frame) -> Frame:
+        """What of a command or status still goes on in C once the image is written over: not its counts."""
+        kept = 1 if frame.frame_id == message_set(self._config.bus).command.spec.frame_id else 2
+        data = frame.data[3 : 3 + kept] if frame.is_fd else frame.data[1 : 1 + kept]
+        return replace(frame, data=data, is_fd=False)
+
+    def _pressure(self, enable: bool) -> Frame:
+        message = Pressure(pressure_pa=(30.0, 60.0, 90.0, 10.0), valid=(True,) * 4, enable_request=enable, age_ns=0)
+        return self._pressures.frame(message_set(self._config.bus).pressure.emit(message), now_ns=self.now_ns)
+
+
+def _provisioned(of: World, image: bytes) -> PlainBacking:
+    backing, check = PlainBacking(capacity=SLOT_BYTES), partial(checked, of=of)
+    store = releases.store_on(backing, check=check)
+    store.take_keys(keys())
+    if image:
+        at_once(store.announce(len(image), hashlib.sha256(image).digest()))
+        store.append(image)
+        assert at_once(store.finish()) is Verdict.GOOD
+        store.activate()
+        store = releases.store_on(backing, check=check)
+        store.boot()
+        store.confirm()
+    return backing
