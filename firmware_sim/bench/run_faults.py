@@ -15,6 +15,7 @@ from can_bridge.bus.faults.babble import Babble
 from can_bridge.bus.faults.connection import Disconnect
 from can_bridge.bus.faults.content import FlipBits, StuckAt
 from can_bridge.bus.faults.fault import Fault
+from can_bridge.bus.faults.injector import Around
 from can_bridge.bus.faults.text import parse_fault
 from can_bridge.bus.faults.wrapping import FaultyBus, wrap
 from can_bridge.bus.interface import Bus
@@ -119,21 +120,17 @@ class NodeFaults:
         self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
 
 
-class _Babbling:
+class _Babbling(Around):
     """A port that is looked at between its node's calls, so that it babbles on; keeps what came for the node."""
 
     def __init__(self, port: Bus) -> None:
-        self._port = port
+        super().__init__(port)
         self._kept: list[Frame] = []
 
     def look(self) -> None:
-        self._kept += self._port.receive_all()
-
-    def send(self, frame: Frame) -> None:
-        """See `Bus.send`."""
-        self._port.send(frame)
+        self._kept += self._bus.receive_all()
 
     def receive_all(self) -> list[Frame]:
         """See `Bus.receive_all`."""
-        frames, self._kept = [*self._kept, *self._port.receive_all()], []
+        frames, self._kept = [*self._kept, *self._bus.receive_all()], []
         return frames

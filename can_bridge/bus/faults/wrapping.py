@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from random import Random
 
 from can_bridge.bus.faults.fault import Clock, Fault
-from can_bridge.bus.faults.injector import Injector, health_of
-from can_bridge.bus.interface import Bus, BusHealth
-from can_bridge.wire.frame import Frame
+from can_bridge.bus.faults.injector import Around, Injector
+from can_bridge.bus.interface import Bus
 
 
-class FaultyBus:
+class FaultyBus(Around):
     """A port with faults; made by `wrap`.
 
     Attributes:
@@ -17,20 +16,8 @@ class FaultyBus:
     """
 
     def __init__(self, bus: Bus, injectors: Sequence[Injector]) -> None:
-        self._outermost = injectors[-1] if injectors else bus
+        super().__init__(injectors[-1] if injectors else bus)
         self.injectors = tuple(injectors)
-
-    def send(self, frame: Frame) -> None:
-        """See `Bus.send`."""
-        self._outermost.send(frame)
-
-    def receive_all(self) -> list[Frame]:
-        """See `Bus.receive_all`."""
-        return self._outermost.receive_all()
-
-    def health(self) -> BusHealth:
-        """The health of the CAN controller beneath."""
-        return health_of(self._outermost)
 
 
 def wrap(bus: Bus, faults: Sequence[Fault], clock: Clock, *, seed: int = 0, first: int = 0) -> FaultyBus:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from can_bridge.bus.faults.injector import Around
 from can_bridge.bus.interface import Bus
 from can_bridge.wire.frame import Frame
 
@@ -21,23 +22,16 @@ class Plug:
         return self.beneath.receive_all()
 
 
-class SwitchedPort:
+class SwitchedPort(Around):
     """A port with layers, the first of which is next to the wire."""
 
     def __init__(self, port: Bus) -> None:
         self._plugs: list[Plug] = []
-        self._top: Plug = Plug(port)
+        self._top = Plug(port)
+        super().__init__(self._top)
 
     def __len__(self) -> int:
         return len(self._plugs)
-
-    def send(self, frame: Frame) -> None:
-        """See `Bus.send`."""
-        self._top.send(frame)
-
-    def receive_all(self) -> list[Frame]:
-        """See `Bus.receive_all`."""
-        return self._top.receive_all()
 
     def put(self, layer: Callable[[Bus], Bus]) -> Plug:
         """Put a layer around what is there; returns what it is taken out by."""
