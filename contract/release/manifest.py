@@ -2,14 +2,15 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import date
 from math import ceil, isfinite
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple, get_args
+from typing import Any, Final, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
+from contract.arrays import Index
 from contract.config.controller import MpcConfig
 from contract.config.operating_point import OperatingPoint
 from contract.controller.interface import Sizes
@@ -59,6 +60,11 @@ class Scaling:
     def window_std(self) -> tuple[float, ...]:
         """Standard deviations of the columns of the controller's window, (S+1,)."""
         return (*self.pressure_std, self.action_std)
+
+    def of_sensors(self, columns: Index) -> Self:
+        """The same of the sensors in these columns alone."""
+        mean, std = (tuple(np.array(each)[columns].tolist()) for each in (self.pressure_mean, self.pressure_std))
+        return replace(self, pressure_mean=mean, pressure_std=std)
 
 
 FAST_PERIODS: Final = 4

@@ -4,10 +4,6 @@ The slim encoder (`slim.`) becomes the program's encoder; the teacher on all sen
 the wide dynamics and decoder where the model holds slim ones (`slim_dynamics.`, `slim_decoder.`).
 """
 
-from dataclasses import replace
-
-import numpy as np
-
 from contract.config.controller import MpcConfig
 from contract.model.model_folder import PRIOR, SLIM, ModelFolder
 from export.program.controller_program import ControllerProgram
@@ -16,13 +12,11 @@ from export.program.controller_program import ControllerProgram
 def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
     """The controller with these optimiser settings; raises ExportError if the weights do not fit."""
     about = model.description
-    chosen = about.layout.indices(about.sensors)
-    mean, std = (np.array(each)[chosen].tolist() for each in (about.scaling.pressure_mean, about.scaling.pressure_std))
     return ControllerProgram.from_state(
         encoder=model.network(SLIM),
         dynamics=model.deployed("dynamics"),
         decoder=model.deployed("decoder"),
-        scaling=replace(about.scaling, pressure_mean=tuple(mean), pressure_std=tuple(std)),
+        scaling=about.scaling.of_sensors(about.layout.indices(about.sensors)),
         mpc=mpc,
         action_limit=about.config.flow.action_limit,
         sensors=about.sensors,

@@ -206,13 +206,7 @@ def _scaling(episodes: Sequence[Episode], layout: SensorLayout, how: Identificat
         replace(item, series={name: values[how.leave_out :] for name, values in item.series.items()})
         for item in episodes
     ]
-    whole = fit_scaling(used, layout)
-    columns = layout.indices(how.sensors)
-    return replace(
-        whole,
-        pressure_mean=tuple(np.array(whole.pressure_mean)[columns].tolist()),
-        pressure_std=tuple(np.array(whole.pressure_std)[columns].tolist()),
-    )
+    return fit_scaling(used, layout).of_sensors(layout.indices(how.sensors))
 
 
 def _row_names(sensors: Sequence[str], responses: Sequence[str]) -> tuple[str, ...]:
