@@ -136,10 +136,8 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         return self._observe(sample), -sample.Cd, False, truncated, self._info(sample, clipped)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Vorticity, jets as arrows, observed sensors by Cp: (341, 1100, 3). None without a render mode.
-
-        Raises gymnasium.error.ResetNeeded before the first reset.
-        """
+        """Vorticity, jets as arrows, observed sensors by Cp: (341, 1100, 3). None without a render mode. Raises
+        gymnasium.error.ResetNeeded before the first reset."""
         if self.render_mode is None:
             return None
         if self._step_count is None:

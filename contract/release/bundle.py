@@ -38,10 +38,8 @@ class MadeEstimator:
 
 
 def pack(manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateKey | None = None) -> dict[str, bytes]:
-    """All files of the bundle, the manifest with its hashes and, given a key, its signature included.
-
-    Raises BundleFileError for a file name that is a path or taken.
-    """
+    """All files of the bundle, the manifest with its hashes and, given a key, its signature included. Raises
+    BundleFileError for a file name that is a path or taken."""
     for name in contents:
         if name in (MANIFEST, SIGNATURE) or not is_plain_name(name):
             raise BundleFileError(f"bundle file {name!r}: must be a plain file name other than {MANIFEST}, {SIGNATURE}")

@@ -125,10 +125,8 @@ def read_checked(
     *,
     any_dbc: bool = False,
 ) -> Bundle:
-    """The bundle of these files, with every check; nothing is parsed before its signature is good.
-
-    Raises BundleError for the first check that fails; one that lists them goes on where it can.
-    """
+    """The bundle of these files, with every check; nothing is parsed before its signature is good. Raises BundleError
+    for the first check that fails; one that lists them goes on where it can."""
     made = Made() if made is None else made
     raw, signature, parts = made.need(MANIFEST, lambda: _taken_apart(path, contents))
 

@@ -71,10 +71,8 @@ def read_files(path: Path) -> dict[str, bytes]:
 
 
 def write_files(path: Path, contents: Mapping[str, bytes]) -> None:
-    """Write a directory, or a zip if the path ends in .zip, in place of what is there.
-
-    Raises StillwakeError if the place cannot be written.
-    """
+    """Write a directory, or a zip if the path ends in .zip, in place of what is there. Raises StillwakeError if the
+    place cannot be written."""
     with replacing(path) as temporary:
         if path.suffix == ".zip":
             with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -254,10 +254,8 @@ def is_sha256(value: object) -> bool:
 
 
 def encode(manifest: Manifest, hashes: Mapping[str, str], dbc: str) -> bytes:
-    """The file's content, its own hash included.
-
-    Raises BundleManifestError for a provenance that JSON has no words for, such as a figure that is not finite.
-    """
+    """The file's content, its own hash included. Raises BundleManifestError for a provenance that JSON has no words
+    for, such as a figure that is not finite."""
     body = {"schema": SCHEMA, **asdict(manifest), "dbc_sha256": dbc, "files": dict(hashes)}
     try:
         body["manifest_sha256"] = digest_of(body)

@@ -22,10 +22,8 @@ def check_flow(bundle: Bundle, flow: FlowConfig) -> None:
 
 
 def check_vehicle(bundle: Bundle, config: Config) -> None:
-    """Raises BundleError if the controller was built for another vehicle, bus or actuator delay.
-
-    Raises ConfigError if the settings let it control down to a standstill.
-    """
+    """Raises BundleError if the controller was built for another vehicle, bus or actuator delay; ConfigError if
+    the settings let it control down to a standstill."""
     manifest = bundle.manifest
     points = (_values(point) for point in (manifest.operating_point, config.operating_point))
     _check_equal(bundle, "operating point", *points, owner="vehicle")

@@ -99,10 +99,8 @@ def check(folder: Path, identity: Identity) -> Reached | None:
 
 
 def note(folder: Path, identity: Identity, reached: Reached) -> None:
-    """Keep whose the folder is and how far the training has come, after a checkpoint is written.
-
-    Raises StillwakeError if it cannot be written.
-    """
+    """Keep whose the folder is and how far the training has come, after a checkpoint is written. Raises StillwakeError
+    if it cannot be written."""
     label = {
         "settings": json.loads(identity.settings),
         "dataset_sha256": identity.dataset_sha256,

@@ -49,10 +49,8 @@ class EpisodeBlocks:
         return done
 
     def add(self, series: Series, end: State, memory: npt.NDArray[np.float64]) -> None:
-        """Write the next block, with the flow's state and the policy's memory at its end.
-
-        Raises StillwakeError if it cannot be written; earlier blocks stay.
-        """
+        """Write the next block, with the flow's state and the policy's memory at its end. Raises StillwakeError if it
+        cannot be written; earlier blocks stay."""
         first = self.finished
         _save(self._state(first), flat=end.flat, substep=end.substep, action=end.action, memory=memory)
         _save(self._samples(first), **series)

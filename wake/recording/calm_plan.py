@@ -21,10 +21,8 @@ _ROLES: Final[tuple[str, ...]] = get_args(CalmRole)
 @dataclass(frozen=True, kw_only=True)
 class CalmRound:
     """What one call adds: `episodes` episodes of `steps` steps, whose amplitudes are spread evenly by their logarithm
-    from `smallest` to `largest`; one episode alone has the smallest. The rest as in `RoundPlan`.
-
-    Raises ConfigError for a number out of its range or a role that does not fit.
-    """
+    from `smallest` to `largest`; one episode alone has the smallest. The rest as in `RoundPlan`. Raises ConfigError for
+    a number out of its range or a role that does not fit."""
 
     episodes: int = 8
     steps: int = 350

@@ -17,10 +17,8 @@ _ROLES: Final[tuple[str, ...]] = get_args(ControlledRole)
 
 @dataclass(frozen=True, kw_only=True)
 class ControlledRound:
-    """What one call adds: `episodes` episodes of `steps` steps; the rest as in `RoundPlan`.
-
-    Raises ConfigError for a number out of its range or a role that does not fit.
-    """
+    """What one call adds: `episodes` episodes of `steps` steps; the rest as in `RoundPlan`. Raises ConfigError for a
+    number out of its range or a role that does not fit."""
 
     episodes: int = 2
     steps: int = 1100

@@ -104,10 +104,8 @@ class EpisodeJob:
 
 
 def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | None = None) -> dict[str, Any]:
-    """Everything but the plan that decides the samples, as plain JSON; with the versions of `packages` as well.
-
-    Raises PlantError if the file of the start cannot be read.
-    """
+    """Everything but the plan that decides the samples, as plain JSON; with the versions of `packages` as well. Raises
+    PlantError if the file of the start cannot be read."""
     return {
         "body": asdict(config.body),
         # The grid holds more than its refinement, and is in every recording that was made before there was one.
