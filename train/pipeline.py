@@ -57,8 +57,8 @@ def train_all(
 
     Episodes and their mirror images are learned from, where the recording's sensors have such; else the episodes alone.
 
-    State is kept in `<output>.checkpoints` while the run lasts, and removed when the model is stored. A
-    model that is at `output` is replaced when the new one is whole.
+    State is kept in `<output>.checkpoints` while the run lasts, and removed when the model is stored. A model that is
+    at `output` is replaced when the new one is whole. Returns the stored model, on the CPU.
 
     Args:
         progress: called from every phase; see `train.fitting.progress.Progress`.
@@ -68,9 +68,6 @@ def train_all(
         threads: of torch while it trains; the caller's number is restored. The model's `versions` name it.
         notice: called with a line for every training episode that is left out because it is too short, and one if the
             run goes on with another number of threads than it began with.
-
-    Returns:
-        The stored model, on the CPU.
 
     Raises:
         DatasetError: unreadable or unsuitable recording (`contract.recording.findings`: too short, constant signal,

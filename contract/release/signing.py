@@ -69,10 +69,7 @@ def sign(key: Ed25519PrivateKey, data: bytes) -> bytes:
 
 def signer(signature: bytes, data: bytes) -> PublicKey | None:
     """Whose signature of these bytes a signature file holds. Raises ValueError if the file has not the form above.
-
-    Returns:
-        The key that the file names, or None if the signature is not its.
-    """
+    Returns the key that the file names, or None if the signature is not its."""
     match = _TEXT.fullmatch(signature)
     if match is None:
         raise ValueError("not of the form stillwake-signature/1")

@@ -72,14 +72,11 @@ class BenefitCheck:
     def next(
         self, state: BenefitCheckState, cp: Array | None, *, drives: bool
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """After a period.
+        """The state after a period, and why the ECU must switch itself off, if it must.
 
         Args:
             cp: (S,) this period's pressures; None without any.
             drives: whether the jets could run up to now.
-
-        Returns:
-            The state after it, and why the ECU must switch itself off, if it must.
         """
         config = self.config
         if not drives:

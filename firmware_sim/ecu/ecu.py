@@ -173,7 +173,7 @@ class Ecu:
         fault: Reason | None = None,
         updating: bool = False,
     ) -> list[Frame]:
-        """One control period.
+        """One control period. Returns a JetCommand and an EcuStatus.
 
         Args:
             now_ns: time of the step, in the clock of the frames' timestamps.
@@ -181,9 +181,6 @@ class Ecu:
             health: of the CAN controller, for the status.
             fault: for which the ECU must switch itself off, found by what is around it.
             updating: a new release is to be written: the ECU shuts itself off for good, as soon as no jet may run.
-
-        Returns:
-            A JetCommand and an EcuStatus.
         """
         outcome = self.next(self._state, now_ns, frames, health, fault=fault, updating=updating)
         self._state, self.trace = outcome.state, outcome.trace

@@ -187,7 +187,7 @@ class SensorCheck:
         reading: Array | None = None,
         skipped: int = 0,
     ) -> tuple[SensorCheckState, Reason | None]:
-        """After a period.
+        """The state after a period, and why the ECU must switch itself off, if it must.
 
         Args:
             window: (L, S + 1) the controller's, with this period's row.
@@ -195,9 +195,6 @@ class SensorCheck:
             cp: this period's pressures, (S,); None without any: nothing is judged.
             reading: the same as they came, whatever the speed is; `cp` without.
             skipped: periods without a step before this one, for each of which the window has a row as well.
-
-        Returns:
-            The state after it, and why the ECU must switch itself off, if it must.
         """
         length, kept_rows = len(window), len(state.estimates)
         if cp is None or rows == 0:

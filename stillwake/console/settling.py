@@ -11,11 +11,7 @@ from wake.truck.state import save_state
 
 def settle_into(output: Path, config: Config) -> tuple[steady.SteadyWake, tuple[int, int]]:
     """Compute the steady wake of these settings and write its state. Raises PlantError if the flow does not settle;
-    StillwakeError if the file cannot be written.
-
-    Returns:
-        The steady wake, and the cells of its grid.
-    """
+    StillwakeError if the file cannot be written. Returns the steady wake, and the cells of its grid."""
     wake = truck_wake.TruckWake(config.flow, body=config.body)
     # Rates fall by decades.
     decades = -log10(steady.TOLERANCE)

@@ -50,13 +50,11 @@ def distil(
     """Train an encoder on the chosen sensors to reproduce the teacher's latents.
 
     First as a stream, where 64 samples cost little more than one window does, then window by window, as it will run.
+    Returns the slim encoder in evaluation mode, on the device of `rows`.
 
     Args:
         rows: with all sensors' columns.
         chosen: (N,) indices of the sensors, in the order of the slim encoder's inputs.
-
-    Returns:
-        The slim encoder in evaluation mode, on the device of `rows`.
     """
     settings, device = config.train, rows.inputs.device
     target = encode_all(teacher, rows)

@@ -21,15 +21,13 @@ from torch.autograd.function import once_differentiable
 def last_hidden(
     segments: Tensor, window: int, weight_ih: Tensor, weight_hh: Tensor, bias_ih: Tensor, bias_hh: Tensor
 ) -> Tensor:
-    """Final hidden state of the LSTM over every window of every segment.
+    """Final hidden state of the LSTM over every window of every segment. Returns (S, R - L + 1, H): entry w of a
+    segment is the state after rows w .. w + L - 1, starting from zero.
 
     Args:
         segments: (S, R, F), S stretches of R consecutive rows of F features.
         window: L, rows in a window; R >= L.
         weight_ih, weight_hh, bias_ih, bias_hh: (4H, F), (4H, H), (4H,), (4H,) as in `torch.nn.LSTM`.
-
-    Returns:
-        (S, R - L + 1, H): entry w of a segment is the state after rows w .. w + L - 1, starting from zero.
     """
     count, rows, features = segments.shape
     flat = segments.transpose(0, 1).reshape(rows * count, features)

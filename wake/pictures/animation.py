@@ -56,7 +56,8 @@ def animate(
     progress: Progress = lambda done, total: None,
 ) -> int:
     """Run the plant from its present state and write what it shows, whole or not at all. Raises ConfigError for another
-    file type, or a run without frames; PlantError for an action beyond the bound, or if the flow diverges.
+    file type, or a run without frames; PlantError for an action beyond the bound, or if the flow diverges. Returns the
+    number of frames.
 
     Args:
         path: ends in .gif or .webp.
@@ -68,9 +69,6 @@ def animate(
         fps: frames per second; a GIF rounds the time of a frame to 10 ms.
         hold: s for which the last frame stays, beyond its time.
         progress: called with (control periods done, in all).
-
-    Returns:
-        The number of frames.
     """
     check_target(path)
     if not 1 <= fps <= FASTEST:

@@ -46,14 +46,11 @@ def record_round(
     call that was stopped is continued by the next one, at whatever instant that was: stopped between adding its round
     and clearing its parts away, it only does the latter. Raises DatasetError if the file is no data set, or was
     recorded with another schema or flow; before anything is recorded; StillwakeError, PlantError as
-    `wake.recording.recorder.record` does, or what the controller raises.
+    `wake.recording.recorder.record` does, or what the controller raises. Returns the round's number.
 
     Args:
         policy: makes the controller in each recording process; without one, the plans' signals are all that acts.
         workers, scheduler, progress, notice, block_steps, start: as for `wake.recording.recorder.record`.
-
-    Returns:
-        The round's number.
     """
     jobs = partial(jobs_for, output, config=config, block_steps=block_steps, policy=policy, start=start)
     facts = {name: value for name, value in setting_of(config).items() if name in FACTS}

@@ -37,7 +37,8 @@ def record(
     """Record every plan from the start and write the data set.
 
     Unfinished work is kept in `<output>.parts` and continued by the next call with the same plans and settings. A data
-    set that is there already, of the same plans and settings, is left as it is.
+    set that is there already, of the same plans and settings, is left as it is. Returns whether anything was written;
+    False if the data set was there already.
 
     Args:
         plans: episodes, in the order they will have in the file.
@@ -49,9 +50,6 @@ def record(
         block_steps: control steps between two writes to disk.
         start: file of the flow state in which episodes begin; the shipped one if None. Workers read it at its path.
         overwrite: replace a file that is there, when the new one is whole.
-
-    Returns:
-        Whether anything was written; False if the data set was there already.
 
     Raises:
         OutputError: if there is a file of other plans or settings, and it is not to be replaced.

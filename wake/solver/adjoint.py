@@ -35,15 +35,13 @@ class FlowAdjoint:
         action_to: float,
         wind: Callable[[float], float] | None = None,
     ) -> tuple[float, float]:
-        """Carry sensitivities from the end of a run to its beginning.
+        """Carry sensitivities from the end of a run to its beginning. Returns the sensitivities to `action_from` and to
+        `action_to`.
 
         Args:
             bar: sensitivities to the flow at the end; made those to the flow at the beginning, in place.
             starts: what `FlowSolver.run` kept of the run, (steps, size of the buffer).
             dt, action_from, action_to, wind: as they were in the run.
-
-        Returns:
-            The sensitivities to `action_from` and to `action_to`.
         """
         to_from = to_to = 0.0
         steps = len(starts)

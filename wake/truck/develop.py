@@ -25,15 +25,13 @@ def start_from_rest(wake: TruckWake) -> None:
 def develop(
     wake: TruckWake, duration: float = 200.0, progress: Callable[[float, float], None] = lambda t, total: None
 ) -> State:
-    """Start the flow, break its symmetry with two periods of the jets, and let it settle without control.
+    """Start the flow, break its symmetry with two periods of the jets, and let it settle without control. Returns the
+    state with its clock set back to zero and no action.
 
     Args:
         wake: the plant; left in the returned state.
         duration: time after the ramp, in t_c. The wake of this truck needs 60 to 100 t_c to become periodic.
         progress: called with (time, duration) after every control period.
-
-    Returns:
-        The state with its clock set back to zero and no action.
     """
     start_from_rest(wake)
     flow = wake.config

@@ -43,7 +43,8 @@ def moved(
     duration: float,
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> State:
-    """A state on the plant's grid, from one on another. Raises PlantError if the flow diverges.
+    """A state on the plant's grid, from one on another. Raises PlantError if the flow diverges. Returns the state with
+    its clock at zero and no action.
 
     Args:
         state: on `source`, of the plant's body and Reynolds number.
@@ -51,9 +52,6 @@ def moved(
         wake: the plant; left in the returned state.
         duration: time without jets after the interpolation, t_c.
         progress: called with (time, duration) after every control period.
-
-    Returns:
-        The state with its clock at zero and no action.
     """
     flow = interpolated(state, source, wake.grid)
     pressure = flow.p.copy()
