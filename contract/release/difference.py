@@ -1,4 +1,4 @@
-"""What differs between two bundles: signer, manifest and files."""
+"""What differs between two bundles, signer, manifest and files, or between two controller images."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -6,6 +6,7 @@ from typing import Any, Final, NamedTuple
 
 from contract.printable import shown
 from contract.release import bundle as bundles
+from contract.release import image_contents
 from contract.release.checks import sha256
 from contract.release.container import read_files
 from contract.release.manifest import MANIFEST, open_manifest
@@ -35,6 +36,8 @@ def differences(a: Path, b: Path, trusted: PublicKey | None = None) -> list[Diff
 
 def _facts(path: Path, trusted: PublicKey | None) -> dict[str, Any]:
     """All that is compared, in the order in which it is shown."""
+    if image_contents.is_image(path):
+        return {**image_contents.compared(image_contents.opened(path, trusted))}
     bundle = bundles.load(path, trusted, any_dbc=True)
     opened = open_manifest(path, read_files(path)[MANIFEST])
     body = dict(opened.body)

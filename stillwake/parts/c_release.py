@@ -1,4 +1,4 @@
-"""The ECU in C for the folder of a C library, that folder for the shipped bundle, and an FMU of either."""
+"""The ECU in C for the folder of a C library, that folder for the shipped bundle, and an FMU and an image of either."""
 
 import tempfile
 from collections.abc import Callable, Iterator
@@ -7,6 +7,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.arrays import Array
 from contract.atomic import replacing
@@ -95,6 +97,17 @@ def write_fmu(path: Path, library: Path, release: Bundle, config: Config) -> Non
     if ECU_SETTINGS not in sources:
         raise LibraryError(f"{path}: not written: there is no ECU in C for this release and these settings")
     made = ecu_fmu(sources, fmu_sources(), release, config)
+    with replacing(path) as temporary:
+        temporary.write_bytes(made)
+
+
+def write_image(
+    path: Path, library: Path, release: Bundle, config: Config, key: Ed25519PrivateKey | None = None
+) -> None:
+    """The release of a C library as an image, signed if there is a key; arguments and errors as `write_fmu`."""
+    from firmware_sim.in_c.c_image import controller_image, read_packed
+
+    made = controller_image(read_sources(library) | read_packed(library), release, config, key)
     with replacing(path) as temporary:
         temporary.write_bytes(made)
 

@@ -9,6 +9,7 @@ import pytest
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.controller.c_folder import ECU_SETTINGS, library_sources, write_folder
+from contract.controller.image_payload import with_layout
 from contract.release.bundle import load
 from contract.shipped import BUNDLE
 from examples.c_samples import MODEL, MPC
@@ -77,4 +78,4 @@ def test_the_whole_ecu_compiles_without_a_warning(release, frames, random_releas
     program = random_program(0, model=MODEL, mpc=MPC, prior_memory=memory)
     library = int8_library(program, random_windows(program, 4)) | found
     flags = ("-shared", "-fPIC", "-O1", "-ffp-contract=off", "-Wl,--no-undefined")
-    shared_builds.compile_c(library_sources(library), tmp_path / "ecu.so", compiler=compiler, flags=flags)
+    shared_builds.compile_c(library_sources(with_layout(library)), tmp_path / "ecu.so", compiler=compiler, flags=flags)
