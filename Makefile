@@ -77,6 +77,7 @@ packages: $(VENV)/dev.stamp
 	! grep -n -A 12 -E '^!!|WARNING' build/packages/log.txt
 	$(BIN)/python tests/install/check_sdist.py build/packages/sdist build/packages/wheel
 	build/packages/env/bin/python -I tests/install/check_wheel.py build/packages/sdist
+	$(BIN)/python -m export.release.sbom "$$(git log -1 --format=%cs)" build/packages/*/*.whl
 	build/packages/env/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
 		"$$(echo build/packages/sdist/stillwake-*.whl)[sim]" build/packages/sdist/stillwake_data-*.whl
 	OMP_NUM_THREADS=1 build/packages/env/bin/python -I tests/install/walk_verbs.py sim

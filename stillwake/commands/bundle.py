@@ -1,4 +1,4 @@
-"""The commands for release bundles: `stillwake bundle keygen|sign|verify|inspect|diff|renew|keylist`."""
+"""The commands for release bundles: `stillwake bundle keygen|sign|verify|inspect|sbom|diff|renew|keylist`."""
 
 from datetime import date
 from functools import partial
@@ -17,10 +17,12 @@ from contract.printable import quoted
 from contract.release import bundle as bundles
 from contract.release import key_list, signing
 from contract.release.checks import Bundle, Check, dbc_sha256, sha256
+from contract.release.container import read_files
 from contract.release.difference import differences
 from contract.release.key_list import KeyList
 from contract.release.manifest import Manifest, SpeedRange
 from contract.release.signing import PublicKey
+from contract.shipped import BUNDLE
 from stillwake.console.outputs import Overwrite, check_output
 from stillwake.console.settings import settings
 from stillwake.console.terminal import Overrides, console, progress_bar
@@ -173,6 +175,27 @@ def inspect(path: BundlePath = None, trust: Trust = None) -> None:
     for name, value in rows(release):
         table.add_row(escape(name), escape(value))
     console.print(table, markup=True)
+
+
+@bundle.command()
+def sbom(
+    output: Annotated[Path, typer.Argument(help="File to write, for example release.cdx.json.")],
+    path: BundlePath = None,
+    trust: Trust = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Verify a bundle and write its bill of materials, CycloneDX 1.6: files, model, data set, tools, with hashes.
+
+    `export` writes one next to every bundle.
+    """
+    check_output(output, overwrite=overwrite)
+
+    from export.release.sbom import release_bom
+
+    content = release_bom(open_release(path, trust), read_files(BUNDLE if path is None else path))
+    with replacing(output) as temporary:
+        temporary.write_bytes(content)
+    console.print(f"wrote {output}", soft_wrap=True)
 
 
 @bundle.command()

@@ -20,6 +20,7 @@ from contract.errors import ConfigError, ModelError, OutputError, StillwakeError
 from contract.model import linear_model_folder, model_folder
 from contract.model.linear_model_folder import is_linear
 from contract.release import bundle as bundles
+from contract.release.container import read_files
 from contract.release.signing import public_key, read_private_key
 from contract.results import write_result
 from contract.shipped import recording
@@ -97,9 +98,11 @@ def export(
     signing_key = None if key is None else read_private_key(key)
     config = _settings(model, config_file, overrides, uses=(*USES, *USES_IN_C) if in_c else USES)
     check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", occupant=_description(output))
+    check_output(output.with_name(f"{output.name}.cdx.json"), overwrite=overwrite)
     _check_in_c(c_folder, fmu, overwrite=overwrite)
 
     from export.release.pipeline import PHASES, CLibrary, export_all, gate_figures
+    from export.release.sbom import release_bom, write_bom
     from firmware_sim.in_c.host_library import CController
     from stillwake.parts.c_release import ecu_files, write_fmu
 
@@ -127,12 +130,15 @@ def export(
             phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
         )
         bar.update(task, completed=len(PHASES), note="")
+        release = bundles.load(output)
+        bill = write_bom(output, release_bom(release, read_files(output)))
         if fmu is not None:
-            write_fmu(fmu, folder, bundles.load(output), config)
+            write_fmu(fmu, folder, release, config)
     _show_gates(gate_figures(done))
     signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
     console.print(f"wrote {output}: {done.lowered.precision}, {size}, {signed}", soft_wrap=True)
+    console.print(f"wrote {bill}: bill of materials, CycloneDX 1.6", soft_wrap=True)
     point = config.operating_point
     console.print(
         f"for a body {point.width:g} m wide at {point.speed:g} m/s, a control period of {config.period_ns / 1e6:g} ms: "

@@ -19,7 +19,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
         *("h5py", "numba", "scipy", "gymnasium", "matplotlib", "PIL", "threadpoolctl", "distributed", "dask"),
         *("jinja2", "llvmlite", "tornado"),
     ),
-    "train": ("torch", "shap", "onnx", "safetensors", "h5py", "scipy"),
+    "train": ("torch", "shap", "onnx", "safetensors", "h5py", "scipy", "cyclonedx"),
     "bus": ("serial", "msgpack", "cantools"),
     "flash": ("udsoncan", "isotp"),
     "mcu": ("ziglang", "unicorn", "capstone", "elftools"),

@@ -1,0 +1,71 @@
+"""Bills of materials: as the standard's schema has them, complete, and the same again."""
+
+import hashlib
+import json
+import zipfile
+from importlib.metadata import version
+
+import pytest
+from cyclonedx.schema import SchemaVersion
+from cyclonedx.validation.json import JsonStrictValidator
+
+from contract.release.bundle import load
+from contract.release.container import read_files
+from contract.shipped import BUNDLE
+from export.release.sbom import release_bom, wheel_bom, write_bom
+
+
+@pytest.fixture(scope="module")
+def checked():
+    validator = JsonStrictValidator(SchemaVersion.V1_6)
+
+    def parsed(content: bytes):
+        assert validator.validate_str(content.decode()) is None
+        return json.loads(content)
+
+    return parsed
+
+
+def hashes(bom) -> dict[str, str]:
+    return {item["name"]: item["hashes"][0]["content"] for item in bom["components"] if "hashes" in item}
+
+
+def test_a_releases_bill_has_every_file_what_it_was_trained_on_and_the_tools(checked, random_release, tmp_path):
+    bundle, contents = load(BUNDLE), read_files(BUNDLE)
+    content = release_bom(bundle, contents)
+    bom, manifest = checked(content), bundle.manifest
+    assert content == release_bom(bundle, dict(reversed(contents.items())))
+    files = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in BUNDLE.iterdir()}
+    origin = {"weights": manifest.weights_sha256, "dataset": manifest.dataset_sha256}
+    assert files.items() | origin.items() <= hashes(bom).items()
+    stated = {item["name"]: item.get("version") for item in bom["components"]}
+    assert manifest.provenance["versions"].items() <= stated.items()
+    assert bom["metadata"]["timestamp"].startswith(manifest.created)
+    depends = {item["ref"]: item.get("dependsOn", []) for item in bom["dependencies"]}
+    assert depends["controller.onnx"] == ["weights"]
+    assert {"dataset", "torch"} <= set(depends["weights"])
+    assert bom["metadata"]["component"]["licenses"] == [{"license": {"id": "MIT"}}]
+    other = checked(release_bom(load(random_release), read_files(random_release)))
+    assert "licenses" not in other["metadata"]["component"]  # not the project's
+    assert other["serialNumber"] != bom["serialNumber"]
+    assert write_bom(tmp_path / "b.zip", content).name == "b.zip.cdx.json"
+
+
+def test_a_wheels_bill_has_what_it_requires_and_what_extras_do(checked, tmp_path):
+    path = tmp_path / "thing-1.0-py3-none-any.whl"
+    requires = ("numpy>=2.0", 'numpy>=2; extra == "more"', 'onnx>=1; extra == "more"', 'absent>=1; extra == "more"',
+                'thing[more]; extra == "all"')  # fmt: skip
+    lines = ("Metadata-Version: 2.4", "Name: thing", "Version: 1.0", "License-Expression: MIT",
+             *(f"Requires-Dist: {text}" for text in requires))  # fmt: skip
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("thing-1.0.dist-info/METADATA", "\n".join(lines))
+    content = wheel_bom(path, "2026-11-26")
+    bom = checked(content)
+    assert content == wheel_bom(path, "2026-11-26")
+    found = {item["name"]: (item["scope"], item.get("version")) for item in bom["components"]}
+    assert found == {
+        "numpy": ("required", version("numpy")),
+        "onnx": ("optional", version("onnx")),
+        "absent": ("optional", None),
+    }
+    assert bom["metadata"]["component"]["hashes"][0]["content"] == hashlib.sha256(path.read_bytes()).hexdigest()
