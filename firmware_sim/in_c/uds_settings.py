@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping
 from enum import IntEnum
+from struct import calcsize
 from typing import Final
 
 from can_bridge.flashing import state
 from can_bridge.flashing.access_level import Level
 from can_bridge.isotp.settings import IsoTpSettings
-from can_bridge.uds import security, server, services
+from can_bridge.uds import fault_codes, fault_memory, security, server, services
+from can_bridge.uds.fault_reports import Report
 from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
 from contract.release.checks import dbc_sha256
 from firmware_sim.ecu.flashable import diagnostic_link, vehicle_request
@@ -20,6 +22,7 @@ LONGEST_ANSWER: Final = 1024
 _ISOTP: Final = IsoTpSettings(receive_id=services.REQUEST_ID, send_id=services.RESPONSE_ID)
 _NUMBERED: Final[Mapping[str, type[IntEnum]]] = {
     "SERVICE": Service, "SESSION": Session, "NRC": Nrc, "ROUTINE": Routine, "DID": Did, "LEVEL": Level,
+    "REPORT": Report,
 }  # fmt: skip
 
 
@@ -42,6 +45,11 @@ def uds_settings() -> bytes:
         "ISOTP_QUEUE": _ISOTP.queue,
         "ISOTP_WAITS": _ISOTP.max_waits,
         "MOST_FRAMES": diagnostic_link.MOST_FRAMES,
+        "FAULT_COUNT": len(fault_codes.CODES),
+        "FAULTS_AVAILABLE": fault_memory.AVAILABLE,
+        "FAULTS_FORMAT": fault_codes.J2012_FORMAT,
+        "AGED_CYCLES": fault_memory.AGED_CYCLES,
+        "SNAPSHOT_BYTES": fault_codes.SNAPSHOT_BYTES,
         **{f"{kind}_{item.name}": item.value for kind, items in _NUMBERED.items() for item in items},
     }
     texts = {
@@ -49,6 +57,8 @@ def uds_settings() -> bytes:
         "ISOTP_WAIT_NS": f"INT64_C({_ISOTP.n_bs_ns})",
         "ACCESS_DELAY_NS": f"INT64_C({security.DELAY_NS})",
         "REMEMBERED_NS": f"INT64_C({vehicle_request.REMEMBERED_NS})",
+        "FAULT_CODES": _pairs(fault_codes.CODES),
+        "SNAPSHOT_PARTS": _pairs({one: calcsize(form) for one, form in fault_codes.SNAPSHOT_FORMATS.items()}),
         "DBC_SHA256_BYTES": "{" + ", ".join(map(str, bytes.fromhex(dbc_sha256()))) + "}",
     }
     found = {name: f"{value:#x}u" for name, value in numbers.items()} | texts
@@ -57,3 +67,7 @@ def uds_settings() -> bytes:
         "/* Generated: the numbers of diagnosis. */\n"
         f"#ifndef SW_UDS_SETTINGS_H\n#define SW_UDS_SETTINGS_H\n\n{lines}\n\n#endif\n"
     ).encode()
+
+
+def _pairs(numbers: Mapping[int, int]) -> str:
+    return "{" + ", ".join(f"{{{int(one)}u, {other}u}}" for one, other in numbers.items()) + "}"

@@ -24,7 +24,7 @@ class FaultWatch:
 
     def seen(self, before: EcuState, after: EcuState, now_ns: int) -> None:
         """After one more control period."""
-        is_first = self._power_on_ns is None
+        is_first, now_ns = self._power_on_ns is None, max(0, now_ns)
         self._power_on_ns = now_ns if self._power_on_ns is None else self._power_on_ns
         was, now = before.fail_safe.mode, after.fail_safe.mode
         if now is was and not is_first:

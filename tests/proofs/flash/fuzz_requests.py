@@ -6,6 +6,8 @@ from random import Random
 from typing import Final
 
 from can_bridge.flashing.access_level import Level
+from can_bridge.uds.fault_codes import CODES
+from can_bridge.uds.fault_reports import LENGTHS, Report
 from can_bridge.uds.services import MAX_BLOCK, Did, Routine, Service, Session
 from contract.controller.calibration import PACKED_BYTES
 from tests.can_bridge.flashing.store_ecu import KEY
@@ -36,7 +38,7 @@ def write(did: Did, content: bytes) -> bytes:
 
 def any_plan(rng: Random) -> Plan:
     """What a tester may want."""
-    return rng.choice((*5 * [flashing], choosing, keys, calibrating, reading, guessing))(rng)
+    return rng.choice((*5 * [flashing], choosing, keys, calibrating, reading, guessing, *3 * [faults]))(rng)
 
 
 def flashing(rng: Random) -> Plan:
@@ -90,6 +92,22 @@ def reading(rng: Random) -> Plan:
     for _ in range(3):
         dids = rng.choices(list(Did), k=rng.choice((1, 1, 1, 2, 20)))
         yield bytes([Service.READ]) + b"".join(did.to_bytes(2, "big") for did in dids)
+
+
+def faults(rng: Random) -> Plan:
+    """The fault memory, its switch, and silence on the bus."""
+    codes = [0xFFFFFF, 0, *CODES.values()]
+    for _ in range(6):
+        code = rng.choice(codes).to_bytes(3, "big")
+        yield rng.choice(
+            (_EXTENDED, bytes([Service.CLEAR_FAULTS]) + code, bytes([Service.FAULT_SETTING, rng.randrange(4)]))
+        )
+        yield bytes([Service.COMMUNICATION, rng.randrange(3), rng.randrange(4)])
+        for report in Report:
+            option = {1: bytes([rng.randrange(256)]), 4: code + bytes([rng.choice((1, 0xFF, 2))]), 0: b""}[
+                LENGTHS[report]
+            ]
+            yield bytes([Service.REPORT_FAULTS, report]) + option
 
 
 def guessing(rng: Random) -> Plan:

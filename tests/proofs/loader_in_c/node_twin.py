@@ -19,10 +19,9 @@ from can_bridge.flashing.checking import Rules, fits_as, judge_image
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.isotp.endpoint import Endpoint
-from can_bridge.uds import server
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.server import UdsServer
-from can_bridge.uds.services import Nrc, Service
+from can_bridge.uds.services import Nrc
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Pressure
@@ -50,13 +49,6 @@ UNCHECKED: Final = EcuConfig(
 )
 CONFIGS: Final = {"fd": Config(ecu=UNCHECKED), "classic": Config(ecu=UNCHECKED, bus=BusConfig(frames="classic"))}
 LAYOUT: Final = hashlib.sha256(b"layout").digest()
-IN_C: Final = frozenset(
-    {
-        *(Service.SESSION, Service.RESET, Service.READ, Service.SECURITY, Service.WRITE, Service.ROUTINE),
-        *(Service.DOWNLOAD, Service.TRANSFER, Service.EXIT, Service.TESTER_PRESENT),
-    }
-)
-"""Services that C has."""
 TEXTS: Final = (HARDWARE, "0815", "bench")
 MS: Final = 1_000_000
 
@@ -165,7 +157,6 @@ def as_in_c(of: World) -> Iterator[None]:
             (power_cycle, "Store", partial(Store, check=partial(checked, of=of))),
             (power_cycle, "UdsServer", _Server),
             (diagnostic_link, "Endpoint", _Endpoint),
-            (server, "SERVICES", {number: who for number, who in server.SERVICES.items() if number in IN_C}),
             (plain_backing, "CLEAR_PIECES", 3),
             (power_cycle, "self_test", _self_test),
         ):

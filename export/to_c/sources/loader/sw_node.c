@@ -21,6 +21,7 @@ static void start_ecu(sw_node *node)
         sw_calibrating_restore(node);
     } else {
         node->ecu.surroundings.fault = SW_REASON_NONE;
+        node->ecu.state.fail_safe.mode = SW_FAULT;
     }
 }
 
@@ -33,10 +34,17 @@ void sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *
     sw_uds_init(&node->uds);
     sw_store_open(&node->store, flash, equipment->rules);
     sw_store_boot(&node->store);
+    sw_faults_open(node);
     start_ecu(node);
 }
 
 /* --- Control --- */
+
+static int64_t clipped(int64_t now_ns)
+{
+    if (now_ns < 0) return 0;
+    return now_ns < SW_LATEST_NS ? now_ns : SW_LATEST_NS;
+}
 
 int sw_node_has_release(const sw_node *node) { return !node->is_shut && node->store.running != SW_NO_SLOT; }
 
@@ -52,6 +60,7 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     sw_ecu *ecu = &node->ecu;
     const uint32_t missed = ecu->state.missed;
     int sent;
+    sw_faults_before(node);
     /* What is booted next knows nothing of the jets that run now. */
     ecu->surroundings.fault = node->wants_reset ? SW_REASON_UPDATING : SW_REASON_NONE;
     ecu->surroundings.updating = node->programming.is_updating;
@@ -61,21 +70,16 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
         sw_calibrating_hand_over(node);
         sent = sw_ecu_step(ecu, now_ns, frames_in, count, frames_out);
     }
+    sw_faults_after(node, clipped(now_ns));
     node->drives_jets = (uint8_t)sw_drives_jets(ecu->state.fail_safe.mode);
     if (ecu->state.missed == missed && ecu->state.fail_safe.enable_request) {
         node->has_asked = 1;
         node->asked_ns = now_ns;
     }
-    return sent;
+    return node->uds.is_silent && !node->drives_jets ? 0 : sent;
 }
 
 /* --- Diagnosis --- */
-
-static int64_t clipped(int64_t now_ns)
-{
-    if (now_ns < 0) return 0;
-    return now_ns < SW_LATEST_NS ? now_ns : SW_LATEST_NS;
-}
 
 /* Requests that have come whole, SW_ISOTP_QUEUE of them at most. Returns how many. */
 static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
@@ -97,6 +101,7 @@ int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     const int was_busy = sw_uds_is_busy(&node->uds);
     if (node->wants_reset) return 0;
     node->service_ns = time_ns;
+    sw_faults_settle(node);
     const int looked_at = count < (int)SW_MOST_FRAMES ? count : (int)SW_MOST_FRAMES;
     const uint32_t requests = take_requests(node, time_ns, frames_in, looked_at);
     /* A request that begins long work has done its first piece; those that come amid it do none. */

@@ -26,6 +26,7 @@
 #include "sw_access.h"
 #include "sw_calibrating.h"
 #include "sw_ecu.h"
+#include "sw_faults.h"
 #include "sw_isotp.h"
 #include "sw_programming.h"
 #include "sw_store.h"
@@ -56,6 +57,7 @@ struct sw_node {
     sw_access access;
     sw_programming programming;
     sw_calibrating calibrating;
+    sw_faults faults;
     uint8_t is_shut;     /* no release was booted */
     uint32_t bundle_hash; /* of the one that was; 0 without one */
     uint8_t wants_reset; /* the caller must reset the ECU */

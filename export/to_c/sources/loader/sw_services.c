@@ -10,6 +10,10 @@
 #define FOUR_AND_FOUR 0x44u /* bytes of length and of address in a download request */
 #define TWO_BYTES 0x20u     /* format of the block length in its answer */
 #define P2_UNIT_MS 10u
+#define ENABLE 0u
+#define DISABLE_SENDING 1u
+#define NORMAL 0x01u /* communication that comprises JetCommand and EcuStatus: these messages, or with */
+#define NORMAL_AND_NETWORK 0x03u /* network management */
 #define COUNT(table) (sizeof(table) / sizeof(table)[0])
 
 /* Who may write an identifier or start a routine, and with how many bytes; 0xffff: any number. */
@@ -71,6 +75,19 @@ static uint8_t reset(sw_node *node, const uint8_t *body, uint32_t length, sw_ans
     const uint8_t code = sw_programming_before_reset(node);
     if (code != 0u) return code;
     node->uds.reset_is_due = 1;
+    sw_answer_byte(answer, body[0]);
+    return SW_UDS_DONE;
+}
+
+static uint8_t control_communication(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+{
+    if (body[0] != ENABLE && body[0] != DISABLE_SENDING) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
+    if (length != 2u) return SW_NRC_INCORRECT_LENGTH;
+    if (body[1] != NORMAL && body[1] != NORMAL_AND_NETWORK) return SW_NRC_OUT_OF_RANGE;
+    /* Under the conditions of a reset: no control is interrupted. */
+    const uint8_t code = body[0] == DISABLE_SENDING ? sw_programming_before_reset(node) : 0u;
+    if (code != 0u) return code;
+    node->uds.is_silent = (uint8_t)(body[0] == DISABLE_SENDING);
     sw_answer_byte(answer, body[0]);
     return SW_UDS_DONE;
 }
@@ -232,14 +249,18 @@ static const sw_service services[] = {
     {SW_SERVICE_SESSION, SW_IN_ALL, 1, control_session},
     /* The programming session begins only while the jets are shut; the reset looks again. */
     {SW_SERVICE_RESET, SW_IN_PROGRAMMING, 1, reset},
+    {SW_SERVICE_CLEAR_FAULTS, SW_IN_ALL, 0, sw_faults_clear},
+    {SW_SERVICE_REPORT_FAULTS, SW_IN_ALL, 1, sw_faults_report},
     {SW_SERVICE_READ, SW_IN_ALL, 0, read},
     {SW_SERVICE_SECURITY, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, give_access},
+    {SW_SERVICE_COMMUNICATION, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, control_communication},
     {SW_SERVICE_WRITE, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 0, write},
     {SW_SERVICE_ROUTINE, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, routine},
     {SW_SERVICE_DOWNLOAD, SW_IN_PROGRAMMING, 0, download},
     {SW_SERVICE_TRANSFER, SW_IN_PROGRAMMING, 0, take_block},
     {SW_SERVICE_EXIT, SW_IN_PROGRAMMING, 0, end_transfer},
     {SW_SERVICE_TESTER_PRESENT, SW_IN_ALL, 1, hear_tester},
+    {SW_SERVICE_FAULT_SETTING, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, sw_faults_set},
 };
 
 const sw_service *sw_service_of(uint8_t number)

@@ -35,6 +35,10 @@ void sw_uds_change_session(sw_node *node, int64_t now_ns, uint8_t session)
 {
     sw_uds *uds = &node->uds;
     if (uds->session != SW_SESSION_DEFAULT) sw_programming_leave(node);
+    if (session == SW_SESSION_DEFAULT) {
+        uds->is_silent = 0;
+        node->faults.is_off = 0;
+    }
     sw_access_lock(&node->access);
     uds->transfer.state = SW_NO_TRANSFER;
     uds->session = session;

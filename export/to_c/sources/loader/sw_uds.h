@@ -49,6 +49,7 @@ typedef struct {
     uint8_t has_time; /* whether now_ns is one */
     uint8_t reset_is_due;
     uint8_t service;  /* that is worked on; 0: none */
+    uint8_t is_silent; /* a tester wants no frames of the control; they are sent all the same while a jet can run */
     uint8_t is_quiet; /* the tester wants no positive answer to it */
     uint8_t piece;    /* of it, for the work's own count */
     int64_t now_ns;   /* a clock that goes back stands still here */
