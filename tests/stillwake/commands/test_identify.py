@@ -64,10 +64,8 @@ def test_what_a_linear_model_cannot_do_is_one_line(refused, folder, tmp_path):
     export = ("export", folder / "model", tmp_path / "b")
     identify = ("identify", tmp_path / "m", "--dataset", folder / "short.h5")
     for words, named in (
-        ((*identify, "--episodes", "none"), "no episode is called none"),
         ((*identify, "--sensors", "upper_39,base_0"), "upper_39 and base_0 are no pair"),
         ((*identify, "--ridge", "-1"), "ridge = -1"),
-        ((*identify, "--fastest", "-1"), "fastest = -1"),
         ((*identify, "--dataset", "nowhere.h5"), "nowhere.h5"),
         ((*export, "--precision", "int8"), "--precision int8: a linear controller is float32 only"),
         (export, "fitted to"),

@@ -30,7 +30,6 @@ QUICK = ["--lead-in", 1.2, "--controlled", 1.0, "--no-averages"]
 
 BEFORE = {
     # Numbers that are none, and spans too short for averages.
-    "--controlled inf": "--controlled = inf: must be a number of t_c",
     "--settle 200 --controlled 2": "--controlled = 2 less --settle = 200 leaves -198 t_c: must be at least 10",
     "--lead-in 5": "--lead-in = 5: must be at least 10 t_c",
     "--no-averages --require-reduction 20": "--require-reduction needs averages",
@@ -61,7 +60,6 @@ QUICK_ONES = {
     "--start nowhere.npz": "nowhere.npz: not a flow state",
     # Faults on the bus.
     "--fault drop:probability=0.1": "must begin with the node whose port it is in, vehicle: or ecu:",
-    "--fault ecu:drip": "fault 'drip': no fault 'drip'; there are drop, burst_loss",
     "--fault ecu:disconnect:kind=device_gone": "an open wire is `ecu:disconnect`",
     "--fault ecu:disconnect@5..10": "begins when the run has ended, after 0.22 s",
 }

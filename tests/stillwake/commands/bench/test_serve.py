@@ -84,7 +84,6 @@ def test_errors_are_one_line_and_leave_nothing(all_refused):
             "bench serve",
             {
                 "--controller m7": "live setting controller = 'm7': must be one of int8, c",
-                "--plant openfoam": "must be one of wake, recording",
                 "--set bus.key=k": "does not use it",
                 "--set mpc.horizon=9": "does not use it",
                 "--bundle nowhere": "nowhere",
