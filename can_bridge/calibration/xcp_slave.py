@@ -16,6 +16,8 @@ from can_bridge.calibration.xcp_access import Access, WrongKey, XcpAccess
 from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError
 
+A2L_NAME: Final = b"stillwake"
+"""Of the A2L file, without its ending."""
 IDLE_NS: Final = 600_000_000_000
 """After so long without a command an open connection ends, and what was unlocked is locked."""
 _ALWAYS_ACCESSIBLE: Final = 0x0F
@@ -28,15 +30,11 @@ class XcpSlave:
 
     Args:
         random_bytes: gives so many unpredictable bytes.
-        name: of the A2L file, without its ending; at most 255 bytes.
     """
 
-    def __init__(
-        self, segment: Segment, access: Access, random_bytes: Callable[[int], bytes], *, name: str = "stillwake"
-    ) -> None:
+    def __init__(self, segment: Segment, access: Access, random_bytes: Callable[[int], bytes]) -> None:
         self._segment = segment
         self._access = XcpAccess(access, random_bytes)
-        self._name = name.encode()
         self._is_connected = False
         self._last_ns = 0
         self._address = 0
@@ -131,7 +129,7 @@ class XcpSlave:
 
     def _get_id(self, data: bytes) -> bytes:
         """An identification of the kinds 0 (text) and 1 (name of the A2L file); it is fetched by UPLOAD."""
-        self._identification = self._name if data[1] in (0, 1) else b""
+        self._identification = A2L_NAME if data[1] in (0, 1) else b""
         return struct.pack("<4BI", xcp.RESPONSE, 0, 0, 0, len(self._identification))
 
     def _set_request(self, data: bytes) -> bytes:

@@ -49,12 +49,12 @@ class LayerInputs:
     forces: Array
 
 
-def layer_inputs(program: ControllerProgram, windows: Sequence[Array], *, seed: int = 0) -> LayerInputs:
+def layer_inputs(program: ControllerProgram, windows: Sequence[Array]) -> LayerInputs:
     """Run a program on windows (L, S+1); raises ExportError if there are none."""
     if not windows:
         raise ExportError("int8 calibration: no windows to measure activations on")
     encoder = encoder_layers(program, np.array(windows))
-    plans = _plans(program, np.random.default_rng(seed))
+    plans = _plans(program, np.random.default_rng(0))
     # Every latent state under every plan; the rows of a step are together.
     z = np.repeat(linear(program.encoder.output, encoder.latent), len(plans), axis=0)
     actions = np.tile(plans, (len(windows), 1))

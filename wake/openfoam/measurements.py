@@ -77,8 +77,8 @@ class Instruments:
 class Follower:
     """The newest readings of a case while icoFoam writes them."""
 
-    def __init__(self, folder: Path, start: str = "0") -> None:
-        self._paths = {name: folder / "postProcessing" / name / start / file for name, file in _FILES.items()}
+    def __init__(self, folder: Path) -> None:
+        self._paths = {name: folder / "postProcessing" / name / "0" / file for name, file in _FILES.items()}
         self._offsets = dict.fromkeys(_FILES, 0)
 
     def read(self) -> Readings:

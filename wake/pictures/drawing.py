@@ -131,9 +131,9 @@ class WakePicture:
     def _arrow(self, share: float, side: int) -> Array:
         return jet_arrow(share, side, self._wake.body.length)
 
-    def pixels(self, title: str | None = None) -> npt.NDArray[np.uint8]:
+    def pixels(self) -> npt.NDArray[np.uint8]:
         """The present state as (height, width, 3)."""
-        self.update(title)
+        self.update()
         canvas: Any = self.figure.canvas
         canvas.draw()
         # The layout is found once: it is slow, and must not shift from frame to frame.

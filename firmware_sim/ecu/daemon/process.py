@@ -62,7 +62,6 @@ def run(
     is_stopped: Callable[[], bool],
     write: Callable[[str], object],
     freshness: FreshnessStore | None,
-    open_bus: Callable[[], PythonCanBus] | None = None,
 ) -> Counters:
     """Run until stopped; the jets are shut on the bus at the end, whatever ended it. Raises StillwakeError if the bus
     cannot be opened, or a file cannot be written.
@@ -70,7 +69,6 @@ def run(
     Args:
         is_stopped: looked at once a period.
         freshness: where its values are kept.
-        open_bus: opens it; by the settings without.
     """
     messages = message_set(config.bus)
     pressure, speed = messages.pressure.spec, messages.speed.spec
@@ -97,7 +95,7 @@ def run(
         privileges = stack.enter_context(taken(options.wanted))
         notifier = Notifier(options.environment, os.getpid())
         stack.callback(notifier.close)
-        connection = stack.enter_context(Connection(opened if open_bus is None else open_bus, deliver))
+        connection = stack.enter_context(Connection(opened, deliver))
         reporter = stack.enter_context(
             Reporter(write, options.as_line, bundle=served.name, metrics=options.metrics, keep=keep)
         )

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import Final
 
-from can_bridge.bus.backends.python_can import PythonCanBus
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
 from contract.controller.interface import RunnableController
@@ -32,7 +31,6 @@ def serve(
     write: Callable[[str], object],
     signature: str,
     calibration: Calibration | None = None,
-    open_bus: Callable[[], PythonCanBus] | None = None,
 ) -> Counters:
     """Run until stopped; the jets are shut on the bus at the end, whatever ended it. Raises StillwakeError if the
     release does not fit the vehicle, the bus cannot be opened, or a file cannot be written.
@@ -42,7 +40,6 @@ def serve(
         is_stopped: looked at once a period.
         signature: what the release's is worth, in words.
         calibration: that the ECU gets before its first step; its own values without one.
-        open_bus: opens it; by the settings without.
     """
     check_vehicle(release, config)
     check(config, options)
@@ -75,5 +72,4 @@ def serve(
         is_stopped=is_stopped,
         write=write,
         freshness=freshness,
-        open_bus=open_bus,
     )

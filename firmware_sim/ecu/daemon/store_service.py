@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.calibration.xcp import COMMAND_ID
 from can_bridge.uds.access_key import AccessKey
 from can_bridge.uds.services import REQUEST_ID
@@ -75,7 +74,6 @@ def serve_store(
     software: str,
     is_stopped: Callable[[], bool],
     write: Callable[[str], object],
-    open_bus: Callable[[], PythonCanBus] | None = None,
 ) -> Counters:
     """Run until stopped; the jets are shut on the bus at the end, whatever ended it. Raises StillwakeError if another
     process runs this ECU, the bus cannot be opened, a file cannot be written, or a reset failed within the process:
@@ -84,7 +82,7 @@ def serve_store(
     Args:
         access: shared with the tester.
         config: of the vehicle; its bus is a real one.
-        is_stopped, write, open_bus: as for `firmware_sim.ecu.daemon.service.serve`.
+        is_stopped, write: as for `firmware_sim.ecu.daemon.service.serve`.
     """
     check(config, options)
     times, log = PlanTimes(), Log()
@@ -148,7 +146,6 @@ def serve_store(
             is_stopped=lambda: bool(fatal) or is_stopped(),
             write=write,
             freshness=freshness,
-            open_bus=open_bus,
         )
     if fatal:
         raise fatal[0]
