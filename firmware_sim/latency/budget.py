@@ -36,17 +36,8 @@ _Form: Final[Any] = make_dataclass(
 """The whole file."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Budget:
-    """The most that is allowed.
-
-    Attributes:
-        counts: those of `COUNTS` that are limited.
-        latencies: ms by stage and name of the limit.
-    """
-
-    counts: Mapping[str, int]
-    latencies: Mapping[tuple[Stage, str], float]
+Budget = Mapping[str, float]
+"""What is limited, such as `misses_ours` or `all.p99_ms`, with the most that is allowed."""
 
 
 class Verdict(NamedTuple):
@@ -76,27 +67,22 @@ def read_budget(path: Path) -> Budget:
         form = typed(tree, _Form)
     except ConfigError as error:
         raise ConfigError(f"budget {path}: {error}") from error
-    counts = {name: limit for name in COUNTS if (limit := getattr(form, name)) is not None}
-    latencies = {
-        (stage, name): limit
-        for stage in Stage
-        for name, limit in vars(getattr(form, stage)).items()
-        if limit is not None
-    }
-    for name, count in counts.items():
-        if count < 0:
-            raise ConfigError(f"budget {path}: {name} = {count}: must be at least 0")
-    for (stage, name), limit in latencies.items():
-        if not (isfinite(limit) and limit > 0.0):
-            raise ConfigError(f"budget {path}: {stage}.{name} = {limit}: must be a positive number of ms")
-    if not counts and not latencies:
+    of_stages = {f"{stage}.{name}": most for stage in Stage for name, most in vars(getattr(form, stage)).items()}
+    limits = {name: getattr(form, name) for name in COUNTS} | of_stages
+    budget = {name: most for name, most in limits.items() if most is not None}
+    for name, most in budget.items():
+        if name in COUNTS and most < 0:
+            raise ConfigError(f"budget {path}: {name} = {most}: must be at least 0")
+        if name in of_stages and not (isfinite(most) and most > 0.0):
+            raise ConfigError(f"budget {path}: {name} = {most}: must be a positive number of ms")
+    if not budget:
         raise ConfigError(f"budget {path}: it limits nothing; for example misses_ours = 0")
-    return Budget(counts=counts, latencies=latencies)
+    return budget
 
 
 def verdicts(budget: Budget, counts: Mapping[str, int], latencies: Mapping[Stage, Quantiles]) -> list[Verdict]:
     """Each limit of the budget with what was measured."""
-    judged = [Verdict(name, allowed, counts[name]) for name, allowed in budget.counts.items()]
-    for (stage, name), allowed in budget.latencies.items():
-        judged.append(Verdict(f"{stage}.{name}", allowed, getattr(latencies[stage], name.removesuffix("_ms"))))
-    return judged
+    measured: dict[str, float | None] = dict(counts)
+    for stage, found in latencies.items():
+        measured |= {f"{stage}.{name}_ms": value for name, value in found._asdict().items()}
+    return [Verdict(name, allowed, measured[name]) for name, allowed in budget.items()]

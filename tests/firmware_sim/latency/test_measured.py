@@ -8,7 +8,7 @@ import pytest
 from contract.errors import StillwakeError
 from firmware_sim.ecu.real_time.stage_times import EcuStage
 from firmware_sim.latency import idle_loop
-from firmware_sim.latency.budget import Budget, verdicts
+from firmware_sim.latency.budget import verdicts
 from firmware_sim.latency.idle_loop import IdleStage, lateness
 from firmware_sim.latency.measured import Measured
 from firmware_sim.latency.report import PAGE, stage_rows, write_report
@@ -110,7 +110,7 @@ def test_the_page_begins_with_the_verdict_and_has_its_picture(tmp_path):
     for i in range(5, 50):
         lost.lose_command(i)
     runs = [judged(with_two_misses(9.0)), judged(Tables(200), "c"), judged(lost, "lost")]
-    budget = Budget(counts={"misses_ours": 0}, latencies={(Stage.PLAN, "max_ms"): 9.0})
+    budget = {"misses_ours": 0, "plan.max_ms": 9.0}
     write_report(tmp_path, runs, [verdicts(budget, run.counts, run.latencies) for run in runs])
     page = (tmp_path / PAGE).read_text()
     assert page.startswith("onnx: This machine is too noisy")
