@@ -19,6 +19,7 @@ from contract.release import key_list, signing
 from contract.release.checks import Bundle, Check, dbc_sha256, sha256
 from contract.release.container import read_files
 from contract.release.difference import differences
+from contract.release.image_contents import described, is_image, opened
 from contract.release.key_list import KeyList
 from contract.release.manifest import Manifest, SpeedRange
 from contract.release.signing import PublicKey
@@ -168,11 +169,14 @@ def _first_step(release: Bundle) -> Check:
 
 @bundle.command()
 def inspect(path: BundlePath = None, trust: Trust = None) -> None:
-    """Show what a bundle holds and who signed it; a bundle that does not verify is refused."""
-    release = open_release(path, trust)
+    """Show what a bundle or a controller image (.swi) holds and who signed it; one that does not verify is refused."""
+    if path is not None and is_image(path):
+        found = list(described(opened(*locate(path, trust))).items())
+    else:
+        found = rows(open_release(path, trust))
     table = Table("bundle", "")
     table.columns[1].overflow = "fold"
-    for name, value in rows(release):
+    for name, value in found:
         table.add_row(escape(name), escape(value))
     console.print(table, markup=True)
 
@@ -204,7 +208,7 @@ def diff(
     b: Annotated[Path, typer.Argument(help="Another one.")],
     trust: Trust = None,
 ) -> None:
-    """Show what differs between two bundles: manifest, signer, and files by their hashes.
+    """Show what differs between two bundles, manifest, signer and files by their hashes, or between two images (.swi).
 
     Ends with 0 if they are the same, 1 if they differ, and 2 if one of them cannot be read or does not verify. They may
     be of other versions' stillwake.dbc.

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from rich.table import Table
 
 from can_bridge.wire.messages import SENSORS
@@ -21,6 +22,7 @@ from contract.model import linear_model_folder, model_folder
 from contract.model.linear_model_folder import is_linear
 from contract.release import bundle as bundles
 from contract.release.container import read_files
+from contract.release.controller_image import SUFFIX
 from contract.release.signing import public_key, read_private_key
 from contract.results import write_result
 from contract.shipped import recording
@@ -62,6 +64,10 @@ def export(
         Path | None,
         typer.Option(help="Also write the ECU as an FMU for co-simulation, FMI 3.0 (.fmu); needs a C compiler."),
     ] = None,
+    image: Annotated[
+        Path | None,
+        typer.Option(help="Also write the release as an image (.swi), which an ECU in C of the same layout runs."),
+    ] = None,
     sensors: Annotated[
         bool,
         typer.Option(
@@ -69,7 +75,9 @@ def export(
         ),
     ] = False,
     threads: Threads = 1,
-    key: Annotated[Path | None, typer.Option(help="Sign the bundle with this private key (`bundle keygen`).")] = None,
+    key: Annotated[
+        Path | None, typer.Option(help="Sign bundle and image with this private key (`bundle keygen`).")
+    ] = None,
     overwrite: Overwrite = False,
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
@@ -82,29 +90,28 @@ def export(
     C library where one is asked for. The folder of --c has the whole ECU in C
     as well, with the settings of the sections bus and ecu compiled in.
     `export --c FOLDER` alone writes that folder for the shipped bundle, and
-    `export --fmu FILE` its ECU as an FMU.
+    `export --fmu FILE` its ECU as an FMU, `export --image FILE` its image.
     """
-    if fmu is not None and fmu.suffix.lower() != ".fmu":
-        raise OutputError(f"--fmu {fmu}: must be a file ending in .fmu")
-    in_c = c_folder is not None or fmu is not None
-    if model is None or output is None:
-        if model is not None or not in_c or sensors or key is not None or dataset is not None:
-            raise OutputError(
-                "no BUNDLE to write: name MODEL and BUNDLE, or --c FOLDER alone, or --fmu FILE, of the shipped bundle"
-            )
-        _check_in_c(c_folder, fmu, overwrite=overwrite)
-        _export_shipped(c_folder, fmu, config_file, overrides)
-        return
+    in_c = any(path is not None for path in (c_folder, fmu, image))
     signing_key = None if key is None else read_private_key(key)
+    if model is None or output is None:
+        if model is not None or not in_c or sensors or (key is not None and image is None) or dataset is not None:
+            raise OutputError(
+                "no BUNDLE to write: name MODEL and BUNDLE, or --c FOLDER alone, or --fmu or --image FILE, of the "
+                "shipped bundle"
+            )
+        _check_in_c(c_folder, fmu, image, overwrite=overwrite)
+        _export_shipped(c_folder, fmu, image, signing_key, config_file, overrides)
+        return
     config = _settings(model, config_file, overrides, uses=(*USES, *USES_IN_C) if in_c else USES)
     check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", occupant=_description(output))
     check_output(output.with_name(f"{output.name}.cdx.json"), overwrite=overwrite)
-    _check_in_c(c_folder, fmu, overwrite=overwrite)
+    _check_in_c(c_folder, fmu, image, overwrite=overwrite)
 
     from export.release.pipeline import PHASES, CLibrary, export_all, gate_figures
     from export.release.sbom import release_bom, write_bom
     from firmware_sim.in_c.host_library import CController
-    from stillwake.parts.c_release import ecu_files, write_fmu
+    from stillwake.parts.c_release import ecu_files, write_fmu, write_image
 
     notice = partial(console.print, soft_wrap=True)
     used = recording() if dataset is None else dataset
@@ -134,8 +141,10 @@ def export(
         bill = write_bom(output, release_bom(release, read_files(output)))
         if fmu is not None:
             write_fmu(fmu, folder, release, config)
+        if image is not None:
+            write_image(image, folder, release, config, signing_key)
     _show_gates(gate_figures(done))
-    signed = "unsigned" if signing_key is None else f"signed by key {public_key(signing_key).fingerprint}"
+    signed = _signed(signing_key)
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
     console.print(f"wrote {output}: {done.lowered.precision}, {size}, {signed}", soft_wrap=True)
     console.print(f"wrote {bill}: bill of materials, CycloneDX 1.6", soft_wrap=True)
@@ -157,15 +166,18 @@ def export(
         workspace = f"{done.library.workspace_bytes / 1024:.0f} KiB of workspace"
         if c_folder is not None:
             console.print(f"wrote {c_folder}: C99, {done.lowered.precision}, {workspace}", soft_wrap=True)
-        _print_fmu(fmu)
+        _print_files(fmu, image, signed)
 
 
-def _check_in_c(folder: Path | None, fmu: Path | None, *, overwrite: bool) -> None:
-    """Refuse places for a library and an FMU; see `check_output`."""
+def _check_in_c(folder: Path | None, fmu: Path | None, image: Path | None, *, overwrite: bool) -> None:
+    """Refuse places for a library, an FMU and an image; see `check_output`."""
     if folder is not None:
         check_output(folder, overwrite=overwrite, folder=True, occupant=_LIBRARY, mark=C_SETTINGS)
-    if fmu is not None:
-        check_output(fmu, overwrite=overwrite)
+    for option, path, suffix in (("--fmu", fmu, ".fmu"), ("--image", image, SUFFIX)):
+        if path is not None and path.suffix.lower() != suffix:
+            raise OutputError(f"{option} {path}: must be a file ending in {suffix}")
+        if path is not None:
+            check_output(path, overwrite=overwrite)
 
 
 @contextmanager
@@ -175,19 +187,28 @@ def _library_folder(given: Path | None) -> Iterator[Path]:
         yield Path(scratch, "library") if given is None else given
 
 
-def _print_fmu(fmu: Path | None) -> None:
+def _print_files(fmu: Path | None, image: Path | None, signed: str) -> None:
+    if image is not None:
+        console.print(f"wrote {image}: {image.stat().st_size / 1024:.1f} KiB, {signed}", soft_wrap=True)
     if fmu is not None:
         console.print(
             f"wrote {fmu}: FMI 3.0 co-simulation, compiled for this machine, with its sources", soft_wrap=True
         )
 
 
-def _export_shipped(c_folder: Path | None, fmu: Path | None, file: Path | None, overrides: list[str]) -> None:
-    """The shipped bundle's library and FMU, with the vehicle's settings compiled in."""
+def _export_shipped(
+    c_folder: Path | None,
+    fmu: Path | None,
+    image: Path | None,
+    key: Ed25519PrivateKey | None,
+    file: Path | None,
+    overrides: list[str],
+) -> None:
+    """The shipped bundle's library, FMU and image, with the vehicle's settings compiled in."""
     config = settings("export --c", file, overrides, uses=USES_IN_C).config
 
     from export.release.pipeline import PHASES, gate_figures
-    from stillwake.parts.c_release import write_fmu, write_shipped_library
+    from stillwake.parts.c_release import write_fmu, write_image, write_shipped_library
 
     release = open_release(None, None)
     with _library_folder(c_folder) as folder, progress_bar("phases") as bar:
@@ -202,10 +223,16 @@ def _export_shipped(c_folder: Path | None, fmu: Path | None, file: Path | None, 
         bar.update(task, completed=len(PHASES), note="")
         if fmu is not None:
             write_fmu(fmu, folder, release, config)
+        if image is not None:
+            write_image(image, folder, release, config, key)
     _show_gates(gate_figures(done))
     if c_folder is not None:
         console.print(f"wrote {c_folder}: C99, {release.manifest.name}", soft_wrap=True)
-    _print_fmu(fmu)
+    _print_files(fmu, image, _signed(key))
+
+
+def _signed(key: Ed25519PrivateKey | None) -> str:
+    return "unsigned" if key is None else f"signed by key {public_key(key).fingerprint}"
 
 
 def _show_gates(figures: Iterable[tuple[str, Any]]) -> None:

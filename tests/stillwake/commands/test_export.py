@@ -14,6 +14,7 @@ from contract.config.loading import load_config
 from contract.controller.c_folder import read_recorded, read_sources
 from contract.errors import ExportError, StillwakeError
 from contract.release import bundle as bundles
+from contract.release.controller_image import read
 from contract.shipped import BUNDLE
 from firmware_sim.mcu.build import ECU, compile_for_cortex_m7
 from firmware_sim.mcu.elf import read_elf
@@ -29,10 +30,13 @@ FLASH_BYTES, RAM_BYTES, STACK_BYTES = 144 * 1024, 51 * 1024, 900
 
 def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, tmp_path, monkeypatch):
     monkeypatch.setattr("export.release.pipeline.GATE_WINDOWS", 5)  # the release was gated by all when it was made
-    done = cli("export", "--c", tmp_path / "c")
+    done = cli("export", "--c", tmp_path / "c", "--image", tmp_path / "release.swi", "--fmu", tmp_path / "ecu.fmu")
     assert done.code == 0, done.err
+    image = read((tmp_path / "release.swi").read_bytes())
+    layout = ", ".join(f"0x{byte:02x}" for byte in image.facts.layout)
+    assert f"SW_LAYOUT_SHA256 {{{layout}}}" in (tmp_path / "c" / "sw_layout.h").read_text(encoding="ascii")
     release = open_release(None, None)
-    assert release.manifest.name in done.out
+    assert release.manifest.name in done.out and image.digest == release.digest
     for header, name, wanted in (
         ("sw_settings.h", "SW_PROGRAM_SHA256", release.manifest.program_sha256),
         ("sw_settings.h", "SW_SENSOR_NAMES", " ".join(release.manifest.sensors)),
@@ -40,7 +44,7 @@ def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, tmp_path, monk
         stated = re.search(rf'{name} "([^"]+)"', (tmp_path / "c" / header).read_text(encoding="ascii"))
         assert stated is not None
         assert stated.group(1) == wanted
-    assert (tmp_path / "c" / "sw_ecu_settings.h").is_file()
+    assert (tmp_path / "c" / "sw_ecu_settings.h").is_file() and (tmp_path / "ecu.fmu").is_file()
     again = cli("export", "--c", tmp_path / "c")
     assert again.code != 0
     assert "--overwrite" in again.err
