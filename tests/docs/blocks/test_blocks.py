@@ -19,7 +19,11 @@ from contract.config.body import BodyConfig
 from contract.config.loading import load_config
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
+from contract.controller.c_folder import read_sources
 from contract.release import bundle
+from export.to_c.fmu import fmu_sources
+from firmware_sim.fmu.ecu_fmu import ecu_fmu
+from firmware_sim.fmu.plant_fmu import plant_fmu
 from firmware_sim.in_c.compiler import host_compiler
 from tests.docs.blocks.given import MAKERS, begin, give
 from tests.docs.blocks.lines import PLAN, Line, kind, lines
@@ -41,6 +45,7 @@ AROUND = {(one["page"], one["begin"]): one for one in PLAN["around"]}
 SHORTENED = (
     ("Spans(lead_in=10, controlled=60, settle=20)", "Spans(lead_in=10, controlled=11, settle=0)"),
     ('"reset@6"', '"reset@1.5"'),
+    ("range(370)", "range(3)"),
 )
 """(what Python of a page has, what runs instead)."""
 
@@ -120,6 +125,11 @@ def stand_ins(page: str, folder: Path, release: Path) -> dict[str, Any]:
             # start.npz, as `stillwake develop` writes it, but at rest.
             body = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=20)
             save_state(folder / "start.npz", TruckWake(FlowConfig(reynolds=100.0, substeps=45), body=body).state())
+        case "use-the-fmu":
+            made = exported(folder / "made")
+            sources = read_sources(made.folder)
+            (folder / "ecu.fmu").write_bytes(ecu_fmu(sources, fmu_sources(), made.bundle, Config()))
+            (folder / "plant.fmu").write_bytes(plant_fmu(Config()))
         case "use-your-own-data":
             signals = dict.fromkeys(("action", "Cd", "Cl"), np.zeros(3))
             return {"np": np, "h5py": h5py, **signals, "Cp": np.zeros((3, 4))}

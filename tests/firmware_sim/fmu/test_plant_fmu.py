@@ -1,14 +1,12 @@
 """The plant's FMU, imported by another library, and the loop that both FMUs close."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 
-from contract.errors import PlantError
 from export.to_c.fmu import fmu_sources
 from firmware_sim.bench.ecus import C, loop_ecu
 from firmware_sim.bench.simulation import Simulation
@@ -92,6 +90,10 @@ def test_its_stream_follows_the_vehicle_and_a_state_is_gone_back_to(plant_path):
             plant.step(size)
 
 
-def test_a_plant_that_cannot_begin_is_refused_when_the_file_is_made():
-    with pytest.raises(PlantError, match="the shipped start is of 500"):
-        plant_fmu(replace(CONFIG, flow=replace(CONFIG.flow, reynolds=700.0)))
+def test_the_command_writes_it_and_refuses_a_plant_that_cannot_begin(cli, tmp_path):
+    path = tmp_path / "plant.fmu"
+    done = cli("plant-fmu", path, "--set", "flow.reynolds=700")
+    assert "the shipped start is of 500" in done.err
+    assert not path.exists()
+    assert cli("plant-fmu", path).code == 0
+    assert validate_fmu(str(path)) == []
