@@ -2,39 +2,26 @@
 
 import hashlib
 import subprocess
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from firmware_sim.in_c.compiler import compile_c, host_compiler
 from tests.can_bridge.flashing.releases import keys
 from tests.can_bridge.flashing.store_ecu import SECRET
-from tests.proofs.loader_in_c.node_library import FLAGS, sources
+from tests.proofs.loader_in_c.node_library import GEOMETRY
 from tests.proofs.loader_in_c.node_program import requests_of
 from tests.proofs.loader_in_c.node_twin import World, may_run, rules_of
 
-SANITISERS: Final = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g1")
+SANITISED: Final = ("-O1", *GEOMETRY, "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g1")
 VIOLATIONS: Final = (
     *("stuck", "unlocked_without_key", "activated_unsigned"),
     *("releases_lost", "went_back", "wrong_answers"),
 )
 
 
-def program(
-    of: World, output: Path, contents: dict[str, bytes] | None = None, flags: Sequence[str] = SANITISERS
-) -> Path:
-    """The compiled program."""
-    source = Path(__file__).with_name("c").joinpath("node_fuzz.c").read_bytes()
-    contents = (sources(of.config) if contents is None else contents) | {"node_fuzz.c": source}
-    compile_c(contents, output, compiler=host_compiler(), flags=(*FLAGS, *flags))
-    return output
-
-
 def corpus(of: World, file: Path, seeds: range) -> None:
     """What the program reads: a vehicle, its production, and the requests of testers."""
-    first, production = of.pool.images["one"], keys()
     good = b"".join(hashlib.sha256(image).digest() for image in of.pool.images.values() if may_run(of, image))
-    parts = [rules_of(of), SECRET, production, first, good, *requests_of(of, seeds)]
+    parts = [rules_of(of), SECRET, keys(), of.pool.images["one"], good, *requests_of(of, seeds)]
     file.write_bytes(b"".join(len(part).to_bytes(4, "little") + part for part in parts))
 
 

@@ -1,23 +1,26 @@
 """The node in C, with diagnosis and store, as a shared library: its networks and the layout of an image are stubs."""
 
+import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
+from contract.errors import LibraryError
 from contract.release.checks import Bundle
 from export.to_c.loader_files import loader_sources
 from firmware_sim.in_c.c_structs import Structs
-from firmware_sim.in_c.compiler import compile_c, host_compiler
+from firmware_sim.in_c.compiler import STANDARD, host_compiler
 from firmware_sim.in_c.uds_settings import HEADER, uds_settings
 from tests.proofs.ecu_in_c import library
 
-GEOMETRY: Final = ("-DSW_FLASH_SECTOR=16384u", "-DSW_SLOT_SECTORS=3u")
+GEOMETRY: Final = ("-ffp-contract=off", "-DSW_FLASH_SECTOR=16384u", "-DSW_SLOT_SECTORS=3u")
 """A small flash memory, so that its sectors are often full."""
 SLOT_BYTES: Final = 3 * 16384
-FLAGS: Final = (*library.EXACT, *GEOMETRY)
-_STUBS: Final = ("node_host.c", "node_host.h", "sw_image.h")
+QUICK: Final = ("-O0", *GEOMETRY)
+_STUBS: Final = ("node_host.c", "node_host.h", "node_fuzz.c", "sw_image.h")
+_OTHERS: Final = ("twin.c", "twin.h", "sw_image.c", "sw_own_ecu.c", "sw_own_layout.c")
 _DECLARED: Final = """
 size_t host_bytes(void);
 void host_init(void *, const uint8_t *, const uint8_t *, const char *, const char *, const char *);
@@ -26,35 +29,62 @@ int host_provision(void *, const uint8_t *, uint32_t, const uint8_t *, uint32_t,
 int host_control(void *, int64_t, const sw_frame *, int, sw_frame *);
 int host_service(void *, int64_t, const sw_frame *, int, sw_frame *);
 uint32_t host_fact(const void *, int);
-void host_break(void *, int);
+void host_fail(void *, int);
+void host_dump(void);
 void sw_aes_cmac(const uint8_t *, const uint8_t *, uint32_t, uint8_t *);
-void sw_aes_encrypt(const uint8_t *, uint8_t *);
 """
 BUSY, WANTS_RESET, NEEDS_RESET, SESSION, UNLOCKED, REASON, RUNNING, WORST_WRITES = range(8)
 """What `Host.fact` can be asked."""
 
 
 def sources(config: Config) -> dict[str, bytes]:
-    """All files of the library for one vehicle."""
+    """All files for one vehicle."""
     own = Path(__file__).with_name("c")
     ecu = library.sources(config)
-    left_out = {"twin.c", "twin.h", "sw_image.c", "sw_own_ecu.c", "sw_own_layout.c"}
-    return {name: content for name, content in ecu.items() if name not in left_out} | {
+    return {name: content for name, content in ecu.items() if name not in _OTHERS} | {
         **loader_sources(),
         **{name: own.joinpath(name).read_bytes() for name in _STUBS},
         HEADER: uds_settings(),
     }
 
 
-class Library:
-    """A compiled and loaded library."""
+def build(contents: Mapping[str, bytes], folder: Path, output: str, flags: Sequence[str] = QUICK) -> Path:
+    """A shared library, or a program if `output` is one of the sources; what stands in the folder is not built again.
 
-    def __init__(self, contents: Mapping[str, bytes], output: Path, flags: Sequence[str] = FLAGS) -> None:
-        compile_c(contents, output, compiler=host_compiler(), flags=(*flags, "-shared", "-fPIC"))
+    Raises:
+        LibraryError: the compiler does not take it.
+    """
+    folder.mkdir(exist_ok=True)
+    changed = [name for name, content in contents.items() if _differs(folder / name, content)]
+    for name in changed:
+        (folder / name).write_bytes(contents[name])
+    everything = any(name.endswith(".h") for name in changed)
+    mains = {"node_fuzz.c"} - {output}
+    compiled = sorted(name for name in contents if name.endswith(".c") and name not in mains)
+    new = [name for name in compiled if everything or name in changed or not (folder / name).with_suffix(".o").exists()]
+    path = folder / (output.removesuffix(".c") if output.endswith(".c") else output)
+    link = [] if output.endswith(".c") else ["-shared"]
+    objects = [str(Path(name).with_suffix(".o")) for name in compiled]
+    for arguments in (["-fPIC", "-c", *new] if new else [], [*link, "-o", path.name, *objects]):
+        command = [*host_compiler(), *STANDARD, "-Werror", *flags, *arguments]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False) if arguments else None
+        if done is not None and done.returncode:
+            raise LibraryError(f"{command[0]}: {done.stderr[:500]}")
+    return path
+
+
+def _differs(file: Path, content: bytes) -> bool:
+    return not file.exists() or file.read_bytes() != content
+
+
+class Library:
+    """One that was built, loaded."""
+
+    def __init__(self, contents: Mapping[str, bytes], path: Path) -> None:
         self.structs = Structs(contents, host_compiler())
         self.ffi = self.structs.ffi
         self.ffi.cdef(_DECLARED)
-        self.c = self.ffi.dlopen(str(output))
+        self.c = self.ffi.dlopen(str(path))
 
     def payload(self, bundle: Bundle, length: int) -> bytes:
         """A release's numbers as the stub reads them, and other bytes."""
@@ -89,8 +119,8 @@ class Host:
     def fact(self, which: int) -> int:
         return int(self._lib.host_fact(self._room, which))
 
-    def break_memory(self, broken: bool) -> None:
-        self._lib.host_break(self._room, broken)
+    def fail(self, what: int) -> None:
+        self._lib.host_fail(self._room, what)
 
     def control(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         return self._call(self._lib.host_control, now_ns, frames)

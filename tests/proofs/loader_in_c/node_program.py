@@ -1,6 +1,7 @@
 """Random testers against both ECUs: sound sequences, garbage, odd times, lost and altered frames."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from random import Random
 from typing import Final
 from unittest.mock import patch
@@ -10,7 +11,8 @@ from can_bridge.isotp.settings import IsoTpSettings, classic
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 from tests.proofs.flash import fuzz_requests
-from tests.proofs.flash.fuzz_requests import any_noise, any_plan
+from tests.proofs.flash.fuzz_requests import any_noise
+from tests.proofs.loader_in_c.node_plans import any_of
 from tests.proofs.loader_in_c.node_twin import MS, Twins, World, as_in_c
 
 _MOST_TICKS: Final = 1500
@@ -35,13 +37,16 @@ class Program:
     def __init__(self, of: World, seed: int | str, *, trouble: float = 0.02) -> None:
         self._rng = rng = Random(seed)
         self.twins = Twins(of, first=rng.choice(("one", "one", "one", None)))
-        self._trouble = trouble
+        self._of, self._trouble = of, trouble
         self._is_fd = of.config.bus.frames == "fd"
-        ids = {"receive_id": RESPONSE_ID, "send_id": REQUEST_ID}
-        long = rng.choice((8, 12, 64, 64, 64)) if self._is_fd else 8
-        blocks = {"block_size": rng.choice((0, 0, 1, 8)), "separation_code": rng.choice((0, 0, 1, 0xF3, 0x80))}
+        settings = IsoTpSettings if self._is_fd else classic
         self._tester = Endpoint(
-            IsoTpSettings(**ids, frame_length=long, is_fd=True, **blocks) if self._is_fd else classic(**ids)
+            replace(
+                settings(receive_id=RESPONSE_ID, send_id=REQUEST_ID),
+                frame_length=rng.choice((8, 12, 64, 64, 64)) if self._is_fd else 8,
+                block_size=rng.choice((0, 0, 1, 8)),
+                separation_code=rng.choice((0, 0, 1, 0xF3, 0x80)),
+            )
         )
         self._pace = rng.choice((1, 1, 1, 7))
         self._asks: bool | None = None
@@ -50,29 +55,44 @@ class Program:
 
     def run(self, requests: int) -> Twins:
         """So many requests of one plan after another, with noise in between."""
-        sent = self.sent
-        plan = any_plan(self._rng)
-        answer: bytes | None = None
+        sent, rng, of = self.sent, self._rng, self._of
+        plan, answer = any_of(rng, of), None
         while self.requests < requests and not self.twins.differences:
             try:
-                request = plan.send(answer) if answer is not None else next(plan)
+                step = plan.send(answer) if answer is not None else next(plan)
             except (StopIteration, TypeError):
-                plan, answer = any_plan(self._rng), None
+                plan, answer = any_of(rng, of), None
                 continue
-            if self._rng.random() < 2 * self._trouble:
-                self._ask(any_noise(self._rng, sent[-20:], self._seed) or b"\x00")
-            if self._rng.random() < self._trouble:
+            if not isinstance(step, bytes):
+                step(self)
+                answer = None
+                continue
+            if rng.random() < 2 * self._trouble:
+                self._ask(any_noise(rng, sent[-20:], self._seed) or b"\x00")
+            if rng.random() < self._trouble:
                 # The tester is gone for a while.
-                self._pass(self._rng.choice(_JUMPS_NS))
-            answer = self._ask(request)
-            sent.append(request)
+                self.wait(rng.choice(_JUMPS_NS))
+            answer = self._ask(step)
+            sent.append(step)
         return self.twins
+
+    def control(self, periods: int, asks: bool | None) -> None:
+        """So many control periods, with or without pressures that ask for control."""
+        for _ in range(periods):
+            self.wait(20 * MS)
+            self.twins.control(asks)
+            self.twins.service([])
+        self.twins.due_ns = self.twins.now_ns + 20 * MS
+
+    def wait(self, by_ns: int) -> None:
+        """Time passes, or goes back."""
+        self.twins.now_ns = max(MS, self.twins.now_ns + by_ns)
 
     def _ask(self, request: bytes) -> bytes | None:
         """The last answer to a request; some are not waited for."""
-        self.requests += 1
+        self.requests, rng = self.requests + 1, self._rng
         self._tester.send(request[:4095])
-        patience = self._rng.choice((1, 30)) if self._rng.random() < self._trouble else _MOST_TICKS
+        patience = rng.choice((1, 30)) if rng.random() < self._trouble else _MOST_TICKS
         found: bytes | None = None
         for tick in range(patience):
             self._tick()
@@ -82,6 +102,8 @@ class Program:
                     self._seed = answer[2:]
                 if answer[0] != 0x7F or answer[2] != 0x78:
                     found = answer
+                if answer[0] == 0x51 and rng.random() >= self._trouble:
+                    self.control(2, None)
             if found is not None or self.twins.differences or (tick > 60 and not self.twins.python.is_busy):
                 break
         return found
@@ -98,16 +120,16 @@ class Program:
             if rng.random() >= self._trouble / 4:
                 self._tester.receive(twins.now_ns, frame)
         step_ns = self._pace * rng.choice(_STEPS_NS)
-        self._pass(step_ns if rng.random() >= self._trouble / 20 else rng.choice(_JUMPS_NS))
-
-    def _pass(self, by_ns: int) -> None:
-        self.twins.now_ns = max(MS, self.twins.now_ns + by_ns)
+        self.wait(step_ns if rng.random() >= self._trouble / 20 else rng.choice(_JUMPS_NS))
 
     def _troubled(self, frames: Sequence[Frame]) -> Iterator[Frame]:
         """Frames as they arrive, and some that no one sent."""
         rng = self._rng
         for frame in frames:
             kind = rng.choice(("lost", "twice", "altered", "shorter")) if rng.random() < self._trouble / 4 else ""
+            if frame.data[0] == 0x30 and rng.random() < 10 * self._trouble:
+                # Not yet.
+                yield from rng.choice((1, 1, 99, 101)) * [self._frame(b"\x31" + frame.data[1:], frame.is_fd)]
             data = bytearray(frame.data)
             if kind == "altered":
                 data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)

@@ -92,6 +92,7 @@ def world(kind: str, library: Library) -> World:
     images = {
         **{name: image(name, version) for name, version in (("one", 1), ("old", 0), ('a "quoted\\" name', 2))},
         "newest": good,
+        "again": image("again", 3, length=4096 + 600),
         "second": image("second", 2, SECOND, length=4096 - 512),
         "unsigned": image("unsigned", 2, None),
         "stranger's": image("stranger's", 2, STRANGER),
@@ -193,14 +194,14 @@ class Twins:
         equipment = Equipment(
             root=signing.public_key(ROOT),
             access=KEY,
-            random_bytes=Counted(),
+            random_bytes=lambda count: bytes(count) if self._fails > 1 else seeds(count),
             hardware=TEXTS[0],
             serial=TEXTS[1],
             software=TEXTS[2],
             controller_of=lambda bundle: RecordingController(),
         )
         self.backing, self.python = backing, FlashableEcu(backing, of.config, equipment)
-        _living[:] = [self]
+        _living[:], self._fails, seeds = [self], 0, Counted()
         self._waits_for_control = False
         self._pressures = E2eSender(message_set(of.config.bus).pressure.spec)
         self.now_ns, self.due_ns = MS, MS
@@ -213,9 +214,14 @@ class Twins:
         """Whether the release that was booted is written over."""
         return self.python.boot.slot is not None and self.python.store.running is None
 
+    def fail(self, what: int) -> None:
+        """From now on: 0 nothing, 1 the memory, 2 and 3 the source of random bytes, with zeros and without any."""
+        self._fails, self.backing.broken = what, what == 1
+        self.c.fail(what)
+
     def control(self, enable: bool | None) -> list[Frame]:
         """A control period, with pressures unless `enable` is None."""
-        frames = [] if enable is None else [self._pressure(enable)]
+        frames = [] if enable is None or self.is_void else [self._pressure(enable)]
         self._waits_for_control = False
         return self._compare("control", self.python.control(self.now_ns, frames), self.c.control(self.now_ns, frames))
 
@@ -240,8 +246,10 @@ class Twins:
 
     def _without_counts(self, frame: Frame) -> Frame:
         """What of a command or status still goes on in C once the image is written over: not its counts."""
-        kept = 1 if frame.frame_id == message_set(self._config.bus).command.spec.frame_id else 2
-        data = frame.data[3 : 3 + kept] if frame.is_fd else frame.data[1 : 1 + kept]
+        is_command = frame.frame_id == message_set(self._config.bus).command.spec.frame_id
+        data = frame.data[3:5] if frame.is_fd else frame.data[1:3]
+        if is_command:
+            data = bytes([data[0] & (0x2F if frame.is_fd else 0xFF)])
         return replace(frame, data=data, is_fd=False)
 
     def _pressure(self, enable: bool) -> Frame:

@@ -72,9 +72,9 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     }
     sw_faults_after(node, clipped(now_ns));
     node->drives_jets = (uint8_t)sw_drives_jets(ecu->state.fail_safe.mode);
-    if (ecu->state.missed == missed && ecu->state.fail_safe.enable_request) {
+    if (sw_node_has_release(node) && ecu->state.missed == missed && ecu->state.fail_safe.enable_request) {
         node->has_asked = 1;
-        node->asked_ns = now_ns;
+        node->asked_ns = clipped(now_ns);
     }
     return node->uds.is_silent && !node->drives_jets ? 0 : sent;
 }

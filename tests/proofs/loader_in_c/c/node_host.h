@@ -16,7 +16,7 @@ typedef struct {
     uint64_t seeds;  /* given so far */
     uint32_t writes; /* erasures and words programmed */
     uint32_t worst;  /* of them in one call of the service */
-    int broken;      /* the flash memory takes nothing */
+    int fails;       /* 1: the flash memory takes nothing; 2: random bytes are zeros; 3: there are none */
     uint8_t message[SW_ISOTP_MOST + 1];
     uint8_t memory_room[SW_FLASH_BYTES + 64];
 } host;
@@ -35,6 +35,7 @@ int host_control(host *of, int64_t now_ns, const sw_frame *frames, int count, sw
 int host_service(host *of, int64_t now_ns, const sw_frame *frames, int count, sw_frame *sent);
 /* 0: busy, 1: wants_reset, 2: needs_reset, 3: session, 4: unlocked, 5: boot reason, 6: running slot, 7: worst writes */
 uint32_t host_fact(const host *of, int which);
-void host_break(host *of, int broken);
+void host_fail(host *of, int what);
+void host_dump(void);
 
 #endif

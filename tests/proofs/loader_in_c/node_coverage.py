@@ -1,0 +1,44 @@
+"""Branches of diagnosis in C that random testers take, by gcc and gcovr."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from tests.proofs.loader_in_c.node_library import QUICK, Library, build, sources
+from tests.proofs.loader_in_c.node_program import play
+from tests.proofs.loader_in_c.node_twin import CONFIGS, world
+
+FILES: Final = (
+    *("sw_access.c", "sw_aes.c", "sw_calibrating.c", "sw_isotp.c", "sw_node.c"),
+    *("sw_programming.c", "sw_self_test.c", "sw_services.c", "sw_shut.c", "sw_uds.c"),
+)
+UNREACHED: Final[dict[tuple[str, str], str]] = {}
+"""Branches that nothing leads to, by the text of their line, and why they stand there all the same."""
+
+
+def missed(folder: Path, seeds: Sequence[int], requests: int = 60) -> list[str]:
+    """Branches of `FILES` that programs of these seeds do not take: `file:line: text`."""
+    found = dict[str, int]()
+    for kind, config in CONFIGS.items():
+        place, contents = folder / kind, sources(config)
+        library = Library(contents, build(contents, place, f"{kind}.so", (*QUICK, "--coverage", "-DHOST_COVERAGE")))
+        of = world(kind, library)
+        for seed in seeds:
+            assert play(of, seed, requests, trouble=(0.001, 0.02, 0.1)[seed % 3]).differences == []
+        library.c.host_dump()
+        report = place / "coverage.json"
+        command = [sys.executable, "-m", "gcovr", "--root", str(place), "--json", str(report), str(place)]
+        subprocess.run([*command, "--merge-mode-functions", "separate"], cwd=place, capture_output=True, check=True)
+        for file in json.loads(report.read_text())["files"]:
+            text = (place / file["file"]).read_text().splitlines()
+            for line in file["lines"] if file["file"] in FILES else ():
+                at = text[line["line_number"] - 1].strip()
+                for number, branch in enumerate(line["branches"]):
+                    if not any((file["file"], part) in UNREACHED for part in (at,)):
+                        name = f"{file['file']}:{line['line_number']}: {at} #{number}"
+                        found[name] = found.get(name, 0) + branch["count"]
+    assert found, "gcovr found no branch"
+    return [name for name, count in found.items() if count == 0]

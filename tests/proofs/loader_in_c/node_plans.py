@@ -1,0 +1,154 @@
+"""What testers want besides the plans of `tests.proofs.flash`: calibrations, odd lengths, control, failing parts."""
+
+import hashlib
+from collections.abc import Callable, Generator
+from random import Random
+from typing import Any, Final
+
+from can_bridge.flashing.access_level import Level
+from can_bridge.uds.services import Did, Routine
+from contract.controller.calibration import PACKED_BYTES
+from tests.proofs.flash.fuzz_requests import _unlocking as unlocking
+from tests.proofs.flash.fuzz_requests import any_plan, routine, write
+from tests.proofs.loader_in_c.node_twin import MS, World
+
+Step = bytes | Callable[[Any], None]
+"""A request, or what happens to the program that runs."""
+Plan = Generator[Step, bytes | None, None]
+_HEX: Final = """
+10 1000 1004 100100 1082 11 1102 110100 1181 3e 3e01 3e0000 3e80 22 22f1 22ffff 22fd01fd01fd01fd01fd01fd01fd01 27 2700
+2701 2701ff 270200 2703 2705 2e 2efd02 2efd0200 2efd1000 2efd12 2ef19100 31 310100 3102ff01 31011234 310102030011
+3101ff01 3101ff0000 3101ff00ffffffff 28 2800 280001 280002 280101 280201
+"""
+_DOWNLOAD_HEX: Final = (
+    "34 3400 340044 34014400000000 34003300000000 34004400000000000000010a 37 3700 36 3601 360100 36020000"
+)
+_DOWNLOADS: Final = (
+    *(bytes.fromhex(text) for text in _DOWNLOAD_HEX.split()),
+    *(b"\x36\x01" + bytes(4079), b"\x36\x01" + bytes(4078), b"\x34\x00\x44" + bytes(8)),
+)
+_ODD: Final = (
+    *(bytes.fromhex(text) for text in _HEX.split()),
+    *(b"\x22" + 17 * b"\xf1\x86", b"\x22" + 16 * b"\xfd\x01", b"\x31\x01\xff\x00\xff\xff\xff\xff" + bytes(32)),
+)
+_VALUES: Final = (bytes(4), b"\0\0\0\x80", b"\x17\xb7\x51\x3c", b"\1\0\0\0", b"\0\0\xc0\x7f")
+
+
+def each(*steps: Step) -> Plan:
+    """These, whatever is answered."""
+    for step in steps:  # noqa: UP028  (answers are sent here, too)
+        yield step
+
+
+def any_of(rng: Random, of: World) -> Plan:
+    """The next plan."""
+    own = (edges, transfers, calibrations, controlled, failing, lambda rng, of: story(rng, of, 9))
+    return any_plan(rng) if rng.random() < 0.5 else rng.choice(own)(rng, of)
+
+
+def story(rng: Random, of: World, steps: int) -> Plan:
+    """A sound image, up to so many steps behind its transfer: check, activate, reset, test, confirm twice, revert."""
+    image = of.pool.images[rng.choice(("newest", "newest", "for this hardware", "one", "again"))]
+    yield from unlocking(Level.PROGRAMMING)
+    sha256 = hashlib.sha256(image).digest()
+    answer = yield routine(Routine.ERASE, len(image).to_bytes(4, "big") + sha256)
+    at = int.from_bytes(answer[4:8], "big") if answer is not None and answer[0] == 0x71 else 0
+    if at < len(image):
+        yield b"\x34\x00\x44" + at.to_bytes(4, "big") + (len(image) - at).to_bytes(4, "big")
+    for number, start in enumerate(range(at, len(image), 4078), start=1):
+        yield bytes([0x36, number]) + image[start : start + 4078]
+        if rng.random() < 0.3:
+            yield bytes([0x36, number]) + image[start : start + rng.choice((4078, 4078, 100))]
+    yield rng.choice((b"\x37", b"\x36\x03!"))
+    yield b"\x37"
+    wanted = (routine(Routine.CHECK), routine(Routine.ACTIVATE), b"\x11\x01")
+    yield from each(*wanted[:steps])
+    if steps > len(wanted):
+        yield from unlocking(Level.PROGRAMMING)
+        yield routine(Routine.SELF_TEST)
+        if rng.random() < 0.2:
+            # The image that runs on trial is written over.
+            yield routine(Routine.ERASE, len(image).to_bytes(4, "big") + bytes(32))
+            yield routine(Routine.SELF_TEST)
+            yield lambda program: program.control(3, False)
+        for _ in range(2):
+            yield routine(Routine.CONFIRM)
+        if rng.random() < 0.4:
+            yield routine(Routine.REVERT)
+        yield b"\x11\x01"
+
+
+def edges(rng: Random, of: World) -> Plan:
+    """Requests of odd lengths and numbers in any session."""
+    yield from rng.choice((unlocking(Level.PROGRAMMING), unlocking(Level.CALIBRATION), each(b"\x10\x01")))
+    yield from each(*rng.choices(_ODD + _DOWNLOADS, k=12))
+
+
+def transfers(rng: Random, of: World) -> Plan:
+    """A download that is asked for in every wrong way."""
+    image = of.pool.images["one"]
+    head, length = b"\x34\x00\x44", len(image).to_bytes(4, "big")
+    yield from unlocking(Level.PROGRAMMING)
+    yield routine(Routine.ERASE, length + bytes(31) + rng.randbytes(1))
+    yield from each(head + bytes(3) + b"\1" + length, head + bytes(4) + bytes(4), head + bytes(4) + length)
+    yield from each(head + bytes(4) + length, head + bytes(4) + bytes(4), head + b"\0\0\0\1" + length)
+    yield b"\x36\x01" + image[:4078]
+    yield from each(*rng.choices((b"\x36\x01" + image[:4078], b"\x36\x02" + bytes(4000), b"\x36\x03a", b"\x37"), k=4))
+    yield b"\x36\x02" + image[4078:]
+    yield from each(
+        *rng.choices((*_DOWNLOADS, b"\x36\x03a", b"\x36\x02" + image[4078:], b"\x37", head + bytes(8)), k=5)
+    )
+
+
+def calibrations(rng: Random, of: World) -> Plan:
+    """Values that are allowed, stored and taken back; read in between."""
+    yield from unlocking(Level.CALIBRATION)
+    answer = yield b"\x22\xfd\x11"
+    own = bytes(answer[3 + 2 * PACKED_BYTES :]) if answer is not None and answer[0] == 0x62 else bytes(PACKED_BYTES)
+    for _ in range(4):
+        values = bytearray(own)
+        at = 4 * rng.randrange(PACKED_BYTES // 4)
+        values[at : at + 4] = rng.choice((own[at : at + 4], *_VALUES))
+        yield write(Did.CALIBRATION, bytes(values))
+        yield lambda program: program.control(1, False)
+        yield write(Did.CALIBRATION_STORED, bytes([rng.choice((0, 1, 1, 2))]))
+        yield b"\x22\xfd\x10\xfd\x12"
+    if rng.random() < 0.5:
+        yield from unlocking(Level.PROGRAMMING)
+        yield b"\x11\x01"
+
+
+def controlled(rng: Random, of: World) -> Plan:
+    """The jets run, or could, while a tester asks for what may not be then."""
+    yield from unlocking(Level.CALIBRATION)
+    yield lambda program: program.control(12, False)
+    yield lambda program: program.control(rng.choice((1, 30)), True)
+    yield from each(b"\x10\x02", routine(Routine.PRECONDITIONS), write(Did.CALIBRATION_STORED, b"\1"), b"\x28\x01\x01")
+    yield from unlocking(Level.PROGRAMMING)
+    yield routine(Routine.ERASE, b"\0\0\x10\0" + bytes(32))
+    yield b"\x11\x01"
+    yield lambda program: program.control(60, None)
+    yield from unlocking(Level.PROGRAMMING)
+    yield lambda program: program.control(14, False)
+    yield lambda program: program.control(14, True)
+    yield from each(routine(Routine.ERASE, b"\0\0\x10\0" + bytes(32)), b"\x11\x01", b"\x10\x02", b"\x10\x01")
+    yield lambda program: program.control(60, None)
+
+
+def failing(rng: Random, of: World) -> Plan:
+    """The memory takes nothing for a while, or the source of random bytes gives zeros, or none; and wrong keys."""
+    level = rng.choice(list(Level))
+    yield from rng.choice((unlocking(level), each(b"\x10\x02")))
+    fails = rng.choice((1, 2, 3))
+    yield lambda program: program.twins.fail(fails)
+    yield bytes([0x27, level])
+    yield bytes([0x27, level + 1]) + bytes(16)
+    yield from each(
+        routine(Routine.ACTIVATE), write(Did.CALIBRATION_STORED, b"\1"), b"\x36\x01a", routine(Routine.CONFIRM)
+    )
+    yield lambda program: program.twins.fail(0)
+    for _ in range(rng.choice((0, 0, 0, 4, 260))):
+        yield lambda program: program.wait(rng.choice((1, 10_000, 10_001)) * MS)
+        yield bytes([0x10, 2 if level is Level.PROGRAMMING else 3])
+        yield bytes([0x27, level])
+        yield bytes([0x27, level + 1]) + bytes(16)
