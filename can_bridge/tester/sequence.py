@@ -31,6 +31,7 @@ from can_bridge.tester.transfer import (
 )
 from can_bridge.uds.services import Nrc, Routine, Session
 from contract.errors import FlashError, StillwakeError
+from contract.release import controller_image
 from contract.release.image import files_of
 from contract.release.manifest import MANIFEST, open_manifest
 
@@ -299,11 +300,12 @@ class _Flashing:
 
 
 def digest_of(image: bytes) -> str:
-    """The digest of the bundle in an image; empty for what is none, so that the ECU's own verdict on it can be had."""
-    try:
+    """The digest of the release in an image; empty for what is none, so that the ECU's own verdict on it can be had."""
+    with suppress(StillwakeError):
+        return controller_image.read(image).digest
+    with suppress(KeyError, StillwakeError):
         return open_manifest(Path("image"), files_of(image)[MANIFEST]).digest
-    except (KeyError, StillwakeError):
-        return ""
+    return ""
 
 
 def _runs(store: Report) -> str:

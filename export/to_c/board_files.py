@@ -2,9 +2,12 @@
 
 from importlib.resources import files
 
+from export.to_c.loader_files import loader_sources
 
-def board_sources() -> dict[str, bytes]:
-    """Its files by name, to be compiled with a library's."""
-    root = files("export.to_c").joinpath("sources")
-    found = [*root.joinpath("board").iterdir(), root.joinpath("loader/sw_flash.h")]
-    return {item.name: item.read_bytes() for item in found if item.name.endswith((".c", ".h", ".ld"))}
+
+def board_sources(*, loader: bool = False) -> dict[str, bytes]:
+    """Its files by name, to be compiled with a library's; with the loader, which `sw_board_equipment.h` switches on."""
+    board = files("export.to_c").joinpath("sources/board")
+    own = {item.name: item.read_bytes() for item in board.iterdir() if item.name.endswith((".c", ".h", ".ld"))}
+    others = loader_sources()
+    return (others if loader else {"sw_flash.h": others["sw_flash.h"]}) | own

@@ -9,6 +9,8 @@ from typing import Final
 from contract.controller.c_folder import library_sources
 from contract.errors import LibraryError, McuError, install
 from firmware_sim.in_c.compiler import compile_c, zig_compiler
+from firmware_sim.in_c.uds_settings import HEADER as UDS_SETTINGS
+from firmware_sim.in_c.uds_settings import uds_settings
 from firmware_sim.mcu.cores import CORTEX_M7, Core
 
 LINKER_SCRIPT: Final = "cortex_m7.ld"
@@ -64,7 +66,7 @@ def compile_board(sources: Mapping[str, bytes]) -> bytes:
     """
     with tempfile.TemporaryDirectory() as place:
         image = Path(place, "firmware.elf")
-        contents = library_sources(sources) | {BOARD_SCRIPT: sources[BOARD_SCRIPT]}
+        contents = library_sources(sources) | {UDS_SETTINGS: uds_settings(), BOARD_SCRIPT: sources[BOARD_SCRIPT]}
         _compile(contents, image, _flags(BOARD_SCRIPT, CORTEX_M7))
         return image.read_bytes()
 

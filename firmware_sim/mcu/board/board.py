@@ -57,7 +57,7 @@ class Board:
 
     Attributes:
         counter, can, flash: its peripherals.
-        bus_faults: whether a read of the flash that cannot be corrected stopped the core.
+        blocks: instructions and cycles.
     """
 
     def __init__(
@@ -92,32 +92,30 @@ class Board:
             self._core.mmio_map(page, size, reads, None, writes, None)
         self._core.hook_add(unicorn_const.UC_HOOK_MEM_WRITE_PROT, self._stored)
         program = bytes(self._core.mem_read(PROGRAM, PROGRAM_BYTES))
-        self._blocks = BlockCounter(self._core, PROGRAM, PROGRAM_BYTES, Pipeline(program, PROGRAM))
+        self.blocks = BlockCounter(self._core, PROGRAM, PROGRAM_BYTES, Pipeline(program, PROGRAM))
         self._core.mem_write(DTCM, bytes([_UNTOUCHED]) * STACK_BYTES)
         stack, start = struct.unpack_from("<II", program)
         self._core.reg_write(arm_const.UC_ARM_REG_SP, stack)
         self._at = start
 
-    def run(self) -> tuple[int, int]:
-        """Execute until the firmware sleeps. Returns instructions, and cycles by the model.
+    def run(self) -> None:
+        """Execute until the firmware sleeps.
 
         Raises:
             McuError: the core stopped, asked for what is not modelled, or does not come to sleep.
             PowerCut, SystemReset: the power cycle is over.
         """
-        self._blocks.start()
         self.can.now_ns = self.counter.now_ns
         self._execute(self._at | 1, 0xFFFF_FFFE)
         self._at = int(self._core.reg_read(arm_const.UC_ARM_REG_PC))
         if self._core.mem_read(self._at - 2, 2) != b"\x30\xbf":
             raise McuError(f"the core does not come to sleep: after {_LONGEST_US // 10**6} s it is at {self._at:#x}")
-        return self._blocks.total()
 
     def call(self, function: str, *arguments: int) -> int:
         """Have a function of the firmware run while it sleeps, as a debugger does; its result."""
-        kept, registers = self._core.context_save(), (arm_const.UC_ARM_REG_R0, arm_const.UC_ARM_REG_R1)
-        for register, value in zip(registers, arguments, strict=False):
-            self._core.reg_write(register, value)
+        kept = self._core.context_save()
+        for number, value in enumerate(arguments):
+            self._core.reg_write(arm_const.UC_ARM_REG_R0 + number, value)
         self._core.reg_write(arm_const.UC_ARM_REG_LR, _RETURN | 1)
         try:
             self._execute(self.symbol(function) | 1, _RETURN)

@@ -1,13 +1,14 @@
-"""The whole firmware on the emulated board as an ECU of a closed loop: frames in and out through its CAN controller.
+"""The whole firmware on the emulated board as an ECU: frames in and out through its CAN controller.
 
-It has the interface of `firmware_sim.ecu.ecu.Ecu`. When a step takes place is the firmware's own decision: on the
-pressures of the step's frames, or, where there are none, at the deadline in its compare register, to which time then
-passes. What an observer sees of its state is read from its memory, as by a debugger.
+It has the interface of `firmware_sim.ecu.ecu.Ecu` for a closed loop, and `advance` for diagnosis. When a step takes
+place is the firmware's own decision: on the pressures of the step's frames, or, where there are none, at the deadline
+in its compare register, to which time then passes. What an observer sees is read from its memory, as by a debugger.
 """
 
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from hashlib import sha256
 from typing import Any, Final
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
@@ -19,11 +20,15 @@ from firmware_sim.in_c.c_structs import Structs, c_time
 from firmware_sim.in_c.compiler import zig_compiler
 from firmware_sim.mcu.board.board import SRAM, SRAM_BYTES, Board
 from firmware_sim.mcu.board.flash_controller import FlashBank
+from firmware_sim.mcu.board.small_parts import SystemReset
 from firmware_sim.mcu.build import MISSING, compile_board
-from firmware_sim.mcu.elf import read_elf
+from firmware_sim.mcu.elf import Firmware, read_elf
 
-_SCRATCH: Final = SRAM + SRAM_BYTES - 64
+_PIECE: Final = 4096
+_SCRATCH: Final = SRAM + SRAM_BYTES - _PIECE
 """Of the debugger, behind everything that is linked."""
+_MORE: Final = 1
+"""What a call of the store answers that is to be gone on with."""
 
 
 class BoardEcu(CEcuState):
@@ -33,12 +38,14 @@ class BoardEcu(CEcuState):
         sources: of a C library with its ECU, and of the board's firmware.
         clock_mhz: of the core.
         bank: the flash that is written in the field; erased if None.
+        firmware: compiled from the sources before.
 
     Attributes:
-        board: the board itself.
+        board: the board itself, of this power cycle.
         description: what computes the step, for people.
         instructions, cycles: of the latest step; the cycles are modelled.
         waited_ns: how long the latest step waited for pressures.
+        resets: that the firmware asked for.
 
     Raises:
         LibraryError: the library has no ECU.
@@ -46,21 +53,33 @@ class BoardEcu(CEcuState):
     """
 
     def __init__(
-        self, sources: Mapping[str, bytes], *, clock_mhz: float = 480.0, bank: FlashBank | None = None, now_ns: int = 0
+        self,
+        sources: Mapping[str, bytes],
+        *,
+        clock_mhz: float = 480.0,
+        bank: FlashBank | None = None,
+        firmware: Firmware | None = None,
+        now_ns: int = 0,
+        cut_at: int = 0,
     ) -> None:
         compiler = zig_compiler()
         if compiler is None:
             raise McuError(MISSING)
         structs = Structs(sources, compiler)
-        ecu = structs.ffi.new("sw_ecu *")
-        super().__init__(structs, ecu, bundle_hash_of(sources), self._calibrated, self._restored)
+        super().__init__(
+            structs, structs.ffi.new("sw_ecu *"), bundle_hash_of(sources), self._calibrated, self._restored
+        )
         self._clock_mhz = clock_mhz
-        self.firmware = read_elf(compile_board(sources))
-        self.board = Board(self.firmware, bank, now_ns=now_ns)
-        self.instructions, self.cycles = self.board.run()
-        self.waited_ns = 0
-        (self._place,) = struct.unpack("<I", self.board.peek(self.board.symbol("sw_board_ecu"), 4))
+        self.firmware = firmware or read_elf(compile_board(sources))
+        self.resets = self.waited_ns = self.instructions = self.cycles = 0
         self.description = f"whole firmware on an emulated board, Cortex-M7 at {clock_mhz:g} MHz"
+        self.power_on(bank or FlashBank(), now_ns, cut_at=cut_at)
+
+    def power_on(self, bank: FlashBank, now_ns: int, *, cut_at: int = 0) -> None:
+        """A new power cycle; the supply fails in an operation of the flash, counted from 1."""
+        self.board = Board(self.firmware, bank, now_ns=now_ns, cut_at=cut_at, seed=self.resets)
+        self._run()
+        self._place = self._pointer("sw_board_ecu")
         self._load()
 
     @property
@@ -84,32 +103,93 @@ class BoardEcu(CEcuState):
         """
         if fault is not None or updating:
             raise McuError("a fault or an update from outside: the board's firmware finds them by itself")
-        board = self.board
-        board.counter.now_ns, self.waited_ns = c_time(now_ns), 0
-        deadline_ns = board.counter.compare_ns
-        board.can.surround(health)
-        self.instructions = self.cycles = 0
+        self.board.blocks.start()
+        self.board.counter.now_ns = c_time(now_ns)
+        self.board.can.surround(health)
+        steps = self._steps
+        self._bring(frames)
+        while self._steps == steps:
+            self.board.counter.now_ns = self.board.counter.compare_ns
+            self._run()
+        self.waited_ns = max(self.board.counter.now_ns - now_ns, 0)
+        self.instructions, self.cycles = self.board.blocks.total()
+        self._load()
+        return self._taken()
+
+    def advance(self, until_ns: int, frames: Sequence[Frame] = ()) -> list[Frame]:
+        """Frames that come now, and the time until then; what the board sends.
+
+        Raises:
+            McuError: the core stopped.
+            PowerCut: the supply failed.
+        """
+        self._bring(frames)
+        while self.board.counter.compare_ns <= until_ns:
+            self.board.counter.now_ns = max(self.board.counter.compare_ns, self.board.counter.now_ns)
+            self._run()
+        self.board.counter.now_ns = max(until_ns, self.board.counter.now_ns)
+        return self._taken()
+
+    def provision(self, keys: bytes, image: bytes) -> None:
+        """What is done at production, by a debugger: a key list, and a confirmed image.
+
+        Raises:
+            McuError: the store does not take one of them; the message has its answer.
+        """
+        store = self._pointer("sw_board_store")
+
+        def call(name: str, data: bytes = b"", *others: int) -> None:
+            self.board.poke(_SCRATCH, data)
+            arguments = (store, _SCRATCH, len(data)) if data and not others else (store, *others, _SCRATCH)
+            answer = self.board.call(name, *(arguments if data else (store,)))
+            while answer == _MORE:
+                answer = self.board.call("sw_store_go_on", store)
+            if answer:
+                raise McuError(f"{name}: the board's store answers {answer}")
+
+        call("sw_store_take_keys", keys)
+        call("sw_store_announce", sha256(image).digest(), len(image))
+        for start in range(0, len(image), _PIECE):
+            call("sw_store_append", image[start : start + _PIECE])
+        call("sw_store_finish")
+        call("sw_store_activate")
+        self.power_on(self.board.flash.bank, self.board.counter.now_ns)
+        call("sw_store_confirm")
+        self.power_on(self.board.flash.bank, self.board.counter.now_ns)
+
+    def _bring(self, frames: Sequence[Frame]) -> None:
+        """As many as its FIFO takes; on a real bus the core, which sleeps, is quicker than frames come."""
         waiting = list(frames)
         while True:
-            # As many as its FIFO takes; on a real bus the core, which sleeps, is quicker than frames come.
+            board = self.board
             here, waiting = waiting[: board.can.room], waiting[board.can.room :]
             for frame in here:
                 board.can.receive(replace(frame, timestamp_ns=min(frame.timestamp_ns, board.counter.now_ns)))
             self._run()
             if not waiting:
-                break
-        if board.counter.compare_ns == deadline_ns:
-            self.waited_ns = deadline_ns - board.counter.now_ns
-            board.counter.now_ns = deadline_ns
-            self._run()
-        self._load()
-        sent, board.can.sent = board.can.sent, []
-        return sent
+                return
 
     def _run(self) -> None:
-        instructions, cycles = self.board.run()
-        self.instructions += instructions
-        self.cycles += cycles
+        board = self.board
+        try:
+            board.run()
+        except SystemReset:
+            self.resets += 1
+            self.power_on(board.flash.bank, board.counter.now_ns)
+            self.board.can.sent[:0] = board.can.sent
+
+    def _taken(self) -> list[Frame]:
+        sent, self.board.can.sent = self.board.can.sent, []
+        return sent
+
+    @property
+    def _steps(self) -> int:
+        return self._pointer("sw_board_steps") + (self.resets << 32)
+
+    def _pointer(self, symbol: str) -> int:
+        """The word where a symbol is."""
+        (value,) = struct.unpack("<I", self.board.peek(self.board.symbol(symbol), 4))
+        return int(value)
 
     def _calibrated(self, packed: bytes) -> int:
         """What `sw_ecu_calibrate` answers to an `sw_calibration`."""

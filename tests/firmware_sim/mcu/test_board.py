@@ -37,7 +37,7 @@ def sources(release) -> dict[str, bytes]:
 
 
 def host_of(sources) -> CEcu:
-    library = {name: text for name, text in sources.items() if name not in board_sources()}
+    library = {name: text for name, text in sources.items() if name not in board_sources(loader=True)}
     return CEcu(library, compiler=zig_compiler(), flags=(*COMMON, "-march=native"))
 
 

@@ -45,7 +45,7 @@ KEPT = b"EXTERN(vectors sw_ecu_calibrate test_erase test_program test_read test_
 def firmware(tmp_path_factory) -> Firmware:
     release = exported(tmp_path_factory.mktemp("flash"))
     sources = ecu_sources(release.folder, release.bundle, CONFIG) | board_sources() | {"sw_board_main.c": CALLED}
-    script = sources["sw_board.ld"].replace(b"EXTERN(vectors sw_board_ecu sw_ecu_calibrate", KEPT)
+    script = sources["sw_board.ld"].replace(b"EXTERN(vectors sw_board_ecu sw_board_steps sw_ecu_calibrate", KEPT)
     return read_elf(compile_board(sources | {"sw_board.ld": script}))
 
 
@@ -114,7 +114,7 @@ def test_a_supply_that_fails_leaves_what_is_torn(firmware, cut_at):
     """By the operation: an erasure, or one of two words."""
     bank = FlashBank()
     driven = Driven(firmware, bank, cut_at=cut_at, seed=cut_at)
-    with pytest.raises(PowerCut):  # noqa: PT012
+    with pytest.raises(PowerCut):
         driven.board.call("test_erase", 0)
         for k, word in enumerate(WORDS):
             driven.program(k * WORD, word)

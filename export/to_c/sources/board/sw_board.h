@@ -65,6 +65,9 @@ int sw_board_can_receive(sw_frame *frames, int room);
 /* Hand over a frame; 1 if there is no room for it or the controller is bus-off, and it is lost. */
 int sw_board_can_send(const sw_frame *frame);
 
+/* Whether all frames that were handed over have left, or never will. */
+int sw_board_can_is_idle(void);
+
 /* The error counters of now; a controller that went bus-off is counted, and starts again. */
 void sw_board_can_health(sw_bus_health *health);
 

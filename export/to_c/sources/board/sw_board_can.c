@@ -136,6 +136,8 @@ int sw_board_can_send(const sw_frame *frame)
     return 0;
 }
 
+int sw_board_can_is_idle(void) { return CAN(TXBRP) == 0u || (CAN(PSR) & PSR_BUS_OFF) != 0u; }
+
 void sw_board_can_health(sw_bus_health *health)
 {
     /* Going bus-off sets INIT; clearing it begins the recovery of 128 times eleven recessive bits. */

@@ -1,22 +1,16 @@
-/* The program: look for frames, step the ECU once a control period, sleep. A step begins when the pressures come; without
- * them, half a period after they were due.
+/* The program: look for frames, step the ECU once a control period, answer diagnosis, sleep. A step begins when the
+ * pressures come; without them, half a period after they were due.
  */
 #include "sw_board.h"
+#include "sw_board_equipment.h"
+#if SW_BOARD_LOADER
+#include "sw_layout.h"
+#include "sw_node.h"
+#endif
 
 #define ROOM 128
 
-static sw_ecu ecu;
 static sw_frame received[ROOM]; /* since the latest step, oldest first */
-
-/* For whoever looks from outside: a debugger, a test bench. */
-sw_ecu *const sw_board_ecu = &ecu;
-
-static const uint16_t ids[] = {
-    SW_PRESSURE_ID, SW_COMMAND_ID, SW_STATUS_ID,
-#if SW_PAST > 0
-    SW_SPEED_ID,
-#endif
-};
 
 typedef struct {
     int64_t latest_ns;   /* of the latest step */
@@ -24,6 +18,103 @@ typedef struct {
     int count;           /* of frames received since then */
     uint8_t came;        /* whether pressures are among them */
 } sw_board_period;
+
+#if SW_BOARD_LOADER
+
+#define ANSWERS SW_NODE_FRAMES
+#define SERVICE_NS INT64_C(1000000) /* between looks at a conversation's times */
+#define TALKS_NS INT64_C(5000000000) /* for so long behind a frame of it */
+
+static sw_node node;
+static uint8_t message[SW_ISOTP_MOST];
+static int64_t talks_until_ns;
+
+sw_ecu *const sw_board_ecu = &node.ecu;
+sw_store *const sw_board_store = &node.store;
+
+static int random(void *context, uint8_t *bytes, uint32_t count)
+{
+    uint8_t failed = 0;
+    (void)context;
+    for (uint32_t i = 0; i < count && failed == 0u; i++) bytes[i] = (uint8_t)sw_board_random(&failed);
+    return failed;
+}
+
+static void begin(void)
+{
+    static const sw_rules rules = {SW_BOARD_ROOT, SW_LAYOUT_SHA256, SW_DBC_SHA256_BYTES, SW_BOARD_HARDWARE,
+                                   SW_BOARD_VEHICLE};
+    static const uint8_t access_key[SW_AES_BYTES] = SW_BOARD_ACCESS_KEY;
+    static const sw_equipment equipment = {
+        &rules, access_key, SW_BOARD_HARDWARE, SW_BOARD_SERIAL, SW_BOARD_SOFTWARE, random, 0,
+    };
+    sw_node_init(&node, &equipment, &sw_board_flash, message);
+}
+
+static int control(int64_t now_ns, int count, sw_frame *answers)
+{
+    return sw_node_control(&node, now_ns, received, count, answers);
+}
+
+/* The frames from `first` on are new. Control has no use for those of diagnosis: they leave their places. Returns when
+ * the next look is due.
+ */
+static int64_t serve(sw_board_period *period, int first, int64_t now_ns)
+{
+    sw_frame answers[SW_ISOTP_BURST];
+    int kept = first, sent;
+    const int count = period->count;
+    for (int i = first; i < count; i++) {
+        if (received[i].id == SW_REQUEST_ID) talks_until_ns = now_ns + TALKS_NS;
+    }
+    sent = sw_node_service(&node, now_ns, &received[first], count - first, answers);
+    for (int i = 0; i < sent; i++) (void)sw_board_can_send(&answers[i]);
+    for (int i = first; i < count; i++) {
+        if (received[i].id != SW_REQUEST_ID) received[kept++] = received[i];
+    }
+    period->count = kept;
+    if (sw_node_wants_reset(&node) && sw_board_can_is_idle()) sw_board_reset();
+    if (sw_node_is_busy(&node)) return now_ns;
+    return now_ns < talks_until_ns ? now_ns + SERVICE_NS : INT64_MAX;
+}
+
+#else
+
+#define ANSWERS SW_FRAMES_OUT
+
+static sw_ecu ecu;
+
+/* For whoever looks from outside: a debugger, a test bench. */
+sw_ecu *const sw_board_ecu = &ecu;
+
+static void begin(void) { sw_ecu_init(&ecu); }
+
+static int control(int64_t now_ns, int count, sw_frame *answers)
+{
+    return sw_ecu_step(&ecu, now_ns, received, count, answers);
+}
+
+static int64_t serve(const sw_board_period *period, int first, int64_t now_ns)
+{
+    (void)period;
+    (void)first;
+    (void)now_ns;
+    return INT64_MAX;
+}
+
+#endif
+
+static const uint16_t ids[] = {
+    SW_PRESSURE_ID, SW_COMMAND_ID, SW_STATUS_ID,
+#if SW_PAST > 0
+    SW_SPEED_ID,
+#endif
+#if SW_BOARD_LOADER
+    SW_REQUEST_ID,
+#endif
+};
+
+volatile uint32_t sw_board_steps; /* so far */
 
 static void receive(sw_board_period *period)
 {
@@ -43,28 +134,31 @@ static int is_due(const sw_board_period *period, int64_t now_ns)
 
 static void step(sw_board_period *period, int64_t now_ns)
 {
-    sw_frame answers[SW_FRAMES_OUT];
-    const int sent = sw_ecu_step(&ecu, now_ns, received, period->count, answers);
+    sw_frame answers[ANSWERS];
+    const int sent = control(now_ns, period->count, answers);
     for (int i = 0; i < sent; i++) (void)sw_board_can_send(&answers[i]);
     const int64_t next_ns = now_ns + (int64_t)SW_PERIOD_NS;
     period->deadline_ns = period->came != 0u ? next_ns + (int64_t)SW_PERIOD_NS / 2 : next_ns;
     period->latest_ns = now_ns;
     period->count = 0;
     period->came = 0;
+    sw_board_steps++;
 }
 
 void sw_board_main(void)
 {
     sw_board_period period = {0, 0, 0, 0};
-    sw_ecu_init(&ecu);
+    begin();
     sw_board_can_start(ids, (uint32_t)(sizeof ids / sizeof ids[0]));
     period.latest_ns = sw_board_now_ns() - (int64_t)SW_PERIOD_NS;
     period.deadline_ns = period.latest_ns + 2 * (int64_t)SW_PERIOD_NS;
     for (;;) {
         const int64_t now_ns = sw_board_now_ns();
-        sw_board_can_health(&ecu.surroundings.health);
+        const int first = period.count;
+        sw_board_can_health(&sw_board_ecu->surroundings.health);
         receive(&period);
+        const int64_t next_ns = serve(&period, first, now_ns);
         if (is_due(&period, now_ns)) step(&period, now_ns);
-        sw_board_sleep(period.deadline_ns);
+        if (next_ns > now_ns) sw_board_sleep(next_ns < period.deadline_ns ? next_ns : period.deadline_ns);
     }
 }

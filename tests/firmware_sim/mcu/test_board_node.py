@@ -1,0 +1,114 @@
+"""Loader, diagnosis and ECU on the emulated board: flashed over CAN by a tester, and cut in every flash operation."""
+
+import zlib
+from typing import Any
+
+import pytest
+
+pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
+pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")
+pytest.importorskip("elftools", reason="pyelftools (extra mcu) is not installed")
+pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
+pytest.importorskip("udsoncan", reason="udsoncan (extra flash) is not installed")
+
+from can_bridge.flashing.boot import BootReason
+from can_bridge.tester.messages import ImageRefusedError
+from can_bridge.tester.sequence import End
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND
+from can_bridge.wire.messages import Mode, Reason
+from contract.errors import McuError
+from firmware_sim.mcu.board.board_ecu import BoardEcu
+from firmware_sim.mcu.board.flash_controller import FlashBank, FlashController, PowerCut
+from tests.can_bridge.flashing.releases import keys
+from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Feed, exported
+from tests.firmware_sim.mcu.board_node import BoardLine, Built
+from tests.firmware_sim.mcu.test_board import host_of
+from tests.firmware_sim.mcu.test_ecu_machine import fuses
+
+pytestmark = pytest.mark.mcu
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory) -> Built:
+    return Built(exported(tmp_path_factory.mktemp("node")))
+
+
+@pytest.fixture(scope="module")
+def fresh(built) -> BoardEcu:
+    return BoardEcu(built.sources)
+
+
+@pytest.fixture(scope="module")
+def provisioned(built, fresh) -> bytes:
+    """The flash of a board that runs its first release."""
+    board = BoardEcu(built.sources, firmware=fresh.firmware)
+    board.provision(keys(), built.image("one"))
+    return board.board.flash.bank.pack()
+
+
+def on(built: Built, fresh: BoardEcu, packed: bytes, **facts: int) -> BoardEcu:
+    return BoardEcu(built.sources, firmware=fresh.firmware, bank=FlashBank.unpack(packed), **facts)
+
+
+def test_a_fresh_board_keeps_its_jets_shut_and_says_why(built, fresh):
+    for now_ns, frames in Feed().periods(3):
+        assert [one.frame_id for one in fresh.step(now_ns, frames)] == [JET_COMMAND.frame_id, ECU_STATUS.frame_id]
+    assert (fresh.trace.mode, fresh.state.fail_safe.reason) == (Mode.FAULT, Reason.NO_RELEASE)
+    with pytest.raises(McuError, match="sw_store_take_keys: the board's store answers"):
+        fresh.provision(keys()[:-1] + b"!", built.image("one"))
+
+
+@fuses
+def test_a_release_that_was_flashed_over_can_controls_as_on_the_host(built, fresh, provisioned):
+    """And a second one over it, confirmed; one that is damaged on the way is refused, and none of it runs."""
+    board = on(built, fresh, provisioned)
+    line = BoardLine(board)
+    with pytest.raises(ImageRefusedError):
+        line.flash(built.image("two", 2)[:-1] + b"!")
+    line.sleep(1.0)
+    done = line.flash(built.image("two", 2))
+    assert (done.end, done.before.serial_number, done.after.reason) == (End.CONFIRMED, "0815", BootReason.TRIAL)
+    assert line.flash(built.image("two", 2)).end is End.ALREADY
+    assert board.board.stack_depth() < 12_000
+    # Numbers are read from the slot that the tester wrote; on the host they are compiled in.
+    again, host = on(built, fresh, board.board.flash.bank.pack()), host_of(built.sources)
+    for now_ns, frames in Feed().periods(WINDOW + 6):
+        commands, statuses = zip(*(one.step(now_ns, frames) for one in (again, host)), strict=True)
+        assert commands[0].data == commands[1].data
+        assert statuses[0].data != statuses[1].data
+    assert again.trace.mode is Mode.CONTROL
+
+
+@pytest.mark.proofs
+def test_a_cut_in_any_operation_of_the_flash_leaves_a_board_that_runs(built, fresh, provisioned, monkeypatch):
+    """By the machine code of loader and driver; what each cut leaves torn is taken from one sequence without a cut."""
+    left: list[bytes] = []
+
+    def recorded(name: str) -> None:
+        operation = getattr(FlashController, name)
+
+        def cut_and_done(self: FlashController, *arguments: Any) -> None:
+            bank = FlashBank.unpack(self.bank.pack())
+            with pytest.raises(PowerCut):
+                operation(FlashController(bank, lambda *_: None, cut_at=1, seed=len(left)), *arguments)
+            left.append(zlib.compress(bank.pack(), 1))
+            operation(self, *arguments)
+
+        monkeypatch.setattr(FlashController, name, cut_and_done)
+
+    board = on(built, fresh, provisioned)
+    for name in ("_erase", "_program"):
+        recorded(name)
+    assert BoardLine(board).flash(built.image("two", 2)).end is End.CONFIRMED
+    monkeypatch.undo()
+    cuts, bricked, unfinished = 0, [], []
+    for packed in map(zlib.decompress, left):
+        cuts += 1
+        board = on(built, fresh, packed)
+        board.advance(CONFIG.period_ns)
+        if board.state.fail_safe.reason is Reason.NO_RELEASE:
+            bricked.append(cuts)
+        if cuts % 8 == 0 and BoardLine(board).flash(built.image("two", 2)).end not in (End.CONFIRMED, End.ALREADY):
+            unfinished.append(cuts)
+    assert (bricked, unfinished) == ([], []), cuts
+    assert cuts > 150
