@@ -1,0 +1,205 @@
+"""The fault memory in C and in Python side by side: a course through every branch, and planted faults that it finds."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import pytest
+
+from can_bridge.flashing.backing import Kind
+from can_bridge.flashing.medium import MediumError
+from can_bridge.uds.fault_codes import CODES, SNAPSHOT_BYTES
+from can_bridge.uds.fault_memory import AGED_CYCLES
+from can_bridge.uds.services import REQUEST_ID
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.messages import Reason
+from firmware_sim.ecu.state_machine import OperatingMode
+from tests.proofs.loader_in_c.node_library import QUICK, Library, build, sources
+from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, Twins, as_in_c, world
+
+FILE = "sw_faults.c"
+LOST = CODES[Reason.STREAM_LOST].to_bytes(3, "big")
+REPORTS = (
+    *(b"\x19\x01\xff", b"\x19\x01\x00", b"\x19\x02\xff", b"\x19\x02\x00", b"\x19\x0a"),
+    b"\x19\x04" + LOST + b"\x01",
+)
+PLANTED = (
+    ("fault->age >= SW_AGED_CYCLES", "fault->age > SW_AGED_CYCLES"),
+    ("fault->age = 0;\n}\n\nstatic void begin", "}\n\nstatic void begin"),
+    ("status &= ~PENDING;", ""),
+    ("(fault->status & FAILED_THIS_CYCLE) == 0u", "1"),
+    ("status |= NOT_COMPLETED_THIS_CYCLE;", ""),
+    ("if (faults->is_changed && !node->drives_jets)", "if (faults->is_changed)"),
+    ("if (node->drives_jets) return", "if (0) return"),
+    ("faults->has_latest = 0;", ""),
+    ("group == ALL_GROUPS || i == place", "1"),
+    ("fail_safe->mode == faults->was && !is_first", "fail_safe->mode == faults->was"),
+    ("node->faults.was = state->fail_safe.mode;", ""),
+    ("== sw_crc32(0, record, BODY_END)", "!= 0u"),
+)
+
+
+class Course:
+    """Both ECUs, period by period; every difference ends it."""
+
+    def __init__(self, of: Any, first: str | None = "one") -> None:
+        self.twins = Twins(of, first=first)
+
+    def periods(self, count: int, enable: bool | None) -> None:
+        for _ in range(count):
+            self.twins.control(enable)
+            self.ask()
+            self.twins.now_ns += 20 * MS
+            assert self.twins.differences == []
+
+    def ask(self, request: bytes = b"") -> bytes:
+        """The answer to a request of one frame."""
+        data = bytes([len(request)]) + request
+        frames = [Frame(frame_id=REQUEST_ID, data=data, timestamp_ns=self.twins.now_ns, is_fd=True)] if request else []
+        sent = self.twins.service(frames)
+        assert self.twins.differences == []
+        if not sent:
+            return b""
+        first = sent[0].data
+        return first[2 : 2 + first[1]] if first[0] == 0 else first[1 : 1 + first[0]]
+
+    def reports(self) -> None:
+        for request in (*REPORTS, *(b"\x19\x06" + code.to_bytes(3, "big") + b"\xff" for code in CODES.values())):
+            self.ask(request)
+
+    def into_control(self) -> None:
+        self.periods(8, False)
+        self.periods(4, True)
+        assert self.twins.python.state.fail_safe.mode is OperatingMode.CONTROL
+
+    def next_cycle(self) -> None:
+        """Through a reset, once the vehicle has asked for nothing for a second."""
+        self.periods(60, False)
+        assert self.ask(b"\x10\x02")[0] == 0x50
+        assert self.ask(b"\x11\x01")[0] == 0x51
+        resets = self.twins.python.resets
+        self.twins.service([])
+        # No fault that is remembered: it shuts off because it is about to restart.
+        self.twins.control(False)
+        for _ in range(4):
+            self.twins.service([])
+            self.twins.now_ns += MS
+        self.periods(2, None)
+        assert self.twins.python.resets == resets + 1
+
+
+def live(of: Any, library: Library) -> None:
+    """The course; AssertionError where the two differ."""
+    course = Course(of)
+    course.into_control()
+    course.reports()
+    assert course.ask(b"\x14\xff\xff\xff") == b"\x7f\x14\x22"
+    for _ in range(2):
+        course.periods(8, None)
+        course.reports()
+        course.into_control()
+    course.next_cycle()
+    course.reports()
+    for cycle in range(AGED_CYCLES + 4):
+        course.into_control()
+        if cycle == 2:
+            course.periods(8, None)
+            course.reports()
+        course.next_cycle()
+        course.reports()
+    # Off, on again in the middle of what happens, and by the end of the session.
+    for request in (b"\x10\x03", b"\x85\x03", b"\x85\x01\x00", b"\x85\x02", b"\x28\x01\x01", b"\x28\x01\x03"):
+        course.ask(request)
+    course.into_control()
+    course.periods(8, None)
+    course.ask(b"\x85\x01")
+    course.twins.control(None)
+    course.reports()
+    course.ask(b"\x85\x02")
+    course.into_control()
+    course.ask(b"\x85\x01")
+    course.periods(8, None)
+    for request in (
+        b"\x14" + LOST,
+        b"\x14\x00\x00\x00",
+        b"\x14\x00",
+        b"\x19\x03\x00",
+        b"\x19\x01",
+        b"\x19\x04\x00\x00\x00\x01",
+    ):
+        course.ask(request)
+    course.ask(b"\x19\x04" + LOST + b"\x02")
+    course.reports()
+    # A memory that takes nothing, first while nothing may be written to it anyway, and records that no ECU writes.
+    keep = course.twins.backing.keep
+    for fails in (True, False):
+        course.into_control()
+        course.periods(8, None)
+        if not fails:
+            course.ask(b"\x14\xff\xff\xff")
+        library.c.host_fail(course.twins.c._room, 1)
+        course.twins.backing.keep = _worn  # type: ignore[method-assign]
+        course.into_control()
+        if fails:
+            course.periods(8, None)
+            assert course.ask(b"\x14\xff\xff\xff") == b"\x7f\x14\x72"
+        library.c.host_fail(course.twins.c._room, 0)
+        course.twins.backing.keep = keep  # type: ignore[method-assign]
+        course.next_cycle()
+        course.reports()
+    kept = course.twins.backing.memory.records[Kind.FAULTS]
+    odd = b"SWF1" + (bytes([0x00, 7, 2]) + bytes(range(SNAPSHOT_BYTES))) * len(CODES)
+    for damaged in (odd + crc32(odd).to_bytes(4, "big"), kept[:-1] + b"\x00", b"SWF2" + kept[4:], kept[:-1], kept):
+        course.twins.backing.keep(Kind.FAULTS, damaged)
+        assert library.c.host_keep_faults(course.twins.c._room, damaged, len(damaged)) == 0
+        course.next_cycle()
+        course.reports()
+    # Clocks: beyond what a snapshot's 4 bytes count, and from before power-on.
+    for one, now_ns in ((course, course.twins.now_ns + 50 * 86_400_000 * MS), (Course(of), 0)):
+        one.into_control()
+        one.twins.now_ns = now_ns
+        one.periods(1, True)
+        assert one.twins.python.state.fail_safe.mode is OperatingMode.FAULT
+        for code in CODES.values():
+            one.ask(b"\x19\x04" + code.to_bytes(3, "big") + b"\x01")
+    empty = Course(of, first=None)
+    empty.periods(3, True)
+    empty.reports()
+    assert empty.twins.python.state.fail_safe.reason is Reason.NO_RELEASE
+
+
+def _worn(kind: Kind, record: bytes) -> None:
+    raise MediumError("worn", 0)
+
+
+def lives(contents: Mapping[str, bytes], folder: Path, name: str, flags: tuple[str, ...] = QUICK) -> Library:
+    library = Library(contents, build(contents, folder, f"{name}.so", flags))
+    library.ffi.cdef("int host_keep_faults(void *, const uint8_t *, uint32_t);")
+    of = world("fd", library)
+    with as_in_c(of):
+        live(of, library)
+    return library
+
+
+@pytest.mark.compiler
+@pytest.mark.proofs  # compiles each
+def test_both_live_alike_through_every_branch_and_a_planted_fault_is_found(tmp_path):
+    own = Path(__file__).parent / "c" / "faults_host.c"
+    contents = sources(CONFIGS["fd"]) | {own.name: own.read_bytes()}
+    covered = lives(contents, tmp_path / "covered", "covered", (*QUICK, "--coverage", "-DHOST_COVERAGE"))
+    covered.c.host_dump()
+    report = tmp_path / "coverage.json"
+    command = (sys.executable, "-m", "gcovr", "--root", ".", "--filter", FILE, "--json", str(report), ".")
+    subprocess.run(command, cwd=tmp_path / "covered", capture_output=True, check=True)
+    lines = json.loads(report.read_text())["files"][0]["lines"]
+    missed = [line["line_number"] for line in lines if any(branch["count"] == 0 for branch in line["branches"])]
+    text = contents[FILE].decode()
+    assert [text.splitlines()[number - 1].strip() for number in missed] == []
+    for number, (old, new) in enumerate(PLANTED):
+        assert text.count(old) == 1, old
+        with pytest.raises(AssertionError):
+            lives({**contents, FILE: text.replace(old, new).encode()}, tmp_path / "planted", f"planted_{number}")
