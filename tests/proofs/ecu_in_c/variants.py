@@ -5,6 +5,7 @@ from typing import Final
 
 from contract.config.tree import Config
 from contract.config.vehicle import BenefitCheckConfig, BusConfig, E2eConfig, EcuConfig, SensorCheckConfig, SpeedConfig
+from contract.controller.calibration import LARGEST_WEIGHT
 from contract.release.checks import Bundle
 from contract.release.manifest import SensorEstimator, SpeedRange
 from tests.proofs.ecu.hostile_world import small_bundle
@@ -81,4 +82,7 @@ def bundle_of(config: Config) -> Bundle:
     rows = tuple(tuple(DEVIATION * (1.0 + 0.1 * (i + 2 * j)) for i in range(4)) for j in range(4))
     figures = SensorEstimator(fast=rows, slow=rows)
     speeds = None if config.ecu.speed == SpeedConfig() else SPEEDS
-    return replace(bundle, manifest=replace(bundle.manifest, sensor_estimator=figures, speeds=speeds))
+    # One kind of release has a weight of its own that no calibration of another could have.
+    heavy = replace(bundle.manifest.mpc.weights, effort=2.0 * LARGEST_WEIGHT)
+    mpc = bundle.manifest.mpc if speeds is None else replace(bundle.manifest.mpc, weights=heavy)
+    return replace(bundle, manifest=replace(bundle.manifest, sensor_estimator=figures, speeds=speeds, mpc=mpc))
