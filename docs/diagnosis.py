@@ -194,6 +194,17 @@ little-endian, as [the how-to page](../how-to/calibrate.md#by-hand) describes.""
                     ("code", "name", "sent when"),
                     ((_byte(one), _words(one.name), NRC_TEXTS[one]) for one in Nrc if one not in UNSENT),
                 ),
+                "## Tools of others",
+                _wrapped("""`stillwake diagnose pdx FILE.pdx` writes all of UDS above as ODX 2.2 (ISO 22901-1): each
+request and answer with its types, trouble codes and negative responses, the sessions and levels as states
+that services need, and how the ECU is reached. It is made from the same tables as this page. A test has
+odxtools read it, ask the running server by it, in every session, and decode the answers. The communication
+parameters have the names of ISO 15765-2, 15765-3 and 11898-2; their subsets hold those alone that are used,
+so a tool that has the whole standard subsets should keep its own."""),
+                _wrapped("""The scanners of scapy (ISO-TP, UDS and XCP) are run against the ECU in a test: they find the
+identifiers on the bus, the services, identifiers, sessions, levels and routines of these tables and no others,
+and the jets stay as they are in every control period of the scan, under control and without. caringcaribou,
+another scanner, is no package that could be installed, so nothing is stated about it."""),
                 "## XCP",
                 _wrapped(f"""XCP on CAN (ASAM MCD-1 XCP, protocol {xcp.PROTOCOL_VERSION}.x): packets of up to
 {xcp.MAX_CTO} bytes, one segment of {PACKED_BYTES} bytes at address 0x{ADDRESS:X}
