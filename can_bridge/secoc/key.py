@@ -37,8 +37,13 @@ class Key:
 
 
 def read_key(path: Path) -> Key:
-    """The key in a file: 16 bytes, or 32 hexadecimal digits and perhaps the end of a line. Raises KeyFileError: no such
-    file, other contents, a key of zeros, or one that others than its owner may read."""
+    """The key in a file; raises as `read_secret`."""
+    return Key(read_secret(path))
+
+
+def read_secret(path: Path) -> bytes:
+    """The key in a file, to be built into a firmware: 16 bytes, or 32 hexadecimal digits and perhaps the end of a line.
+    Raises KeyFileError: no such file, other contents, a key of zeros, or one that others than its owner may read."""
     try:
         with open(path, "rb", opener=_open_without_waiting) as file:
             about = os.fstat(file.fileno())
@@ -50,7 +55,9 @@ def read_key(path: Path) -> Key:
     if os.name == "posix" and about.st_mode & (stat.S_IRWXG | stat.S_IRWXO):
         raise KeyFileError(f"{path}: others than its owner have access to the key; put it right with `chmod 600`")
     try:
-        return Key(_decoded(content))
+        secret = _decoded(content)
+        Key(secret)
+        return secret
     except ValueError as error:
         # What is in the file stays out of the message.
         raise KeyFileError(f"{path}: {error}; `stillwake can keygen` makes a key file") from None

@@ -13,6 +13,7 @@ from typer.core import TyperGroup
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError
+from stillwake.commands.ecu_board import board
 from stillwake.commands.run import asked_calibration
 from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.settings import REAL_BUS, WEIGHTS, settings
@@ -61,6 +62,7 @@ class _RunsByDefault(TyperGroup):
 
 
 ecu = typer.Typer(cls=_RunsByDefault, help="Run the ECU on a real CAN bus; provision one that can be flashed.")
+ecu.command(name="board")(board)
 
 Slots = Annotated[
     Path | None,

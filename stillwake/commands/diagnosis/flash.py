@@ -26,7 +26,7 @@ USES: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_
 
 
 def flash(
-    bundle: Annotated[Path, typer.Argument(help="Release bundle: directory or .zip.")],
+    bundle: Annotated[Path, typer.Argument(help="Release bundle, directory or .zip; or image (.swi) for an ECU in C.")],
     bus: BusName = None,
     access: Annotated[
         Path | None,
@@ -61,20 +61,27 @@ def flash(
     from can_bridge.uds.access_key import AccessKey
     from contract.release.container import read_files
     from contract.release.image import image_of
+    from contract.release.image_contents import is_image, opened
 
     config = settings("flash", config_file, with_bus(bus, overrides), uses=USES).config
     if access is None and not dry_run:
         raise ConfigError("--access: must name the ECU's key file; --dry-run alone does without")
     key = None if access is None else AccessKey.read(access)
-    release = open_release(bundle, trust)
-    image = image_of(read_files(bundle))
-    console.print(*describe(release), sep="\n")
+    release = None if is_image(bundle) else open_release(bundle, trust)
+    if release is None:
+        # Whom it is signed by, and what it is for, is the ECU's to judge.
+        name, image = opened(bundle).facts.name, bundle.read_bytes()
+        console.print(f"image {name}, {len(image)} bytes")
+    else:
+        name, image = release.manifest.name, image_of(read_files(bundle))
+        console.print(*describe(release), sep="\n")
 
     def judge(facts: "EcuFacts") -> None:
         console.print(f"ECU {facts.serial_number}, {facts.hardware}: runs {_running(facts)}")
-        if dry_run:
-            console.print(_comparison(release, len(image), facts))
-        check_fits(release, len(image), facts)
+        if release is not None:
+            if dry_run:
+                console.print(_comparison(release, len(image), facts))
+            check_fits(release, len(image), facts)
 
     with (
         open_client(config.bus) as client,
@@ -92,11 +99,11 @@ def flash(
             on_step=shown.on_step,
         )
     line = {
-        End.ALREADY: f"{release.manifest.name} runs already, and is confirmed: nothing was done",
+        End.ALREADY: f"{name} runs already, and is confirmed: nothing was done",
         End.WOULD_FLASH: "dry run: nothing stands against it, and nothing was written",
-        End.ON_TRIAL: f"{release.manifest.name} runs on trial, {_boots_left(flashed)} boots left; the same command "
+        End.ON_TRIAL: f"{name} runs on trial, {_boots_left(flashed)} boots left; the same command "
         "without --no-confirm confirms it",
-        End.CONFIRMED: f"{release.manifest.name} runs, and is confirmed",
+        End.CONFIRMED: f"{name} runs, and is confirmed",
     }[flashed.end]
     console.print(line + _effort(flashed, len(image)))
 

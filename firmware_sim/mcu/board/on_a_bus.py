@@ -1,0 +1,55 @@
+"""An emulated board on a real bus: its time passes with the wall clock, and stands still while a step is emulated."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from can_bridge.bus.interface import Bus
+from contract.atomic import replacing
+from contract.errors import McuError
+from firmware_sim.mcu.board.board_ecu import BoardEcu
+from firmware_sim.mcu.board.flash_controller import FlashBank
+
+LONGEST_NS: Final = 20_000_000
+"""Of the board's time that passes between two looks at the bus, however long the emulation takes."""
+
+
+def read_bank(path: Path) -> FlashBank:
+    """The flash in a file, or an erased one where there is none; raises McuError if it cannot be read."""
+    try:
+        return FlashBank.unpack(path.read_bytes()) if path.exists() else FlashBank()
+    except OSError as error:
+        raise McuError(f"{path}: {error.strerror or error}") from error
+
+
+def serve(
+    ecu: BoardEcu,
+    bus: Bus,
+    path: Path,
+    *,
+    clock_ns: Callable[[], int],
+    wait: Callable[[], None],
+    is_stopped: Callable[[], bool],
+) -> None:
+    """Until it is stopped; the flash is written to the file whenever it has changed.
+
+    Args:
+        wait: for a moment, between two looks at the bus.
+
+    Raises:
+        BusError: the bus failed.
+        McuError: the core stopped.
+    """
+    kept, before_ns = ecu.board.flash.bank.pack() if path.exists() else b"", clock_ns()
+    while not is_stopped():
+        now_ns = clock_ns()
+        passed_ns, before_ns = min(now_ns - before_ns, LONGEST_NS), now_ns
+        frames = [replace(frame, timestamp_ns=ecu.board.counter.now_ns) for frame in bus.receive_all()]
+        for frame in ecu.advance(ecu.board.counter.now_ns + passed_ns, frames):
+            bus.send(frame)
+        if (packed := ecu.board.flash.bank.pack()) != kept:
+            kept = packed
+            with replacing(path) as temporary:
+                temporary.write_bytes(packed)
+        wait()
