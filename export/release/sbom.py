@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from email import message_from_bytes
 from importlib.metadata import PackageNotFoundError, metadata
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from uuid import NAMESPACE_URL, uuid5
 
 from cyclonedx.contrib.license.factories import LicenseFactory
@@ -28,8 +28,6 @@ from contract.atomic import replacing
 from contract.release.checks import CONTROLLER, Bundle, dbc_sha256, sha256
 from contract.release.signing import project_key
 
-SUFFIX: Final = ".cdx.json"
-"""Of a bill's file, behind the whole name of what it is of."""
 OURS: Final = "MIT"
 """Licence of what the project made; a release of others is theirs."""
 
@@ -47,20 +45,22 @@ def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:
         "security_version": str(manifest.security_version),
         "signed_by": "no one" if bundle.signer is None else bundle.signer.fingerprint,
     }
-    kind, learned = ComponentType.FIRMWARE, ComponentType.MACHINE_LEARNING_MODEL
-    release = _part(kind, manifest.name, version=bundle.digest[:12], licence=licence, about=about)
-    hashes = {name: sha256(data) for name, data in sorted(contents.items())}
-    files = [_part(learned if name.endswith(".onnx") else ComponentType.FILE, name, hashes[name]) for name in hashes]
-    files.append(_part(ComponentType.FILE, "stillwake.dbc", dbc_sha256(), licence=OURS))
-    model = _part(learned, "weights", manifest.weights_sha256, licence=licence)
+    properties = [Property(name=f"stillwake:{key}", value=value) for key, value in about.items()]
+    version = bundle.digest[:12]
+    release = _part(ComponentType.FIRMWARE, manifest.name, licence=licence, version=version, properties=properties)
+    learned, file = ComponentType.MACHINE_LEARNING_MODEL, ComponentType.FILE
+    files = [
+        _part(learned if name.endswith(".onnx") else file, name, sha256(data))
+        for name, data in sorted(contents.items())
+    ]
+    files.append(_part(file, "stillwake.dbc", dbc_sha256(), OURS))
+    model = _part(learned, "weights", manifest.weights_sha256, licence)
     recording = _part(ComponentType.DATA, "dataset", manifest.dataset_sha256)
     versions: Mapping[str, str] = manifest.provenance.get("versions", {})
-    tools = [_package(name, version) for name, version in sorted(versions.items())]
-    bom = _bom(release, [*files, model, recording, *tools], bundle.digest, manifest.created)
-    bom.register_dependency(release, files)
-    bom.register_dependency(next(item for item in files if item.name == CONTROLLER), [model])
-    bom.register_dependency(model, [recording, *tools])
-    return _json(bom)
+    origin = [recording, *(_package(name, version) for name, version in sorted(versions.items()))]
+    controller = next(item for item in files if item.name == CONTROLLER)
+    needs = [(release, files), (controller, [model]), (model, origin)]
+    return _bom([*files, model, *origin], needs, bundle.digest, manifest.created)
 
 
 def wheel_bom(wheel: Path, day: str) -> bytes:
@@ -69,60 +69,44 @@ def wheel_bom(wheel: Path, day: str) -> bytes:
     Args:
         day: of the bill, YYYY-MM-DD.
     """
-    content = wheel.read_bytes()
+    digest = sha256(wheel.read_bytes())
     with zipfile.ZipFile(wheel) as archive:
         name = next(item for item in archive.namelist() if item.endswith(".dist-info/METADATA"))
         facts = message_from_bytes(archive.read(name))
-    found = _package(facts["Name"], facts["Version"], licence=facts["License-Expression"], digest=sha256(content))
-    required: dict[str, ComponentScope] = {}
-    for text in facts.get_all("Requires-Dist", []):
-        requirement = Requirement(text)
-        optional = requirement.marker is not None and "extra" in str(requirement.marker)
-        if requirement.name != facts["Name"] and not (optional and requirement.name in required):
-            required[requirement.name] = ComponentScope.OPTIONAL if optional else ComponentScope.REQUIRED
-    packages = [_package(name, _installed(name, "Version"), scope=scope) for name, scope in sorted(required.items())]
-    bom = _bom(found, packages, sha256(content), day)
-    bom.register_dependency(found, packages)
-    return _json(bom)
+    found = _package(facts["Name"], facts["Version"], digest, facts["License-Expression"])
+    scopes: dict[str, ComponentScope] = {}
+    for requirement in map(Requirement, facts.get_all("Requires-Dist", [])):
+        if "extra" not in str(requirement.marker):
+            scopes[requirement.name] = ComponentScope.REQUIRED
+        elif requirement.name != found.name:
+            scopes.setdefault(requirement.name, ComponentScope.OPTIONAL)
+    packages = [_package(name, _installed(name, "Version"), scope=scope) for name, scope in sorted(scopes.items())]
+    return _bom(packages, [(found, packages)], digest, day)
+
+
+def write_bom(of: Path, content: bytes) -> Path:
+    """Write a bill next to what it is of; raises StillwakeError where that is not possible."""
+    path = of.with_name(f"{of.name}.cdx.json")
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
+    return path
 
 
 def _package(
-    name: str,
-    version: str | None,
-    *,
-    licence: str | None = None,
-    digest: str | None = None,
-    scope: ComponentScope | None = None,
+    name: str, version: str | None, digest: str | None = None, licence: str | None = None, **more: Any
 ) -> Component:
     if licence is None and _installed(name, "Version") == version:
         licence = _installed(name, "License-Expression")
-    kind = ComponentType.PLATFORM if name == "python" else ComponentType.LIBRARY
-    purl = PackageURL("generic" if name == "python" else "pypi", name=name, version=version)
-    return _part(kind, name, digest, version=version, licence=licence, purl=purl, scope=scope)
+    kind, registry = (ComponentType.LIBRARY, "pypi") if name != "python" else (ComponentType.PLATFORM, "generic")
+    return _part(kind, name, digest, licence, version=version, purl=PackageURL(registry, None, name, version), **more)
 
 
 def _part(
-    kind: ComponentType,
-    name: str,
-    digest: str | None = None,
-    *,
-    version: str | None = None,
-    licence: str | None = None,
-    about: Mapping[str, str] | None = None,
-    purl: PackageURL | None = None,
-    scope: ComponentScope | None = None,
+    kind: ComponentType, name: str, digest: str | None = None, licence: str | None = None, **more: Any
 ) -> Component:
-    return Component(
-        type=kind,
-        name=name,
-        bom_ref=name,
-        version=version,
-        hashes=[] if digest is None else [HashType(alg=HashAlgorithm.SHA_256, content=digest)],
-        licenses=[] if licence is None else [LicenseFactory().make_from_string(licence)],
-        properties=[Property(name=f"stillwake:{key}", value=value) for key, value in (about or {}).items()],
-        purl=purl,
-        scope=scope,
-    )
+    hashes = [] if digest is None else [HashType(alg=HashAlgorithm.SHA_256, content=digest)]
+    licences = [] if licence is None else [LicenseFactory().make_from_string(licence)]
+    return Component(type=kind, name=name, bom_ref=name, hashes=hashes, licenses=licences, **more)
 
 
 def _installed(name: str, field: str) -> str | None:
@@ -134,24 +118,17 @@ def _installed(name: str, field: str) -> str | None:
     return str(stated[0]) if stated else None
 
 
-def _bom(of: Component, parts: Sequence[Component], digest: str, day: str) -> Bom:
-    tool = Component(type=ComponentType.APPLICATION, name="stillwake", version=_installed("stillwake", "Version"))
-    at = datetime.fromisoformat(day).replace(tzinfo=UTC)
-    about = BomMetaData(component=of, timestamp=at, tools=[])
-    about.tools.components.add(tool)
-    return Bom(components=parts, serial_number=uuid5(NAMESPACE_URL, digest), metadata=about)
-
-
-def _json(bom: Bom) -> bytes:
+def _bom(
+    parts: Sequence[Component], needs: Sequence[tuple[Component, Sequence[Component]]], digest: str, day: str
+) -> bytes:
+    """The bill of the first that needs others."""
+    about = BomMetaData(component=needs[0][0], timestamp=datetime.fromisoformat(day).replace(tzinfo=UTC))
+    version = _installed("stillwake", "Version")
+    about.tools.components.add(Component(type=ComponentType.APPLICATION, name="stillwake", version=version))
+    bom = Bom(components=parts, serial_number=uuid5(NAMESPACE_URL, digest), metadata=about)
+    for one, others in needs:
+        bom.register_dependency(one, others)
     return f"{JsonV1Dot6(bom).output_as_string(indent=2)}\n".encode()
-
-
-def write_bom(of: Path, content: bytes) -> Path:
-    """Write a bill next to what it is of; raises StillwakeError where that is not possible."""
-    path = of.with_name(of.name + SUFFIX)
-    with replacing(path) as temporary:
-        temporary.write_bytes(content)
-    return path
 
 
 if __name__ == "__main__":

@@ -10,15 +10,12 @@ from contract.config.tree import Config
 
 
 def plant_fmu(config: Config, start: Path | None = None) -> bytes:
-    """The FMU's file, after the plant has been made once.
+    """The FMU's file, after the plant has been made once. Raises PlantError if the start is not of this plant, or the
+    plant not stable; ModuleNotFoundError if `pythonfmu3` is not installed (extra fmu).
 
     Args:
         config: of flow, body and operating point; the rest goes along.
         start: flow state to begin from; the shipped one without it.
-
-    Raises:
-        PlantError: the start is not of this plant, or the plant not stable.
-        ModuleNotFoundError: `pythonfmu3` is not installed (extra fmu).
     """
     from pythonfmu3.builder import FmuBuilder
 

@@ -38,35 +38,24 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
         pressure = config.operating_point.dynamic_pressure
         self.register_units([Unit("Pa", kg=1, m=-1, s=-2), Unit("m/s", m=1, s=-1), Unit("m2/s", m=2, s=-1)])
         self.register_units([Unit("s", s=1), Unit("t_c")])
-        self._add("time", "Time", Fmi3Causality.independent, "s", lambda: self.time)
-        what = "Jet flow rate per unit span to be reached at the end of a step"
-        self._add("jet_flow", what, Fmi3Causality.input, "m2/s", None)
-        what = "Of the vehicle through the air, to be reached at the end of a step"
-        self._add("vehicle_speed", what, Fmi3Causality.input, "m/s", None)
+        given, gives = Fmi3Causality.input, Fmi3Causality.output
+        self._add("time", "Time", "s", Fmi3Causality.independent, lambda: self.time)
+        self._add("jet_flow", "Jet flow rate per unit span to be reached at the end of a step", "m2/s", given)
+        self._add("vehicle_speed", "Through the air, to be reached at the end of a step", "m/s", given)
         for i, name in enumerate(self._wake.layout.names):
-            what = f"Wall pressure at {name}, less that of the free stream"
-            self._output(f"pressure.{name}", what, "Pa", lambda i=i: self._sample.Cp[i] * pressure)
-        self._output("Cd", "Drag coefficient of the wall, at the speed of the operating point", "", self._field("Cd"))
-        self._output("Cd_net", "The same with the jets' force, momentum and power", "", self._field("Cd_net"))
-        self._output("Cl", "Lift coefficient", "", self._field("Cl"))
-        self._output("convective_time", "Time in widths over speed", "t_c", self._field("t"))
+            what = "Wall pressure, relative to the free stream"
+            self._add(f"pressure.{name}", what, "Pa", gives, lambda i=i: self._sample.Cp[i] * pressure)
+        for name, field, unit, what in (
+            ("Cd", "Cd", None, "Drag coefficient of the wall, at the speed of the operating point"),
+            ("Cd_net", "Cd_net", None, "The same with the jets' force, momentum and power"),
+            ("Cl", "Cl", None, "Lift coefficient, at the speed of the operating point"),
+            ("convective_time", "t", "t_c", "Time in widths over speed"),
+        ):
+            self._add(name, what, unit, gives, lambda field=field: getattr(self._sample, field))
 
-    def _field(self, name: str) -> Any:
-        return lambda: getattr(self._sample, name)
-
-    def _output(self, name: str, description: str, unit: str, getter: Any) -> None:
-        self._add(name, description, Fmi3Causality.output, unit, getter)
-
-    def _add(self, name: str, description: str, causality: Fmi3Causality, unit: str, getter: Any) -> None:
-        variable = Float64(
-            name,
-            description=description,
-            causality=causality,
-            variability=Fmi3Variability.continuous,
-            unit=unit or None,
-            getter=getter,
-        )
-        self.register_variable(variable, nested=False)
+    def _add(self, name: str, description: str, unit: str | None, causality: Fmi3Causality, getter: Any = None) -> None:
+        facts = {"description": description, "unit": unit, "getter": getter, "causality": causality}
+        self.register_variable(Float64(name, variability=Fmi3Variability.continuous, **facts), nested=False)
 
     def do_step(self, current_time: float, step_size: float) -> Fmi3StepResult:
         """One control period; a step of another length is refused."""

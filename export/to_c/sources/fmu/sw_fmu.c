@@ -106,7 +106,7 @@ static int32_t nearest(double value, int32_t least, int32_t most, int32_t otherw
     return found >= least && found <= most ? found : otherwise;
 }
 
-/* An age in steps of the wire: to the nearest, or for the few steps of the classic set up, so that nothing looks fresher
+/* An age in steps of the wire: to the nearest, or for the few steps of the classic set up, so that none looks fresher
  * than it is. What the wire has no room for, and what is no number, has its last step.
  */
 static int32_t age_steps(double seconds)
@@ -158,11 +158,11 @@ static void write_pressures(memory *kept, sw_frame *frame)
 static void write_speed(memory *kept, sw_frame *frame)
 {
     const int32_t unknown = (int32_t)SW_SPEED_UNKNOWN;
-    const double speed = kept->values[SW_FMU_SPEED] / SW_SPEED_RESOLUTION;
-    const double density = kept->values[SW_FMU_DENSITY] / SW_DENSITY_RESOLUTION;
+    const double speed = kept->values[SW_FMU_VEHICLE_SPEED] / SW_SPEED_RESOLUTION;
+    const double density = kept->values[SW_FMU_AIR_DENSITY] / SW_DENSITY_RESOLUTION;
     start_frame(frame, SW_SPEED_ID, SW_SPEED_BYTES, kept->next_ns);
-    put(frame->data, SW_FMU_SPEED, nearest(speed, 0, unknown - 1, unknown));
-    put(frame->data, SW_FMU_DENSITY, nearest(density, 1, 255, 0));
+    put(frame->data, SW_FMU_VEHICLE_SPEED, nearest(speed, 0, unknown - 1, unknown));
+    put(frame->data, SW_FMU_AIR_DENSITY, nearest(density, 1, 255, 0));
     sw_e2e_protect(frame->data, SW_SPEED_BYTES, SW_SPEED_DATA_ID, kept->speed_counter);
     kept->speed_counter = next_counter(kept->speed_counter);
 }
