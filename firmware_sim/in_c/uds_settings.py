@@ -5,7 +5,6 @@ from enum import IntEnum
 from struct import calcsize
 from typing import Final
 
-from can_bridge.flashing import state
 from can_bridge.flashing.access_level import Level
 from can_bridge.isotp.settings import IsoTpSettings
 from can_bridge.uds import fault_codes, fault_memory, security, server, services
@@ -39,7 +38,6 @@ def uds_settings() -> bytes:
         "S3_MS": services.S3_MS,
         "LEVELS": len(Level),
         "ACCESS_ATTEMPTS": security.MAX_ATTEMPTS,
-        "ATTEMPTS_COUNTED": state.MOST_ATTEMPTS,
         "LONGEST_ANSWER": LONGEST_ANSWER,
         "ISOTP_ROOM": ROOM,
         "ISOTP_QUEUE": _ISOTP.queue,

@@ -1,6 +1,7 @@
 """What testers want besides the plans of `tests.proofs.flash`: calibrations, odd lengths, control, failing parts."""
 
 import hashlib
+import struct
 from collections.abc import Callable, Generator
 from random import Random
 from typing import Any, Final
@@ -48,8 +49,10 @@ def any_of(rng: Random, of: World) -> Plan:
 
 def story(rng: Random, of: World, steps: int) -> Plan:
     """A sound image, up to so many steps behind its transfer: check, activate, reset, test, confirm twice, revert."""
-    image = of.pool.images[rng.choice(("newest", "newest", "for this hardware", "one", "again"))]
+    image = of.pool.images[rng.choice(("newest", "newest", "for this hardware", "one", "again", "second"))]
     yield from unlocking(Level.PROGRAMMING)
+    if rng.random() < 0.3:
+        yield from each(*(2 * [write(Did.KEY_LIST, rng.choice(of.pool.key_lists[:3]))]))
     sha256 = hashlib.sha256(image).digest()
     answer = yield routine(Routine.ERASE, len(image).to_bytes(4, "big") + sha256)
     at = int.from_bytes(answer[4:8], "big") if answer is not None and answer[0] == 0x71 else 0
@@ -57,15 +60,26 @@ def story(rng: Random, of: World, steps: int) -> Plan:
         yield b"\x34\x00\x44" + at.to_bytes(4, "big") + (len(image) - at).to_bytes(4, "big")
     for number, start in enumerate(range(at, len(image), 4078), start=1):
         yield bytes([0x36, number]) + image[start : start + 4078]
-        if rng.random() < 0.3:
+        if rng.random() < 0.05:
+            yield lambda program: program.twins.fail(1)
+        elif rng.random() < 0.3:
             yield bytes([0x36, number]) + image[start : start + rng.choice((4078, 4078, 100))]
+    yield lambda program: program.twins.fail(0)
     yield rng.choice((b"\x37", b"\x36\x03!"))
     yield b"\x37"
     wanted = (routine(Routine.CHECK), routine(Routine.ACTIVATE), b"\x11\x01")
+    if rng.random() < 0.3:
+        # Others come amid the work, more than there is room for.
+        report = 3 * b"\xfd\x01"
+        yield lambda program: program.burst(wanted[0], b"\x3e\x80", b"\x3e\x00", b"\x3e", b"\x11\x01", b"\x3f\x80")
+        yield lambda program: program.burst(*(rng.choice((1, 10)) * [b"\x22" + report]))
     yield from each(*wanted[:steps])
     if steps > len(wanted):
         yield from unlocking(Level.PROGRAMMING)
+        fails = rng.choice((0, 0, 4, 5, 6))
+        yield lambda program: program.twins.fail(fails)
         yield routine(Routine.SELF_TEST)
+        yield lambda program: program.twins.fail(0)
         if rng.random() < 0.2:
             # The image that runs on trial is written over.
             yield routine(Routine.ERASE, len(image).to_bytes(4, "big") + bytes(32))
@@ -108,7 +122,7 @@ def calibrations(rng: Random, of: World) -> Plan:
     for _ in range(4):
         values = bytearray(own)
         at = 4 * rng.randrange(PACKED_BYTES // 4)
-        values[at : at + 4] = rng.choice((own[at : at + 4], *_VALUES))
+        values[at : at + 4] = rng.choice((own[at : at + 4], _half(own[at : at + 4]), *_VALUES))
         yield write(Did.CALIBRATION, bytes(values))
         yield lambda program: program.control(1, False)
         yield write(Did.CALIBRATION_STORED, bytes([rng.choice((0, 1, 1, 2))]))
@@ -118,12 +132,18 @@ def calibrations(rng: Random, of: World) -> Plan:
         yield b"\x11\x01"
 
 
+def _half(value: bytes) -> bytes:
+    return struct.pack("<f", 0.5 * struct.unpack("<f", value)[0])
+
+
 def controlled(rng: Random, of: World) -> Plan:
     """The jets run, or could, while a tester asks for what may not be then."""
     yield from unlocking(Level.CALIBRATION)
+    yield write(Did.CALIBRATION_STORED, b"\1")
     yield lambda program: program.control(12, False)
     yield lambda program: program.control(rng.choice((1, 30)), True)
     yield from each(b"\x10\x02", routine(Routine.PRECONDITIONS), write(Did.CALIBRATION_STORED, b"\1"), b"\x28\x01\x01")
+    yield write(Did.CALIBRATION_STORED, b"\0")
     yield from unlocking(Level.PROGRAMMING)
     yield routine(Routine.ERASE, b"\0\0\x10\0" + bytes(32))
     yield b"\x11\x01"

@@ -6,6 +6,7 @@ from random import Random
 from typing import Final
 from unittest.mock import patch
 
+from can_bridge.isotp import control_info
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.isotp.settings import IsoTpSettings, classic
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
@@ -45,7 +46,7 @@ class Program:
                 settings(receive_id=RESPONSE_ID, send_id=REQUEST_ID),
                 frame_length=rng.choice((8, 12, 64, 64, 64)) if self._is_fd else 8,
                 block_size=rng.choice((0, 0, 1, 8)),
-                separation_code=rng.choice((0, 0, 1, 0xF3, 0x80)),
+                separation_code=rng.choice((0, 0, 1, 0xF3, 0x80, 0xFF)),
             )
         )
         self._pace = rng.choice((1, 1, 1, 7))
@@ -84,9 +85,14 @@ class Program:
             self.twins.service([])
         self.twins.due_ns = self.twins.now_ns + 20 * MS
 
+    def burst(self, *requests: bytes) -> None:
+        """Requests of at most 7 bytes, in one call."""
+        self.twins.service([self._frame(control_info.single(request), self._is_fd) for request in requests])
+
     def wait(self, by_ns: int) -> None:
         """Time passes, or goes back."""
-        self.twins.now_ns = max(MS, self.twins.now_ns + by_ns)
+        # A clock that goes back behind a reset would go back behind a power-on.
+        self.twins.now_ns = max(MS, self.twins.reset_ns, self.twins.now_ns + by_ns)
 
     def _ask(self, request: bytes) -> bytes | None:
         """The last answer to a request; some are not waited for."""
@@ -103,7 +109,7 @@ class Program:
                 if answer[0] != 0x7F or answer[2] != 0x78:
                     found = answer
                 if answer[0] == 0x51 and rng.random() >= self._trouble:
-                    self.control(2, None)
+                    self.control(4, None)
             if found is not None or self.twins.differences or (tick > 60 and not self.twins.python.is_busy):
                 break
         return found
@@ -145,6 +151,9 @@ class Program:
             if data and rng.random() < 0.8:
                 # Control information of a kind that there is, and often a sound length.
                 data[0] = rng.choice(_CONTROL) | data[0] & rng.choice((0, 15))
+            if rng.random() < 0.1:
+                # The beginning of a message that is too long, or states its length in another way.
+                data[:8] = rng.choice((b"\x10\0\0\1\0\0\0\0", b"\x10\0\0\0\0\x40\0\0"))[: len(data)]
             frame_id = REQUEST_ID if rng.random() < 0.9 else rng.randrange(0x800)
             yield self._frame(bytes(data), self._is_fd, frame_id, is_extended=rng.random() < 0.02)
 

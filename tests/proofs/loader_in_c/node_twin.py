@@ -13,6 +13,8 @@ from functools import partial
 from typing import Any, Final, NamedTuple
 from unittest.mock import patch
 
+import numpy as np
+
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.flashing.backing import at_once
 from can_bridge.flashing.checking import Rules, fits_as, judge_image
@@ -175,6 +177,17 @@ def _self_test(*given: Any) -> Any:
     yield from self_test(*given)
 
 
+class _Controller(RecordingController):
+    def __init__(self, of: "Twins") -> None:
+        super().__init__()
+        self._of = of
+
+    def control_step(self, window: Any, *given: Any) -> Any:
+        answer, fails = super().control_step(window, *given), self._of.fails
+        bad = 1.0 if fails == 4 or (fails == 6 and window.any()) else -1.0
+        return replace(answer, plan=np.full_like(answer.plan, bad)) if fails in (4, 5) or bad > 0 else answer
+
+
 class Twins:
     """Both ECUs, just powered on with release "one", or with none. Enter `as_in_c` before.
 
@@ -194,15 +207,15 @@ class Twins:
         equipment = Equipment(
             root=signing.public_key(ROOT),
             access=KEY,
-            random_bytes=lambda count: bytes(count) if self._fails > 1 else seeds(count),
+            random_bytes=lambda count: bytes(count) if 1 < self.fails < 4 else seeds(count),
             hardware=TEXTS[0],
             serial=TEXTS[1],
             software=TEXTS[2],
-            controller_of=lambda bundle: RecordingController(),
+            controller_of=lambda bundle: _Controller(self),
         )
         self.backing, self.python = backing, FlashableEcu(backing, of.config, equipment)
-        _living[:], self._fails, seeds = [self], 0, Counted()
-        self._waits_for_control = False
+        _living[:], self.fails, seeds = [self], 0, Counted()
+        self._waits_for_control, self.reset_ns = False, 0
         self._pressures = E2eSender(message_set(of.config.bus).pressure.spec)
         self.now_ns, self.due_ns = MS, MS
         self.differences = list[str]()
@@ -215,8 +228,9 @@ class Twins:
         return self.python.boot.slot is not None and self.python.store.running is None
 
     def fail(self, what: int) -> None:
-        """From now on: 0 nothing, 1 the memory, 2 and 3 the source of random bytes, with zeros and without any."""
-        self._fails, self.backing.broken = what, what == 1
+        """From now on: 0 nothing, 1 the memory, 2 the source of random bytes gives zeros, 3 it gives none, 4 and 5
+        plans are too great, 6 they are on windows that are not zero."""
+        self.fails, self.backing.broken = what, what == 1
         self.c.fail(what)
 
     def control(self, enable: bool | None) -> list[Frame]:
@@ -229,8 +243,9 @@ class Twins:
         """A look at diagnosis."""
         in_python = self.python.service(self.now_ns, frames)
         if self.c.fact(WANTS_RESET):
+            assert self.c.service(self.now_ns, frames) == []
             self.c.power_on()
-            self._waits_for_control, in_c = True, []
+            self._waits_for_control, self.reset_ns, in_c = True, self.now_ns, []
         else:
             in_c = [] if self._waits_for_control else self.c.service(self.now_ns, frames)
         return self._compare("service", in_python, in_c)

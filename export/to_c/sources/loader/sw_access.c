@@ -66,8 +66,7 @@ uint8_t sw_access_unlock(sw_access *access, sw_store *store, int64_t now_ns, uin
     uint32_t differences = 0;
     if (access->asked != level) return SW_NRC_SEQUENCE_ERROR;
     access->asked = 0;
-    uint32_t count = (uint32_t)sw_store_failed_attempts(store, level) + 1u;
-    if (count > SW_ATTEMPTS_COUNTED) count = SW_ATTEMPTS_COUNTED;
+    const uint32_t count = (uint32_t)sw_store_failed_attempts(store, level) + 1u;
     if (sw_store_keep_failed_attempts(store, level, count) != SW_STORE_DONE) return SW_NRC_PROGRAMMING_FAILURE;
     expected(level, key, access->seed, right);
     for (uint32_t i = 0; i < SW_ANSWER_BYTES; i++) differences |= (uint32_t)right[i] ^ answer[i];

@@ -293,7 +293,7 @@ uint8_t *sw_isotp_place(sw_isotp *end, uint32_t *room)
     uint32_t used = queue->under_way;
     for (uint32_t i = 0; i < queue->count; i++) used += queue->lengths[i];
     *room = SW_ISOTP_ROOM - used;
-    return &queue->bytes[used < SW_ISOTP_ROOM ? used : 0u];
+    return &queue->bytes[used];
 }
 
 void sw_isotp_send(sw_isotp *end, uint32_t length)

@@ -20,8 +20,7 @@ int sw_shut_step(sw_ecu *ecu, uint32_t bundle_hash, int64_t now_ns, sw_frame fra
     sw_ecu_state *state = &ecu->state;
     sw_jet_command command = {0};
     sw_ecu_status status = {0};
-    /* Out of an update, too, only a reset leads. */
-    const int updating = ecu->surroundings.updating || state->fail_safe.mode == SW_UPDATE;
+    const int updating = ecu->surroundings.updating; /* once it is, until a reset */
     state->fail_safe.mode = updating ? SW_UPDATE : SW_FAULT;
     state->fail_safe.reason = updating ? SW_REASON_UPDATING : SW_REASON_NO_RELEASE;
     state->health = ecu->surroundings.health;

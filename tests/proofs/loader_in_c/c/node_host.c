@@ -6,7 +6,9 @@
 
 /* --- Stubs of the networks and of what an image is --- */
 
-#define PLAN 0.01f /* that the controller always answers, on whatever */
+#define PLAN 0.01f /* that the controller answers, on whatever */
+
+static int plan_fails;
 
 sw_image_status sw_image_open(const uint8_t *image, sw_numbers *numbers)
 {
@@ -19,9 +21,13 @@ sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, cons
 {
     (void)program;
     (void)work;
-    (void)input;
+    float plan = PLAN;
+    int is_zero = 1;
+    for (int k = 0; k < SW_WINDOW; k++) is_zero &= input->window[k][0] == 0.0f;
+    if (plan_fails == 4 || (plan_fails == 6 && !is_zero)) plan = 1.0f;
+    if (plan_fails == 5) plan = -1.0f;
     memset(output, 0, sizeof *output);
-    for (int k = 0; k < SW_HORIZON; k++) output->plan[k] = PLAN;
+    for (int k = 0; k < SW_HORIZON; k++) output->plan[k] = plan;
     return SW_OK;
 }
 
@@ -67,7 +73,7 @@ static int read_flash(void *context, uint32_t address, uint8_t *data, uint32_t l
 static int next_seed(void *context, uint8_t *bytes, uint32_t bytes_count)
 {
     host *of = context;
-    if (of->fails > 1) {
+    if (of->fails == 2 || of->fails == 3) {
         memset(bytes, 0, bytes_count);
         return of->fails == 3;
     }
@@ -142,7 +148,11 @@ uint32_t host_fact(const host *of, int which)
     return facts[which];
 }
 
-void host_fail(host *of, int what) { of->fails = what; }
+void host_fail(host *of, int what)
+{
+    of->fails = what;
+    plan_fails = what;
+}
 
 /* Counts of branches that were taken, to their files. */
 #if defined(HOST_COVERAGE)

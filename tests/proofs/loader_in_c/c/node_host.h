@@ -16,7 +16,7 @@ typedef struct {
     uint64_t seeds;  /* given so far */
     uint32_t writes; /* erasures and words programmed */
     uint32_t worst;  /* of them in one call of the service */
-    int fails;       /* 1: the flash memory takes nothing; 2: random bytes are zeros; 3: there are none */
+    int fails;       /* 1: the flash memory takes nothing; 2: random bytes are zeros; 3: there are none; 4..6: plans are too great */
     uint8_t message[SW_ISOTP_MOST + 1];
     uint8_t memory_room[SW_FLASH_BYTES + 64];
 } host;
