@@ -18,7 +18,6 @@ def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date
     Args:
         figures: what was measured, in the units its reader documents.
         facts: settings, seeds, versions and hashes of the inputs; the machine is added.
-        on: the day it was measured.
     """
     content = {"date": on.isoformat(), "figures": figures, "facts": {**facts, "machine": machine()}}
     with replacing(path) as temporary:

@@ -32,7 +32,6 @@ class TrainedModel:
         scaling: of all pressures, the action and the forces.
         dataset_sha256, versions: as in `contract.model.model_folder.Description`.
         metrics: on the test episodes.
-        ranking: how the sensors were chosen.
         layout: of all sensors, in the order of the scaling and of the teacher's inputs.
         prior: tensors of the plan's prior by name (`train.refinement`); None before the refinement.
     """

@@ -63,7 +63,6 @@ def fit_estimator(
     changes.
 
     Args:
-        recording: data set with those sensors.
         epochs: passes over the training windows.
         rounded: what becomes of the numbers when they are stored; residuals are measured after it.
         threads: of torch while it fits; the caller's number is restored.

@@ -37,7 +37,6 @@ def line(
     """Why nothing usable came in `SILENCE_S`, as far as the bus shows.
 
     Args:
-        wanted: the message that is waited for.
         messages: the set that this node takes and sends.
         rejected: receptions that were no frame of this node's kind, by reason.
         sender: the node that sends the message, in a word.
@@ -75,7 +74,6 @@ class Silence:
 
     Args:
         wanted, messages, sender: as `line` has them.
-        report: called with each line.
     """
 
     def __init__(self, wanted: MessageSpec, messages: MessageSet, sender: str, report: Callable[[str], None]) -> None:

@@ -62,7 +62,6 @@ class Reception:
     """The outcome of one period.
 
     Attributes:
-        stream: its state after this period.
         checks: one for each frame of the message, oldest first; NO_NEW_DATA alone if there was none.
         accepted: the newest frame that was good by itself, whatever the state; None if there was none.
     """
@@ -82,7 +81,6 @@ class ReceiverState:
     """What the receiver of one message must remember.
 
     Attributes:
-        stream: whether it is to be trusted.
         last_counter: of the latest frame with a good CRC; None before the first.
         window: the latest periods' checks, oldest first, from the one that ended NODATA on.
         counts: how often each check came out, by the check's value; read them with `count`.

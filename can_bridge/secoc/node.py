@@ -20,7 +20,6 @@ class Authentication:
     """What one node needs in one power cycle.
 
     Attributes:
-        key: shared with the other node.
         trip: the node's power cycles, this one included. In virtual time there is one.
         heard: freshness values accepted in earlier power cycles, by frame identifier.
     """

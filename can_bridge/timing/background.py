@@ -30,7 +30,6 @@ def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int])
     fills; BusError for a file that cannot be read, or that does not go with this bus.
 
     Args:
-        config: a share of the bus, or a file.
         bus: the bit rates, and whether CAN FD is spoken.
         taken: 11-bit identifiers that are in use already, besides ours.
     """

@@ -60,7 +60,6 @@ class Decoded:
     """The content of a frame.
 
     Attributes:
-        name: of the message.
         signals: in the order of the frame; empty if it has no meaning: a value outside its table, a wrong length.
         spec: of our own messages; None for others.
     """

@@ -95,7 +95,6 @@ class JetCommand(NamedTuple):
 
     Attributes:
         flow_m2_per_s: out of the upper slot and into the lower, per unit span.
-        mode: how the command came about.
         enable: False shuts the jets whatever the flow is.
         pressure_counter: E2E counter of the newest pressure frame behind it; None before the first.
         next_period: the jets begin to move at the next sampling instant, and not when the command arrives.

@@ -24,7 +24,6 @@ class Setting:
 
     Attributes:
         name: dotted, as `--set` takes it.
-        value: in the tree that is listed.
         unit: what numbers are counted in; "" for a ratio, a count that the name states, or text.
         bounds: what a value must be; for text the words to choose from.
         meaning: one paragraph; "" where the name is enough.

@@ -28,7 +28,6 @@ class Rule:
 
     Attributes:
         wording: of the condition, after "must be".
-        holds: whether a finite number meets it.
         or_none: whether None is also allowed.
     """
 

@@ -47,7 +47,6 @@ class Calibration:
     equal if their values are. Raises ConfigError if a value has no place in its 4 bytes.
 
     Attributes:
-        weights: of the cost.
         action_limit: largest |a| that the command gate lets pass, in U_inf W.
         command_step: largest change of it in a control period, in U_inf W.
         delay_steps: actuator delay in control periods that is compensated.

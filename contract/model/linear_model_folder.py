@@ -53,7 +53,6 @@ class LinearDescription:
         scaling: mean and deviation of these sensors, the action and the forces where the model was identified. The mean
             Cd is the drag that the controller predicts.
         identification, design: the arguments by which the model was made.
-        metrics: what was found about it.
     """
 
     config: Config

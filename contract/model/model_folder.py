@@ -91,7 +91,6 @@ class Provenance:
     """Where a trained model comes from, for a release made of it.
 
     Attributes:
-        weights_sha256: of its tensors.
         metrics, versions, config: as the model's description has them.
         more: what a manifest has with these.
     """

@@ -29,8 +29,6 @@ class FolderKind:
     """A kind of model folder.
 
     Attributes:
-        noun: what a folder of it is called.
-        description: name of the JSON file.
         schemas: that are read, the one that is written first.
         entries: of every description, with the schema and the tensors' hash.
     """

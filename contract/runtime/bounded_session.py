@@ -26,7 +26,6 @@ class BoundedGraph:
     Attributes:
         shapes: that its inputs and outputs must have, by name.
         feeds: zeros for every input without a default.
-        outputs: names, in order.
         optional: names in `shapes` that the graph may lack.
     """
 

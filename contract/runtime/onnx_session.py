@@ -20,9 +20,6 @@ class OnnxController:
     """Runs `controller.onnx`. Raises BundleControllerError if the model does not load or its shapes contradict the
     sizes.
 
-    Args:
-        sizes: that it must have.
-
     Attributes:
         description: what computes the step, for people.
     """

@@ -21,7 +21,6 @@ class CommandLosses:
         window: latest periods that are judged together.
         limit: missed ones among them from which on control is given up.
         missed: of the latest periods under control, at most `window`, oldest first; none while the ECU has no control.
-        is_latched: control is given up.
     """
 
     window: int

@@ -38,7 +38,6 @@ class Disturbing:
     """All of one run.
 
     Args:
-        disturbances: checked against the run.
         sensors: that the transducers read, in their order.
         seed: of everything that they draw; each draws from a sequence of its own.
         before: how many there were before these, "all" and of each node's port: they draw as if they stood behind.

@@ -40,7 +40,6 @@ def without_control(
     PlantError if the flow diverges.
 
     Args:
-        plant: on its drive.
         disturbing: of the flow it takes what disturbs the run.
         progress: called with (periods done, periods in all) after every period.
     """

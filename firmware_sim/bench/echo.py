@@ -14,7 +14,6 @@ class EchoTracker:
     """A value; frames are numbered as they are sent, from the first counter on.
 
     Attributes:
-        counter_period: of the counter.
         kept: times of sending of the latest frames, the newest last; at most a counter's period of them.
         newest: number of the newest frame; None before the first.
         echoed: number of the frame echoed last; None if there is nothing to follow.

@@ -69,7 +69,6 @@ class Violation:
 
     Attributes:
         period: of the run, from 0.
-        invariant: its name above.
         detail: the values, in words.
     """
 
@@ -82,7 +81,6 @@ class Heard(NamedTuple):
     """A sound command that the vehicle heard.
 
     Attributes:
-        counter: of its end-to-end protection.
         wanted: its mode is of an ECU that has been asked for control.
         drives: it is enabled, in a mode that drives the jets.
         in_time: it rests on pressures of the vehicle's own that it may take for recent ones.
@@ -126,7 +124,6 @@ class Commands:
         """Names and values of what the next command breaks.
 
         Args:
-            flow, enable: of the command.
             share: of a period since the command before, at most 1.
         """
         before, self.flow = self.flow, flow

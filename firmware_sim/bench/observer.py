@@ -14,7 +14,6 @@ class Seen:
     """A frame between a node and its port, faults of the port on the other side.
 
     Attributes:
-        node: whose.
         sent: by the node; otherwise received by it.
         now_ns: time of the run, whatever the frame's stamp is.
     """

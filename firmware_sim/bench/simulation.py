@@ -107,7 +107,6 @@ class Simulation:
         Args:
             wake: at the start of a control period; afterwards at the end of the run.
             capture: called with every frame on the bus, stamped with its end.
-            observer: sees the run from outside.
             origin: what the run records about its making; made today without one.
             ready: called with the periods in all before the first.
             requesting: called before the first period in which control is requested.

@@ -19,9 +19,7 @@ class Spans:
 
     Attributes:
         lead_in: without control; the controller's window fills meanwhile.
-        controlled: with control requested.
         settle: after the request, left out of the controlled averages.
-        averages: whether there are any.
     """
 
     lead_in: float

@@ -58,7 +58,6 @@ class VehicleNode:
     Args:
         sensor_names: what the transducers are mounted on, in the order of the bundle.
         config: operating point, E2E and fail-safe settings.
-        layout: of the plant's sensors.
         authentication: with `bus.key`, what the node needs of it.
         read: (Cp at the transducers (S,), time in ns) to what they read.
 

@@ -70,7 +70,6 @@ class VirtualLoop:
     Args:
         plant: the flow, at the start of a control period.
         bus: the bus, at time 0; the loop lets its time pass.
-        config: clock and compute time.
         clock: wall clock in s for the step's measured time; nothing in the loop depends on it.
         ecu_clock: what the ECU's clock shows at a time of the run, in ns.
         step_ns: what the ECU's latest step took; `ecu.compute_time_ms` without it.
@@ -164,12 +163,7 @@ class VirtualLoop:
         return self._bus.now_ns >= self._booted_ns
 
     def exchange_ecu(self, ecu: SteppedEcu, step_ns: Callable[[], int] | None = None) -> None:
-        """Go on with another ECU of the same bundle and settings, from the state of the one so far.
-
-        Args:
-            ecu: that takes its place.
-            step_ns: as the loop was made with.
-        """
+        """Go on with another ECU of the same bundle and settings, from the state of the one so far."""
         ecu.restore(self._ecu.state)
         self._ecu = ecu
         self._step_ns = self._charged if step_ns is None else step_ns

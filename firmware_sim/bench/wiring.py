@@ -83,7 +83,6 @@ def wire(
     Args:
         wake: at the start of a control period.
         sensors: of the bundle, in the order of the Pressure message.
-        disturbs: what acts on the parts.
         authentication: of the vehicle's node, with `bus.key`.
         capture: called with every frame on the bus, stamped with its end.
         observe: called with more about the same frames.

@@ -31,7 +31,6 @@ def execute(
 
     Args:
         tasks: what is to be run; an outcome depends on its task alone, not on the worker or on what ran before.
-        bundle: release whose controller runs.
         starts: flow states by phase.
         workers: local processes to start; at most one a task.
         scheduler: address of a running scheduler to use instead.

@@ -65,7 +65,6 @@ class Row:
     """A scenario's outcome.
 
     Attributes:
-        phases: by number of the start.
         safe: whether no invariant broke in any phase, and all finished.
         reduction: of wall drag against the same phase without control, percent.
         lost: percentage points less than undisturbed.

@@ -76,7 +76,6 @@ class Service:
         reasons: control periods in which it was not in control, by the reason it gave.
         frames_sent, frames_lost, frames_rejected: pressure frames and commands.
         violations: how often an invariant broke.
-        broken: the first of them, in words.
     """
 
     requested: int

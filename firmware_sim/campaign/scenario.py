@@ -51,10 +51,8 @@ class Scenario:
     Attributes:
         name: lower-case letters, digits, dots and underscores; unique in a plan.
         group: title of the part of the plan it belongs to.
-        sentence: what is done to the loop.
         disturb: texts of the disturbances (`firmware_sim.bench.disturbances`), times in s of the run.
         settings: `section.key=value` on top of the campaign's settings.
-        criteria: when it counts as useful.
     """
 
     name: str

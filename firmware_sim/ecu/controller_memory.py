@@ -229,7 +229,6 @@ class ControllerMemory:
         the controller raised or returned.
 
         Args:
-            controller: computes it.
             weights: of the cost, (8,) in the order of `CostWeights`; the controller's own without.
         """
         pending = self.under_way.pending

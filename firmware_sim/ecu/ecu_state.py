@@ -33,7 +33,6 @@ class EcuState:
         fail_safe: what the ECU does, and why it is not in control.
         pressures: the receiving end of the Pressure message.
         commands, statuses: the sending ends of JetCommand and EcuStatus.
-        timing: whether the steps come on time.
         pressure_ns: when the latest usable pressures were sampled; None before the first.
         pressure_counter: of the frame that brought them; None before the first.
         overruns: whole periods left out.
@@ -43,7 +42,6 @@ class EcuState:
         freshness: of the next JetCommand and the next EcuStatus.
         other_ecu: whether another ECU is on the bus.
         sensors: whether the pressures are to be believed.
-        benefit: whether control helps.
         speed: of the vehicle, as believed; as at power-on with a release that does not need it.
     """
 
@@ -107,7 +105,6 @@ class Trace:
     Attributes:
         action: sent, in U_inf W.
         forces: predicted (Cd, Cl) over the horizon, (H, 2), in units of the design speed; None without a plan.
-        interventions: of the command gate.
     """
 
     mode: Mode

@@ -48,7 +48,6 @@ class PressureReception:
 
     Attributes:
         key: None without authentication.
-        e2e: when the stream is to be trusted.
         dynamic_pressure: Pa at Cp = 1 and the design speed.
         fresh_age_ns: oldest pressures that may be planned on.
     """

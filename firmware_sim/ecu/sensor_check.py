@@ -155,7 +155,6 @@ class SensorCheck:
     """The check of one bundle's pressures.
 
     Attributes:
-        estimator: computes the bundle's graph.
         fast, slow: (S + P, S) deviations of sound sensors' residuals in Cp.
     """
 

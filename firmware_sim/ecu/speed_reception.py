@@ -33,7 +33,6 @@ class SpeedState:
         density: of the air in kg/m3, as the vehicle stated it with that, or the operating point's.
         measured_ns: when it was measured.
         is_off: it is outside the release's range; once outside it has to come back by the margin.
-        verifier, receiver: of the message.
     """
 
     ratio: float | None = None
@@ -50,7 +49,6 @@ class SpeedReception:
 
     Attributes:
         key: None without authentication.
-        e2e: when the stream is to be trusted.
         design: the operating point of the release.
         speeds: that it serves, in design speeds.
     """

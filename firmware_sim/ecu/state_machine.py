@@ -187,7 +187,6 @@ class Transition:
     """One row of the table.
 
     Attributes:
-        to: the state it leads to.
         within: periods from the first that has the cause to the one that reacts, which is 1 for the same: a number,
             or a formula in settings of the ECU.
     """

@@ -22,12 +22,7 @@ NEEDED_FOR_P99_9: Final = 1_000
 
 
 class Quantiles(NamedTuple):
-    """Percentiles of one stage, in ms: measured values, never between two of them; None where there was none.
-
-    Attributes:
-        p50, p99, p99_9, max: percentiles.
-        number: of the values.
-    """
+    """Percentiles of one stage, in ms: measured values, never between two of them; None where there was none."""
 
     p50: float | None
     p99: float | None
@@ -52,7 +47,6 @@ class Measured:
 
     Attributes:
         name: of the controller, for tables: "onnx" or "c".
-        about: what ran, in words.
         idle: rows of `IdleStage` of the same time.
     """
 

@@ -91,7 +91,6 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     Args:
         vehicle: rows of `VehicleStage`, (k, stages).
         ecu: rows of `EcuStage`, (l, stages).
-        period_ns: control period.
         counter_period: values that the E2E counter of a Pressure frame takes before it begins again.
     """
     sent = vehicle[vehicle[:, VehicleStage.SAMPLED] > 0]
@@ -151,7 +150,6 @@ class _Grid(NamedTuple):
         scheduled: sampling instants, CLOCK_MONOTONIC in ns, (n,).
         row: of the period, or of the next one that was not left out, (n,).
         is_own: whether the row is of that very period, (n,).
-        period_ns: control period.
     """
 
     scheduled: Times

@@ -16,7 +16,6 @@ class NodeErrors:
     Attributes:
         state: name of a `can_bridge.bus.interface.BusState`.
         tx_errors, rx_errors: its error counters.
-        bus_off: how often it went bus-off.
         refused: frames that it could not send: its queue was full, or it was bus-off.
     """
 

@@ -15,7 +15,6 @@ class RunFolder:
         summary: `firmware_sim.runs.summary.summary` as JSON.
         uncontrolled_picture, controlled_picture: vorticity at the end of the time without control, and of the run.
         wake: `firmware_sim.runs.wake_stills.WakeStills`; not in the folder of an earlier version.
-        report: the run as one HTML page.
     """
 
     def __init__(self, path: Path) -> None:

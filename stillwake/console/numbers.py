@@ -14,7 +14,6 @@ def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> 
     than `LONGEST`.
 
     Args:
-        option: its name on the command line.
         duration, period: in t_c.
         least: control periods that are needed.
     """

@@ -31,7 +31,6 @@ def check_output(path: Path, *, overwrite: bool, folder: bool = False, occupant:
     something is there; StillwakeError if nothing can be written there.
 
     Args:
-        path: of the result.
         overwrite: whether the user asked to replace what is there.
         folder: whether the result is a folder; an empty one counts as free.
         occupant: what is there, in words, for the message.

@@ -31,7 +31,6 @@ def settings(
     of it is named in one line. Raises ConfigError as `load` does, or for an override that would have no effect.
 
     Args:
-        verb: the command, as it is called.
         file, overrides: as `contract.config.loading.load` has them.
         uses: sections or single settings that the command reads, such as "flow" or "mpc.weights".
         base: what file and overrides go on top of; the release's settings if None.

@@ -30,7 +30,6 @@ def ecu_files(bundle: Path, rows: Array, *, config: Config, notice: Callable[[st
     """The ECU for a release with its examples, or nothing where C cannot have it.
 
     Args:
-        bundle: just written.
         rows: recorded, of which an example plays the pressures, (n, S+1).
         notice: called with a line for what the ECU does without, or for why there is none.
     """
@@ -81,7 +80,6 @@ def write_fmu(path: Path, library: Path, release: Bundle, config: Config) -> Non
     """The ECU of a C library as an FMU for co-simulation.
 
     Args:
-        path: to write.
         library: folder of the same export.
         release: that the library is of.
         config: of the vehicle that the library is compiled for.

@@ -92,12 +92,7 @@ class LiveParts:
 
 
 class Ecus:
-    """ECUs of one release in one vehicle, by the names of their controllers. One in C is made once.
-
-    Args:
-        library: as `LiveParts` has it.
-        tell: called with what is waited for.
-    """
+    """ECUs of one release in one vehicle, by the names of their controllers. One in C is made once."""
 
     def __init__(self, release: Bundle, config: Config, library: Path | None, tell: Callable[[str], None]) -> None:
         self._release, self._config, self._library, self._tell = release, config, library, tell

@@ -67,7 +67,6 @@ def teach(
 
     Args:
         latents: (n, N_z), one for each row, of the encoder that serves on the vehicle.
-        scaling: of the rows.
     """
     starts = rollout_starts(rows, config.model.window, config.mpc.horizon)
     ahead = torch.arange(config.mpc.horizon, device=starts.device)

@@ -46,7 +46,6 @@ class Spent:
     """What a phase took in this process.
 
     Attributes:
-        steps: done.
         cpu_s, wall_s: CPU time of the process and time on the wall, s.
     """
 

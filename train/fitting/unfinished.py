@@ -41,7 +41,6 @@ class Identity:
         Args:
             device: "cpu" or "cuda".
             chosen: names of the sensors, if the caller chose them.
-            threads: of torch.
         """
         settings = {
             "model": asdict(config.model),

@@ -84,7 +84,6 @@ def series_of(
 
     Args:
         sensors: pairs of mirror images.
-        responses: names of series.
         leave_out: control steps at the beginning that are not used.
     """
     if len(episode) <= leave_out:

@@ -127,7 +127,6 @@ def identify_all(
     """Identify, design, and write the model folder, replacing a linear model that is there.
 
     Args:
-        recording: data set.
         config: settings; control period and limit of the jets are taken from the recording where it knows them, and
             the window from `how`.
         phase: called with each of `PHASES` when it begins.

@@ -41,7 +41,6 @@ def select(
 
     Args:
         rows: with all sensors' columns.
-        count: sensors to choose.
         settings: its seed and, for "shap", its draws are used.
     """
     if method not in METHODS:

@@ -50,7 +50,6 @@ class ShapRanker:
 
     Attributes:
         background: windows that stand for "no information".
-        explained: windows that are explained.
         samples: points on the paths between them, for each explained window.
     """
 

@@ -12,7 +12,6 @@ class CellInterpolation:
     """Linear between the centres of the cells, on their Delaunay triangles; beyond the outermost the nearest cell's.
 
     Args:
-        mesh: whose cells have the values.
         points: where they are wanted, (n, 2).
     """
 

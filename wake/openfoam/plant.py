@@ -34,7 +34,6 @@ class OpenFoamWake:
 
     Args:
         folder: the case to make; an old one there is removed.
-        state: where to start.
         config: Reynolds number, control period, time steps a period and action bound.
         refinement: divides every spacing of the mesh; the state's.
         duration: longest time that can be run after a `reset`, t_c.

@@ -25,11 +25,7 @@ _WEBP: Final = {"quality": 80, "method": 4, "minimize_size": False, "kmax": 30}
 
 
 class MovingPicture(Protocol):
-    """One figure of fixed size that shows a plant as it is now, such as `WakePicture`.
-
-    Attributes:
-        figure: drawn again for every frame.
-    """
+    """One figure of fixed size that shows a plant as it is now, such as `WakePicture`."""
 
     figure: Figure
 

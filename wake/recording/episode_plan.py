@@ -26,8 +26,6 @@ class EpisodePlan:
     """One episode to record.
 
     Attributes:
-        forcing: name of the signal.
-        seed: of the signal's random numbers.
         lead: control steps without forcing from the developed start to the first sample, so that episodes begin in
             different phases of the shedding cycle.
     """

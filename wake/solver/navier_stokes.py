@@ -100,7 +100,6 @@ class FlowSolver:
         the flow is no longer finite or faster than any physical one here; it is left as it was.
 
         Args:
-            flow: to be advanced.
             dt, steps: length and number of the time steps.
             action_from, action_to: at the beginning and at the end.
             wind: by how much u of the stream differs from the inflow's, by the time since the beginning; continuous.

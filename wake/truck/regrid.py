@@ -48,7 +48,6 @@ def moved(
 
     Args:
         state: on `source`, of the plant's body and Reynolds number.
-        source: its grid.
         wake: the plant; left in the returned state.
         duration: time without jets after the interpolation, t_c.
         progress: called with (time, duration) after every control period.

@@ -35,7 +35,6 @@ class SteadyWake:
 
     Attributes:
         state: the flow, its clock set to zero; the plant is left in it.
-        sample: what the plant shows in it.
         base_Cp: mean over the sensors on the base.
         recirculation_length: from the base to where the velocity on the axis turns downstream, in W.
         velocity_rate: max |du/dt| and |dv/dt| over the last control period, in U_inf / t_c.

@@ -32,7 +32,6 @@ def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
     """What is known of the controller after one error frame.
 
     Args:
-        health: what was known before.
         classes: the frame's identifier without its flags.
         data: its eight bytes; another length is ignored.
     """

@@ -39,12 +39,7 @@ OPENING_TIMEOUT_S: Final = 2.0
 
 
 def parse_line(line: bytes, *, timestamp: float = 0.0) -> can.Message | Rejection | None:
-    """The frame in one line without its end; None for the answer to a sent frame; never raises.
-
-    Args:
-        line: what came before CR.
-        timestamp: the message's, in s.
-    """
+    """The frame in one line without its end; None for the answer to a sent frame; never raises."""
     if _ANSWER.fullmatch(line):
         return None
     match = _LINE.fullmatch(line)

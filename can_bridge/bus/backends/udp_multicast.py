@@ -55,7 +55,6 @@ def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | 
     """The message in a datagram as python-can packs it; never raises, and allocates no more than the datagram has.
 
     Args:
-        datagram: as received.
         timestamp: of the reception, in s; the sender's is dropped.
     """
     try:

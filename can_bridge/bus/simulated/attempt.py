@@ -75,7 +75,6 @@ class Outcome(Generic[T]):
 
     Attributes:
         frame: for those with the verdict HEARD; None if it did not get to its end.
-        verdicts: of every node that takes part.
         used: bits at the nominal and the data bit rate until it is decided: the end of frame, or the error.
         rest: nominal bits from there until the bus is free.
     """

@@ -25,7 +25,6 @@ class BackgroundNode:
 
     Args:
         bus: at the time from which the offsets count.
-        messages: what it sends.
         seed: of contents, jitter and clocks. Every message draws from a sequence of its own, so that adding one leaves
             the others as they are.
         drift_ppm: clocks are slow by 0 to so much against the bus's time. None is fast: no period is shorter than its

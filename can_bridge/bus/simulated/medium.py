@@ -46,7 +46,6 @@ class Transmission:
 
     Attributes:
         frame: stamped with `end_ns`.
-        sender: name of its port.
         begin_ns, end_ns: of the attempt that succeeded, the intermission not included.
     """
 

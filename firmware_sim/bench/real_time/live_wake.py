@@ -32,7 +32,6 @@ class LiveWake:
     """Use as a context manager; its start takes seconds. Raises StillwakeError if the plant cannot be made.
 
     Args:
-        config: flow and body.
         start: a state to begin from; the shipped one, moved to the grid in use, without.
         progress: called with (t_c, t_c in all) while the start settles.
         drive: speeds of the stream from the first period on; the flow's settings have the time steps for them.

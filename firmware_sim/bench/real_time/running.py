@@ -42,7 +42,6 @@ class Course:
         enable_after_s: when control begins to be wanted; never if None.
         stage_times: file to write them to, at the end.
         freshness: file of the node's power cycles, with `bus.key`.
-        wanted: privileges to ask for.
         drive: speeds from the first period on; the operating point's without one.
     """
 

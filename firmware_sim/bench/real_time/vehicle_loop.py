@@ -42,7 +42,6 @@ class VehicleLoop:
     """Runs periods one by one.
 
     Args:
-        deadlines: the first period's.
         stage_times: to fill in; none if None.
         now_ns, sleep_until: the clock of deadlines and inbox.
 

@@ -27,7 +27,6 @@ class DiagnosisThread:
 
     Args:
         ecu: whose diagnosis it serves; its control is another thread's.
-        send: hands frames to the bus.
         failed: called with the error that ends the thread before its time, if one does.
     """
 

@@ -64,12 +64,7 @@ def run(
     freshness: FreshnessStore | None,
 ) -> Counters:
     """Run until stopped; the jets are shut on the bus at the end, whatever ended it. Raises StillwakeError if the bus
-    cannot be opened, or a file cannot be written.
-
-    Args:
-        is_stopped: looked at once a period.
-        freshness: where its values are kept.
-    """
+    cannot be opened, or a file cannot be written."""
     messages = message_set(config.bus)
     pressure, speed = messages.pressure.spec, messages.speed.spec
     reception = Reception(messages=messages, interface=config.bus.interface)

@@ -41,7 +41,6 @@ def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
 
     Args:
         stamp_ns: of the reception, in ns of the date.
-        monotonic_ns, date_ns: of now.
     """
     age_ns = min(max(0, date_ns - stamp_ns), LONGEST_AGE_NS)
     return max(0, monotonic_ns - age_ns)
@@ -49,11 +48,6 @@ def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
 
 class Reception:
     """Frames of the ECU's messages for the control step.
-
-    Args:
-        messages: that the ECU reads and sends.
-        interface: python-can's name of the bus.
-        monotonic_ns, date_ns: the two clocks.
 
     Attributes:
         heard: everything received since it was set, for a silent bus's line.

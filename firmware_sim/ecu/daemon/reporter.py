@@ -27,7 +27,6 @@ class Reporter:
 
     Args:
         write: writes one line of the log; may raise OSError or ValueError, which costs that line.
-        as_line: makes it of an event.
         metrics: the file of counters; None for none.
         keep: called with the counters once per interval; may raise StillwakeError.
         interval_s: between two looks at the counters.

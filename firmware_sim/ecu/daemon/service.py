@@ -37,7 +37,6 @@ def serve(
 
     Args:
         config: of the vehicle; its bus is a real one.
-        is_stopped: looked at once a period.
         signature: what the release's is worth, in words.
         calibration: that the ECU gets before its first step; its own values without one.
     """

@@ -31,7 +31,6 @@ def sleep_until(due_ns: int, *, spin_ns: int = 0) -> None:
     """Return at `due_ns` of `now_ns`, or at once if it has passed.
 
     Args:
-        due_ns: the instant.
         spin_ns: how long before it the process stays awake and looks at the clock: for less lateness than the
             operating system's, at the price of so much of a processor. Other threads of this process stand meanwhile.
     """

@@ -14,9 +14,6 @@ class Inbox:
     Args:
         stamp: called in the reading thread with each frame: when it arrived, in ns of the loop's clock.
         room: frames kept. In a flood the oldest give way.
-
-    Attributes:
-        dropped: those that gave way.
     """
 
     def __init__(self, stamp: Callable[[Frame], int], *, room: int) -> None:

@@ -28,7 +28,6 @@ class Privilege(NamedTuple):
     """One of them.
 
     Attributes:
-        granted: whether the process has it.
         why: it has it not; empty if it has.
     """
 
@@ -44,7 +43,6 @@ class Wanted:
     Attributes:
         priority: of SCHED_FIFO, 1 to 99; 0 to stay an ordinary process.
         processor: to run on alone; None for any.
-        lock_memory: keep every page in memory.
         without_collector: no garbage collection.
     """
 

@@ -34,12 +34,7 @@ class _Row:
 
 
 class BusTable:
-    """Traffic of one run of the loop. Give it every `Transmission`, and call it when a period is over.
-
-    Args:
-        config: the bus, and the clock.
-        messages: of the two nodes.
-    """
+    """Traffic of one run of the loop. Give it every `Transmission`, and call it when a period is over."""
 
     def __init__(self, config: Config, messages: MessageSet) -> None:
         self._messages, self._period_ns = messages, config.period_ns

@@ -52,7 +52,6 @@ class ControlRequest:
 
         Args:
             fail_safe: of the ECU after the period before.
-            is_up: the ECU has booted.
             given_up: the vehicle has, until its own request was low.
         """
         if self.rearming and is_up and not given_up and self._may_rise(fail_safe):

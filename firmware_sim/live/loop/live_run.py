@@ -54,7 +54,6 @@ class LiveRun:
         picture: the flow at the start of the latest period; None without one.
         latest: period; None before the first.
         state: of the ECU after the latest period.
-        is_off: the ECU has no supply.
     """
 
     def __init__(

@@ -38,7 +38,6 @@ class Seen(NamedTuple):
         state: name of an `OperatingMode`, or `UNPOWERED` or `BOOT`.
         set_aside: sensors that the ECU does not believe.
         given_up: the vehicle has withdrawn its request by itself.
-        gate: what the ECU's command gate did.
         nodes: state of each node's CAN controller.
     """
 

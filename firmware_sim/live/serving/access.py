@@ -34,9 +34,7 @@ class Access:
         """Why a request is refused, for people; None if it is not.
 
         Args:
-            host: header of the request.
             origin: header; None where there is none, as from a program that is no browser.
-            token: that it shows.
         """
         if self.token is None and not is_loopback(_name(host)):
             return "this server answers to localhost alone"

@@ -52,12 +52,7 @@ _log = logging.getLogger("tornado.application")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Served:
-    """What the handlers share.
-
-    Attributes:
-        access: who may.
-        viewers: that are open.
-    """
+    """What the handlers share."""
 
     supervisor: Supervisor
     access: Access

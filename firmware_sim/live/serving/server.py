@@ -98,11 +98,9 @@ async def serve(
     """Serve the page until it is stopped, or the loop cannot go on.
 
     Args:
-        make: the loop, in a process of its own.
         address: to listen at; with another one than this machine's loopback, requests need a token.
         port: 0 for any that is free.
         fast: whether a period may take less time than it does on a vehicle.
-        is_stopped: looked at again and again.
         ready: called with the page's address, once it can be opened.
         report: called with each line on what is waited for, from any thread.
 

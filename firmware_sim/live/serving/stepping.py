@@ -87,12 +87,7 @@ def _step(session: Session, pipe: Connection, outbox: "Outbox", *, fast: bool) -
 
 
 class Requests:
-    """Between two periods: those that can be handled at once, and one for which something is made meanwhile.
-
-    Args:
-        session: that handles them.
-        outbox: for the answers.
-    """
+    """Between two periods: those that can be handled at once, and one for which something is made meanwhile."""
 
     def __init__(self, session: Session, outbox: "Outbox") -> None:
         self._session, self._outbox = session, outbox

@@ -33,8 +33,6 @@ class Inlined:
 
     Attributes:
         policy: the content security policy: no address at all, and these scripts only.
-        styles: one text.
-        scripts: texts, in order.
     """
 
     policy: str

@@ -25,9 +25,7 @@ def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
     """For `firmware_sim/runs/run_page/page`: JSON without NaN.
 
     Args:
-        log: the run.
         wake: its stills; None where they were not recorded.
-        name: of the run among others.
     """
     config = log.metadata.config
     return {

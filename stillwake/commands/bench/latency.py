@@ -50,7 +50,6 @@ class Subject:
 
     Attributes:
         name: "onnx" or "c".
-        bundle: its path.
         key: `--trust` of it; None for none.
         library: C library in place of ONNX Runtime.
     """

@@ -20,7 +20,6 @@ def screen(state: MonitorState, now_ns: int, *, source: str, matching: str, widt
     Args:
         now_ns: in the clock of the frames.
         source: what the frames come from, in words.
-        width: columns there are.
     """
     return Group(_heading(state, matching, source), _table(rows(state, now_ns, matching=matching), width))
 
