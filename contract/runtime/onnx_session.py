@@ -18,11 +18,7 @@ that needs a thousand times as long never ends, or is no controller."""
 
 class OnnxController:
     """Runs `controller.onnx`. Raises BundleControllerError if the model does not load or its shapes contradict the
-    sizes.
-
-    Attributes:
-        description: what computes the step, for people.
-    """
+    sizes. `description` is what computes the step, for people."""
 
     def __init__(self, model: bytes, sizes: Sizes) -> None:
         self._graph = _graph(model, sizes)

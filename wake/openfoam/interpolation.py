@@ -10,10 +10,7 @@ from wake.openfoam.mesh import Mesh
 
 class CellInterpolation:
     """Linear between the centres of the cells, on their Delaunay triangles; beyond the outermost the nearest cell's.
-
-    Args:
-        points: where they are wanted, (n, 2).
-    """
+    `points` states where they are wanted, (n, 2)."""
 
     def __init__(self, mesh: Mesh, points: Array) -> None:
         triangles = Delaunay(mesh.centres)

@@ -87,12 +87,8 @@ class Tape:
     def back(self, weights: Sample) -> float:
         """Go back by a period. Raises PlantError at the tape's start, or if the plant's wind or Reynolds number makes a
         repeated period diverge. Returns the sensitivity to the action commanded in this period, of this sample and of
-        all later ones.
-
-        Args:
-            weights: what the scalar gains per unit of each value of the period's sample (`no_weights` has zeros); its
-                time is not read.
-        """
+        all later ones. `weights` is what the scalar gains per unit of each value of the period's sample (`no_weights`
+        has zeros); its time is not read."""
         if not self._periods:
             raise PlantError("the way back is at the tape's start: no period is left")
         period, plant = self._periods.pop(), self._plant

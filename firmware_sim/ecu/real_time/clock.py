@@ -28,12 +28,9 @@ def now_ns() -> int:
 
 
 def sleep_until(due_ns: int, *, spin_ns: int = 0) -> None:
-    """Return at `due_ns` of `now_ns`, or at once if it has passed.
-
-    Args:
-        spin_ns: how long before it the process stays awake and looks at the clock: for less lateness than the
-            operating system's, at the price of so much of a processor. Other threads of this process stand meanwhile.
-    """
+    """Return at `due_ns` of `now_ns`, or at once if it has passed. `spin_ns` states how long before it the process
+    stays awake and looks at the clock: for less lateness than the operating system's, at the price of so much of a
+    processor. Other threads of this process stand meanwhile."""
     until_ns = due_ns - spin_ns
     if until_ns > now_ns():
         _sleep(until_ns)

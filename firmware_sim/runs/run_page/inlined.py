@@ -29,11 +29,7 @@ _FORBIDDEN: Final = ("</script", "</style", "<!--")
 
 @dataclass(frozen=True, kw_only=True)
 class Inlined:
-    """For a template.
-
-    Attributes:
-        policy: the content security policy: no address at all, and these scripts only.
-    """
+    """For a template. `policy` is the content security policy: no address at all, and these scripts only."""
 
     policy: str
     styles: Markup
