@@ -124,13 +124,16 @@ int sw_state_keep_slot(sw_store *store, uint32_t slot, const sw_slot_state *next
 
 int sw_state_slots_equal(const sw_slot_state *one, const sw_slot_state *other)
 {
-    return one->phase == other->phase && one->boots_left == other->boots_left && one->length == other->length
-           && one->received == other->received && sw_bytes_equal(one->sha256, other->sha256, 32)
-           && one->facts.security_version == other->facts.security_version
-           && one->facts.name_length == other->facts.name_length
-           && sw_bytes_equal(one->facts.digest, other->facts.digest, 32)
-           && sw_bytes_equal(one->facts.name, other->facts.name, SW_NAME_BYTES)
-           && sw_bytes_equal(one->facts.signer, other->facts.signer, 32);
+    uint32_t different = ((uint32_t)one->phase ^ other->phase) | ((uint32_t)one->boots_left ^ other->boots_left);
+    different |= (one->length ^ other->length) | (one->received ^ other->received);
+    different |= one->facts.security_version ^ other->facts.security_version;
+    for (uint32_t i = 0; i < 32u; i++) {
+        different |= (uint32_t)one->sha256[i] ^ other->sha256[i];
+        different |= (uint32_t)one->facts.digest[i] ^ other->facts.digest[i];
+        different |= (uint32_t)one->facts.signer[i] ^ other->facts.signer[i];
+    }
+    for (uint32_t i = 0; i < SW_NAME_BYTES; i++) different |= (uint32_t)one->facts.name[i] ^ other->facts.name[i];
+    return different == 0u;
 }
 
 uint32_t sw_state_in_phase(const sw_store_state *state, sw_phase phase)

@@ -2,7 +2,7 @@
 #include "sw_store_parts.h"
 
 #define HEAD 18u
-#define SLOT 48u /* bytes of one, before its name */
+#define SLOT 49u /* bytes of one, before its name */
 
 uint32_t sw_store_report(const sw_store *store, uint8_t *data)
 {
@@ -22,11 +22,12 @@ uint32_t sw_store_report(const sw_store *store, uint8_t *data)
         data[at] = slot->phase;
         data[at + 1u] = store->verdicts[i];
         data[at + 2u] = slot->boots_left;
-        data[at + 3u] = slot->facts.name_length;
-        sw_put_big_u32(&data[at + 4u], slot->facts.security_version);
-        sw_put_big_u32(&data[at + 8u], slot->received);
-        sw_put_big_u32(&data[at + 12u], slot->length);
-        sw_bytes_copy(&data[at + 16u], slot->facts.digest, 32);
+        data[at + 3u] = 0;
+        data[at + 4u] = slot->facts.name_length;
+        sw_put_big_u32(&data[at + 5u], slot->facts.security_version);
+        sw_put_big_u32(&data[at + 9u], slot->received);
+        sw_put_big_u32(&data[at + 13u], slot->length);
+        sw_bytes_copy(&data[at + 17u], slot->facts.digest, 32);
         sw_bytes_copy(&data[at + SLOT], slot->facts.name, slot->facts.name_length);
         at += SLOT + slot->facts.name_length;
     }

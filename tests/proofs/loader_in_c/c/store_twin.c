@@ -34,9 +34,9 @@ static void tear_word(twin *one, uint32_t word, const uint8_t *data)
     const uint32_t kind = drawn(one, 4);
     const uint32_t bits = kind == 0u ? 0u : (kind == 1u ? 8u * SW_FLASH_WORD : drawn(one, 8u * SW_FLASH_WORD));
     for (uint32_t i = 0; i < bits; i++) {
-        if ((data[i / 8u] >> (i % 8u) & 1u) == 0u) {
+        if (((uint32_t)data[i / 8u] >> (i % 8u) & 1u) == 0u) {
             uint8_t *byte = &one->memory[word * SW_FLASH_WORD + i / 8u];
-            *byte = (uint8_t)(*byte & ~(1u << (i % 8u)));
+            *byte = (uint8_t)((uint32_t)*byte & ~(1u << (i % 8u)));
         }
     }
     one->unreadable[word] = kind == 3u;
@@ -87,6 +87,7 @@ static int program(void *context, uint32_t address, const uint8_t *data)
     }
     if (number == one->worn_at) {
         tear_word(one, word, data);
+        if (sw_bytes_equal(&one->memory[address], data, SW_FLASH_WORD)) one->unreadable[word] = 1;
         return (int)drawn(one, 2); /* the memory notices it, or whoever reads it back */
     }
     sw_bytes_copy(&one->memory[address], data, SW_FLASH_WORD);
@@ -114,19 +115,22 @@ void twin_erased(twin *one, const uint8_t *rules)
     sw_bytes_copy((uint8_t *)&one->rules, rules, (uint32_t)sizeof(sw_rules));
 }
 
-/* The supply comes, and goes in the operation with this number from now on; a word is worn in another one. */
-void twin_power_on(twin *one, uint64_t cut_at, uint64_t worn_at, uint64_t seed)
+/* The supply comes, and goes in the operation with this number from now on. */
+void twin_power_on(twin *one, uint64_t cut_at, uint64_t seed)
 {
     const sw_flash flash = {one, one->memory, erase, program, read};
     sw_bytes_fill((uint8_t *)&one->store, 0xa5, (uint32_t)sizeof(sw_store)); /* RAM has any value */
     one->flash = flash;
     one->operations = 0;
     one->cut_at = cut_at;
-    one->worn_at = worn_at;
+    one->worn_at = NEVER;
     one->random = seed;
     one->is_off = 0;
     sw_store_open(&one->store, &one->flash, &one->rules);
 }
+
+/* The word of the operation with this number is worn. */
+void twin_wear(twin *one, uint64_t number) { one->worn_at = number; }
 
 sw_store *twin_store(twin *one) { return &one->store; }
 const uint8_t *twin_memory(const twin *one) { return one->memory; }
@@ -168,6 +172,11 @@ uint32_t twin_keys_version(const uint8_t *data, uint32_t length, const uint8_t *
     sw_key_list list = {0};
     return sw_key_list_decode(data, length, root, &list) ? list.version : 0u;
 }
+
+#ifdef TWIN_COVERAGE
+void __gcov_dump(void);
+void twin_dump(void) { __gcov_dump(); }
+#endif
 
 void twin_sha256(const uint8_t *data, uint32_t length, uint32_t first, uint8_t *digest)
 {

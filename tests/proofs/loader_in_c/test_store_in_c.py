@@ -1,0 +1,95 @@
+"""The store in C is the Python store: short runs of what `python -m tests.proofs.loader_in_c` does at length."""
+
+import hashlib
+
+import pytest
+
+from contract.errors import KeyFileError
+from contract.release import key_list
+from contract.release.signing import public_key
+from tests.can_bridge.flashing.releases import ROOT
+from tests.proofs.ecu_in_c.branch_coverage import is_possible
+from tests.proofs.loader_in_c import store_fuzz, store_planted
+from tests.proofs.loader_in_c.store_coverage import measured
+from tests.proofs.loader_in_c.store_library import Library
+from tests.proofs.loader_in_c.store_pair import Pair
+from tests.proofs.loader_in_c.store_proof import exercise, storage_figures, verdicts_on_vectors, worn
+from tests.proofs.loader_in_c.store_stories import LISTS, Cuts, any_calls
+
+pytestmark = pytest.mark.compiler
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    return Library(tmp_path_factory.mktemp("store") / "store.so")
+
+
+def test_every_call_has_the_same_answer_and_leaves_the_same_store(library):
+    for seed in range(4):
+        any_calls(Pair(library), str(seed), 100)
+
+
+def test_a_cut_in_any_operation_leaves_a_state_of_the_specification_and_a_release_that_runs(library):
+    cuts = Cuts(library)
+    cuts.all(0, every=60)
+    assert cuts.findings == []
+    assert cuts.counts["cuts_depth_1"] > 15 < cuts.counts["cuts_depth_2"] + 10
+
+
+def test_published_signatures_are_judged_as_in_python(library):
+    found = verdicts_on_vectors(library)
+    assert all(python == c for _, python, c in found)
+    assert found["valid", True, True] == 86
+    assert found["invalid", False, False] == 63
+    # Where libraries differ: an R or a key with a part of small order, and encodings that are not the shortest.
+    assert (found["differs", True, True], found["differs", False, False]) == (2, 10)
+
+
+def test_hashes_are_those_of_hashlib(library):
+    raw, digest = bytes(range(251)) * 9, library.ffi.new("uint8_t[32]")
+    for length in (0, 1, 3, 55, 56, 57, 63, 64, 65, 119, 120, 128, 1000, 2000):
+        library.c.twin_sha256(raw, length, length // 3, digest)
+        assert bytes(digest) == hashlib.sha256(raw[:length]).digest()
+
+
+def test_key_lists_are_judged_as_in_python(library):
+    for listed in LISTS:
+        try:
+            version = key_list.decode(listed, public_key(ROOT)).version
+        except KeyFileError:
+            version = 0
+        assert library.c.twin_keys_version(listed, len(listed), public_key(ROOT).raw) == version
+
+
+@pytest.mark.slow  # compiles with sanitisers
+def test_altered_images_have_the_same_verdict_and_no_undefined_behaviour(tmp_path):
+    store_fuzz.program(tmp_path / "fuzz")
+    counts, different = store_fuzz.fuzz(tmp_path / "fuzz", 1, 2_000)
+    assert different == []
+    assert len(counts) >= 12, counts
+
+
+@pytest.mark.slow  # compiles, and wears hundreds of words
+def test_worn_words_are_passed_over(library):
+    worn(library)
+
+
+@pytest.mark.slow  # compiles each
+def test_planted_faults_are_found(tmp_path):
+    for item in store_planted.PLANTED[1:20:6]:
+        assert store_planted.is_found(item, tmp_path), item.what
+
+
+@pytest.mark.proofs
+def test_every_branch_is_taken(tmp_path):
+    if not is_possible():
+        pytest.skip("gcc or gcovr is missing")
+    assert measured(tmp_path, exercise).missed == []
+
+
+@pytest.mark.proofs
+def test_the_whole_proof(tmp_path):
+    figures = storage_figures(seed=1, processes=2, images=1_000_000, calls=20_000, seconds=2)
+    wrong = ("bricked", "confirmed_lost", "unsigned", "mismatches", "image_mismatches")
+    assert {name: figures[name] for name in wrong} == dict.fromkeys(wrong, 0)
+    assert figures["planted_missed"] == []
