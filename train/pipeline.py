@@ -136,10 +136,7 @@ def deployed(
     checkpoints: Checkpoints | None = None,
 ) -> tuple[Encoder, Predictor | None]:
     """What goes on the vehicle, on the CPU: an encoder of these sensors, and dynamics and decoder if they are slimmed.
-
-    Args:
-        rows: for training, with all sensors' columns.
-    """
+    `rows` for training have all sensors' columns."""
     indices = rows.layout.indices(names)
     slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
     if not config.model.is_slimmed:

@@ -70,11 +70,8 @@ def line(
 
 
 class Silence:
-    """Reports once when nothing usable comes for `SILENCE_S`, and once when it comes again.
-
-    Args:
-        wanted, messages, sender: as `line` has them.
-    """
+    """Reports once when nothing usable comes for `SILENCE_S`, and once when it comes again. Arguments are as `line` has
+    them."""
 
     def __init__(self, wanted: MessageSpec, messages: MessageSet, sender: str, report: Callable[[str], None]) -> None:
         self._wanted, self._messages, self._sender, self._report = wanted, messages, sender, report

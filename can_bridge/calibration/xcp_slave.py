@@ -26,11 +26,7 @@ _WRITABLE: Final = 0x30
 
 
 class XcpSlave:
-    """One connection at a time.
-
-    Args:
-        random_bytes: gives so many unpredictable bytes.
-    """
+    """One connection at a time. `random_bytes` gives so many unpredictable bytes."""
 
     def __init__(self, segment: Segment, access: Access, random_bytes: Callable[[int], bytes]) -> None:
         self._segment = segment

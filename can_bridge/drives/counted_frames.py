@@ -26,11 +26,7 @@ _AROUND: Final = 16
 
 @dataclass(frozen=True, kw_only=True)
 class CountedFrame:
-    """One frame with a right CRC.
-
-    Attributes:
-        time_s: of reception, on the log's clock.
-    """
+    """One frame with a right CRC. `time_s` is that of reception, on the log's clock."""
 
     time_s: float
     counter: int

@@ -24,11 +24,8 @@ BASE_KEY = "base"
 
 @dataclass(frozen=True, kw_only=True)
 class Loaded:
-    """Settings, and which of them a user asked for.
-
-    Attributes:
-        in_file, in_overrides: dotted names of those in the TOML file and among the overrides.
-    """
+    """Settings, and which of them a user asked for. `in_file` and `in_overrides` are the dotted names of those in the
+    TOML file and among the overrides."""
 
     config: Config
     in_file: frozenset[str] = frozenset()

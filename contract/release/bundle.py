@@ -163,11 +163,8 @@ def load(path: Path, trusted: PublicKey | None = None, *, any_dbc: bool = False)
 
 
 def verified(name: str, contents: Mapping[str, bytes], trusted: Collection[PublicKey]) -> Bundle:
-    """The bundle of files that are in memory, every check of `load` made. Raises BundleError as `load`.
-
-    Args:
-        trusted: keys, one of which must have signed it.
-    """
+    """The bundle of files that are in memory, every check of `load` made. Raises BundleError as `load`. One of the keys
+    in `trusted` must have signed it."""
     return read_checked(Path(name), contents, frozenset(trusted))
 
 

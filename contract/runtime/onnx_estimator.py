@@ -17,11 +17,7 @@ _WARM_UP_STEPS: Final = 3
 
 class OnnxEstimator:
     """Runs `sensors.onnx`. Raises BundleControllerError if the model does not load, its shapes contradict the sizes, or
-    it does not end on zeros.
-
-    Args:
-        sizes: that it must have; the horizon does not matter.
-    """
+    it does not end on zeros. Of the sizes the horizon does not matter."""
 
     def __init__(self, model: bytes, sizes: Sizes) -> None:
         shapes = estimator_shapes(sizes.window, sizes.sensors)

@@ -88,11 +88,8 @@ def encode(program: ControllerProgram, window: Array) -> Array:
 
     With x_k the scaled row k of the window, an LSTM runs over the L rows from h = c = 0: c = sigmoid(f) c + sigmoid(i)
     tanh(g) and h = sigmoid(o) tanh(c), where (i, f, g, o) = W x_k + U h + b. Then z = W_2 ELU(W_1 LayerNorm(h) + b_1) +
-    b_2. Returns the latent state, (..., n_z).
-
-    Args:
-        window: (..., L, S+1), oldest row first; row k is (Cp_k, a_{k-1}), unscaled. The encoder reads its newest
-            `encoder_rows`.
+    b_2. Returns the latent state, (..., n_z). `window` is (..., L, S+1), oldest row first; row k is (Cp_k, a_{k-1}),
+    unscaled. The encoder reads its newest `encoder_rows`.
     """
     return linear(program.encoder.output, encoder_layers(program, window).latent)
 

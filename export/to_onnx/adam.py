@@ -22,11 +22,8 @@ from export.to_onnx.graph_builder import Graph
 def lower_adam(
     graph: Graph, program: ControllerProgram, plan: str, free_mask: str, gradient: Callable[[Graph, str], str]
 ) -> str:
-    """The optimised plan (1, H), from the plan (1, H) to start at and the mask of free actions (H,).
-
-    Args:
-        gradient: writes dJ/da (1, H) at a plan (1, H) into the body it is given.
-    """
+    """The optimised plan (1, H), from the plan (1, H) to start at and the mask of free actions (H,). `gradient` writes
+    dJ/da (1, H) at a plan (1, H) into the body it is given."""
     h, mpc = program.mpc.horizon, program.mpc
     beta1, beta2 = ADAM_BETAS
     number = np.arange(1, mpc.iterations + 1)[:, None]

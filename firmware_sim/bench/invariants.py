@@ -121,11 +121,8 @@ class Commands:
         return self._step * share + FLOW_RESOLUTION_M2_PER_S
 
     def broken(self, flow: float, *, enable: bool, drives: bool, share: float = 1.0) -> Iterator[tuple[str, str]]:
-        """Names and values of what the next command breaks.
-
-        Args:
-            share: of a period since the command before, at most 1.
-        """
+        """Names and values of what the next command breaks. `share` is that of a period since the command before, at
+        most 1."""
         before, self.flow = self.flow, flow
         if abs(flow) > self._limit + ROUNDING:
             yield "bus_bounds", f"{flow:g} m2/s, limit {self._limit:g}"
@@ -140,10 +137,7 @@ class Commands:
 
 class Jets:
     """Judges what the vehicle's jets do: `heard` at the end of each period, then `broken` for the action reached in it.
-
-    Attributes:
-        oldest: age in periods of pressures that the vehicle may still drive by.
-    """
+    `oldest` is the age in periods of pressures that the vehicle may still drive by."""
 
     def __init__(self, config: Config) -> None:
         vehicle, self._e2e_window = config.vehicle, config.bus.e2e.window

@@ -226,11 +226,8 @@ class ControllerMemory:
     def planned(self, controller: Controller, weights: Array | None = None) -> tuple["ControllerMemory", ControlStep]:
         """One control step on a full window: the memory with the new plan, and what the controller answered. Raises
         ControllerError if there is no answer, or it is not a control step of this horizon in finite numbers, whatever
-        the controller raised or returned.
-
-        Args:
-            weights: of the cost, (8,) in the order of `CostWeights`; the controller's own without.
-        """
+        the controller raised or returned. `weights` of the cost are (8,) in the order of `CostWeights`; the
+        controller's own without."""
         pending = self.under_way.pending
         plan, free = self.plan.copy(), np.ones(len(self.plan))
         # The graph shifts the plan by a step. What comes first then is under way to a late actuator: as sent,

@@ -6,11 +6,7 @@ from typing import Self
 
 @dataclass(frozen=True)
 class DelayLine:
-    """The latest `delay + 1` values, oldest first; the line is always full.
-
-    Attributes:
-        values: (delay + 1,).
-    """
+    """The latest `delay + 1` values, oldest first; the line is always full. `values` is (delay + 1,)."""
 
     values: tuple[float, ...]
 

@@ -41,11 +41,7 @@ from firmware_sim.ecu.timing import Timing
 
 
 class StepOutcome(NamedTuple):
-    """What one control period leads to.
-
-    Attributes:
-        frames: to be sent, a JetCommand and an EcuStatus.
-    """
+    """What one control period leads to. `frames` are to be sent, a JetCommand and an EcuStatus."""
 
     state: EcuState
     frames: list[Frame]

@@ -22,11 +22,7 @@ SILENCE_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class OtherEcu:
-    """After a control period.
-
-    Attributes:
-        until_ns: until when it counts as there; None if there is none.
-    """
+    """After a control period. The other ECU counts as there until `until_ns`; None if there is none."""
 
     frames: int = 0
     until_ns: int | None = None

@@ -152,11 +152,8 @@ class Levels(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorCheck:
-    """The check of one bundle's pressures.
-
-    Attributes:
-        fast, slow: (S + P, S) deviations of sound sensors' residuals in Cp.
-    """
+    """The check of one bundle's pressures. `fast` and `slow` are (S + P, S) deviations of sound sensors' residuals in
+    Cp."""
 
     estimator: Estimator
     fast: Array

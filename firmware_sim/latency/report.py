@@ -52,11 +52,8 @@ def budget_rows(verdicts: Sequence[Verdict]) -> Iterator[tuple[str, ...]]:
 
 
 def write_report(folder: Path, runs: Sequence[Measured], budgets: Sequence[Sequence[Verdict]]) -> None:
-    """Write page and picture into a folder that exists.
-
-    Args:
-        budgets: each run's limits with what was measured; empty without a budget.
-    """
+    """Write page and picture into a folder that exists. `budgets` has each run's limits with what was measured; empty
+    without a budget."""
     histogram_figure(runs).savefig(folder / "histogram.png")
     lines = [f"{run.name}: {run.verdict}\n" for run in runs]
     lines += ["# Latency of the control loop\n", "![how often which latency](histogram.png)\n"]

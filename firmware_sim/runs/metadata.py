@@ -133,11 +133,8 @@ class RunMetadata:
         ecu: RunEcu | None = None,
         drive: str | None = None,
     ) -> "RunMetadata":
-        """Metadata of a run in this process; arguments as the attributes.
-
-        Args:
-            calibration: of the ECU that ran: weights and bounds are recorded as it had them.
-        """
+        """Metadata of a run in this process; arguments as the attributes. `calibration` is of the ECU that ran: weights
+        and bounds are recorded as it had them."""
         manifest = bundle.manifest
         ran = with_calibration(replace(config, mpc=manifest.mpc), calibration)
         return cls(

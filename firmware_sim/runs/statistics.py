@@ -75,11 +75,8 @@ class NoAverages:
 
 @dataclass(frozen=True, kw_only=True)
 class Latency:
-    """Wall-clock ms of the ECU's step while it plans, on the machine that ran it.
-
-    Attributes:
-        over_budget: steps that took longer than the bundle's budget.
-    """
+    """Wall-clock ms of the ECU's step while it plans, on the machine that ran it. `over_budget` counts steps that took
+    longer than the bundle's budget."""
 
     p50: float
     p90: float

@@ -59,11 +59,8 @@ def write_shipped_library(
 ) -> "Gated":
     """The C library and ECU of the shipped bundle, made from the shipped model and checked to be the same program.
     Raises ExportError if model and bundle do not belong together; StillwakeError if the data are not installed, or the
-    folder cannot be written.
-
-    Args:
-        notice, phase: as `ecu_files` and `export.release.pipeline.export_library` have them.
-    """
+    folder cannot be written. `notice` and `phase` are as `ecu_files` and `export.release.pipeline.export_library` have
+    them."""
     from export.release.pipeline import CLibrary, export_library
     from firmware_sim.in_c.host_library import CController
 

@@ -30,11 +30,8 @@ one; beyond it the tape computes again."""
 
 
 class DifferentiableWake:
-    """A plant at the beginning of control periods, with the differences of some of its sensors.
-
-    Args:
-        columns: (2 p,) of the sensors among the plant's, in pairs.
-    """
+    """A plant at the beginning of control periods, with the differences of some of its sensors. `columns` (2 p,) are
+    those of the sensors among the plant's, in pairs."""
 
     def __init__(self, plant: TruckWake, columns: Index) -> None:
         self.plant, self._columns = plant, columns

@@ -37,10 +37,8 @@ def distil_predictor(
 
     The loss is the mean square of the latents' difference over h = 1 .. H plus the forces' Smooth L1 over h = 0 .. H,
     both in standard deviations, plus `slope_weight` times the square of the difference of the slopes, relative to the
-    teacher's. Returns the student in evaluation mode, on the device of the lessons.
-
-    Args:
-        model: whose slim widths the student has.
+    teacher's. Returns the student in evaluation mode, on the device of the lessons. The student has the slim widths of
+    `model`.
     """
     device = lessons.actions.device
     batch_size = max(2, settings.batch_size // _FEWER)

@@ -42,10 +42,7 @@ def predict(model: Predicts, latent: Tensor, actions: Tensor) -> Prediction:
 
 def force_slope(forces: Tensor, weights: CostWeights, scaling: Scaling) -> Tensor:
     """Derivatives of the cost's terms in the forces (paper, equations 12-15), (H, B, 2), by standardised forces.
-
-    Args:
-        forces: (H, B, 2) at t+1 .. t+H, standardised.
-    """
+    `forces` are (H, B, 2) at t+1 .. t+H, standardised."""
     mean, deviation = (forces.new_tensor(values) for values in (scaling.force_mean, scaling.force_std))
     with torch.enable_grad():
         leaf = forces.detach().requires_grad_(True)

@@ -43,11 +43,7 @@ def silent(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> N
 
 @dataclass(kw_only=True)
 class Spent:
-    """What a phase took in this process.
-
-    Attributes:
-        cpu_s, wall_s: CPU time of the process and time on the wall, s.
-    """
+    """What a phase took in this process. `cpu_s` is the CPU time of the process, `wall_s` the time on the wall."""
 
     steps: int = 0
     cpu_s: float = 0.0

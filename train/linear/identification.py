@@ -157,11 +157,8 @@ def roll_out_r2(model: Arx, series: Sequence[Series], horizons: Sequence[int] = 
 
 
 def growing_modes(model: Arx, period: float) -> tuple[Mode, ...]:
-    """The modes of the model without action that grow, fastest first; one of a conjugate pair.
-
-    Args:
-        period: of control, in t_c.
-    """
+    """The modes of the model without action that grow, fastest first; one of a conjugate pair. `period`
+    is that of control, in t_c."""
     values = np.linalg.eigvals(model.state_space()[0])
     growing = [value for value in values if abs(value) > 1.0 and value.imag >= 0.0]
     return tuple(

@@ -30,11 +30,7 @@ _KEPT_STATES: Final = 2
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeBlocks:
-    """The blocks of one episode.
-
-    Attributes:
-        block_steps: control steps a block; the last may be shorter.
-    """
+    """The blocks of one episode. A block has `block_steps` control steps; the last may be shorter."""
 
     folder: Path
     steps: int

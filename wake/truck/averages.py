@@ -45,11 +45,8 @@ class Average:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CycleAverage(Average):
-    """An average over whole cycles of the lift.
-
-    Attributes:
-        frequency: cycles per t_c; the Strouhal number of a wake without forcing.
-    """
+    """An average over whole cycles of the lift. `frequency` is in cycles per t_c: the Strouhal number of a wake without
+    forcing."""
 
     cycles: int
     frequency: float

@@ -33,10 +33,8 @@ _IS_FD: Final = {spec.frame_id: spec.is_fd for spec in SPECS}
 class PythonCanBus(Connection):
     """One node's connection. Use as a context manager, or `close` it.
 
-    One thread may send while another receives.
-
-    Attributes:
-        received: receptions so far: `accepted` ones and the sum of those `rejected`.
+    One thread may send while another receives. `received` counts receptions so far: `accepted` ones and the sum of
+    those `rejected`.
     """
 
     def __init__(

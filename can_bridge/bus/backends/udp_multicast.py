@@ -53,10 +53,7 @@ _FIELDS: Final = frozenset({"timestamp", "arbitration_id", "channel", "dlc", "da
 
 def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | Rejection:
     """The message in a datagram as python-can packs it; never raises, and allocates no more than the datagram has.
-
-    Args:
-        timestamp: of the reception, in s; the sender's is dropped.
-    """
+    `timestamp` is that of the reception, in s; the sender's is dropped."""
     try:
         fields = fallback.unpackb(datagram)
     except Exception:  # noqa: BLE001 - bytes from outside: whatever the library finds wrong with them

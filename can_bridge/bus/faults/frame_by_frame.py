@@ -37,11 +37,8 @@ class SidedFault(FrameFault, ABC, section="sided_fault"):
 
 
 class _FrameByFrame(Injector):
-    """Passes each frame that the fault concerns, and that was sent or arrived in its span, through `change`.
-
-    Attributes:
-        acted: frames that came out otherwise than they went in.
-    """
+    """Passes each frame that the fault concerns, and that was sent or arrived in its span, through `change`. `acted`
+    counts frames that came out otherwise than they went in."""
 
     def __init__(self, bus: Bus, fault: SidedFault, clock: Clock, change: Change) -> None:
         super().__init__(bus)

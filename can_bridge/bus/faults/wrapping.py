@@ -9,11 +9,8 @@ from can_bridge.bus.interface import Bus
 
 
 class FaultyBus(Around):
-    """A port with faults; made by `wrap`.
-
-    Attributes:
-        injectors: one for each fault, in the order of the faults; read `acted` there.
-    """
+    """A port with faults; made by `wrap`. `injectors` has one for each fault, in the order of the faults; read `acted`
+    there."""
 
     def __init__(self, bus: Bus, injectors: Sequence[Injector]) -> None:
         super().__init__(injectors[-1] if injectors else bus)

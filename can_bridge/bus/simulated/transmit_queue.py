@@ -8,11 +8,7 @@ from can_bridge.wire.priority import Priority, priority
 
 
 class Queued(NamedTuple):
-    """A frame that waits.
-
-    Attributes:
-        serial: counts the queue's frames, so that equals keep their order.
-    """
+    """A frame that waits. `serial` counts the queue's frames, so that equals keep their order."""
 
     priority: Priority
     serial: int

@@ -140,9 +140,5 @@ def _check_header(path: Path, line: int, header: tuple[str, ...]) -> None:
 
 
 def columns_of(table: CsvTable, wanted: Mapping[str, str]) -> dict[str, Array]:
-    """Numbers of the wanted columns that are there.
-
-    Args:
-        wanted: by the name here, the column's name in the table.
-    """
+    """Numbers of the wanted columns that are there. `wanted` has the columns' names in the table by the names here."""
     return {name: table.numbers(column) for name, column in wanted.items() if column in table.header}

@@ -37,21 +37,14 @@ class Taken(NamedTuple):
 
 
 def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
-    """When a frame was received, in the monotonic clock.
-
-    Args:
-        stamp_ns: of the reception, in ns of the date.
-    """
+    """When a frame was received, in the monotonic clock. `stamp_ns` is of the reception, in ns of the date."""
     age_ns = min(max(0, date_ns - stamp_ns), LONGEST_AGE_NS)
     return max(0, monotonic_ns - age_ns)
 
 
 class Reception:
-    """Frames of the ECU's messages for the control step.
-
-    Attributes:
-        heard: everything received since it was set, for a silent bus's line.
-    """
+    """Frames of the ECU's messages for the control step. `heard` has everything received since it was set, for a silent
+    bus's line."""
 
     def __init__(
         self,

@@ -13,11 +13,8 @@ PER_INTERVAL: Final = 4
 
 
 class Notifier:
-    """Says nothing where systemd did not ask.
-
-    Args:
-        environment: of the process: NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID are looked at.
-    """
+    """Says nothing where systemd did not ask. Of the environment NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID are
+    looked at."""
 
     def __init__(self, environment: Mapping[str, str], pid: int) -> None:
         self._address = environment.get("NOTIFY_SOCKET", "")

@@ -25,11 +25,7 @@ _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
 
 
 class Privilege(NamedTuple):
-    """One of them.
-
-    Attributes:
-        why: it has it not; empty if it has.
-    """
+    """One of them. `why` states why the process has it not; empty if it has."""
 
     what: str
     granted: bool

@@ -64,11 +64,7 @@ class VehicleStage(IntEnum):
 
 
 class StageTimes:
-    """A table of one node.
-
-    Args:
-        periods: rows. When all are used, the oldest ones are used again.
-    """
+    """A table of one node. It has `periods` rows; when all are used, the oldest ones are used again."""
 
     def __init__(self, stages: type[IntEnum], periods: int = LONGEST) -> None:
         if periods < 1:

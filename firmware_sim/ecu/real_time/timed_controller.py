@@ -8,10 +8,7 @@ from contract.controller.interface import Controller, ControlStep
 
 class PlanTimes:
     """When the latest control step of any of several controllers was made, each running in place of the one before.
-
-    Attributes:
-        began_ns, ended_ns: 0 after `forget`.
-    """
+    Both are 0 after `forget`."""
 
     def __init__(self) -> None:
         self.forget()

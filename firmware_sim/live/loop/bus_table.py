@@ -74,11 +74,7 @@ class BusTable:
     def message(
         self, run: int, *, pressures: ReceiverState, commands: ReceiverState, nodes: Mapping[str, NodeErrors]
     ) -> BusNow:
-        """As of the end of the latest period.
-
-        Args:
-            pressures, commands: of the receivers in ECU and vehicle.
-        """
+        """As of the end of the latest period. `pressures` and `commands` are of the receivers in ECU and vehicle."""
         first, last = self._activity[0], self._activity[-1]
         receivers = {
             self._messages.pressure.spec.frame_id: pressures,

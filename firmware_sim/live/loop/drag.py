@@ -34,11 +34,8 @@ class DragMeans:
         self._samples.append((sample.t, sample.Cd, sample.Cl))
 
     def update(self, *, without_control: bool) -> None:
-        """Average again.
-
-        Args:
-            without_control: also the mean without control, up to the sample at which it is requested.
-        """
+        """Average again. With `without_control` also the mean without control, up to the sample at which it is
+        requested."""
         if without_control:
             t, drag, lift = np.array(self._samples, dtype=float).T
             try:

@@ -186,11 +186,8 @@ class Answer(TypedDict, total=False):
 
 
 class FieldPicture(NamedTuple):
-    """The flow at the start of period k, time t in t_c.
-
-    Attributes:
-        levels: (height, width), `wake.pictures.levels.field_levels`.
-    """
+    """The flow at the start of period k, time t in t_c. `levels` are (height, width),
+    `wake.pictures.levels.field_levels`."""
 
     k: int
     t: float

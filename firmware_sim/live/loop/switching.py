@@ -89,11 +89,8 @@ class SwitchedDisturbances:
 
     def set(self, texts: Sequence[str], k: int) -> bool:
         """Have these at work from control period k on, before which the bus stands, and nothing else. Raises
-        ConfigError for a text that describes none. Returns whether one begins that was not at work.
-
-        Args:
-            texts: disturbances without their times.
-        """
+        ConfigError for a text that describes none. Returns whether one begins that was not at work. The texts are
+        disturbances without their times."""
         assert self._bus is not None
         new: list[tuple[str, str]] = []
         for group in ("sensors", *NODES):

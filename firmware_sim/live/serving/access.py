@@ -17,11 +17,7 @@ TOKEN_BYTES: Final = 24
 
 @dataclass(frozen=True, kw_only=True)
 class Access:
-    """To one server.
-
-    Attributes:
-        token: that every request must show; none for a server that only this machine can reach.
-    """
+    """To one server. Every request must show the token; there is none for a server that only this machine can reach."""
 
     token: str | None
 
@@ -31,11 +27,8 @@ class Access:
         return cls(token=None if is_loopback(address) else token_urlsafe(TOKEN_BYTES))
 
     def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
-        """Why a request is refused, for people; None if it is not.
-
-        Args:
-            origin: header; None where there is none, as from a program that is no browser.
-        """
+        """Why a request is refused, for people; None if it is not. `origin` is None where there is none, as from a
+        program that is no browser."""
         if self.token is None and not is_loopback(_name(host)):
             return "this server answers to localhost alone"
         if origin is not None and origin.lower().partition("://")[2] != host.lower():

@@ -22,11 +22,8 @@ _BINS: Final = 60
 
 
 def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
-    """For `firmware_sim/runs/run_page/page`: JSON without NaN.
-
-    Args:
-        wake: its stills; None where they were not recorded.
-    """
+    """For `firmware_sim/runs/run_page/page`: JSON without NaN. `wake` are its stills; None where they were not
+    recorded."""
     config = log.metadata.config
     return {
         "name": name,
