@@ -71,7 +71,7 @@ DID_TEXTS: Final[Mapping[Did, str]] = {
     Did.HARDWARE: "name of the hardware, UTF-8",
     Did.SOFTWARE_VERSION: "version of stillwake, UTF-8",
     Did.DBC_SHA256: "SHA-256 of `contract/stillwake.dbc`, 32 bytes",
-    Did.STORE: "what the slots hold, what runs and why, as JSON",
+    Did.STORE: "what the slots hold, what runs and why, 116 bytes and both names (`can_bridge/flashing/report.py`)",
     Did.KEY_LIST: "read: version of the key list, 4 bytes, 0 for none; write: a signed key list",
     Did.CAPACITY: "size of the greatest image, 4 bytes",
     Did.PERIOD_NS: "control period in ns, 8 bytes",

@@ -125,6 +125,7 @@ def updated(pair: Pair) -> None:
     pair.keep_calibration(bytes(range(100)))
     pair.revert()
     pair.boot()
+    pair.keep_calibration(bytes(30))
 
 
 def given_up(pair: Pair) -> None:
