@@ -1,6 +1,7 @@
 """Loader, diagnosis and ECU on the emulated board: flashed over CAN by a tester, and cut in every flash operation."""
 
 import zlib
+from itertools import count
 from typing import Any
 
 import pytest
@@ -14,11 +15,14 @@ pytest.importorskip("udsoncan", reason="udsoncan (extra flash) is not installed"
 from can_bridge.flashing.boot import BootReason
 from can_bridge.tester.messages import ImageRefusedError
 from can_bridge.tester.sequence import End
+from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
+from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND
 from can_bridge.wire.messages import Mode, Reason
 from contract.errors import McuError
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.board.flash_controller import FlashBank, FlashController, PowerCut
+from firmware_sim.mcu.board.on_a_bus import LONGEST_NS, read_bank, serve
 from tests.can_bridge.flashing.releases import keys
 from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Feed, exported
 from tests.firmware_sim.mcu.board_node import BoardLine, Built
@@ -112,3 +116,28 @@ def test_a_cut_in_any_operation_of_the_flash_leaves_a_board_that_runs(built, fre
             unfinished.append(cuts)
     assert (bricked, unfinished) == ([], []), cuts
     assert cuts > 150
+
+
+def test_a_board_on_a_bus_answers_and_its_flash_is_kept_in_a_file(built, fresh, tmp_path):
+    """Its time passes with the clock, by a period at most between two looks."""
+    asked = [Frame(frame_id=REQUEST_ID, data=b"\x02\x3e\x00".ljust(8, b"\xcc"))]
+    sent: list[Frame] = []
+
+    class OneRequest:
+        def receive_all(self) -> list[Frame]:
+            return [asked.pop()] if asked else []
+
+        def send(self, frame: Frame) -> None:
+            sent.append(frame)
+
+    board, path, clock = on(built, fresh, FlashBank().pack()), tmp_path / "flash.bin", count(0, 10**9)
+    began_ns = board.board.counter.now_ns
+    looks = iter([False] * 5 + [True])
+    serve(board, OneRequest(), path, clock_ns=clock.__next__, wait=lambda: None, is_stopped=looks.__next__)
+    assert [one.data[:3] for one in sent if one.frame_id == RESPONSE_ID] == [b"\x02\x7e\x00"]
+    assert sum(one.frame_id == JET_COMMAND.frame_id for one in sent) in (4, 5)
+    assert board.board.counter.now_ns - began_ns == 5 * LONGEST_NS
+    assert read_bank(path).pack() == board.board.flash.bank.pack()
+    path.write_bytes(b"cut")
+    with pytest.raises(McuError, match="a flash of 3 bytes"):
+        read_bank(path)

@@ -130,9 +130,9 @@ def test_the_counter_agrees_with_the_one_in_python(sources):
 def test_a_core_that_stops_is_an_error_in_one_line(sources):
     """By a control step that reads where no memory is; and one that is given more frames than it keeps."""
     stops = b"""#include "stillwake.h"
-sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output)
+sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, const sw_input *input, sw_output *output)
 {
-    (void)work; (void)input; (void)output;
+    (void)program; (void)work; (void)input; (void)output;
     return *(volatile sw_status *)0x60000000u;
 }
 """
