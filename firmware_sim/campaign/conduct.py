@@ -10,6 +10,7 @@ from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
+from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.execution import execute
 from firmware_sim.campaign.folder import SCHEMA, CampaignFolder
 from firmware_sim.campaign.judgement import Phase, Row, judged
@@ -17,7 +18,7 @@ from firmware_sim.campaign.outcome import Outcome
 from firmware_sim.campaign.running import check_run, flow_disturbances
 from firmware_sim.campaign.scenario import UNCONTROLLED, Scenario
 from firmware_sim.campaign.starts import digest_of, keep_states, starting_states
-from firmware_sim.campaign.task import Task, Timing, seed_of, settings_of
+from firmware_sim.campaign.task import Task, seed_of, settings_of
 from wake.truck.state import State
 
 
@@ -34,14 +35,14 @@ class Campaign:
     scenarios: tuple[Scenario, ...]
     bundle: Bundle
     config: Config
-    timing: Timing
+    timing: Spans
     phases: int = 3
     seed: int = 0
 
     def check(self) -> None:
         """Raises StillwakeError, naming the scenario, for settings or disturbances that no run could have."""
         period = self.config.flow.control_period
-        lead_in, total = self.timing.spans.periods(period)
+        lead_in, total = self.timing.periods(period)
         # The last sample is taken a period before the end.
         if (latest := round((total - lead_in - 1) * period, 9)) < self.timing.settle:
             raise StillwakeError(

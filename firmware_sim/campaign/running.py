@@ -14,9 +14,10 @@ from firmware_sim.bench.disturbances import Disturbances, Gust, Reynolds
 from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.bench.invariants import Invariants
 from firmware_sim.bench.simulation import Simulation
+from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.outcome import COURSE, MOST_KEPT, Course, Figures, Outcome, Service
 from firmware_sim.campaign.scenario import Scenario
-from firmware_sim.campaign.task import Task, Timing
+from firmware_sim.campaign.task import Task
 from firmware_sim.runs.control import control
 from firmware_sim.runs.run_log import RunLog
 from wake.truck.state import State
@@ -37,14 +38,14 @@ def run_task(task: Task, bundle: Bundle, start: State) -> Outcome:
 
 
 def check_run(
-    scenario: Scenario, config: Config, bundle: Bundle, timing: Timing, controller: RunnableController
+    scenario: Scenario, config: Config, bundle: Bundle, timing: Spans, controller: RunnableController
 ) -> None:
     """Raises ConfigError, naming the scenario, for settings or disturbances with which a run could not be one."""
     try:
         Simulation(
             bundle,
             config,
-            spans=timing.spans,
+            spans=timing,
             controller=controller,
             disturbances=Disturbances.parse(scenario.disturb),
         )
@@ -65,7 +66,7 @@ def flow_disturbances(texts: Iterable[str]) -> tuple[str, ...]:
 def _under_control(task: Task, bundle: Bundle, start: State) -> Outcome:
     disturbances = Disturbances.parse(task.disturb)
     observer = Invariants.of(task.config, disturbances)
-    simulation = Simulation(bundle, task.config, spans=task.timing.spans, disturbances=disturbances, seed=task.seed)
+    simulation = Simulation(bundle, task.config, spans=task.timing, disturbances=disturbances, seed=task.seed)
     log = simulation.run(_wake(task, start), observer=observer)
     enabled_t = float(log.series["t"][log.enabled_at])
     course = Course.of(log.series, enabled_t)
@@ -81,7 +82,7 @@ def _under_control(task: Task, bundle: Bundle, start: State) -> Outcome:
 def _free(task: Task, bundle: Bundle, start: State) -> Outcome:
     """The flow by itself, for as long as a run under control goes on."""
     config, wake = task.config, _wake(task, start)
-    lead_in, periods = task.timing.spans.periods(config.flow.control_period)
+    lead_in, periods = task.timing.periods(config.flow.control_period)
     disturbing = Disturbing(Disturbances.parse(task.disturb), config, bundle.manifest.sensors, task.seed)
     samples = []
     with disturbing.in_flow(wake):

@@ -18,20 +18,6 @@ MARGIN: Final = 2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Timing:
-    """Spans of every run of a campaign, t_c; `firmware_sim.bench.spans.Spans` with their check."""
-
-    lead_in: float
-    controlled: float
-    settle: float
-
-    @property
-    def spans(self) -> Spans:
-        """For the loop, which makes no averages of its own."""
-        return Spans(lead_in=self.lead_in, controlled=self.controlled, settle=self.settle, averages=False)
-
-
-@dataclass(frozen=True, kw_only=True)
 class Task:
     """One run.
 
@@ -47,7 +33,7 @@ class Task:
     controlled: bool
     phase: int
     seed: int
-    timing: Timing
+    timing: Spans
 
     def key(self, bundle_digest: str, start_digest: str, version: str) -> str:
         """Hash of everything that decides the run, in hex."""

@@ -128,10 +128,11 @@ def _planned(
 ) -> "Campaign":
     """The campaign that was asked for, checked: whatever is wrong with it is reported before anything runs."""
     from contract.config.body_sensors import layout_of
+    from firmware_sim.bench.spans import Spans
     from firmware_sim.campaign.conduct import Campaign
     from firmware_sim.campaign.plan_file import whole_plan
     from firmware_sim.campaign.scenario import Place, selected
-    from firmware_sim.campaign.task import MARGIN, Timing
+    from firmware_sim.campaign.task import MARGIN
     from firmware_sim.ecu.fit import check_flow, check_sensors
 
     check_flow(release, config.flow)
@@ -151,7 +152,7 @@ def _planned(
         scenarios=selected(whole_plan(files, place), only),
         bundle=release,
         config=replace(config, mpc=release.manifest.mpc),
-        timing=Timing(lead_in=lead_in, controlled=spans["controlled"], settle=spans["settle"]),
+        timing=Spans(averages=False, lead_in=lead_in, controlled=spans["controlled"], settle=spans["settle"]),
         phases=int(spans["phases"]),
         seed=seed,
     )

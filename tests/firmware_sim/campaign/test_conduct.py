@@ -7,9 +7,9 @@ import pytest
 from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
 from contract.release import bundle
+from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.conduct import Campaign, conduct
 from firmware_sim.campaign.folder import CampaignFolder
-from firmware_sim.campaign.task import Timing
 from tests.firmware_sim.campaign.conftest import Worker, scenario_of
 
 SCENARIOS = (
@@ -21,7 +21,7 @@ SCENARIOS = (
 
 @pytest.fixture
 def campaign(bundle_of) -> Campaign:
-    timing = Timing(lead_in=1.2, controlled=60.0, settle=20.0)
+    timing = Spans(averages=False, lead_in=1.2, controlled=60.0, settle=20.0)
     return Campaign(scenarios=SCENARIOS, bundle=bundle_of(), config=Config(), timing=timing, phases=2)
 
 

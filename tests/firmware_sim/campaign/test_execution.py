@@ -7,12 +7,12 @@ import pytest
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release import bundle
+from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign import conduct as conducting
 from firmware_sim.campaign.conduct import Campaign, conduct
 from firmware_sim.campaign.execution import execute
 from firmware_sim.campaign.folder import CampaignFolder
 from firmware_sim.campaign.running import run_task
-from firmware_sim.campaign.task import Timing
 from tests.firmware_sim.campaign.conftest import scenario_of
 from wake.recording import parallel
 
@@ -30,7 +30,7 @@ def campaign(short_release, coarse) -> Campaign:
         ),
         bundle=bundle.load(short_release),
         config=Config(flow=coarse.flow),
-        timing=Timing(lead_in=0.4, controlled=0.8, settle=0.2),
+        timing=Spans(averages=False, lead_in=0.4, controlled=0.8, settle=0.2),
         phases=1,
         seed=3,
     )

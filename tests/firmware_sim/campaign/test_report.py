@@ -10,13 +10,13 @@ import pytest
 from PIL import Image
 
 from contract.config.tree import Config
+from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign import paper
 from firmware_sim.campaign.conduct import Campaign, Result
 from firmware_sim.campaign.folder import CampaignFolder
 from firmware_sim.campaign.report import write_report
 from firmware_sim.campaign.result_figures import curve, figures_of
 from firmware_sim.campaign.scenario import Criteria
-from firmware_sim.campaign.task import Timing
 from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
 from tests.firmware_sim.conftest import make_bundle
 
@@ -39,7 +39,7 @@ def written(rows, path) -> tuple[CampaignFolder, str]:
         scenarios=tuple(row.scenario for row in rows),
         bundle=make_bundle(name="<b>evil</b>"),
         config=Config(),
-        timing=Timing(lead_in=1.2, controlled=60.0, settle=20.0),
+        timing=Spans(averages=False, lead_in=1.2, controlled=60.0, settle=20.0),
         phases=2,
     )
     folder = CampaignFolder(path)

@@ -9,11 +9,12 @@ from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.release import bundle
 from contract.release.checks import Bundle
+from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.campaign import running
 from firmware_sim.campaign.outcome import Course, Outcome, Service
 from firmware_sim.campaign.running import flow_disturbances, run_task
-from firmware_sim.campaign.task import Task, Timing
+from firmware_sim.campaign.task import Task
 from wake.solver.grid import truck_grid
 from wake.truck.regrid import moved
 from wake.truck.state import State, developed_state
@@ -23,7 +24,7 @@ pytestmark = pytest.mark.slow  # runs of the solver
 
 COARSE = Config(flow=FlowConfig(refinement=0.4, substeps=12))
 """A wake that costs a tenth of the default one."""
-TIMING = Timing(lead_in=1.2, controlled=1.6, settle=0.8)
+TIMING = Spans(averages=False, lead_in=1.2, controlled=1.6, settle=0.8)
 LEAD_IN, PERIODS = 6, 14
 
 

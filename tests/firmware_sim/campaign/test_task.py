@@ -8,8 +8,9 @@ import pytest
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError
+from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.starts import phases_apart
-from firmware_sim.campaign.task import Task, Timing, seed_of, settings_of
+from firmware_sim.campaign.task import Task, seed_of, settings_of
 from tests.firmware_sim.campaign.conftest import scenario_of
 
 TASK = Task(
@@ -19,7 +20,7 @@ TASK = Task(
     controlled=True,
     phase=0,
     seed=1,
-    timing=Timing(lead_in=7.0, controlled=60.0, settle=20.0),
+    timing=Spans(averages=False, lead_in=7.0, controlled=60.0, settle=20.0),
 )
 
 
@@ -39,7 +40,7 @@ def test_whatever_decides_a_run_is_in_its_key() -> None:
         {"config": Config(ecu=EcuConfig(delay_steps=1))},
         {"controlled": False},
         {"seed": 2},
-        {"timing": Timing(lead_in=7.0, controlled=60.0, settle=30.0)},
+        {"timing": Spans(averages=False, lead_in=7.0, controlled=60.0, settle=30.0)},
     ]
     for change in changes:
         assert replace(TASK, **change).key("b", "s", "1") != TASK.key("b", "s", "1"), change
