@@ -1,7 +1,6 @@
 """`stillwake diagnose`: the faults that an ECU remembers, and the description of its diagnosis for other testers."""
 
 import time
-from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,10 +9,10 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from contract.atomic import check_writable, replacing
-from contract.results import versions, write_result
+from contract.results import versions
 from stillwake.commands.diagnosis.flash import USES
 from stillwake.console.bus_option import BusName, with_bus
-from stillwake.console.outputs import check_json
+from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console
 
@@ -54,9 +53,8 @@ def faults(
     console.print(_table(found) if found else "no faults")
     if clear:
         console.print("the ECU's faults are cleared")
-    if json_file is not None:
-        facts = {"cleared": clear, "versions": versions("stillwake")}
-        write_result(json_file, figures=[_figures(one) for one in found], facts=facts, on=date.today())
+    facts = {"cleared": clear, "versions": versions("stillwake")}
+    save_json(json_file, figures=[_figures(one) for one in found], facts=facts)
 
 
 @diagnose.command()

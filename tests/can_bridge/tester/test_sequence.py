@@ -23,6 +23,7 @@ from can_bridge.tester.messages import (
 )
 from can_bridge.tester.sequence import End, Flashed, Options, Step
 from can_bridge.uds.access_key import AccessKey
+from can_bridge.uds.permissions import SERVICES
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.services import Nrc, Routine, Service
 from tests.can_bridge.flashing.releases import BLOCK, SECOND, STRANGER, flash, image, phases
@@ -44,6 +45,16 @@ def flashed(line: Line, new: bytes = NEW, **options: Any) -> Flashed:
     return flash_over(line, new, **options)
 
 
+def test_an_ecu_that_knows_neither_silence_nor_a_switch_for_faults_is_flashed_all_the_same(monkeypatch) -> None:
+    for is_heard in (True, False):
+        line, ecu = fresh()
+        line.lose = lambda payload, to_ecu: not is_heard and to_ecu and payload[0] in (0x28, 0x85)  # noqa: B023
+        with monkeypatch.context() as patch:
+            known = {number: who for number, who in SERVICES.items() if number not in (0x28, 0x85)}
+            patch.setattr("can_bridge.uds.server.SERVICES", known)
+            assert (flashed(line).end, ecu.runs) == (End.CONFIRMED, "new"), is_heard
+
+
 def test_a_release_is_brought_started_tested_and_confirmed(line: Line, ecu: EcuToFlash) -> None:
     steps: list[Step] = []
     progress: list[tuple[int, int]] = []
@@ -58,6 +69,9 @@ def test_a_release_is_brought_started_tested_and_confirmed(line: Line, ecu: EcuT
     # Blocks as long as the server takes them.
     blocks = [len(request) for request in line.heard if request[0] == Service.TRANSFER]
     assert (max(blocks), len(blocks)) == (4064 + 2, -(-len(NEW) // 4064))
+    # In the order of ISO 14229-1: faults off and silence in the extended session, then the programming session.
+    order = [line.heard.index(bytes.fromhex(request)) for request in ("1003", "31010203", "8502", "280101", "1002")]
+    assert order == sorted(order)
     # The same one again, and others.
     for name, end in (("new", End.ALREADY), ("two", End.CONFIRMED), ("new", End.CONFIRMED)):
         ecu.routines.clear()
