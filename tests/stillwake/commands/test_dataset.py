@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import astuple
 from pathlib import Path
 
+import h5py
 import pytest
 
 from contract.config.loading import load_config
@@ -100,6 +101,13 @@ def test_settings_that_do_not_agree_are_wrong_where_they_are_given(run: Run, mad
     status, output, _ = run("check", made, "--set", "flow.control_period=0.2", "--set", "flow.action_limit=0.2")
     assert status == 1
     assert "control period is 0.3 in the data set, flow.control_period = 0.2" in output
+    # What is damaged is reported with what does not fit.
+    with h5py.File(made, "r+") as file:
+        del file["episodes/calm"].attrs["provenance"]
+        file["episodes/sweep/action"][7] = -0.4
+    status, output, errors = run("check", made)
+    assert (status, "2 things to put right" in errors) == (1, True)
+    assert "'provenance' is missing" in output and "action is -0.4 at step 7" in output
 
 
 def test_the_settings_that_fit_are_not_written_over_a_file_of_the_user(run: Run, made: Path) -> None:
