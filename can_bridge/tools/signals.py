@@ -31,8 +31,6 @@ INVALID: Final = -INT12_MAX - 1
 """The classic set's pressure of a sensor whose own diagnosis failed, Pa."""
 NO_SPEED: Final = SPEED_UNKNOWN * SPEED_RESOLUTION_M_PER_S
 """The speed of a vehicle that does not know it, m/s."""
-LONGEST_MS: Final = 2550
-"""The classic set's largest age of a speed: so much or more."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,6 @@
 import csv
 import re
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -137,8 +136,3 @@ def _check_header(path: Path, line: int, header: tuple[str, ...]) -> None:
         raise DatasetError(
             f"{path}: line {line}: columns must be separated by commas, semicolons or tabs; spaces do not separate them"
         )
-
-
-def columns_of(table: CsvTable, wanted: Mapping[str, str]) -> dict[str, Array]:
-    """Numbers of the wanted columns that are there. `wanted` has the columns' names in the table by the names here."""
-    return {name: table.numbers(column) for name, column in wanted.items() if column in table.header}

@@ -12,7 +12,7 @@ from contract.arrays import Array
 from contract.errors import DatasetError
 from contract.npz import read_npz
 from contract.recording.hdf5 import opened
-from contract.recording.importing.csv_table import columns_of, read_csv
+from contract.recording.importing.csv_table import read_csv
 from contract.sensor_layout import SensorLayout
 
 SUFFIXES: Final = (".csv", ".tsv", ".txt", ".npz", ".h5", ".hdf5")
@@ -54,7 +54,8 @@ def read_source(path: Path, layout: SensorLayout, names: Sequence[str], renamed:
         table = read_csv(path)
         renamed = _in_this_file(path, table.header, renamed)
         wanted = {name: renamed.get(name, name) for name in (*names, *layout.names)}
-        arrays = _with_pressures(path, columns_of(table, wanted), layout, renamed, table.header)
+        columns = {name: table.numbers(inside) for name, inside in wanted.items() if inside in table.header}
+        arrays = _with_pressures(path, columns, layout, renamed, table.header)
         unread = tuple(name for name in table.header if name not in wanted.values())
         return Contents(arrays=arrays, unread=unread, renamed=frozenset(renamed))
     renamed = _in_this_file(path, tuple(stored), renamed)
