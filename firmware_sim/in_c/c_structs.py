@@ -1,8 +1,8 @@
 """The structs of the ECU in C, in memory and as Python values: frames, state, trace.
 
 The layout is read from the library's own headers by cffi, so that none of it is restated here. The structs have members
-of fixed width, all aligned by their own size and none of them a pointer: the layout is the same on this machine and on
-a microcontroller, and bytes that an emulated one holds are read by the same functions.
+of fixed width, all aligned by their own size and, but for the end of `sw_ecu`, none of them a pointer: the layout is
+the same on this machine and on a microcontroller, and bytes that an emulated one holds are read by the same functions.
 """
 
 import tempfile
