@@ -1,0 +1,63 @@
+"""The page of a fresh board, from its keys to the confirmed release, by its commands and over a real bus."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+
+import pytest
+
+from contract.release.signing import read_private_key
+from firmware_sim.in_c.c_ecu import ecu_sources
+from firmware_sim.in_c.c_image import controller_image, read_packed
+from tests.firmware_sim.ecu_in_c import CONFIG, exported
+
+BUS = ("--bus", "udp_multicast:239.74.163.41")
+COMMAND = (sys.executable, "-m", "stillwake")
+
+
+@pytest.mark.processes
+@pytest.mark.mcu
+@pytest.mark.proofs  # a firmware is built, and ten processes start
+def test_the_page_leads_from_a_fresh_board_to_a_flashed_controller(tmp_path):
+    """With a small release in place of the shipped one; the second board has the flash that the first one left."""
+    for module in ("unicorn", "capstone", "elftools", "ziglang", "udsoncan"):
+        pytest.importorskip(module, reason=f"{module} is not installed")
+    release = exported(tmp_path)
+    bundle, access = ("--bundle", str(release.bundle_path)), ("--access", "access.key")
+
+    def stillwake(*words: str, status: int = 0) -> str:
+        done = subprocess.run([*COMMAND, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == status, done.stdout + done.stderr
+        return done.stdout + done.stderr
+
+    def with_board(lines: Sequence[Sequence[str]]) -> list[str]:
+        board = ("ecu", "board", "flash.bin", "--library", str(release.folder), "--root", "root/release.pub")
+        log = tmp_path / "board.log"
+        with (
+            log.open("w") as file,
+            subprocess.Popen([*COMMAND, *board, *access, *bundle, *BUS], cwd=tmp_path, stdout=file, stderr=file) as ecu,
+        ):
+            try:
+                until = time.monotonic() + 300.0
+                while "running" not in log.read_text():
+                    assert ecu.poll() is None and time.monotonic() < until, log.read_text()
+                    time.sleep(0.2)
+                return [stillwake(*line, *BUS, *access) for line in lines]
+            finally:
+                ecu.terminate()
+
+    stillwake("bundle", "keygen", "root")
+    stillwake("bundle", "keygen", "maker")
+    stillwake(
+        "bundle", "keylist", "keys.list", "--root", "root/release.key", "--version", "1", "--key", "maker/release.pub"
+    )
+    stillwake("can", "keygen", "access.key")
+    files = ecu_sources(release.folder, release.bundle, CONFIG) | read_packed(release.folder)
+    key = read_private_key(tmp_path / "maker/release.key")
+    (tmp_path / "release.swi").write_bytes(controller_image(files, release.bundle, CONFIG, key))
+    keys, flashed = with_board([("flash-keys", "keys.list"), ("flash", "release.swi")])
+    assert "key list 1, and had none" in keys
+    assert "runs no release" in flashed and "runs, and is confirmed" in flashed
+    (again,) = with_board([("flash", "release.swi")])
+    assert "runs already" in again
