@@ -96,7 +96,8 @@ def _package(
     name: str, version: str | None, digest: str | None = None, licence: str | None = None, **more: Any
 ) -> Component:
     if licence is None and _installed(name, "Version") == version:
-        licence = _installed(name, "License-Expression")
+        stated = (_installed(name, field) for field in ("License-Expression", "License", "Classifier"))
+        licence = next((text for text in stated if text and "\n" not in text), None)
     kind, registry = (ComponentType.LIBRARY, "pypi") if name != "python" else (ComponentType.PLATFORM, "generic")
     return _part(kind, name, digest, licence, version=version, purl=PackageURL(registry, None, name, version), **more)
 
@@ -112,10 +113,12 @@ def _part(
 def _installed(name: str, field: str) -> str | None:
     """What a package that is installed here states about itself."""
     try:
-        stated = metadata(name).get_all(field)
+        stated = metadata(name).get_all(field) or []
     except PackageNotFoundError:
         return None
-    return str(stated[0]) if stated else None
+    if field == "Classifier":
+        stated = [text.rpartition(" :: ")[2] for text in stated if text.startswith("License :: OSI Approved :: ")]
+    return next(iter(stated), None)
 
 
 def _bom(

@@ -2,7 +2,9 @@
 
 import math
 import zipfile
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree
@@ -35,6 +37,7 @@ except LibraryError as error:
 pytestmark = pytest.mark.compiler
 
 PERIOD_S = CONFIG.period_ns / 1e9
+OTHER_TYPES = ("Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Boolean", "String")
 
 
 @pytest.fixture(scope="module")
@@ -192,15 +195,19 @@ def test_what_it_does_not_have_is_refused_and_nothing_is_unsafe_to_call(fmu_of):
     path, _ = fmu_of()
     imported = Imported(path)
     outputs = [imported.variables["flow_command"].valueReference]
-    for call in (
+    calls: tuple[Callable[[], object], ...] = (
         lambda: imported.fmu.setFloat64(outputs, [1.0]),
         lambda: imported.fmu.getFloat64([10_000]),
-        lambda: imported.fmu.getFloat32(outputs),
-        lambda: imported.fmu.getString(outputs),
+        *(partial(getattr(imported.fmu, f"get{kind}"), outputs) for kind in OTHER_TYPES),
+        *(partial(getattr(imported.fmu, f"set{kind}"), outputs, [1]) for kind in OTHER_TYPES[:-1]),
         lambda: imported.fmu.enterEventMode(),
-    ):
+    )
+    for call in calls:
         with pytest.raises(FMICallException):
             call()
+    assert imported.fmu.fmi3GetVersion() == b"3.0"
+    with pytest.raises(Exception, match="instantiate"):
+        imported.fmu.instantiate(eventModeUsed=True)
     imported.fmu.guid = "{another}"
     with pytest.raises(Exception, match="instantiate"):
         imported.fmu.instantiate()
