@@ -1,6 +1,5 @@
 """A release's numbers in an image: the bytes that the compiler makes of them, and the same ECU in other memory."""
 
-import hashlib
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
-from contract.controller.c_folder import ECU_SETTINGS
+from contract.controller.c_folder import ECU_SETTINGS, Settings
 from contract.controller.image_payload import arrays_in, layout_in, with_layout
 from contract.errors import BundleContainerError, LibraryError
 from contract.release.bundle import load
@@ -18,9 +17,8 @@ from examples.c_samples import MODEL, MPC
 from examples.random_programs import random_linear_program, random_program
 from export.int8.calibrate import rounded_on
 from export.int8.rounded_estimator import rounded_estimator
-from export.program.program_hash import program_sha256
 from export.program.random_windows import random_windows
-from export.release.lowering import library_of, lower
+from export.release.lowering import library_of
 from export.to_c.estimator import estimator_files
 from export.to_c.library import ecu_sources
 from export.to_c.linear_library import linear_c_library
@@ -29,7 +27,7 @@ from firmware_sim.in_c.c_ecu import CEcu
 from firmware_sim.in_c.c_image import controller_image
 from firmware_sim.in_c.c_settings import ecu_settings
 from tests.export.to_c.ecu.test_estimator import random_network
-from tests.firmware_sim.ecu_in_c import Feed
+from tests.firmware_sim.ecu_in_c import CONFIG, Feed
 
 pytestmark = pytest.mark.compiler
 
@@ -54,8 +52,6 @@ void places(const sw_ecu *ecu, const void **found)
     found[2] = numbers->program.hot;
 #if SW_SENSOR_CHECK
     found[3] = numbers->estimator;
-#else
-    found[3] = NULL;
 #endif
 }
 """
@@ -66,32 +62,23 @@ OK, OTHER_BUILD, MISALIGNED = range(3)
 
 def made(kind: str, seed: int):
     """Files of a random release of a kind, the release, and the vehicle."""
-    config = Config()
-    if kind != "int8":
-        check = replace(config.ecu.sensor_check, enabled=False)
-        config = replace(config, ecu=replace(config.ecu, sensor_check=check))
+    config = Config() if kind == "int8" else CONFIG
+    program = random_program(seed, model=MODEL, mpc=MPC)
+    windows = random_windows(program, 10)
     if kind == "linear":
-        program = random_linear_program(seed, window=32, mpc=MPC)
-        files, digest = linear_c_library(program), program_sha256(program)
+        files = linear_c_library(random_linear_program(seed, window=32, mpc=MPC))
     else:
-        program = random_program(seed, model=MODEL, mpc=MPC)
-        windows = random_windows(program, 10)
-        lowered = lower(
-            rounded_on(program, windows) if kind == "int8" else program, calibration=windows, with_library=False
-        )
-        files, digest = library_of(lowered.program, windows), lowered.program_sha256
+        files = library_of(rounded_on(program, windows) if kind == "int8" else program, windows)
     bundle = load(BUNDLE)
-    estimator = bundle.manifest.sensor_estimator
-    spread = tuple(tuple(value * (1.0 + 0.1 * seed) for value in row) for row in estimator.fast)
-    weights = replace(bundle.manifest.mpc.weights, lift=0.1 * seed)
+    estimator, mpc = bundle.manifest.sensor_estimator, bundle.manifest.mpc
     manifest = replace(
         bundle.manifest,
-        program_sha256=digest,
-        mpc=replace(bundle.manifest.mpc, weights=weights),
-        sensor_estimator=replace(estimator, fast=spread),
+        program_sha256=Settings.of(files).text("SW_PROGRAM_SHA256"),
+        mpc=replace(mpc, weights=replace(mpc.weights, lift=0.1 * seed)),
+        sensor_estimator=replace(estimator, fast=tuple(tuple(seed * value for value in row) for row in estimator.fast)),
     )
-    bundle = replace(bundle, manifest=manifest, digest=hashlib.sha256(bytes([seed])).hexdigest())
-    files = files | ecu_sources() | {ECU_SETTINGS: ecu_settings(bundle, config)}
+    bundle = replace(bundle, manifest=manifest, digest=f"{seed:064x}"[::-1])
+    files |= ecu_sources() | {ECU_SETTINGS: ecu_settings(bundle, config)}
     if kind == "int8":
         files |= estimator_files(build_estimator(rounded_estimator(random_network(seed))).SerializeToString())
     return with_layout(files), bundle, config
