@@ -14,9 +14,9 @@ from contract.release.checks import dbc_sha256
 from firmware_sim.ecu.flashable import diagnostic_link, vehicle_request
 
 HEADER: Final = "sw_uds_settings.h"
-ROOM: Final = 1024
+ROOM: Final = 768
 """Bytes of answers that wait in C, with the one under way; `IsoTpSettings.send_room` there."""
-LONGEST_ANSWER: Final = 1024
+LONGEST_ANSWER: Final = 768
 """Bytes; one that would be longer is refused as too long."""
 _ISOTP: Final = IsoTpSettings(receive_id=services.REQUEST_ID, send_id=services.RESPONSE_ID)
 _NUMBERED: Final[Mapping[str, type[IntEnum]]] = {

@@ -67,7 +67,7 @@ def story(rng: Random, of: World, steps: int) -> Plan:
     yield lambda program: program.twins.fail(0)
     yield rng.choice((b"\x37", b"\x36\x03!"))
     yield b"\x37"
-    wanted = (routine(Routine.CHECK), routine(Routine.ACTIVATE), b"\x11\x01")
+    wanted = (rng.choice((routine(Routine.CHECK), b"\x31\x81\xff\x01")), routine(Routine.ACTIVATE), b"\x11\x01")
     if rng.random() < 0.3:
         # Others come amid the work, more than there is room for.
         report = 3 * b"\xfd\x01"
@@ -121,7 +121,8 @@ def calibrations(rng: Random, of: World) -> Plan:
     own = bytes(answer[3 + 2 * PACKED_BYTES :]) if answer is not None and answer[0] == 0x62 else bytes(PACKED_BYTES)
     for _ in range(4):
         values = bytearray(own)
-        at = 4 * rng.randrange(PACKED_BYTES // 4)
+        most = PACKED_BYTES // 4
+        at = 4 * rng.choice((rng.randrange(most), most - 2))
         values[at : at + 4] = rng.choice((own[at : at + 4], _half(own[at : at + 4]), *_VALUES))
         yield write(Did.CALIBRATION, bytes(values))
         yield lambda program: program.control(1, False)
@@ -139,7 +140,7 @@ def _half(value: bytes) -> bytes:
 def controlled(rng: Random, of: World) -> Plan:
     """The jets run, or could, while a tester asks for what may not be then."""
     yield from unlocking(Level.CALIBRATION)
-    yield write(Did.CALIBRATION_STORED, b"\1")
+    yield from each(write(Did.CALIBRATION_STORED, b"\1"), rng.choice((b"\x3e\0", b"\x28\1\1")))
     yield lambda program: program.control(12, False)
     yield lambda program: program.control(rng.choice((1, 30)), True)
     yield from each(b"\x10\x02", routine(Routine.PRECONDITIONS), write(Did.CALIBRATION_STORED, b"\1"), b"\x28\x01\x01")

@@ -1,0 +1,54 @@
+"""Faults that are planted in diagnosis in C, one at a time: the comparison has to notice every one."""
+
+from itertools import count
+from pathlib import Path
+from typing import Final
+
+from tests.proofs.loader_in_c.node_library import QUICK, Library, build, sources
+from tests.proofs.loader_in_c.node_program import play
+from tests.proofs.loader_in_c.node_twin import CONFIGS, world
+
+MOST_SEEDS: Final = 150
+PLANTED: Final = (
+    ("sw_services.c", "if (counter != transfer->expected) return SW_NRC_WRONG_BLOCK_COUNTER;", ""),
+    ("sw_access.c", "if (access->asked != level) return SW_NRC_SEQUENCE_ERROR;\n    access->asked = 0;", ""),
+    ("sw_uds.c", "uds->now_ns + FIRST_PENDING_NS;", "uds->now_ns + NEXT_PENDING_NS;"),
+    ("sw_uds.c", "if (uds->session != SW_SESSION_DEFAULT) sw_programming_leave(node);", ""),
+    ("sw_uds.c", "sw_access_lock(&node->access);", ""),
+    ("sw_access.c", "if (count < SW_ACCESS_ATTEMPTS)", "if (count <= SW_ACCESS_ATTEMPTS)"),
+    ("sw_access.c", "if (access->unlocked == level) return 0;", ""),
+    ("sw_isotp.c", "end->next_number = (uint8_t)((end->next_number + 1u) % NUMBERS);", "end->next_number++;"),
+    ("sw_isotp.c", "if (end->answer == FLOW_CONTINUE && end->wanted == 0u) end->answer = NO_ANSWER;", ""),
+    ("sw_isotp.c", "end->not_before_ns = now_ns + end->separation_ns;", "end->not_before_ns = now_ns;"),
+    ("sw_isotp.c", "if (end->left_in_block == 0u) wait_for_flow(end, now_ns);", ""),
+    ("sw_services.c", "if (is_last) return SW_UDS_DONE;", ""),
+    ("sw_services.c", "transfer->state = SW_TRANSFER_CLOSED;", ""),
+    ("sw_programming.c", "node->programming.is_updating = 1;", ""),
+    ("sw_programming.c", "node->programming.has_confirmed = 0;", "node->programming.has_confirmed = 1;"),
+    ("sw_programming.c", "if (is_again) return SW_UDS_DONE;", ""),
+    ("sw_calibrating.c", "if (node->drives_jets) return SW_NRC_CONDITIONS_NOT_CORRECT;", ""),
+    ("sw_calibrating.c", "if (code == 0u) node->calibrating.working = node->calibrating.release;", ""),
+    ("sw_node.c", "node->wants_reset ? SW_REASON_UPDATING : SW_REASON_NONE", "SW_REASON_NONE"),
+    ("sw_node.c", "if (was_busy || requests == 0u || !sw_uds_is_busy(&node->uds)) sw_uds_tick", "sw_uds_tick"),
+    ("sw_self_test.c", "is_within(output->plan[k], most + SLACK)", "is_within(output->plan[k], FLT_MAX)"),
+    ("sw_shut.c", "SW_REASON_NO_RELEASE", "SW_REASON_INTERNAL"),
+)  # fmt: skip
+"""File, text that stands there once, and what stands there instead."""
+
+
+def noticed(fault: tuple[str, str, str], folder: Path) -> bool:
+    """Whether the comparison fails with it; raises ValueError if the sources no longer have the place."""
+    file, old, new = fault
+    for kind, config in CONFIGS.items():
+        contents = sources(config)
+        before = contents[file].decode()
+        if before.count(old) != 1:
+            raise ValueError(f"{file}: {old!r} stands there {before.count(old)} times: must be once")
+        contents[file] = before.replace(old, new).encode()
+        # A library that is loaded stays: each needs a name of its own.
+        name = next(name for name in map("{}.so".format, count()) if not (folder / kind / name).exists())
+        of = world(kind, Library(contents, build(contents, folder / kind, name, (*QUICK, "-Wno-error"))))
+        for seed in range(MOST_SEEDS):
+            if play(of, seed, 60, trouble=(0.001, 0.02, 0.1)[seed % 3]).differences:
+                return True
+    return False

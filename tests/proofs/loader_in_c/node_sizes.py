@@ -1,0 +1,104 @@
+"""What store and diagnosis take of a Cortex-M7: flash, memory, and stack along the deepest chain of calls."""
+
+import io
+import re
+import subprocess
+from collections import defaultdict
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import capstone
+from elftools.elf.elffile import ELFFile
+
+from export.to_c.loader_files import loader_sources
+from firmware_sim.in_c.compiler import zig_compiler
+from firmware_sim.mcu.build import BARE
+from firmware_sim.mcu.elf import read_elf
+from tests.proofs.loader_in_c.node_library import sources
+from tests.proofs.loader_in_c.node_twin import CONFIGS
+
+_POINTED_AT: Final = re.compile(r"^(control_session|reset|hear_tester|read|give_access|write|routine|download)$|"
+                                r"^(take_block|end_transfer|went_on|sw_self_test|clear_faults|report_faults)$|"
+                                r"^(control_communication|set_faults|silence\w*|\w+_faults)$")  # fmt: skip
+"""Functions that the server calls through pointers."""
+_REGISTERS: Final = re.compile(r"\{(.*)\}")
+_STACK: Final = re.compile(r"sp, (?:sp, )?#(0x[0-9a-f]+|\d+)$")
+
+
+def sizes(folder: Path) -> dict[str, Any]:
+    """`loader_flash_kib` and `loader_ram_kib`, `stack_b` with the functions it is of; by -Os."""
+    image = _linked(folder)
+    found = read_elf(image).sections
+    flash = sum(found.get(name, 0) for name in (".text", ".rodata", ".data", ".ARM.exidx"))
+    elf: Any = ELFFile(io.BytesIO(image))
+    table = next(iter(elf.iter_sections("SHT_SYMTAB")))
+    ram = next(item["st_size"] for item in table.iter_symbols() if item.name == "loader_memory")
+    depth, chain = _deepest(image)
+    return {
+        "loader_flash_kib": round(flash / 1024, 1), "loader_ram_kib": round(ram / 1024, 1), "stack_b": depth,
+        "stack_of": chain,
+    }  # fmt: skip
+
+
+def _linked(folder: Path) -> bytes:
+    contents = sources(CONFIGS["fd"])
+    own = Path(__file__).with_name("c").joinpath("node_sizes.c").read_bytes()
+    compiled = {name for name in loader_sources() if name.endswith(".c")}
+    contents = {name: content for name, content in contents.items() if name.endswith(".h") or name in compiled}
+    for name, content in (contents | {"node_sizes.c": own}).items():
+        (folder / name).write_bytes(content)
+    flags = [item for item in BARE if item != "-T"]
+    command = [
+        *(zig_compiler() or []), "-Os", "-g", "-std=c99", *flags, "-mcpu=cortex_m7", "-Wl,-e,start",
+        *sorted(compiled), "node_sizes.c", "-o", "loader.elf",
+    ]  # fmt: skip
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    return (folder / "loader.elf").read_bytes()
+
+
+def _deepest(image: bytes) -> tuple[int, list[str]]:
+    """Bytes of stack at most below `start`, and the chain of functions; what is called of the ECU takes none here."""
+    elf: Any = ELFFile(io.BytesIO(image))
+    text = elf.get_section_by_name(".text")
+    table = next(iter(elf.iter_sections("SHT_SYMTAB")))
+    functions = {
+        item["st_value"] & ~1: (item.name, item["st_size"])
+        for item in table.iter_symbols()
+        if item["st_info"]["type"] == "STT_FUNC" and item["st_size"]
+    }
+    machine = capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB + capstone.CS_MODE_MCLASS)
+    machine.skipdata = True
+    frames, calls = dict[int, int](), defaultdict[int, set[int]](set)
+    pointed_at = {address for address, (name, _) in functions.items() if _POINTED_AT.match(name)}
+    for address, (name, size) in functions.items():
+        start = address - text["sh_addr"]
+        frames[address] = 0
+        for line in machine.disasm(text.data()[start : start + size], address):
+            kind = line.mnemonic.split(".")[0]
+            if kind in ("push", "vpush"):
+                frames[address] += _pushed(line.op_str)
+            elif kind in ("sub", "subw") and (found := _STACK.match(line.op_str)):
+                frames[address] += int(found[1], 0)
+            elif line.op_str.startswith("#") and (target := int(line.op_str[1:], 0) & ~1) in functions:
+                calls[address] |= {target} - {address}
+            elif kind in ("blx", "bx") and line.op_str != "lr" and name.startswith("sw_uds"):
+                calls[address] |= pointed_at
+
+    @cache
+    def below(address: int) -> tuple[int, tuple[str, ...]]:
+        deepest = max((below(target) for target in calls[address]), default=(0, ()))
+        return frames[address] + deepest[0], (functions[address][0], *deepest[1])
+
+    depth, chain = below(next(address for address, (name, _) in functions.items() if name == "start"))
+    return depth, list(chain)
+
+
+def _pushed(operands: str) -> int:
+    """Bytes of `{r4, r5, lr}` or `{d8, d9}`."""
+    total = 0
+    for part in (_REGISTERS.search(operands) or [""] * 2)[1].split(", "):
+        first, _, last = part.partition("-")
+        count = int(last[1:]) - int(first[1:]) + 1 if last else 1
+        total += count * (8 if part.startswith("d") else 4)
+    return total

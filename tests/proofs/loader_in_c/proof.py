@@ -1,0 +1,76 @@
+"""The loader in C, storage and diagnosis, against its specification in Python, and under hostile requests.
+
+    python -m tests.proofs.loader_in_c --json results/flash_c.json
+
+Storage: the supply cut at every operation of the flash memory, altered images, calls at random. Diagnosis:
+testers drive both ECUs, whose frames must be the same at the same times; then hostile requests while sanitisers watch.
+"""
+
+import tempfile
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+
+from contract.errors import StillwakeError
+from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report
+from tests.proofs.loader_in_c.node_fuzz import SANITISED, VIOLATIONS, corpus, fuzz
+from tests.proofs.loader_in_c.node_library import Library, build, sources
+from tests.proofs.loader_in_c.node_program import play
+from tests.proofs.loader_in_c.node_sizes import sizes
+from tests.proofs.loader_in_c.node_twin import CONFIGS, world
+from tests.proofs.loader_in_c.store_proof import storage_figures
+
+REQUESTS: Final = 60
+"""Of one program."""
+
+
+def main(
+    json_file: JsonFile = None,
+    seed: Seed = 0,
+    processes: Processes = 2,
+    programs: Annotated[int, typer.Option(help="Testers against both ECUs, for each kind of frames.", min=1)] = 2000,
+    fuzz_requests: Annotated[int, typer.Option(help="Hostile requests under sanitisers.", min=1)] = 1_000_000,
+    images: Annotated[int, typer.Option(help="Images that are altered.", min=1)] = 50_000,
+    calls: Annotated[int, typer.Option(help="Calls of the store, at random.", min=1)] = 20_000,
+    seconds: Annotated[int, typer.Option(help="Second cuts in the recovery from each first one.", min=0)] = 2,
+) -> None:
+    """Compare, cut and fuzz; then print what was lost or differed, which must be nothing."""
+    storage = storage_figures(seed=seed, processes=processes, images=images, calls=calls, seconds=seconds)
+    differences, compared = list[str](), 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for kind, config in CONFIGS.items():
+            build(sources(config), folder / kind, f"{kind}.so")
+            for found, calls_made in in_parts(partial(_played, kind, folder, seed), programs, 25, processes, kind):
+                differences += found
+                compared += calls_made
+        fuzzed = _fuzzed(folder, seed, fuzz_requests)
+        (folder / "sizes").mkdir()
+        figures = storage | {
+            "programs": programs * len(CONFIGS), "calls_compared": compared, "mismatches": len(differences),
+            "fuzz_requests": fuzzed.pop("requests"), "fuzz": fuzzed, **sizes(folder / "sizes"),
+        }  # fmt: skip
+    report(
+        json_file, "loader in C", figures, packages=("stillwake", "cryptography"), seed=seed, programs=programs,
+        images=images, calls=calls, seconds=seconds,
+    )  # fmt: skip
+    if differences or any(fuzzed[name] for name in VIOLATIONS):
+        raise StillwakeError(f"{len(differences)} programs differ, {fuzzed}: {(differences or [''])[0]}")
+
+
+def _played(kind: str, folder: Path, seed: int, numbers: range) -> tuple[list[str], int]:
+    """What differed, and how many calls were compared."""
+    of = world(kind, Library(sources(CONFIGS[kind]), folder / kind / f"{kind}.so"))
+    played = [play(of, f"{seed} {number}", REQUESTS, trouble=(0.001, 0.02, 0.1)[number % 3]) for number in numbers]
+    found = [f"{kind} {seed} {number}: {text}" for number, twins in zip(numbers, played, strict=True)
+             for text in twins.differences]  # fmt: skip
+    return found, sum(twins.compared for twins in played)
+
+
+def _fuzzed(folder: Path, seed: int, requests: int) -> dict[str, Any]:
+    of = world("fd", Library(sources(CONFIGS["fd"]), folder / "fd" / "fd.so"))
+    corpus(of, folder / "corpus", range(seed, seed + 60))
+    program = build(sources(of.config), folder / "fuzz", "node_fuzz.c", SANITISED)
+    return dict(fuzz(program, folder / "corpus", seed, requests))
