@@ -122,9 +122,10 @@ _CALLS: Final = (
 
 def updated(pair: Pair) -> None:
     """A new release with two slots' worth of blocks, a calibration, and back."""
-    flash(pair, GOOD["two"])
+    flash(pair, GOOD["three"])
     pair.keep_calibration(bytes(range(100)))
     pair.revert()
+    pair.announce(WRONG["any"], bytes(32))
     pair.boot()
     pair.keep_calibration(bytes(30))
 
@@ -133,6 +134,7 @@ def given_up(pair: Pair) -> None:
     """A release is put on trial and never confirmed."""
     transfer(pair, GOOD["two"], 1000)
     pair.finish()
+    pair.activate()
     pair.activate()
     for _ in range(4):
         pair.boot()
