@@ -25,15 +25,12 @@ class FolderBacking:
     """A `Backing` in a folder, made if it is not there. One process at a time may use it."""
 
     def __init__(self, folder: Path, *, files: FolderFiles | None = None, capacity: int = CAPACITY) -> None:
-        """Open it.
+        """Open it. Raises MediumError if the folder cannot be made.
 
         Args:
             folder: where the files are.
             files: access to them in place of the system's.
             capacity: bytes of a slot.
-
-        Raises:
-            MediumError: the folder cannot be made.
         """
         self._files = FolderFiles(folder) if files is None else files
         self._capacity = capacity
@@ -52,12 +49,8 @@ class FolderBacking:
         return {kind: record for kind, record in found.items() if record is not None}
 
     def keep(self, kind: Kind, record: bytes) -> None:
-        """Replace a record; a checkpoint (`Kind.STATE`) synchronises the slots first.
-
-        Raises:
-            ValueError: the record is too long.
-            MediumError: the disk is full, or refuses.
-        """
+        """Replace a record; a checkpoint (`Kind.STATE`) synchronises the slots first. Raises ValueError if the record
+        is too long; MediumError if the disk is full, or refuses."""
         if len(record) > MAX_RECORD:
             raise ValueError(f"record of {len(record)} bytes: must have at most {MAX_RECORD}")
         if kind == Kind.STATE:
@@ -91,11 +84,8 @@ class FolderBacking:
         return length
 
     def append(self, slot: Slot, data: bytes) -> None:
-        """Write behind what was written since the slot was cleared.
-
-        Raises:
-            MediumError: it does not fit, the disk is full, or the slot was not prepared since power-on.
-        """
+        """Write behind what was written since the slot was cleared. Raises MediumError if it does not fit, the disk is
+        full, or the slot was not prepared since power-on."""
         if slot not in self._written:
             raise MediumError(f"slot {slot.name}: clear it, or begin again, before writing to it", 0)
         if self._written[slot] + len(data) > self._capacity:

@@ -130,11 +130,9 @@ class Store:
     # Transfer.
 
     def announce(self, length: int, sha256: bytes) -> Work[int]:
-        """Make room for an image.
-
-        Returns:
-            The offset from which its bytes are wanted: more than 0 if an interrupted transfer of this very image stands
-            there, `length` if all of it does; less than was received where the memory can go on only from there.
+        """Make room for an image. Returns the offset from which its bytes are wanted: more than 0 if an interrupted
+        transfer of this very image stands there, `length` if all of it does; less than was received where the memory
+        can go on only from there.
 
         Raises:
             ConfigError: the length or the hash is out of range.
@@ -164,12 +162,9 @@ class Store:
         return wanted
 
     def append(self, data: bytes) -> None:
-        """The next bytes of the announced image; they outlive a loss of power once this returns.
-
-        Raises:
-            OutOfOrderError: no image is announced, or these are more bytes than were.
-            MediumError: the memory is bad; announce the image again.
-        """
+        """The next bytes of the announced image; they outlive a loss of power once this returns. Raises OutOfOrderError
+        if no image is announced, or these are more bytes than were; MediumError if the memory is bad: announce the
+        image again."""
         slot, standing = self._transfer()
         if standing.phase != Phase.FILLING or standing.received + len(data) > standing.length:
             raise OutOfOrderError(
@@ -183,11 +178,8 @@ class Store:
     def finish(self) -> Work[Verdict]:
         """Check the announced image as it lies in the memory; GOOD makes it `Phase.CHECKED`, INCOMPLETE leaves it.
 
-        May be repeated until the image is activated.
-
-        Raises:
-            OutOfOrderError: no image is announced.
-            MediumError: the verdict cannot be kept.
+        May be repeated until the image is activated. Raises OutOfOrderError if no image is announced; MediumError if
+        the verdict cannot be kept.
         """
         slot, standing = self._transfer()
         if standing.received < standing.length:
@@ -214,12 +206,8 @@ class Store:
     # Choice.
 
     def activate(self) -> None:
-        """Boot the checked image from the next reset on, on trial; nothing changes if that is so already.
-
-        Raises:
-            OutOfOrderError: no image is checked.
-            MediumError: it cannot be kept.
-        """
+        """Boot the checked image from the next reset on, on trial; nothing changes if that is so already. Raises
+        OutOfOrderError if no image is checked; MediumError if it cannot be kept."""
         state, slot, trial = self.state, self.state.checked, self.state.on_trial
         if slot is None:
             if trial is not None and trial != self._running:
@@ -233,13 +221,9 @@ class Store:
         self._announced = None
 
     def confirm(self) -> None:
-        """Keep the release that runs on trial; nothing changes if it is confirmed already.
-
-        Raises:
-            OutOfOrderError: no release runs, or it is neither on trial nor confirmed any more, or its key may no longer
-                sign.
-            MediumError: it cannot be kept.
-        """
+        """Keep the release that runs on trial; nothing changes if it is confirmed already. Raises OutOfOrderError if no
+        release runs, or it is neither on trial nor confirmed any more, or its key may no longer sign; MediumError if it
+        cannot be kept."""
         slot = self._running
         phase = None if slot is None else self.state.slots[slot].phase
         if slot is None or phase not in (Phase.TRIAL, Phase.CONFIRMED):
@@ -262,15 +246,9 @@ class Store:
         )
 
     def revert(self) -> Work[Verdict]:
-        """Go back, from the next reset on: from a trial to the confirmed release, or to the one before that.
-
-        Returns:
-            GOOD, or why the release before may not run any more; nothing has changed then.
-
-        Raises:
-            OutOfOrderError: there is no release before.
-            MediumError: it cannot be kept.
-        """
+        """Go back, from the next reset on: from a trial to the confirmed release, or to the one before that. Returns
+        GOOD, or why the release before may not run any more; nothing has changed then. Raises OutOfOrderError if there
+        is no release before; MediumError if it cannot be kept."""
         trial, active = self.state.on_trial, self.state.active
         if trial is not None:
             self._remembered.keep_slot(trial, _given_up(self.state.slots[trial]))
@@ -287,13 +265,9 @@ class Store:
     # Keys and calibration.
 
     def take_keys(self, raw: bytes) -> None:
-        """Replace the key list.
-
-        Raises:
-            KeyFileError: not signed by the root key, not newer, or without the key of a confirmed release that could
-                not boot any more: the active one, or the one that runs.
-            MediumError: it cannot be kept.
-        """
+        """Replace the key list. Raises KeyFileError if not signed by the root key, not newer, or without the key of a
+        confirmed release that could not boot any more: the active one, or the one that runs; MediumError if it cannot
+        be kept."""
         needed = {slot for slot in (self.state.active, self._running) if slot is not None}
         self._remembered.take_keys(raw, {slot for slot in needed if self.state.slots[slot].phase == Phase.CONFIRMED})
 

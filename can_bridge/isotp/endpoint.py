@@ -76,14 +76,8 @@ class Endpoint:
             self._transmission.flow(now_ns, part)
 
     def send(self, message: bytes) -> bool:
-        """Have a message sent by the calls of `poll` that follow.
-
-        Returns:
-            Whether there was room for it.
-
-        Raises:
-            ValueError: for an empty message or one that is too long.
-        """
+        """Have a message sent by the calls of `poll` that follow. Raises ValueError for an empty message or one that is
+        too long. Returns whether there was room for it."""
         if not 0 < len(message) <= control_info.MAX_MESSAGE:
             raise ValueError(f"message of {len(message)} bytes: must have 1..{control_info.MAX_MESSAGE}")
         if len(self._to_send) == self._settings.queue:

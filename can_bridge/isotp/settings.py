@@ -12,7 +12,7 @@ _SECOND_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class IsoTpSettings:
-    """One end of a connection.
+    """One end of a connection. Raises ConfigError for a value that the standard does not have.
 
     Attributes:
         receive_id: of the frames from the other end, 11 bits.
@@ -27,9 +27,6 @@ class IsoTpSettings:
         n_bs_ns: longest wait for the other's flow control.
         n_cr_ns: longest wait for its next frame.
         max_waits: how often in a row the other may ask us to wait.
-
-    Raises:
-        ConfigError: for a value that the standard does not have.
     """
 
     receive_id: int

@@ -87,11 +87,8 @@ class Asking:
         return bytes(found.service_data.routine_status_record)
 
     def unlock(self, level: Level) -> None:
-        """Unlock a security level; waits once where the ECU takes no key for a while.
-
-        Raises:
-            AccessError: the key is wrong, or was wrong too often.
-        """
+        """Unlock a security level; waits once where the ECU takes no key for a while. Raises AccessError if the key is
+        wrong, or was wrong too often."""
         step = f"unlock {level.name.lower()}"
         until = self._clock() + DELAY_S
         refused_keys = 0
@@ -194,12 +191,8 @@ class Asking:
             ) from refused
 
     def _ask(self, step: str, call: Callable[[], T | None], *, times: int = TIMES) -> Any:
-        """What the ECU answers.
-
-        Raises:
-            RefusedError: a negative response.
-            NoAnswerError: none, as often as it was asked.
-        """
+        """What the ECU answers. Raises RefusedError for a negative response; NoAnswerError for none, as often as it was
+        asked."""
         from udsoncan import exceptions
 
         sent = 0

@@ -59,11 +59,8 @@ def read(asking: Asking) -> Calibrated:
 
 
 def changed(found: Calibrated, values: Mapping[str, float]) -> Calibration:
-    """The calibration in force with other values, by name.
-
-    Raises:
-        ConfigError: an unknown name, or a value that is out of the ECU's limits.
-    """
+    """The calibration in force with other values, by name. Raises ConfigError for an unknown name, or a value that is
+    out of the ECU's limits."""
     for name, value in values.items():
         if name not in NAMES:
             raise ConfigError(f"calibration: {name!r} is none of {', '.join(NAMES)}")
@@ -81,11 +78,7 @@ def unlock(asking: Asking) -> None:
 
 
 def write(asking: Asking, wanted: Calibration) -> None:
-    """Put values in force; after `unlock`.
-
-    Raises:
-        FlashError: the ECU refuses them, or has others afterwards.
-    """
+    """Put values in force; after `unlock`. Raises FlashError if the ECU refuses them, or has others afterwards."""
     asking.write(Did.CALIBRATION, wanted.pack())
     _check_in_force(asking, wanted.pack())
 

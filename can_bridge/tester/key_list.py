@@ -7,12 +7,8 @@ from can_bridge.uds.services import Did, Nrc, Session
 
 
 def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
-    """Replace the key list; returns the version of the one before, 0 without one, and of the new one.
-
-    Raises:
-        WrongKeysError: the ECU does not take it.
-        FlashError: not now, or it does not answer.
-    """
+    """Replace the key list; returns the version of the one before, 0 without one, and of the new one. Raises
+    WrongKeysError if the ECU does not take it; FlashError if not now, or it does not answer."""
     before = _version(asking)
     enter_programming(asking)
     try:

@@ -115,7 +115,8 @@ def flash(
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Flashed:
-    """Bring an image into an ECU, start it, test it and confirm it.
+    """Bring an image into an ECU, start it, test it and confirm it. Raises FlashError, by its kinds in
+    `can_bridge.tester.messages`; BusError if the bus failed.
 
     Args:
         client: open; its settings are made here.
@@ -125,10 +126,6 @@ def flash(
         progress: called with every block.
         on_step: called with every step.
         clock, sleep: seconds.
-
-    Raises:
-        FlashError: by its kinds in `can_bridge.tester.messages`.
-        BusError: the bus failed.
     """
     began = clock()
     asking = Asking(client, key=key, clock=clock, sleep=sleep)

@@ -20,11 +20,7 @@ def negative(service: int, code: Nrc) -> bytes:
 
 
 class Job:
-    """Work whose return value is the answer after its first byte.
-
-    Args:
-        is_quiet: the tester wants no positive answer.
-    """
+    """Work whose return value is the answer after its first byte. `is_quiet`: the tester wants no positive answer."""
 
     def __init__(self, now_ns: int, service: int, work: Long[bytes], *, is_quiet: bool) -> None:
         self._service = service

@@ -71,11 +71,8 @@ class SecurityAccess:
         return seed
 
     def unlock(self, now_ns: int, level: Level, answer: bytes) -> None:
-        """Unlock the level whose seed was given last.
-
-        Raises:
-            Refused: no seed of this level was asked for, or the answer is wrong.
-        """
+        """Unlock the level whose seed was given last. Raises Refused if no seed of this level was asked for, or the
+        answer is wrong."""
         if self._asked is None or self._asked[0] is not level:
             raise Refused(Nrc.SEQUENCE_ERROR)
         (_, seed), self._asked = self._asked, None

@@ -34,11 +34,8 @@ class Transfer:
         return self._is_closed
 
     def is_new(self, counter: int, data: bytes) -> bool:
-        """Whether to write this block; False if it is the last one again.
-
-        Raises:
-            Refused: by the code of what is wrong with it.
-        """
+        """Whether to write this block; False if it is the last one again. Raises Refused with the code of what is
+        wrong with it."""
         if self._is_closed:
             raise Refused(Nrc.SEQUENCE_ERROR)
         if self._last == (counter, data):

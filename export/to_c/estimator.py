@@ -27,11 +27,8 @@ ONE: Final = int(INT16_QMAX / REACH)
 
 
 def estimator_files(content: bytes) -> dict[str, bytes]:
-    """The generated files by name, of a verified bundle's `sensors.onnx`.
-
-    Raises:
-        ExportError: a network that the C sources cannot run; the message names what they can.
-    """
+    """The generated files by name, of a verified bundle's `sensors.onnx`. Raises ExportError for a network that the C
+    sources cannot run; the message names what they can."""
     rounded = read_estimator(content)
     _check(rounded)
     found = numbers("sw_estimator_weights", _arrays(rounded), ALIGNMENTS["int8"])

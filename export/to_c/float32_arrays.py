@@ -26,11 +26,8 @@ PRIOR_OUTPUTS_AT_A_TIME = 4
 
 
 def float_arrays(program: ControllerProgram) -> dict[str, Values]:
-    """Every array of `sw_weights.h` by its C name.
-
-    Raises:
-        ExportError: a program without residual blocks in its decoder.
-    """
+    """Every array of `sw_weights.h` by its C name. Raises ExportError for a program without residual blocks in its
+    decoder."""
     return {
         **scaling_arrays(program),
         **_encoder(program),

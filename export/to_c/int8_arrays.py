@@ -41,13 +41,10 @@ from export.to_c.int8_format import (
 
 
 def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, Values]:
-    """Every array of `sw_weights.h` by its C name: matrices in int8, tables in uint32, constants of
-    layers with a norm in int32, all else in float64.
-
-    Raises:
-        ExportError: a decoder without residual blocks, a layer so wide that nothing is left of an activation, one
-            whose ELU outputs come near the end of their range, or an LSTM with absurdly large weights.
-    """
+    """Every array of `sw_weights.h` by its C name: matrices in int8, tables in uint32, constants of layers with a norm
+    in int32, all else in float64. Raises ExportError for a decoder without residual blocks, a layer so wide that
+    nothing is left of an activation, one whose ELU outputs come near the end of their range, or an LSTM with absurdly
+    large weights."""
     program = rounded.program
     if not program.decoder.blocks:
         raise ExportError("decoder: no residual blocks, the C library needs at least one")

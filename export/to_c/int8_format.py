@@ -98,11 +98,8 @@ def c_constants() -> dict[str, int | np.float32]:
 
 
 def qmax(width: int) -> int:
-    """Largest integer of a vector of this padded width whose product cannot overflow 32 bits; in C, SW_QMAX.
-
-    Raises:
-        ExportError: the vector is so wide that too little is left.
-    """
+    """Largest integer of a vector of this padded width whose product cannot overflow 32 bits; in C, SW_QMAX. Raises
+    ExportError if the vector is so wide that too little is left."""
     if width > 4 * FULL_RANGE_WIDTH:
         raise ExportError(f"a layer of width {width}: int8 lowering takes at most {4 * FULL_RANGE_WIDTH}")
     return INT16_QMAX if width <= FULL_RANGE_WIDTH else SUM_QMAX // width

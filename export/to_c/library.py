@@ -46,13 +46,11 @@ def c_library(program: RoundedProgram, ranges: ActivationRanges) -> dict[str, by
 
 
 def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[str, bytes]:
-    """All files of the library by name: in float32, or of a rounded program with integer products.
+    """All files of the library by name: in float32, or of a rounded program with integer products. Raises ExportError
+    for a value that float32 cannot hold, or a program that the library cannot run; the message names it.
 
     Args:
         ranges: of the activations of a rounded program.
-
-    Raises:
-        ExportError: a value that float32 cannot hold, or a program that the library cannot run; the message names it.
     """
     if isinstance(program, RoundedProgram):
         assert ranges is not None

@@ -13,11 +13,8 @@ OUTPUTS_AT_A_TIME: Final = 4
 
 
 def linear_c_library(program: LinearProgram) -> dict[str, bytes]:
-    """All files of the library by name.
-
-    Raises:
-        ExportError: a value that float32 cannot hold; the message names it.
-    """
+    """All files of the library by name. Raises ExportError for a value that float32 cannot hold; the message
+    names it."""
     definitions = {
         **shared_settings(program, "float32"),
         "SW_DIFFERENCES": program.pairs,

@@ -45,9 +45,6 @@ class CEcuState:
         bundle_hash: that its status carries.
         calibrate: has `sw_ecu_calibrate` run with an `sw_calibration`; what it returns.
         restore: has `sw_ecu_restore` run with a pointer to an `sw_ecu_state`, or does the same; what it returns.
-
-    Attributes:
-        structs: as given.
     """
 
     def __init__(self, structs: Structs, ecu: Any, bundle_hash: int, calibrate: _Answer, restore: _Answer) -> None:
@@ -90,10 +87,7 @@ class CEcuState:
 
     def restore(self, state: EcuState | bytes) -> None:
         """Go on from a state: one that was `saved`, or one of any ECU of the same release, settings and calibration.
-
-        Raises:
-            ValueError: if the state is of another delay, or one that no ECU can have left; C judges.
-        """
+        Raises ValueError for a state of another delay, or one that no ECU can have left; C judges."""
         ffi, place = self.structs.ffi, self.structs.ffi.new("sw_ecu_state *")
         if isinstance(state, bytes):
             ffi.buffer(place)[:] = state
@@ -106,7 +100,8 @@ class CEcuState:
 
 
 class CEcu(CEcuState):
-    """A C library's ECU, compiled for this machine. It has the interface of `firmware_sim.ecu.ecu.Ecu`.
+    """A C library's ECU, compiled for this machine. It has the interface of `firmware_sim.ecu.ecu.Ecu`. Raises
+    LibraryError if there is no compiler, it does not take the files, or they are no ECU.
 
     Args:
         sources: the library's files by name, `sw_ecu_settings.h` among them. Files in place of the library's own, or
@@ -117,9 +112,6 @@ class CEcu(CEcuState):
 
     Attributes:
         description: what computes the step, for people.
-
-    Raises:
-        LibraryError: there is no compiler, it does not take the files, or they are no ECU.
     """
 
     def __init__(
@@ -202,11 +194,9 @@ def bundle_hash_of(sources: Mapping[str, bytes]) -> int:
 def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes]:
     """A library's ECU for a release in a vehicle: its sources, with the settings of this vehicle.
 
-    The folder's own `sw_ecu_settings.h` is of the vehicle it was exported for; a run has settings of its own.
-
-    Raises:
-        LibraryError: the folder holds no library, one of another program, or one without an ECU.
-        StillwakeError: the ECU in C cannot do what the settings ask for.
+    The folder's own `sw_ecu_settings.h` is of the vehicle it was exported for; a run has settings of its own. Raises
+    LibraryError if the folder holds no library, one of another program, or one without an ECU; StillwakeError if the
+    ECU in C cannot do what the settings ask for.
     """
     sources = read_sources(folder)
     check_program(folder, sources, bundle)

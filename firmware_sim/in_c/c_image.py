@@ -25,16 +25,9 @@ def read_packed(folder: Path) -> dict[str, bytes]:
 def controller_image(
     files: Mapping[str, bytes], bundle: Bundle, config: Config, key: Ed25519PrivateKey | None
 ) -> bytes:
-    """The image of a verified release, signed if there is a key.
-
-    Args:
-        files: the release's library with its ECU, and its packed numbers.
-        config: of the vehicle.
-
-    Raises:
-        LibraryError: the library is without an ECU, of another program, or an old one without packed numbers.
-        BundleContainerError: the release has a name that no image can hold.
-    """
+    """The image of a verified release, signed if there is a key. Raises LibraryError if the library is without an ECU,
+    of another program, or an old one without packed numbers; BundleContainerError if the release has a name that no
+    image can hold. `files` is the release's library with its ECU, and its packed numbers."""
     manifest = bundle.manifest
     if ECU_SETTINGS not in files or WEIGHTS not in files:
         raise LibraryError(

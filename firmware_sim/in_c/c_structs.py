@@ -47,15 +47,13 @@ _STREAMS: Final = tuple(StreamState)
 
 
 class Structs:
-    """The structs of one library. `ffi` knows their types and the functions of `sw_ecu.h`.
+    """The structs of one library. `ffi` knows their types and the functions of `sw_ecu.h`. Raises LibraryError if there
+    is no ECU among the sources, or the compiler does not take its header.
 
     Args:
         sources: the library's files by name.
         compiler: command that preprocesses C.
         header: that is read; one that includes the ECU's, if there is more to be known than that.
-
-    Raises:
-        LibraryError: there is no ECU among the sources, or the compiler does not take its header.
     """
 
     def __init__(self, sources: Mapping[str, bytes], compiler: Sequence[str], header: str = HEADER) -> None:
@@ -117,11 +115,8 @@ class Structs:
         )
 
     def state(self, state: Any) -> EcuState:
-        """State of a `sw_ecu_state`. Of the controller's error states C keeps bus-off alone.
-
-        Raises:
-            ValueError, IndexError: an enumeration has none of its values.
-        """
+        """State of a `sw_ecu_state`. Of the controller's error states C keeps bus-off alone. Raises ValueError,
+        IndexError if an enumeration has none of its values."""
         memory, sensors = state.memory, state.sensors
         fail_safe, timing = state.fail_safe, state.timing
         return EcuState(

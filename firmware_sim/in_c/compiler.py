@@ -18,11 +18,8 @@ OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
 
 
 def host_compiler() -> list[str]:
-    """The command that compiles C here: $CC, else cc, gcc or clang, else the `ziglang` package's.
-
-    Raises:
-        LibraryError: there is none.
-    """
+    """The command that compiles C here: $CC, else cc, gcc or clang, else the `ziglang` package's. Raises LibraryError
+    if there is none."""
     named = os.environ.get("CC", "").split()
     if named:
         return named
@@ -49,11 +46,8 @@ def compiler_version(compiler: Sequence[str]) -> str:
 
 
 def compile_c(contents: Mapping[str, bytes], output: Path, *, compiler: Sequence[str], flags: Sequence[str]) -> None:
-    """Compile and link all C files given, warnings as errors.
-
-    Raises:
-        LibraryError: the compiler does not take them; the message has its first complaint.
-    """
+    """Compile and link all C files given, warnings as errors. Raises LibraryError if the compiler does not take them;
+    the message has its first complaint."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in contents.items():
             Path(folder, name).write_bytes(content)
@@ -64,11 +58,8 @@ def compile_c(contents: Mapping[str, bytes], output: Path, *, compiler: Sequence
 
 
 def preprocessed(source: Path, *, compiler: Sequence[str], flags: Sequence[str]) -> str:
-    """A header or source as the compiler sees it, without its line markers.
-
-    Raises:
-        LibraryError: the preprocessor does not take it; the message has its first complaint.
-    """
+    """A header or source as the compiler sees it, without its line markers. Raises LibraryError if the preprocessor
+    does not take it; the message has its first complaint."""
     # A header by itself is compiled as C, whatever its name ends in.
     done = _run([*compiler, "-E", "-P", *flags, "-x", "c", str(source)], None)
     if done.returncode != 0:

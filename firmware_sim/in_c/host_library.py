@@ -24,7 +24,8 @@ _ALIGNMENT: Final = 64
 
 
 class CController:
-    """A library compiled and loaded, with the structures and the scratch memory that its caller owns.
+    """A library compiled and loaded, with the structures and the scratch memory that its caller owns. Raises
+    LibraryError if there is no compiler, or it does not take the files.
 
     Args:
         contents: the library's files by name.
@@ -34,9 +35,6 @@ class CController:
 
     Attributes:
         description: what computes the step, for people.
-
-    Raises:
-        LibraryError: there is no compiler, or it does not take the files.
     """
 
     def __init__(

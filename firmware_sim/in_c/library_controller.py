@@ -16,17 +16,14 @@ def open_library(
     """Compile a folder that `stillwake export --c` wrote, to run in place of the bundle's `controller.onnx`.
 
     The header's hash names the program that the folder was generated from. It guards against mix-ups: no one signs the
-    sources, and they are compiled and run as they stand.
+    sources, and they are compiled and run as they stand. Raises LibraryError if the folder holds no library or another
+    program's, there is no compiler, or it does not take the sources.
 
     Args:
         folder: the library's.
         bundle: verified release; the library must be of its program.
         compiler: command that compiles C; the one found here if None.
         flags: of the compiler.
-
-    Raises:
-        LibraryError: if the folder holds no library or another program's, there is no compiler, or it does not take
-            the sources.
     """
     sources = read_sources(folder)
     precision = check_program(folder, sources, bundle)

@@ -28,14 +28,12 @@ class _BlockCounts(ctypes.Structure):
 
 class BlockCounter:
     """Counts from now on; put it in before the core first runs, since code translated before runs without a hook.
+    Raises McuError if there is no compiler for the hook, or Unicorn does not take it.
 
     Args:
         core: of Unicorn.
         origin, size: of the memory with the code, bytes.
         pipeline: what a block costs; blocks are modelled when they are first seen.
-
-    Raises:
-        McuError: there is no compiler for the hook, or Unicorn does not take it.
     """
 
     def __init__(self, core: Any, origin: int, size: int, pipeline: Pipeline) -> None:

@@ -36,15 +36,13 @@ def compile_for_cortex_m7(
     main: str = CONTROL_STEP,
     core: Core = CORTEX_M7,
 ) -> bytes:
-    """The library with start-up and linker script as an ELF file.
+    """The library with start-up and linker script as an ELF file. Raises McuError if the sources do not compile, or
+    `ziglang` is not installed.
 
     Args:
         main: which firmware, CONTROL_STEP or ECU.
         core: another core with the same memories.
         board: files next to the firmware's, or in place of those of the same name.
-
-    Raises:
-        McuError: the sources do not compile, or `ziglang` is not installed.
     """
     folder = files("firmware_sim").joinpath("mcu/c")
     left_out = {CONTROL_STEP, ECU} - {main}
@@ -56,14 +54,9 @@ def compile_for_cortex_m7(
 
 
 def compile_board(sources: Mapping[str, bytes]) -> bytes:
-    """The whole firmware of a board, from its vector table on, as an ELF file.
-
-    Args:
-        sources: a library's with its ECU, and those of the board, `sw_board.ld` among them.
-
-    Raises:
-        McuError: they do not compile, or `ziglang` is not installed.
-    """
+    """The whole firmware of a board, from its vector table on, as an ELF file. Raises McuError if they do not compile,
+    or `ziglang` is not installed. `sources` is a library's with its ECU, and those of the board, `sw_board.ld` among
+    them."""
     with tempfile.TemporaryDirectory() as place:
         image = Path(place, "firmware.elf")
         contents = library_sources(sources) | {UDS_SETTINGS: uds_settings(), BOARD_SCRIPT: sources[BOARD_SCRIPT]}

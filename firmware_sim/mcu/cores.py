@@ -9,7 +9,6 @@ class Core:
     """A Cortex-M with the DSP extension and single-precision floats.
 
     Attributes:
-        name: for people.
         cpu: the compiler's name of it.
         clocks_mhz: at which times are given.
         dual_issue: whether its pipeline issues two instructions a cycle (`firmware_sim.mcu.pipeline`).

@@ -23,7 +23,8 @@ CLOCK_MHZ: Final = 480
 
 
 class McuEcu(CEcuState):
-    """A C library's ECU on an emulated core, just powered on.
+    """A C library's ECU on an emulated core, just powered on. Raises LibraryError if the library has no ECU; McuError
+    if it does not compile, or the compiler is missing.
 
     Args:
         sources: the library's files by name, `sw_ecu_settings.h` among them.
@@ -32,10 +33,6 @@ class McuEcu(CEcuState):
     Attributes:
         description: what computes the step, for people.
         instructions, cycles: of the latest step; the cycles are modelled.
-
-    Raises:
-        LibraryError: the library has no ECU.
-        McuError: it does not compile, or the compiler is missing.
     """
 
     def __init__(self, sources: Mapping[str, bytes], *, clock_mhz: float = CLOCK_MHZ) -> None:
@@ -77,11 +74,8 @@ class McuEcu(CEcuState):
         fault: Reason | None = None,
         updating: bool = False,
     ) -> list[Frame]:
-        """One control period; as `Ecu.step`.
-
-        Raises:
-            McuError: the core stopped, or more frames came than its CAN controller has room for.
-        """
+        """One control period; as `Ecu.step`. Raises McuError if the core stopped, or more frames came than its CAN
+        controller has room for."""
         machine, ffi = self._machine, self.structs.ffi
         if len(frames) * self._frame_bytes > MESSAGES_BYTES:
             room = MESSAGES_BYTES // self._frame_bytes

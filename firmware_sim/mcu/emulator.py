@@ -74,11 +74,8 @@ class Machine:
         return bytes(self._core.mem_read(self._address(symbol), size))
 
     def call(self, function: str) -> int:
-        """Run a function without arguments to its return; its result.
-
-        Raises:
-            McuError: it does something that the machine cannot, such as leaving its memories.
-        """
+        """Run a function without arguments to its return; its result. Raises McuError if it does something that the
+        machine cannot, such as leaving its memories."""
         self._core.reg_write(arm_const.UC_ARM_REG_SP, _STACK + STACK_BYTES)
         self._core.reg_write(arm_const.UC_ARM_REG_LR, _RETURN | 1)
         try:

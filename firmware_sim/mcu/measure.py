@@ -79,17 +79,14 @@ def measure(
     core: Core = CORTEX_M7,
     phase: Callable[[str], None] = lambda begun: None,
 ) -> Measurement:
-    """Compile, run and compare.
+    """Compile, run and compare. Raises LibraryError if a setting is missing in the library's header; McuError if the
+    rows are too few, or the library does not compile or does not run; the message names it.
 
     Args:
         sources: the library's files.
         rows: pressures Cp and the action commanded one step before, (n, S+1); at least one window of them.
         core: which one is compiled for and modelled; the emulated one is a Cortex-M7.
         phase: called with each of `PHASES` when it begins.
-
-    Raises:
-        LibraryError: a setting is missing in the library's header.
-        McuError: the rows are too few, or the library does not compile or does not run; the message names it.
     """
     settings = Settings.of(sources)
     window, columns = settings.number("SW_WINDOW"), settings.number("SW_SENSORS") + 1

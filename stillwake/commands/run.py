@@ -239,12 +239,9 @@ def run(
 
 
 def _ecu_in_c(kind: str, library: Path | None, release: Bundle, config: Config, *, clock_mhz: float) -> "LoopEcu":
-    """The bundle's ECU in C, for the vehicle of this run.
-
-    Raises:
-        LibraryError: no library was named, and the bundle is not the shipped one; or the library is not the bundle's.
-        StillwakeError: it cannot be compiled, or the settings are not for an ECU in C.
-    """
+    """The bundle's ECU in C, for the vehicle of this run. Raises LibraryError if no library was named, and the bundle
+    is not the shipped one; or the library is not the bundle's; StillwakeError if it cannot be compiled, or the settings
+    are not for an ECU in C."""
     from export.to_c.board_files import board_sources
     from firmware_sim.bench.ecus import CORTEX_M7_BOARD, check_ecu, loop_ecu
     from firmware_sim.in_c.c_ecu import ecu_sources
@@ -306,11 +303,8 @@ def report(
 
 
 def asked_calibration(loaded: Loaded, release: Bundle) -> Calibration:
-    """What the ECU runs with: the bundle's weights with those of the user, the vehicle's bounds and delay.
-
-    Raises:
-        ConfigError: for a weight out of the limits, or another setting of the optimiser: it is fixed in the bundle.
-    """
+    """What the ECU runs with: the bundle's weights with those of the user, the vehicle's bounds and delay. Raises
+    ConfigError for a weight out of the limits, or another setting of the optimiser: it is fixed in the bundle."""
     from firmware_sim.ecu.calibrating import limits_of, release_calibration
 
     calibration = replace(release_calibration(release, loaded.config), weights=cost_weights(loaded, release))
@@ -319,11 +313,8 @@ def asked_calibration(loaded: Loaded, release: Bundle) -> Calibration:
 
 
 def cost_weights(loaded: Loaded, release: Bundle) -> CostWeights:
-    """The bundle's weights, with those that the user gave in their place.
-
-    Raises:
-        ConfigError: for another setting of the optimiser: it is fixed in the bundle.
-    """
+    """The bundle's weights, with those that the user gave in their place. Raises ConfigError for another setting of the
+    optimiser: it is fixed in the bundle."""
     built, given = asdict(release.manifest.mpc), asdict(loaded.config.mpc)
     for name in sorted(item for item in loaded.given if item.startswith("mpc.") and not item.startswith(WEIGHTS)):
         key = name.removeprefix("mpc.")

@@ -27,7 +27,6 @@ class DiagnosticLink:
 
     Args:
         config: of the bus: CAN FD or classic frames.
-        server: that answers.
     """
 
     def __init__(self, config: BusConfig, server: UdsServer) -> None:

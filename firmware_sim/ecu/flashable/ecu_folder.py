@@ -53,15 +53,11 @@ class EcuFolder:
 
 
 def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None = None) -> EcuFolder:
-    """What stands in a folder.
+    """What stands in a folder. Raises ConfigError if it is no such folder; KeyFileError if its root key cannot be read.
 
     Args:
         root: file of the root key, in place of the folder's own copy.
         hardware: in place of what was provisioned.
-
-    Raises:
-        ConfigError: it is no such folder.
-        KeyFileError: its root key cannot be read.
     """
     try:
         raw = (folder / IDENTITY).read_bytes()
@@ -94,7 +90,6 @@ def provision(
         root: file of the public root key.
         keys: signed key list.
         image: of the release that runs from the start; None to flash the first one.
-        hardware, serial: of the ECU.
         fits: whether a bundle is for this vehicle.
 
     Raises:

@@ -31,7 +31,6 @@ class Equipment:
         random_bytes: gives so many unpredictable bytes.
         hardware: name of the hardware, which a bundle may demand.
         serial: number of this one.
-        software: version of stillwake.
         controller_of: makes a bundle's controller; raises BundleError for one that does not run here.
         ecu_of: makes the ECU around it, with what it needs of `bus.key`.
         log: called with an event's name, its line, and its fields.

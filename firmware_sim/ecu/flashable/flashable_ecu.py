@@ -30,7 +30,8 @@ from firmware_sim.ecu.stepped import CalibratedEcu
 
 
 class FlashableEcu:
-    """A `firmware_sim.ecu.stepped.SteppedEcu` with a store, just powered on.
+    """A `firmware_sim.ecu.stepped.SteppedEcu` with a store, just powered on. Raises ConfigError for `bus.key` without
+    `authentication`, or the other way round.
 
     Args:
         backing: of the store.
@@ -42,9 +43,6 @@ class FlashableEcu:
 
     Attributes:
         resets: since power-on.
-
-    Raises:
-        ConfigError: `bus.key` without `authentication`, or the other way round.
     """
 
     def __init__(
@@ -120,16 +118,14 @@ class FlashableEcu:
         return self._ecu.status()
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
-        """One control period, and one call of `service` unless that is done apart.
+        """One control period, and one call of `service` unless that is done apart. Returns a JetCommand and an
+        EcuStatus, and what diagnosis sends. Nothing while it boots, and no command or status while a tester silenced
+        them and no jet can run.
 
         Args:
             now_ns: time of the step, in the clock of the frames' timestamps.
             frames: everything received since the last step, oldest first.
             health: of the CAN controller, for the status.
-
-        Returns:
-            A JetCommand and an EcuStatus, and what diagnosis sends. Nothing while it boots, and no command or status
-            while a tester silenced them and no jet can run.
         """
         if self._serviced_apart:
             return self.control(now_ns, frames, health)

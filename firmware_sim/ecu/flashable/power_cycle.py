@@ -31,7 +31,8 @@ from firmware_sim.ecu.stepped import CalibratedEcu
 
 
 class PowerCycle:
-    """From one boot to the next reset.
+    """From one boot to the next reset. Raises ConfigError for `bus.key` without `authentication`, or the other way
+    round.
 
     Args:
         request: of the vehicle, as last seen.
@@ -44,9 +45,6 @@ class PowerCycle:
         calibration: None without a release.
         link: to the tester.
         watch: what finds faults in the control periods.
-
-    Raises:
-        ConfigError: `bus.key` without `authentication`, or the other way round.
     """
 
     def __init__(

@@ -23,10 +23,8 @@ LIMIT_SLACK: Final = 1e-5
 
 def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
     """Run the controller on windows of zeros and of a shedding wake, and the estimator on the same, piece by piece.
-
-    Raises:
-        ControllerError: one of them fails, or an answer is not finite, of another shape, or beyond the action limit.
-    """
+    Raises ControllerError if one of them fails, or an answer is not finite, of another shape, or beyond the action
+    limit."""
     sizes = bundle.manifest.sizes
     weights = np.array(bundle.manifest.mpc.weights.as_tuple())
     estimator = OnnxEstimator.of(bundle)

@@ -20,14 +20,12 @@ NO_BUNDLE: Final = 0
 
 
 class ShutEcu:
-    """A `firmware_sim.ecu.stepped.SteppedEcu` that reads no pressures and drives no jets.
+    """A `firmware_sim.ecu.stepped.SteppedEcu` that reads no pressures and drives no jets. Raises ConfigError for
+    `bus.key` without `authentication`, or the other way round.
 
     Args:
         config: bus and E2E settings.
         authentication: with `bus.key`, what the ECU needs of it.
-
-    Raises:
-        ConfigError: `bus.key` without `authentication`, or the other way round.
     """
 
     frames_rejected = 0

@@ -14,7 +14,6 @@ class VehicleFit:
     """Judges bundles, and keeps the controller of the last one, so that a boot makes it once.
 
     Args:
-        config: of the vehicle.
         controller_of: makes a bundle's controller.
     """
 

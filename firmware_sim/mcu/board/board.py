@@ -99,12 +99,8 @@ class Board:
         self._at = start
 
     def run(self) -> None:
-        """Execute until the firmware sleeps.
-
-        Raises:
-            McuError: the core stopped, asked for what is not modelled, or does not come to sleep.
-            PowerCut, SystemReset: the power cycle is over.
-        """
+        """Execute until the firmware sleeps. Raises McuError if the core stopped, asked for what is not modelled, or
+        does not come to sleep; PowerCut, SystemReset if the power cycle is over."""
         self.can.now_ns = self.counter.now_ns
         self._execute(self._at | 1, 0xFFFF_FFFE)
         self._at = int(self._core.reg_read(arm_const.UC_ARM_REG_PC))

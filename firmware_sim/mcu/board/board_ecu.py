@@ -32,7 +32,8 @@ _MORE: Final = 1
 
 
 class BoardEcu(CEcuState):
-    """A board just powered on.
+    """A board just powered on. Raises LibraryError if the library has no ECU; McuError if it does not compile, or the
+    compiler is missing.
 
     Args:
         sources: of a C library with its ECU, and of the board's firmware.
@@ -46,10 +47,6 @@ class BoardEcu(CEcuState):
         instructions, cycles: of the latest step; the cycles are modelled.
         waited_ns: how long the latest step waited for pressures.
         resets: that the firmware asked for.
-
-    Raises:
-        LibraryError: the library has no ECU.
-        McuError: it does not compile, or the compiler is missing.
     """
 
     def __init__(
@@ -96,11 +93,8 @@ class BoardEcu(CEcuState):
         fault: Reason | None = None,
         updating: bool = False,
     ) -> list[Frame]:
-        """One control period; as `Ecu.step`, but for `fault` and `updating`, which the firmware finds by itself.
-
-        Raises:
-            McuError: the core stopped.
-        """
+        """One control period; as `Ecu.step`, but for `fault` and `updating`, which the firmware finds by itself. Raises
+        McuError if the core stopped."""
         if fault is not None or updating:
             raise McuError("a fault or an update from outside: the board's firmware finds them by itself")
         self.board.blocks.start()
@@ -117,12 +111,8 @@ class BoardEcu(CEcuState):
         return self._taken()
 
     def advance(self, until_ns: int, frames: Sequence[Frame] = ()) -> list[Frame]:
-        """Frames that come now, and the time until then; what the board sends.
-
-        Raises:
-            McuError: the core stopped.
-            PowerCut: the supply failed.
-        """
+        """Frames that come now, and the time until then; what the board sends. Raises McuError if the core stopped;
+        PowerCut if the supply failed."""
         self._bring(frames)
         while self.board.counter.compare_ns <= until_ns:
             self.board.counter.now_ns = max(self.board.counter.compare_ns, self.board.counter.now_ns)
@@ -131,11 +121,8 @@ class BoardEcu(CEcuState):
         return self._taken()
 
     def provision(self, keys: bytes, image: bytes) -> None:
-        """What is done at production, by a debugger: a key list, and a confirmed image.
-
-        Raises:
-            McuError: the store does not take one of them; the message has its answer.
-        """
+        """What is done at production, by a debugger: a key list, and a confirmed image. Raises McuError if the store
+        does not take one of them; the message has its answer."""
         store = self._pointer("sw_board_store")
 
         def call(name: str, data: bytes = b"", *others: int) -> None:

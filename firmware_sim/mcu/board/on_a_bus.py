@@ -32,14 +32,11 @@ def serve(
     wait: Callable[[], None],
     is_stopped: Callable[[], bool],
 ) -> None:
-    """Until it is stopped; the flash is written to the file whenever it has changed.
+    """Until it is stopped; the flash is written to the file whenever it has changed. Raises BusError if the bus failed;
+    McuError if the core stopped.
 
     Args:
         wait: for a moment, between two looks at the bus.
-
-    Raises:
-        BusError: the bus failed.
-        McuError: the core stopped.
     """
     kept, before_ns = ecu.board.flash.bank.pack() if path.exists() else b"", clock_ns()
     while not is_stopped():
