@@ -1,4 +1,4 @@
-"""What testers want besides the plans of `tests.proofs.flash`: calibrations, odd lengths, control, failing parts."""
+"""What testers want besides the plans of `node_requests`: calibrations, odd lengths, control, failing parts."""
 
 import hashlib
 import struct
@@ -9,8 +9,7 @@ from typing import Any, Final
 from can_bridge.flashing.access_level import Level
 from can_bridge.uds.services import Did, Routine
 from contract.controller.calibration import PACKED_BYTES
-from tests.proofs.flash.fuzz_requests import _unlocking as unlocking
-from tests.proofs.flash.fuzz_requests import any_plan, routine, write
+from tests.proofs.loader_in_c.node_requests import any_plan, routine, unlocking, write
 from tests.proofs.loader_in_c.node_twin import MS, World
 
 Step = bytes | Callable[[Any], None]
@@ -44,7 +43,7 @@ def each(*steps: Step) -> Plan:
 def any_of(rng: Random, of: World) -> Plan:
     """The next plan."""
     own = (edges, transfers, calibrations, controlled, failing, lambda rng, of: story(rng, of, 9))
-    return any_plan(rng) if rng.random() < 0.5 else rng.choice(own)(rng, of)
+    return any_plan(rng, of) if rng.random() < 0.5 else rng.choice(own)(rng, of)
 
 
 def story(rng: Random, of: World, steps: int) -> Plan:
@@ -122,7 +121,7 @@ def calibrations(rng: Random, of: World) -> Plan:
     for _ in range(4):
         values = bytearray(own)
         most = PACKED_BYTES // 4
-        at = 4 * rng.choice((rng.randrange(most), most - 2))
+        at = 4 * rng.choice((rng.randrange(most), most - 2, most - 3))
         values[at : at + 4] = rng.choice((own[at : at + 4], _half(own[at : at + 4]), *_VALUES))
         yield write(Did.CALIBRATION, bytes(values))
         yield lambda program: program.control(1, False)
