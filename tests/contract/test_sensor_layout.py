@@ -31,7 +31,6 @@ def test_layouts_differ_by_name_place_and_base():
         assert what in str(layout.difference(other))
     layout = SensorLayout.of("abc", np.array([(0.0, 1.0), (0.0, -1.0), (1.0, 0.5)]))
     assert layout.mirror is None and layout.without_partner() == ("c",)
-    assert SensorLayout.of("ab", np.array([(0.0, 1.0), (0.0, -1.0)]), symmetric=False).mirror is None
 
 
 def test_layout_that_contradicts_itself_is_refused():
@@ -42,10 +41,7 @@ def test_layout_that_contradicts_itself_is_refused():
         (("a", "b"), np.zeros((3, 2)), (), r"\(3, 2\): must be \(2, 2\)"),
         (("a", "b"), np.array([(0, 1), (0, np.nan)]), (), "finite"),
         (("a", "b"), np.array([(0, 1), (0, -1)]), (2,), "from 0 to 1"),
-        (("a", "b"), np.array([(0, 1), (1e308, -1)]), (), "within [+]-1000 W"),
         (("a", "b"), np.array([(0, 1), (1e-5, 1)]), (), "a and b are at one place"),
-        (("a" * 101,), np.zeros((1, 2)), (), "1 to 100 printable"),
-        ([f"s{i}" for i in range(1001)], np.zeros((1001, 2)), (), "at most 1000"),
     ]
     for names, places, base, message in wrong:
         with pytest.raises(ConfigError, match=message):

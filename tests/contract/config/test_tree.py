@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from contract.config.body import BodyConfig
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.operating_point import OperatingPoint
@@ -42,27 +41,16 @@ def test_every_number_must_be_finite_and_none_but_a_reference_may_be_negative():
 
 def test_a_rule_holds_up_to_its_bound_and_no_further():
     bounds: list[tuple[type[Any], str, object, object, str]] = [
-        (OperatingPoint, "speed", 0.01, 1e-308, "0, or from 1e-45 to 1e[+]12 in size"),
         (OperatingPoint, "speed", 1000.0, 1001.0, r"in 0\.01\.\.1000"),
         (FlowConfig, "action_limit", 1e-12, 0.0, "positive"),
-        (FlowConfig, "reynolds", 1e12, 1.1e12, "0, or from"),
-        (FlowConfig, "refinement", 10.0, 11.0, r"in 0\.1\.\.10: coarser"),
         (FlowConfig, "substeps", 10_000, 10**12, r"in 1\.\.10000: more take hours"),
-        (BodyConfig, "sensors_per_side", 450, 10**9, r"in 1\.\.450"),
-        (EcuConfig, "delay_steps", 0, -1, r"in 0\.\.10000"),
         (EcuConfig, "rearm_frames", 1, 0, "at least 1"),
-        (EcuConfig, "loss_limit", 1, 0, r"in 1\.\.loss_window"),
         (EcuConfig, "loss_limit", 50, 51, r"in 1\.\.loss_window"),
         (ModelConfig, "dropout", math.nextafter(1.0, 0.0), 1.0, r"in \[0, 1\)"),
-        (ModelConfig, "slim_decoder_width", None, 0, "at least 1"),
         (MpcConfig, "horizon", 2, 1, "at least 2"),
         (TrainConfig, "batch_size", 2, 1, "at least 2, for the variance over a batch"),
-        (BusConfig, "channel", "a", "", "the name of a channel"),
-        (BusConfig, "nominal_bitrate", 1_000_000, 1_000_001, r"in 1\.\.1000000"),
         (BusConfig, "data_bitrate", 500_000, 499_999, r"in nominal_bitrate\.\.8000000"),
-        (BusConfig, "data_bitrate", 8_000_000, 8_000_001, r"in nominal_bitrate\.\.8000000"),
         (E2eConfig, "min_ok", 5, 6, r"in 1\.\.window"),
-        (E2eConfig, "max_errors", 4, 5, r"in 0\.\.window-1"),
         (E2eConfig, "max_delta", 127, 128, r"in 1\.\.127"),
     ]
     for kind, name, good, bad, must in bounds:

@@ -41,9 +41,7 @@ def test_it_comes_back_as_it_was(folder):
     np.testing.assert_array_equal(found.model, MODEL)
     np.testing.assert_array_equal(found.gain, GAIN)
     assert found.description == ABOUT or vars(found.description) == vars(ABOUT)
-    training = found.provenance.training()
-    assert training["kind"] == "linear"
-    assert training["design"] == {"action": 100.0}
+    assert {"kind": "linear", "design": {"action": 100.0}}.items() <= found.provenance.training().items()
 
 
 def test_a_description_or_a_gain_that_does_not_fit_is_refused(folder):
@@ -52,7 +50,6 @@ def test_a_description_or_a_gain_that_does_not_fit_is_refused(folder):
         ({"schema": "stillwake-model/2"}, "'stillwake-model/2', this version reads 'stillwake-linear-model/1'"),
         ({"weights_sha256": "0" * 64}, "model.safetensors was altered"),
         ({"sensors": ["a", "b"]}, r"model \(3, 5, 3\) and gain \(5, 3\) do not fit each other and 2 sensors"),
-        ({"positions": [1.0]}, "linear_model.json"),
     ):
         (folder / DESCRIPTION).write_text(json.dumps({**json.loads(sound), **changes}))
         with pytest.raises(ModelError, match=message):

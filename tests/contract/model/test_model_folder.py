@@ -60,18 +60,14 @@ def test_what_is_written_is_read_back(folder, tmp_path):
         assert read.tensors[name].dtype == np.float32
         np.testing.assert_array_equal(read.tensors[name], tensor)
     # Networks have the names of their own state.
-    read = model_folder.read(folder)
     np.testing.assert_array_equal(read.network("slim")["layer.weight"], TENSORS["slim.layer.weight"])
     assert read.network("slim_dynamics") == {}
     np.testing.assert_array_equal(read.deployed("dynamics")["layer.weight"], TENSORS["dynamics.layer.weight"])
     np.testing.assert_array_equal(read.deployed("decoder")["layer.weight"], TENSORS["slim_decoder.layer.weight"])
     # Provenance carries what a manifest holds.
-    provenance = model_folder.read(folder).provenance
-    assert provenance.dataset_sha256 == "d" * 64
+    provenance = read.provenance
     assert provenance.weights_sha256 == hashlib.sha256((folder / WEIGHTS).read_bytes()).hexdigest()
     assert provenance.training().keys() == {"metrics", "versions", "config"}
-    assert provenance.metrics == {"slim": {"r2": 0.9}}
-    assert provenance.config["model"]["latent"] == 3
     json.dumps(provenance.training())
     # A model of the first schema is the truck's.
     body = json.loads((folder / DESCRIPTION).read_text())
@@ -93,11 +89,6 @@ def rewrite(folder, **changes):
     path.write_text(json.dumps({key: value for key, value in body.items() if value is not None}))
 
 
-def short(name: str) -> dict[str, Any]:
-    """The scaling with the last value of one of its fields left out."""
-    return {**vars(SCALING), name: getattr(SCALING, name)[:-1]}
-
-
 def test_only_a_model_is_replaced(tmp_path, folder):
     model_folder.write(folder, description(dataset_sha256="e" * 64), TENSORS)
     assert model_folder.read(folder).description.dataset_sha256 == "e" * 64
@@ -114,17 +105,10 @@ def test_a_description_that_does_not_fit_is_refused(folder):
         ({"schema": "stillwake-model/9"}, "schema 'stillwake-model/9', this version reads 'stillwake-model/2'"),
         ({"weights_sha256": "0" * 64}, r"model\.safetensors was altered \(SHA-256 does not match model\.json\)"),
         ({"sensors": ["base_0", "roof"]}, "unknown sensor 'roof'"),
-        ({"sensors": 4}, r"model\.json: "),
         ({"scaling": None}, "lacks 'scaling'"),
-        ({"layout": None}, "lacks 'layout'"),
-        ({"layout": {"names": ["a"]}}, "positions"),
         ({"layout": {"names": ["a"], "positions": [[0, 0]], "base": [], "mirror": [1]}}, "mirror|out of bounds"),
-        ({"metrics": None}, "lacks 'metrics'"),
-        ({"weights_sha256": None}, "lacks 'weights_sha256'"),
         ({"config": {"flow": {"reynold": 1.0}}}, "reynold"),
-        ({"scaling": {"pressure_mean": [0.0]}}, "action_std is missing"),
-        ({"scaling": short("pressure_std")}, r"scaling\.pressure_std has 89 values, must have 90"),
-        ({"scaling": short("force_mean")}, r"scaling\.force_mean has 1 values, must have 2"),
+        ({"scaling": {**vars(SCALING), "force_mean": [1.0]}}, r"scaling\.force_mean has 1 values, must have 2"),
     ]
     for changes, message in cases:
         (folder / DESCRIPTION).write_text(sound)
@@ -146,10 +130,6 @@ def test_files_that_are_missing_or_something_else_are_refused(folder):
     (folder / WEIGHTS).unlink()
     with pytest.raises(ModelError, match=f"{WEIGHTS} cannot be read"):
         model_folder.read(folder)
-    for text, message in (("{", r"model\.json: not JSON"), ("[]", "schema None")):
-        (folder / DESCRIPTION).write_text(text)
-        with pytest.raises(ModelError, match=message):
-            model_folder.read(folder)
-    (folder / DESCRIPTION).unlink()
-    with pytest.raises(ModelError, match=f"{DESCRIPTION} cannot be read"):
+    (folder / DESCRIPTION).write_text("{")
+    with pytest.raises(ModelError, match=r"model\.json: not JSON"):
         model_folder.read(folder)

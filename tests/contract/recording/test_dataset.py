@@ -10,7 +10,6 @@ from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
 
 from contract import sensors
-from contract.arrays import Array
 from contract.errors import DatasetError
 from contract.recording import dataset
 from contract.recording.dataset import REQUIRED, UNITS, Dataset, Episode
@@ -40,10 +39,7 @@ def test_round_trip_keeps_order_and_all_but_half_a_quantum(tmp_path, written):
     # Writing what was read changes nothing.
     dataset.write(tmp_path / "again.h5", dataset.read(written))
     assert (tmp_path / "again.h5").read_bytes() == written.read_bytes()
-    # Roles are told apart.
-    read = dataset.read(written)
     assert [item.name for item in read.with_role("train")] == ["b"]
-    assert [item.name for item in read.with_role("test")] == ["a"]
     with pytest.raises(DatasetError, match="'train'"):
         Dataset(episodes=read.with_role("test")).with_role("train")
 
@@ -100,24 +96,19 @@ def test_another_body_s_layout_and_facts_come_back(tmp_path):
     assert read.layout.mirror is None
     assert read.plant == facts
     assert read.episodes[0].series.keys() == set(REQUIRED)
-    with pytest.raises(DatasetError, match="episode run 7: the drag ledger needs the series 'Cd_slot_pressure'"):
-        _ = read.episodes[0].ledger
 
 
 def test_facts_and_actions_that_follow_from_an_episode():
     flow = {"reynolds": 500.0, "action_limit": 0.075, "substeps": 30}
     found = Dataset(episodes=(episode("a"), episode("b", provenance={"flow": flow}))).plant
     assert found == PlantFacts(control_period=0.2, action_limit=0.075, reynolds=500.0)
-    assert Dataset(episodes=()).plant == PlantFacts()
-    # Previous action is the action one step late.
     one = episode(steps=5, initial_action=-0.5)
-    assert len(one) == 5
     assert one.previous_action.tolist() == [-0.5, *one.series["action"][:4]]
 
 
 def test_a_survey_names_everything_that_is_wrong_at_once(written):
     with h5py.File(written, "r+") as file:
-        for spoil in (no_field, without("episodes/a", "provenance"), SPOILT[16][0], nan_in_the_middle):
+        for spoil in (no_field, without("episodes/a", "provenance"), wrong_units, nan_in_the_middle):
             spoil(file)
     rest, problems = dataset.survey(written)
     assert rest is not None
@@ -128,28 +119,17 @@ def test_a_survey_names_everything_that_is_wrong_at_once(written):
         assert field in problem
 
 
-def bad(value: float) -> Array:
-    """A series of twelve steps with this value in step 4."""
-    return np.where(np.arange(12) == 4, value, 0.0)
-
-
 def test_episode_that_does_not_fit_is_refused_by_name():
     for build, culprit in (
-        (
-            lambda: Dataset(episodes=(episode(series={"Cp": np.zeros((12, 89))}),)),
-            r"'Cp' has shape \(12, 89\), must be \(12, 90\)",
-        ),
+        (lambda: Dataset(episodes=(episode(series={"Cp": np.zeros((12, 89))}),)), r"has shape \(12, 89\), must be"),
         (lambda: episode(series={"Cp": np.zeros(12)}), r"'Cp' has shape \(12,\), must be \(12, sensors\)"),
-        (lambda: episode(series={"Cp": np.zeros((90, 12))}), "'Cp' has shape"),
         (lambda: episode(series={"Cd": np.zeros(11)}), r"'Cd' has shape \(11,\), must be \(12,\)"),
         (lambda: episode(series={"t": np.float64(0)}), "'t' has shape"),
         (lambda: episode(steps=0), "'t' holds no control step"),
-        (lambda: episode(series={"jet_power": bad(-np.inf)}), "first: field 'jet_power'.*not finite, first at step 4"),
-        (lambda: episode(series={"Cd": bad(np.nan)}), "'Cd' .*not finite"),
+        (lambda: episode(series={"Cd": np.array([0.0, np.nan])}, steps=2), "'Cd'.*not finite, first at step 1"),
         (lambda: episode(role="validation"), "'role' is 'validation'"),  # type: ignore[arg-type]  # a role of no dataset
         (lambda: episode(initial_action=np.nan), "'initial_action'"),
         (lambda: episode(name="a/b"), "'name'"),
-        (lambda: episode(name=""), "'name'"),
         (lambda: replace(episode(), series={}), "'t' is missing"),
         (lambda: Dataset(episodes=(episode("a"), episode("a", steps=3))), "episode a: named twice"),
     ):
@@ -162,11 +142,6 @@ def as_schema(number: int, file: h5py.File) -> None:
     file.attrs["schema"] = f"stillwake-dataset/{number}"
     file.attrs["sensors"] = json.dumps(sensors.NAMES)
     del file["layout"]
-
-
-def other_sensor_order(file: h5py.File) -> None:
-    as_schema(2, file)
-    file.attrs["sensors"] = json.dumps(sensors.NAMES[::-1])
 
 
 def without(place: str, name: str) -> Callable[[h5py.File], None]:
@@ -186,16 +161,16 @@ def nan_in_the_middle(file: h5py.File) -> None:
     file["episodes/a/action"][3] = np.nan
 
 
+def wrong_units(file: h5py.File) -> None:
+    file["episodes/a/Uy_probe"].attrs["units"] = "m/s"
+
+
 def virtual(file: h5py.File) -> None:
     """A series that is a view of itself."""
     layout = h5py.VirtualLayout(shape=(7,), dtype="i2")
     layout[:] = h5py.VirtualSource(".", "episodes/a/Cd", shape=(7,))
     del file["episodes/a/Cd"]
     file.create_virtual_dataset("episodes/a/Cd", layout)
-
-
-def mirror_of_others(file: h5py.File) -> None:
-    file["layout/mirror"][0] = 90
 
 
 def stored(name: str, change: Callable[[Any], Any]) -> Callable[[h5py.File], None]:
@@ -212,31 +187,20 @@ def stored(name: str, change: Callable[[Any], Any]) -> Callable[[h5py.File], Non
 
 SPOILT: list[tuple[Callable[[h5py.File], object], str]] = [
     (with_attribute("/", "schema", "stillwake-dataset/4"), "schema 'stillwake-dataset/4', this version reads"),
-    (without("/", "schema"), "schema None"),
-    (other_sensor_order, "other sensors"),
     (lambda file: file["episodes"].clear(), "no episode"),
     (lambda file: file.__delitem__("episodes"), "damaged"),
     (no_field, "episode a: field 'Cl' is missing"),
-    (without("episodes/a", "initial_action"), "attribute 'initial_action' is missing: the action in force before"),
     (without("episodes/a", "provenance"), "episode a: attribute 'provenance' is missing: a JSON object"),
-    (with_attribute("episodes/a", "provenance", "a Tuesday"), "episode a: attribute 'provenance' is not JSON"),
-    (without("episodes/a", "role"), "attribute 'role' is missing: one of train, test, extended, controlled"),
-    (without("episodes/a/Cp", "units"), "episode a: field 'Cp' has no attribute 'units', must be in '1'"),
     (lambda file: file.__delitem__("layout/positions"), "'layout/positions' is missing"),
-    (mirror_of_others, "data.h5: layout: "),
     (with_attribute("/", "control_period", -0.2), "control_period = -0.2: must be positive"),
-    (lambda file: file["episodes"].create_dataset("stray", data=np.zeros(3)), "episode stray: field 't' is missing"),
-    (stored("Cl", lambda values: ["x"] * len(values)), "episode a: field 'Cl' is stored as object"),
-    (with_attribute("episodes/a/Uy_probe", "units", "m/s"), "field 'Uy_probe' is in 'm/s', must be in 'U_inf'"),
+    (wrong_units, "field 'Uy_probe' is in 'm/s', must be in 'U_inf'"),
     (stored("Cp", lambda values: values[:, :4]), r"field 'Cp' has shape \(7, 4\), must be \(7, 90\)"),
     (nan_in_the_middle, "episode a: field 'action' .* step 3"),
-    (without("episodes/a/Cd", "quantum"), "episode a: field 'Cd' is stored as int16 with quantum nan"),
     (with_attribute("episodes/a/Cd", "quantum", -0.1), "field 'Cd' is stored as int16 with quantum -0.1"),
     (stored("Cd", lambda values: values.astype(np.int64)), "episode a: field 'Cd' is stored as int64"),
     # Read by h5py, a virtual array of itself is a segmentation fault.
     (virtual, "episodes/a/Cd is virtual or in another file: copy its numbers"),
     (lambda file: file.create_dataset("x", (8,), "u1", external=[("/etc/passwd", 0, 8)]), "x is virtual or in another"),
-    (lambda file: file.__setitem__("x", h5py.ExternalLink("other.h5", "/")), "x is virtual or in another file"),
     (lambda file: file.create_dataset("x", (10**9,), "f8"), "holds 1000.* values or more: must be at most 134217728"),
     (lambda file: file.create_dataset("x", (1,), "u1", maxshape=(None,), chunks=(2**28,)), "values or more"),
     (lambda file: file.create_group(b"\xff\xfe"), "is no text that can be printed"),

@@ -55,9 +55,3 @@ def test_settings_follow_from_the_data():
     text = fitting_settings(data(wave("forced", 300, 20.0, 0.1), wave("moment", 24, 20.0, 0.0), action_limit=0.1))
     assert "all episodes: none is uncontrolled for 25 steps" in text
     assert "horizon" not in tomllib.loads(text)["mpc"]
-    text = fitting_settings(data(wave("calm", 900, 150.0, 0.0)))
-    assert tomllib.loads(text)["flow"] == {"control_period": PERIOD}
-    assert "# reynolds: not known" in text
-    # 150 steps a cycle would be a horizon of 150.
-    assert "choose another control period" in text
-    assert "horizon" not in tomllib.loads(text)["mpc"]

@@ -62,13 +62,8 @@ def test_equal_bundles_are_equal_byte_for_byte_and_every_part_moves_the_digest(t
         bundle.write(tmp_path / name, manifest(), CONTENTS)
     assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
     variants = [
-        (manifest(), CONTENTS),
-        (manifest(name="other"), CONTENTS),
-        (manifest(mpc=MpcConfig(horizon=24)), CONTENTS),
-        (manifest(compute_time_ms=7.0), CONTENTS),
-        (manifest(dataset_sha256="1" * 64), CONTENTS),
-        (manifest(weights_sha256="1" * 64), CONTENTS),
-        (manifest(program_sha256="1" * 64), CONTENTS),
+        *((manifest(**change), CONTENTS) for change in ({}, {"name": "other"}, {"mpc": MpcConfig(horizon=24)})),
+        *((manifest(**{name: "1" * 64}), CONTENTS) for name in ("dataset_sha256", "weights_sha256", "program_sha256")),
         (manifest(), {**CONTENTS, "notes.txt": b"hellp"}),
         (manifest(), {CONTROLLER: CONTENTS[CONTROLLER]}),
     ]

@@ -24,10 +24,8 @@ def shipped() -> Bundle:
 
 def test_the_shipped_bundle_has_one_and_others_may_lack_it(shipped, tmp_path):
     assert shipped.manifest.sensor_estimator is not None
-    checks = {item.name: item for item in bundle.examine(BUNDLE)}
-    assert checks[ESTIMATOR].error is None
-    assert checks["sensor graph"].error is None
-    assert [check.error for check in checks.values()] == [None] * 9
+    checks = {item.name: item.error for item in bundle.examine(BUNDLE)}
+    assert checks.keys() >= {ESTIMATOR, "sensor graph"} and set(checks.values()) == {None}
     contents = {CONTROLLER: shipped.files[CONTROLLER]}
     bundle.write(tmp_path / "bare", replace(shipped.manifest, sensor_estimator=None), contents)
     assert ESTIMATOR not in bundle.load(tmp_path / "bare").files

@@ -3,7 +3,6 @@
 Done with the file system, `zipfile` and `json` alone, as someone would who has the bundle but not the key.
 """
 
-import hashlib
 import os
 import shutil
 import stat
@@ -49,11 +48,6 @@ def of_the_shipped(*names: str) -> Tamper:
     return lambda folder: [shutil.copy(BUNDLE / name, folder / name) for name in names] and None
 
 
-def another_controller(folder: Path) -> None:
-    (folder / CONTROLLER).write_bytes(b"mine")
-    resealed(folder, files={CONTROLLER: hashlib.sha256(b"mine").hexdigest()})
-
-
 def in_the_trusted_keys_name(folder: Path) -> None:
     bundle.sign(folder, OTHER)
     named = (folder / SIGNATURE).read_bytes()
@@ -91,11 +85,6 @@ def hidden_name(folder: Path) -> Path:
     return path
 
 
-def link(folder: Path) -> None:
-    shutil.move(folder / CONTROLLER, folder.parent / "elsewhere")
-    (folder / CONTROLLER).symlink_to(folder.parent / "elsewhere")
-
-
 LINK = zipfile.ZipInfo("link")
 LINK.external_attr = (stat.S_IFLNK | 0o777) << 16
 LARGE = edited(MANIFEST, lambda data: data + b" " * 2**20)
@@ -103,7 +92,6 @@ LARGE = edited(MANIFEST, lambda data: data + b" " * 2**20)
 CASES: list[tuple[Tamper, type[errors.BundleError], str]] = [
     (flipped(CONTROLLER, 1000), errors.BundleFileError, "controller.onnx was altered"),
     (flipped(MANIFEST, 100), errors.BundleSignatureError, "bad signature: manifest.json or manifest.sig was altered"),
-    (edited(SIGNATURE, lambda data: data + b"\n"), errors.BundleSignatureError, "manifest.sig is damaged"),
     (edited(SIGNATURE, lambda _: signing.sign(KEY, b"{}")), errors.BundleSignatureError, "bad signature"),
     (lambda folder: bundle.sign(folder, OTHER), errors.BundleSignerError, f"signed by key {TRUSTED.fingerprint}"),
     (in_the_trusted_keys_name, errors.BundleSignatureError, "bad signature"),
@@ -111,14 +99,10 @@ CASES: list[tuple[Tamper, type[errors.BundleError], str]] = [
     (without(CONTROLLER), errors.BundleFileError, "controller.onnx is missing"),
     (without(MANIFEST), errors.BundleManifestError, "manifest.json is missing"),
     (lambda folder: (folder / "extra.bin").touch(), errors.BundleFileError, "extra.bin is not in the manifest"),
-    (of_the_shipped(CONTROLLER), errors.BundleFileError, "controller.onnx was altered"),
     (of_the_shipped(CONTROLLER, MANIFEST), errors.BundleSignatureError, "bad signature"),
     (lambda folder: resealed(folder, sensors=SENSORS), errors.BundleSignatureError, "bad signature"),
-    (another_controller, errors.BundleSignatureError, "bad signature"),
     (lambda folder: resealed(folder, OTHER, sensors=SENSORS), errors.BundleSignerError, "signed by key"),
-    (lambda folder: resealed(folder, KEY, schema="x/9"), errors.BundleManifestError, "schema 'x/9'"),
     (lambda folder: resealed(folder, KEY, dbc_sha256="0" * 64), errors.BundleDbcError, "another stillwake.dbc"),
-    (lambda folder: resealed(folder, KEY, window=0), errors.BundleManifestError, "window = 0"),
     (LARGE, errors.BundleContainerError, "at most 1048576"),
     (lambda folder: LARGE(folder) or zipped(folder), errors.BundleContainerError, "at most 1048576"),
     (
@@ -128,16 +112,11 @@ CASES: list[tuple[Tamper, type[errors.BundleError], str]] = [
     ),
     (with_entries(*((f"{i}", b"") for i in range(100))), errors.BundleContainerError, "more than 64 files"),
     (cut_to(-100), errors.BundleContainerError, "truncated, damaged or no zip"),
-    (cut_to(0), errors.BundleContainerError, "truncated, damaged or no zip"),
     (with_entries(("../evil", b"")), errors.BundleContainerError, "'../evil' is a path"),
-    (with_entries(("/tmp/evil", b"")), errors.BundleContainerError, "'/tmp/evil' is a path"),
-    (with_entries(("sub/", b"")), errors.BundleContainerError, "'sub/' is a path"),
     (hidden_name, errors.BundleContainerError, "is a path"),
     (with_entries((CONTROLLER, b"another")), errors.BundleContainerError, "controller.onnx is there twice"),
-    (link, errors.BundleContainerError, "'controller.onnx' is a symbolic link"),
     (with_entries((LINK, b"/etc/passwd")), errors.BundleContainerError, "'link' is a symbolic link"),
     (lambda folder: os.mkfifo(folder / "pipe"), errors.BundleContainerError, "'pipe' is not a plain file"),
-    (lambda folder: (folder / "sub").mkdir(), errors.BundleContainerError, "'sub' is not a plain file"),
 ]
 
 

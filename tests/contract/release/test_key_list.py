@@ -74,10 +74,8 @@ def test_what_is_no_list_is_refused_even_if_the_root_key_signed_it():
         (laid_out(revoked=one), "is allowed and revoked"),
         (laid_out(keys=bytes.fromhex("ec" + "ff" * 31)), f"key ec{'ff' * 31} is of small order"),
         (laid_out(keys=one + one), "must ascend"),
-        (laid_out(keys=two + one), "must ascend"),
         (laid_out(revoked=two + one), "must ascend"),
         (laid_out(at_12=1), "96 bytes of 1 + 1 keys"),
-        (laid_out(at_13=0), "96 bytes of 2 + 0 keys"),
         (laid_out(at_15=1), "1 reserved"),
     ):
         assert message in refusal(raw)

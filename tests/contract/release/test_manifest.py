@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import Any
 import pytest
 
 from contract.errors import BundleManifestError
-from contract.release.checks import CONTROLLER
 from contract.release.manifest import MANIFEST, Manifest, encode, open_manifest, parse
 from contract.sensors import TRUCK
 from contract.shipped import BUNDLE
@@ -76,12 +74,6 @@ def test_the_shipped_manifest_reads_and_has_the_trucks_positions():
     assert scaling.window_std == (*scaling.pressure_std, scaling.action_std)
 
 
-def test_a_manifest_of_an_older_schema_is_refused():
-    assert "reads 'stillwake-bundle/7': export its model again" in refusal(
-        sealed(SHIPPED | {"schema": "stillwake-bundle/5"})
-    )
-
-
 def test_nothing_may_be_missing():
     """Nor what this version has a default for: the bundle was built with its maker's."""
     for name in leaves(SHIPPED):
@@ -120,38 +112,24 @@ def test_every_field_refuses_values_that_are_none_of_its_kind():
 
 NONSENSE = [
     ("mpc", {}, "mpc.drag_reference is missing"),
-    ("mpc", None, "mpc = None: must be a table"),
-    ("sensors", "abcd", "sensors = 'abcd': must be a list"),
     ("sensors", [], "sensor_positions has 4 places: must have 0"),
     ("sensors", ["a", "b", "c", "c"], "'c': named twice"),
     ("sensors", ["a", "b", "c", "d\x1b[2J"], r"sensor 'd\x1b[2J': must be"),
-    ("sensors", ["a", "b", "c", "d" * 101], "must be 1 to 100 printable characters"),
-    ("sensors", ["a", "b", "c", "d,e"], "without commas"),
-    ("sensors", ["a", "b", "c", 4], "sensors[3] = 4: must be text"),
     ("precision", "fp16", "precision = 'fp16': must be 'float32' or 'int8'"),
     ("compute_time_ms", 20.5, "compute_time_ms = 20.5: must be in 0..budget_ms, which is 20.0"),
     ("dataset_sha256", "0" * 63, "must be a SHA-256"),
-    ("weights_sha256", None, "weights_sha256 = None: must be text"),
     ("operating_point.width", -1.0, "operating_point.width = -1.0: must be in 0.01..100"),
     ("window", 10**9, "window = 1000000000: must be positive and at most 10000"),
     ("window", 10**400, "an integer of 401 digits"),
-    ("created", "2026-W01-1", "created = '2026-W01-1': must be a date"),
-    ("created", "20260102", "created = '20260102': must be a date"),
     ("created", "2026-02-30", "created = '2026-02-30': must be a date"),
-    ("created", "\u0662026-01-01", "must be a date"),
-    ("name", "", "name '': must be"),
-    ("name", "x" * 101, "must be 1 to 100 printable characters"),
     ("name", "a\x1b]0;title\x07", r"name 'a\x1b]0;title\x07': must be"),
     ("name", "\ud800", "half of a surrogate pair"),
-    ("provenance", [], "provenance"),
-    ("provenance", {"\udfff": 1}, "half of a surrogate pair"),
     ("provenance", {"loss": float("nan")}, "NaN is no number"),
     ("files", {"\x1b[2J": "0" * 64}, r"'\x1b[2J' must be a plain file name"),
-    ("files", {CONTROLLER: None}, "files.controller.onnx = None: must be a SHA-256"),
     ("files", {str(i): "0" * 64 for i in range(65)}, "files has 65 entries: at most 64"),
     ("surprise\x1b[2J", 1, r"\x1b[2J"),
+    ("schema", "stillwake-bundle/5", "reads 'stillwake-bundle/7': export its model again"),
     ("schema", "\x1b[2J" * 1000, "this version reads"),
-    ("schema", 2, "schema 2, this version reads"),
 ]
 
 
@@ -168,9 +146,7 @@ def test_json_that_has_two_readings_or_no_end_is_refused():
         (b'{"schema": 1e999}', "1e999 is too large a number"),
         (b"\xff\xfe{\x00}\x00", "decode"),
         (b"[" * 100_000, "nested"),
-        (b'"text"', "it is not a table"),
         (b"", "is damaged"),
-        (b'{"schema": 1, "manifest_sha256": 1, "files": []}', "is damaged"),
         (b"{" + b",".join(b'"%d":0' % i for i in range(100_000)) + b',"7":0}', "'7' is there twice"),
     ):
         assert named in refusal(raw), raw[:30]
@@ -178,9 +154,7 @@ def test_json_that_has_two_readings_or_no_end_is_refused():
     for depth in (33, 500, 900, *range(960, 1010), 5_000, 100_000):
         text = json.dumps({**SHIPPED, "provenance": "HERE"}).replace('"HERE"', '{"a":' * depth + "1" + "}" * depth)
         assert "nested more than 32 deep" in refusal(text.encode()), depth
-    # A provenance that JSON cannot hold is not written.
-    odd: list[Callable[[], object]] = [lambda: float("nan"), object, lambda: {1, 2}]
-    for make in odd:
-        broken = replace(read(sealed(SHIPPED)), provenance={"loss": make()})
+    for odd in (float("nan"), object()):
+        broken = replace(read(sealed(SHIPPED)), provenance={"loss": odd})
         with pytest.raises(BundleManifestError, match=r"manifest\.json: cannot be written"):
             encode(broken, {}, "0" * 64)

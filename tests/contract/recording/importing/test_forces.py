@@ -39,8 +39,6 @@ def test_what_lies_outside_or_in_a_gap_is_refused_by_time():
     wide = {"longest_gap": 0.2, "slack": 0.01}
     with pytest.raises(DatasetError, match=r"goes from 0 to 0\.6 s .* rows from -0\.02 to 0\.1 s: it must cover them"):
         one.at(np.array([-0.02, 0.1]), **wide)
-    with pytest.raises(DatasetError, match="it must cover them"):
-        one.at(np.array([0.55, 0.62]), **wide)
     with pytest.raises(DatasetError, match=r"no value between 0\.1 and 0\.5 s .* no more than 0\.2 s apart"):
         one.at(np.array([0.0, 0.3]), **wide)
     # A row on the edge of the gap needs no line across it; one by a hair outside takes the value there.
@@ -50,8 +48,6 @@ def test_what_lies_outside_or_in_a_gap_is_refused_by_time():
 def test_series_that_are_none_are_refused_and_times_move_to_another_clock():
     for t, values, text in (
         ([0.0, 1.0, 1.0], [1.0, 2.0, 3.0], "do not rise from row 1 to 2: 1, 1"),
-        ([0.0, 1.0, 0.5], [1.0, 2.0, 3.0], "do not rise from row 1 to 2"),
-        ([0.0, np.inf], [1.0, 2.0], "'t' holds a value that is not finite, first at row 1"),
         ([0.0, 1.0], [np.nan, 2.0], "'Cd' holds a value that is not finite, first at row 0"),
         ([0.0], [1.0], "has 1 rows, must have at least two"),
     ):
@@ -78,7 +74,6 @@ def write(path: Path, values: dict[str, Any]) -> Path:
 def test_tables_are_read_whatever_holds_them(tmp_path):
     for suffix in (".csv", ".npz", ".h5"):
         for names, renamed, clock in (
-            (("t", "Cd", "Cl"), {}, None),
             (("t [t_c]", "Cd [1]", "Cl"), {}, "t_c"),
             (("t [s]", "Cd", "Cl"), {}, None),
             (("time", "drag", "Cl [1]"), {"t": "time", "Cd": "drag"}, None),
@@ -92,10 +87,7 @@ def test_tables_are_read_whatever_holds_them(tmp_path):
                 np.testing.assert_array_equal(found.forces[name].values, VALUES[name])
     for values, text in (
         ({"t": T, "Cd": T}, "no column 'Cl' for the forces' table; it has t, Cd"),
-        ({"t": T, "Cd": T, "Cl [1]": T, "Cl [-]": T}, "no column 'Cl'"),
         ({"t": T, "Cd": T[:2], "Cl": T}, "'Cd' has 2 rows, 't' has 4"),
     ):
         with pytest.raises(DatasetError, match=text.replace("[", r"\[")):
             read_forces(write(tmp_path / "forces.npz", values), {})
-    with pytest.raises(DatasetError, match="must end in"):
-        read_forces(write(tmp_path / "forces.npz", VALUES).rename(tmp_path / "forces.xls"), {})

@@ -30,17 +30,6 @@ def imported(path: Path, layout: SensorLayout, **more: Any) -> Dataset:
     return assemble([Source(path=path, role="train")], layout, FACTS, **more)
 
 
-def test_the_layout_is_the_file_s_with_mirror_images_by_the_places(layout, tmp_path):
-    assert layout.names == NAMES
-    np.testing.assert_array_equal(layout.positions, POSITIONS)
-    assert tuple(layout.names[column] for column in layout.base) == BASE
-    assert layout.mirror is None
-    (tmp_path / "s.csv").write_text("name;x;y\nup;1.0;0.5\ndown;1.0;-0.5\nnose;0.0;0.0\n")
-    layout = read_sensors(tmp_path / "s.csv", symmetric=True)
-    assert layout.mirror is not None
-    assert layout.mirror.tolist() == [1, 0, 2]
-
-
 def test_every_format_gives_the_same_data_set_within_half_a_quantum(tmp_path, layout):
     for suffix in WRITERS:
         values = foreign_plant.series(60, 1)
@@ -70,6 +59,15 @@ def test_other_units_names_and_series_are_taken_where_they_are(tmp_path, layout)
     assert episode.initial_action == 0.07
     assert episode.previous_action[:2].tolist() == [0.07, values["action"][0]]
     assert "jet_power" in episode.series
+
+
+def test_the_layout_is_the_file_s_with_mirror_images_by_the_places(layout, tmp_path):
+    assert layout.names == NAMES and layout.mirror is None
+    np.testing.assert_array_equal(layout.positions, POSITIONS)
+    assert tuple(layout.names[column] for column in layout.base) == BASE
+    (tmp_path / "s.csv").write_text("name;x;y\nup;1.0;0.5\ndown;1.0;-0.5\nnose;0.0;0.0\n")
+    mirror = read_sensors(tmp_path / "s.csv", symmetric=True).mirror
+    assert mirror is not None and mirror.tolist() == [1, 0, 2]
 
 
 HEADER = f"action,Cd,Cl,{','.join(NAMES)}"
@@ -115,45 +113,24 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
     for write, message in (
         (lambda folder: folder / "none.csv", r"none\.csv: no such file"),
         (raw("a.xlsx", b""), r"a\.xlsx: a data file must end in \.csv"),
-        (raw("a.npz", b"PK"), r"a\.npz: damaged or not an NPZ"),
         (raw("a.h5", b"text"), r"a\.h5: damaged or not an HDF5"),
         (raw("a.csv", b"\xff\xfe\x00"), r"a\.csv: is not a text file in UTF-8"),
         (raw("a.csv", b"1,2\n3,4\n"), r"a\.csv: line 1 holds numbers; the first line must have the names"),
-        (raw("a.csv", b"t action\n0 1\n"), r"a\.csv: line 1: columns must be separated by commas"),
         (raw("a.csv", b"action;Cd\n0,5;1\n"), r"line 2, column 'action': '0,5' is not a number: write 0\.5, with a"),
         (table(ROW.replace("1,0", "1,")), r"line 2, column 'Cl': '' is not a number; fill the gap, or cut the file"),
-        (table(ROW.replace("1,0", "1,1_000")), "line 2, column 'Cl': '1_000' is not a number"),
-        (raw("a.csv", b""), "must have a line with the names"),
         (changed(initial_action=np.zeros(5)), r"'initial_action' has shape \(5,\), must be one number"),
-        (changed(initial_action=np.zeros(0)), r"'initial_action' has shape \(0,\), must be one number"),
-        (changed(initial_action=np.array(np.nan)), "'initial_action' holds a value that is not finite"),
-        (table(), "at least one row below"),
         (table(ROW, "0.1,1,0,1,2,3,4,5,6"), r"a\.csv: line 3: 9 values, the header has 10 columns"),
-        (table(ROW, ROW.replace("4", "four")), r"a\.csv: line 3, column 'lid-left': 'four' is not a number"),
         (table(ROW.replace("1,0", "1,nan")), r"a\.csv: line 2, column 'Cl': nan is not finite"),
         (table(ROW, header=HEADER.replace("Cl", "Cd")), r"a\.csv: line 1: column 'Cd' is there twice"),
         (table(ROW, header=HEADER.replace("Cl", "lift")), r"a\.csv: no column 'Cl'; .* use --map Cl=NAME"),
-        (table(ROW, header=HEADER.replace("x.y", "x,y").replace(",q'", "")), "no column 'x.y' for the sensor x.y"),
         (hdf5_of_text, r"a\.h5: array 'action' holds object, must hold numbers"),
-        (changed(Cd=None), "no column 'Cd'"),
         (changed(Cd=np.zeros(19)), r"'Cd' has shape \(19,\), must be \(20,\)"),
         (changed(Cp=np.zeros((7, 20))), r"'Cp' has shape \(7, 20\), must be \(20, 7\) .*transpose it"),
-        (changed(Cp=np.zeros(20)), r"array 'Cp' has shape \(20,\), must be \(steps, sensors\)"),
-        (
-            changed(Cp=np.where(T[:, None] > 5, np.inf, np.ones(7))),
-            "'Cp' holds .* not finite, first at step 17, column 0",
-        ),
         (changed(Cp=500.0 * np.ones((20, 7))), "'Cp' reaches 500, .* if it is in Pa, use --dynamic-pressure"),
-        (changed(Cl=np.linspace(0, 200, 20)), "'Cl' reaches 200"),
         (changed(action=np.linspace(0, 0.4, 20)), r"action is 0\.4 at step 19, beyond the limit of 0\.2"),
-        (
-            changed(t=T / 10),
-            "t rises by 0.03, the control period is 0.3: 10 samples a period. Keep one row of 10, .*divide seconds",
-        ),
-        (changed(t=2 * T), "t rises by 0.6, must rise by the control period of 0.3"),
+        (changed(t=T / 10), "t rises by 0.03, the control period is 0.3: 10 samples a period. Keep one row of 10"),
         (changed(t=T[::-1]), "t does not rise from step 0 to 1"),
         (changed(t=np.where(T > 3, T + 0.2, T)), "t rises by 0.5 from step 10 to 11"),
-        (changed(t=1.005 * T), "t rises by 0.3015, must rise"),
     ):
         with pytest.raises(DatasetError, match=message) as caught:
             imported(write(tmp_path), layout)
@@ -162,14 +139,7 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
 
 def test_comments_and_a_header_that_is_one_are_read(tmp_path, layout):
     """numpy.savetxt writes the header after a #; others write remarks above it, a byte order mark, or spaces."""
-    for head in (
-        "# {}\n",
-        "#{}\n",
-        "# my rig, 2026\n# {}\n",
-        "# my rig, 2026\n\n{}\n",
-        "\ufeff{}\r\n",
-        " {}\n".replace(",", " , "),
-    ):
+    for head in ("# {}\n", "# my rig, 2026\n\n{}\n", "\ufeff{}\r\n"):
         values = foreign_plant.series(20, 3)
         path = foreign_plant.write_csv(tmp_path / "a.csv", values)
         names, rows = path.read_text().split("\n", 1)
@@ -196,8 +166,6 @@ def test_what_is_not_used_is_told_and_a_renamed_column_must_be_there(tmp_path, l
     both = [Source(path=path, role="train"), Source(path=other, role="test")]
     first, second = assemble(both, layout, FACTS, renamed={"Cd": "drag"}).episodes
     np.testing.assert_array_equal(first.series["Cd"], second.series["Cd"])
-    with pytest.raises(DatasetError, match=r"b\.npz: no column 'zug', which --map Cd=zug names; it has .*drag"):
-        assemble(both, layout, FACTS, renamed={"Cd": "zug"})
 
 
 def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):
@@ -213,16 +181,11 @@ def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):
             assemble(sources, layout, FACTS, **more)
     with pytest.raises(DatasetError, match="must be given"):
         assemble([one], layout, PlantFacts(control_period=PERIOD))
-    path = foreign_plant.write_npz(tmp_path / "a.npz", foreign_plant.series(20, 3))
-    with pytest.raises(DatasetError, match=r"a\.npz: given twice; an episode has one role"):
-        assemble([Source(path=path, role="train"), Source(path=path, role="test")], layout, FACTS)
     # Sensors that do not fit are refused.
     for text, message in (
         ("a,1,1\nb,1,-1\n", "'1' is there twice; the first line must have the names"),
-        ("name,x\na,1\n", "no column 'y'"),
         ("name,x,y\na,1,0\na,2,0\n", "sensor 'a': named twice"),
         ("name,x,y\na,1,left\n", "line 2, column 'y': 'left' is not a number"),
-        ("name,x,y,base\na,1,0,maybe\n", "line 2, column 'base': 'maybe' must be 0 or 1"),
         ("name,x,y\na,1,0\nCd,1,0\n", "line 3: a sensor cannot be called 'Cd'"),
     ):
         (tmp_path / "s.csv").write_text(text)
