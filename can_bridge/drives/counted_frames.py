@@ -35,12 +35,7 @@ class CountedFrame:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretch:
-    """Frames of one sender between two of its starts.
-
-    Attributes:
-        index: of each frame in control periods from the first, rising, (n,).
-        frames: in the order of their index.
-    """
+    """Frames of one sender between two of its starts, in the order of `index`: control periods from the first, (n,)."""
 
     index: Index
     frames: tuple[CountedFrame, ...]
@@ -50,37 +45,35 @@ class Stretch:
         """The time of each frame's reception in s, (n,)."""
         return np.array([frame.time_s for frame in self.frames])
 
+    def between(self, a: int, b: int) -> "Stretch":
+        """Its frames from place a to b, counted from the first of them."""
+        return Stretch(index=self.index[a:b] - self.index[a], frames=self.frames[a:b])
+
     def __len__(self) -> int:
         return len(self.frames)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Numbered:
-    """What a message's frames were.
-
-    Attributes:
-        stretches: in the order of time; empty without a frame.
-        duplicates: frames that were there already.
-        misplaced: frames whose counter fits neither what was before nor what came behind.
-    """
-
-    stretches: tuple[Stretch, ...]
-    duplicates: int
-    misplaced: int
-
-
 def usual_interval(frames: Sequence[CountedFrame], modulus: int) -> float | None:
     """Median time in s between frames whose counters follow each other; None if no two do."""
-    steps = [
-        after.time_s - before.time_s
-        for before, after in pairwise(frames)
-        if (after.counter - before.counter) % modulus == 1
-    ]
-    return float(np.median(steps)) if steps else None
+    times, counters = np.array([(frame.time_s, frame.counter) for frame in frames]).T
+    steps = np.diff(times)[np.diff(counters) % modulus == 1]
+    return float(np.median(steps)) if len(steps) else None
 
 
-def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> Numbered:
-    """Number the frames of one message.
+def without_repeats(frames: Sequence[CountedFrame], within_s: float) -> list[CountedFrame]:
+    """The frames without those that were there already within a time in which the counter cannot come round."""
+    kept: list[CountedFrame] = []
+    last: dict[bytes, float] = {}
+    for frame in frames:
+        if abs(frame.time_s - last.get(frame.data, -np.inf)) > within_s:
+            kept.append(frame)
+        last[frame.data] = frame.time_s
+    return kept
+
+
+def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> tuple[list[Stretch], int, int]:
+    """The stretches of one message in the order of time; how many frames were there already; and how many were out of
+    place: their counters fit neither what was before nor what came behind.
 
     Args:
         frames: with right CRCs, in the order of reception.
@@ -88,52 +81,36 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
         modulus: after so many frames the counter begins again. More than half as many lost in a row show by the
             time alone.
     """
-    placed: list[dict[int, CountedFrame]] = []
-    duplicates = misplaced = 0
-    last: tuple[int, CountedFrame] | None = None
-    pending: CountedFrame | None = None
+    once = without_repeats(frames, SLACK * period_s)
+    parts = _parts(once, period_s, modulus)
+    # What lies around a frame that is out of place may be one stretch.
+    fitting = [frame for part in parts if len(part) > 1 for _, frame in part] or once
+    stretches: list[Stretch] = []
+    for part in _parts(fitting, period_s, modulus):
+        numbers, places = np.unique([k for k, _ in part], return_index=True)
+        whole = Stretch(index=numbers - numbers[0], frames=tuple(part[k][1] for k in places.tolist()))
+        stretches += _cut_at_jumps(whole, period_s)
+    return stretches, len(frames) - len(once) + len(fitting) - sum(map(len, stretches)), len(once) - len(fitting)
+
+
+def _parts(frames: Sequence[CountedFrame], period_s: float, modulus: int) -> list[list[tuple[int, CountedFrame]]]:
+    """The frames with their numbers from the first, cut where counter and clock disagree or much is missing."""
+    parts: list[list[tuple[int, CountedFrame]]] = []
+    newest, before = 0, None
     for frame in frames:
-        if last is None:
-            placed.append({0: frame})
-            last = (0, frame)
+        elapsed = 0.0 if before is None else (frame.time_s - before.time_s) / period_s
+        step = 0 if before is None else (frame.counter - before.counter) % modulus
+        # Periods by the counters, nearest to those by the clock.
+        step += modulus * round((elapsed - step) / modulus)
+        if before is None or abs(step - elapsed) > SLACK or step > _LONGEST:
+            parts.append([(0, frame)])
+            newest, before = 0, frame
             continue
-        step = _step(last[1], frame, period_s, modulus)
-        if step is not None:
-            misplaced += pending is not None
-            pending = None
-            index = last[0] + step
-            if index in placed[-1]:
-                duplicates += 1
-                continue
-            placed[-1][index] = frame
-            # A frame that was overtaken does not show where the sender is now.
-            last = (index, frame) if step > 0 else last
-            continue
-        begun = None if pending is None else _step(pending, frame, period_s, modulus)
-        if pending is None or begun is None or begun < 0:
-            misplaced += pending is not None
-            pending = frame
-        elif begun == 0:
-            duplicates += 1
-        else:
-            placed.append({0: pending, begun: frame})
-            last, pending = (begun, frame), None
-    misplaced += pending is not None
-    stretches = (piece for group in placed for piece in _cut_at_jumps(_stretch(group), period_s))
-    return Numbered(stretches=tuple(stretches), duplicates=duplicates, misplaced=misplaced)
-
-
-def _step(before: CountedFrame, after: CountedFrame, period_s: float, modulus: int) -> int | None:
-    """Periods between two frames by the counters, nearest to those by the clock; None if they disagree or are many."""
-    elapsed = (after.time_s - before.time_s) / period_s
-    step = (after.counter - before.counter) % modulus
-    step += modulus * round((elapsed - step) / modulus)
-    return step if abs(step - elapsed) <= SLACK and step <= _LONGEST else None
-
-
-def _stretch(group: dict[int, CountedFrame]) -> Stretch:
-    index = np.array(sorted(group), dtype=np.intp)
-    return Stretch(index=index - index[0], frames=tuple(group[k] for k in index.tolist()))
+        parts[-1].append((newest + step, frame))
+        # A frame that was overtaken does not show where the sender is now.
+        if step > 0:
+            newest, before = newest + step, frame
+    return parts
 
 
 def _cut_at_jumps(stretch: Stretch, period_s: float) -> list[Stretch]:
@@ -141,13 +118,8 @@ def _cut_at_jumps(stretch: Stretch, period_s: float) -> list[Stretch]:
     late = stretch.time_s - period_s * stretch.index
     cuts, after = [0], 0
     for i in (np.flatnonzero(np.abs(np.diff(late)) > _JUMP * period_s) + 1).tolist():
-        if i < after:
-            continue
         here, there = late[max(cuts[-1], i - _AROUND) : i], late[i : i + _AROUND]
-        if abs(np.median(there) - np.median(here)) > _JUMP * period_s:
+        if i >= after and abs(np.median(there) - np.median(here)) > _JUMP * period_s:
             cuts.append(i)
             after = i + _AROUND // 2
-    edges = [*cuts, len(stretch)]
-    return [
-        Stretch(index=stretch.index[a:b] - stretch.index[a], frames=stretch.frames[a:b]) for a, b in pairwise(edges)
-    ]
+    return [stretch.between(a, b) for a, b in pairwise([*cuts, len(stretch)])]

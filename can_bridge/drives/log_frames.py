@@ -1,8 +1,9 @@
 """The pressures and commands in a recorded log: frames of our messages whose CRC is right, and counts of all others."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -95,10 +96,21 @@ def frames_of(
         latest = max(latest, message.timestamp)
         frame = CountedFrame(time_s=message.timestamp, counter=profile.counter_of(covered), data=covered)
         kept.setdefault(frame_id, []).append(frame)
-    chosen = _only_set(path, sets, kept, lambda kind, specs: _without(kind, specs, damaged, forged, seen))
-    ids = (chosen.pressure.spec.frame_id, chosen.command.spec.frame_id)
+    present = [one for one in sets if one.pressure.spec.frame_id in kept]
+    without = partial(_without, path, damaged, forged, seen)
+    if not present:
+        raise without("pressure", [one.pressure.spec for one in sets])
+    if len(present) > 1:
+        names = " and ".join(f"{one.pressure.spec.name} (0x{one.pressure.spec.frame_id:x})" for one in present)
+        raise DatasetError(
+            f"{path}: holds {names}; choose one with --set bus.frames=fd or classic (and bus.key for the secured ones)"
+        )
+    pressure, command = present[0].pressure.spec, present[0].command.spec
+    if command.frame_id not in kept:
+        raise without("command", [command], "; without commands it is unknown what the jets did")
+    ids = (pressure.frame_id, command.frame_id)
     return LogFrames(
-        messages=chosen,
+        messages=present[0],
         pressures=tuple(kept[ids[0]]),
         commands=tuple(kept[ids[1]]),
         damaged=sum(damaged[one] for one in ids),
@@ -107,46 +119,27 @@ def frames_of(
     )
 
 
-def _only_set(
-    path: Path,
-    sets: Iterable[MessageSet],
-    kept: dict[int, list[CountedFrame]],
-    without: Callable[[str, list[MessageSpec]], str],
-) -> MessageSet:
-    """The one set that has pressures and commands."""
-    present = [one for one in sets if one.pressure.spec.frame_id in kept]
-    if not present:
-        raise DatasetError(f"{path}: {without('pressure', [one.pressure.spec for one in sets])}")
-    if len(present) > 1:
-        names = " and ".join(f"{one.pressure.spec.name} (0x{one.pressure.spec.frame_id:x})" for one in present)
-        raise DatasetError(
-            f"{path}: holds {names}; choose one with --set bus.frames=fd or classic (and bus.key for the secured ones)"
-        )
-    (one,) = present
-    if one.command.spec.frame_id not in kept:
-        reason = without("command", [one.command.spec])
-        raise DatasetError(f"{path}: {reason}; without commands it is unknown what the jets did")
-    return one
-
-
 def _without(
-    kind: str, specs: list[MessageSpec], damaged: Counter[int], forged: Counter[int], seen: Counter[int]
-) -> str:
+    path: Path,
+    damaged: Counter[int],
+    forged: Counter[int],
+    seen: Counter[int],
+    kind: str,
+    specs: Sequence[MessageSpec],
+    so: str = "",
+) -> DatasetError:
     """Why no frame of these messages is left, and what the log has instead."""
     wanted = " or ".join(f"{spec.name} (0x{spec.frame_id:x})" for spec in specs)
-    for count, reason in (
-        (sum(forged[spec.frame_id] for spec in specs), "authentication code: bus.key is not the key of this drive"),
-        (sum(damaged[spec.frame_id] for spec in specs), "CRC or length"),
+    for counts, reason in (
+        (forged, "authentication code: bus.key is not the key of this drive"),
+        (damaged, "CRC or length"),
     ):
-        if count:
-            return f"no {kind} can be used: all {count} frames of {wanted} have a wrong {reason}"
-    return f"holds no {kind}, {wanted}; {_listed(seen)}"
-
-
-def _listed(seen: Counter[int]) -> str:
+        if count := sum(counts[spec.frame_id] for spec in specs):
+            return DatasetError(
+                f"{path}: no {kind} can be used: all {count} frames of {wanted} have a wrong {reason}{so}"
+            )
     ids = sorted(one for one in seen if one >= 0)
-    if not ids:
-        return "it holds no data frame at all"
-    texts = [f"0x{one & 0x1FFFFFFF:x}{' (extended)' if one >> 32 else ''}" for one in ids[:_SHOWN]]
+    texts = ", ".join(f"0x{one & 0x1FFFFFFF:x}{' (extended)' if one >> 32 else ''}" for one in ids[:_SHOWN])
     more = f" and {len(ids) - _SHOWN} more" if len(ids) > _SHOWN else ""
-    return f"the identifiers in it are {', '.join(texts)}{more}"
+    has = f"the identifiers in it are {texts}{more}" if ids else "it holds no data frame at all"
+    return DatasetError(f"{path}: holds no {kind}, {wanted}; {has}{so}")

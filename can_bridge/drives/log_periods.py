@@ -1,14 +1,13 @@
-"""From numbered pressures and the commands that answer them to one row a control period, gaps filled or named.
+"""From numbered pressures and the commands that answer them to one row a control period.
 
 Row k has the pressures of frame k and the action commanded for them: the first command that echoes frame k's counter.
 Commands that rest on an older frame, because the ECU held or shut the jets when one was missing, belong to the period
 in which they came. A command for the next period is the action of the row after.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from can_bridge.drives.counted_frames import CountedFrame, Stretch
 from can_bridge.wire.message_sets import MessageSet
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import SENSORS, Mode
-from contract.arrays import Array, Mask
+from contract.arrays import Array
 
 _HELD: Final = (Mode.HOLD, Mode.DECAY, Mode.FAULT)
 """Modes whose commands do not answer the frame that they echo."""
@@ -41,42 +40,7 @@ class Scales:
     action_limit: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class Clock:
-    """Where the sender's periods lie on the log's clock.
-
-    Attributes:
-        start_s: of row 0, the median over all rows: half of the frames came later than row k's time.
-        period_s: of the sender, as the log's clock sees it.
-        jitter_s: largest distance of a frame from its row's time.
-    """
-
-    start_s: float
-    period_s: float
-    jitter_s: float
-
-    def row_at(self, time_s: float) -> float:
-        """The row at that time, and the share of the period since."""
-        return (time_s - self.start_s) / self.period_s
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Rows:
-    """Rows of one stretch; NaN where the log has nothing.
-
-    Attributes:
-        Cp: (n, 4).
-        action: (n,).
-        before: the action of the row before the first; None if the log does not have it.
-    """
-
-    Cp: Array
-    action: Array
-    before: float | None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Samples:
+class Samples(NamedTuple):
     """The contents of the pressure frames of a stretch.
 
     Attributes:
@@ -90,28 +54,34 @@ class Samples:
     stale: int
 
 
+class Clock(NamedTuple):
+    """Where the sender's periods lie on the log's clock.
+
+    Attributes:
+        start_s: of row 0, the median over all rows: half of the frames came later than row k's time.
+        period_s: of the sender, as the log's clock sees it.
+        jitter_s: largest distance of a frame from its row's time.
+    """
+
+    start_s: float
+    period_s: float
+    jitter_s: float
+
+
 def samples_of(stretch: Stretch, messages: MessageSet, period_s: float) -> Samples:
     """The frames' contents; what cannot be parsed is NaN."""
     parsed = [messages.pressure.parse(frame.data) for frame in stretch.frames]
     none = (np.nan,) * SENSORS
-    pressure = np.array([none if one is None else one.pressure_pa for one in parsed])
-    valid = np.array([(False,) * SENSORS if one is None else one.valid for one in parsed])
+    pressure = np.array([none if one is None else np.where(one.valid, one.pressure_pa, np.nan) for one in parsed])
     age_s = np.array([0.0 if one is None else one.age_ns * 1e-9 for one in parsed])
     fresh = age_s < period_s
-    return Samples(
-        pressure_pa=np.where(valid & fresh[:, None], pressure, np.nan),
-        sampled_s=stretch.time_s - np.where(fresh, age_s, 0.0),
-        stale=int((~fresh).sum()),
-    )
+    pressure[~fresh] = np.nan
+    return Samples(pressure, stretch.time_s - np.where(fresh, age_s, 0.0), int((~fresh).sum()))
 
 
 def clock_of(stretch: Stretch, sampled_s: Array, period_s: float | None = None) -> Clock:
-    """The line through the times of sampling, by medians, so that single late frames do not move it.
-
-    Args:
-        sampled_s: times of sampling, (n,).
-        period_s: of the sender, if it is known better than from this stretch.
-    """
+    """The line through the times of sampling, (n,), by medians, so that single late frames do not move it.
+    `period_s` is the sender's, if it is known better than from this stretch."""
     index = stretch.index.astype(np.float64)
     if period_s is None:
         # Theil and Sen's slope over pairs half the stretch apart, which weigh most.
@@ -119,88 +89,52 @@ def clock_of(stretch: Stretch, sampled_s: Array, period_s: float | None = None) 
         period_s = float(np.median((sampled_s[half:] - sampled_s[:-half]) / (index[half:] - index[:-half])))
     late = sampled_s - period_s * index
     start = float(np.median(late))
-    return Clock(start_s=start, period_s=period_s, jitter_s=float(np.abs(late - start).max()))
+    return Clock(start, period_s, float(np.abs(late - start).max()))
 
 
-def rows_of(
+def table_of(
     stretch: Stretch,
-    samples: Samples,
+    pressure_pa: Array,
     commands: Sequence[CountedFrame],
     messages: MessageSet,
     scales: Scales,
     clock: Clock,
     modulus: int,
-) -> Rows:
-    """One row a period from the stretch's first frame to its last.
+) -> Array:
+    """Cp of the four sensors and the action, (n + 1, 5), one row a period from the one before the stretch's first frame
+    to its last; NaN where the log has nothing.
 
     Args:
+        pressure_pa: of the stretch's frames.
         commands: those that came during the stretch, without repeated ones.
         modulus: of the pressures' counter.
     """
-    count = int(stretch.index[-1]) + 1
-    cp = np.full((count, SENSORS), np.nan)
-    cp[stretch.index] = samples.pressure_pa / scales.dynamic_pressure
-    actions = _actions(stretch.frames[0].counter, count, commands, messages, scales, clock, modulus)
-    return Rows(
-        Cp=cp,
-        action=np.array([actions.get(k, np.nan) for k in range(count)]),
-        before=actions.get(-1),
-    )
+    table = np.full((int(stretch.index[-1]) + 2, SENSORS + 1), np.nan)
+    table[stretch.index + 1, :SENSORS] = pressure_pa / scales.dynamic_pressure
+    action = table[:, SENSORS]
+    parsed = [(one, frame.time_s) for frame in commands if (one := messages.command.parse(frame.data)) is not None]
+    at = (np.array([time_s for _, time_s in parsed]) - clock.start_s) / clock.period_s
+    asked = _limited(np.array([one.flow_m2_per_s if one.enable else 0.0 for one, _ in parsed]), scales)
+    later = np.array([one.next_period for one, _ in parsed], dtype=np.intp)
+    answers = np.array([one.pressure_counter is not None and one.mode not in _HELD for one, _ in parsed], np.bool_)
+    echoed = np.array([one.pressure_counter or 0 for one, _ in parsed], dtype=np.intp)
+    newest = np.floor(at + 0.5).astype(np.intp)
+    answered = newest - (stretch.frames[0].counter + newest - echoed) % modulus
+    # Row k stands at place k + 1.
+    place = answered + later + 1
+    inside = np.flatnonzero(answers & (place >= 0) & (place < len(table)))
+    first = inside[np.unique(place[inside], return_index=True)[1]]
+    action[place[first]] = asked[first]
+    lag = float(np.median(at[first] - answered[first])) if len(first) else _UNKNOWN_LAG
+    for i in np.setdiff1d(np.arange(len(parsed)), first).tolist():
+        k = round(at[i] - lag) + int(later[i]) + 1
+        if 0 <= k < len(table) and np.isnan(action[k]):
+            action[k] = asked[i]
+    return table
 
 
-def _actions(
-    first_counter: int,
-    count: int,
-    commands: Sequence[CountedFrame],
-    messages: MessageSet,
-    scales: Scales,
-    clock: Clock,
-    modulus: int,
-) -> dict[int, float]:
-    """Actions by row, from -1 on."""
-    actions: dict[int, float] = {}
-    lags: list[float] = []
-    others: list[tuple[float, float, int]] = []
-    for frame in commands:
-        command = messages.command.parse(frame.data)
-        if command is None:
-            continue
-        at = clock.row_at(frame.time_s)
-        action = _action(command.flow_m2_per_s if command.enable else 0.0, scales)
-        if command.pressure_counter is None or command.mode in _HELD:
-            others.append((at, action, command.next_period))
-            continue
-        newest = math.floor(at + 0.5)
-        answered = newest - (first_counter + newest - command.pressure_counter) % modulus
-        k = answered + command.next_period
-        if k in actions or not -1 <= k < count:
-            others.append((at, action, command.next_period))
-            continue
-        actions[k] = action
-        lags.append(at - answered)
-    lag = float(np.median(lags)) if lags else _UNKNOWN_LAG
-    for at, action, later in others:
-        k = round(at - lag) + later
-        if -1 <= k < count:
-            actions.setdefault(k, action)
-    return actions
-
-
-def _action(flow: float, scales: Scales) -> float:
+def _limited(flow: Array, scales: Scales) -> Array:
     action, limit = flow / scales.flow_rate, scales.action_limit
     # Half a step of the wire, and as little more as a sum's rounding makes.
     half = 0.5001 * FLOW_RESOLUTION_M2_PER_S / scales.flow_rate
-    return max(-limit, min(limit, action)) if abs(action) <= limit + half else action
-
-
-def runs(missing: Mask) -> list[tuple[int, int]]:
-    """First and one past the last of every run of True in (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-
-
-def filled(values: Array) -> Array:
-    """A series (n,) with NaN replaced on the straight line between its neighbours, which must be there."""
-    known = np.isfinite(values)
-    at = np.arange(len(values))
-    return np.asarray(np.interp(at, at[known], values[known]))
+    return np.where(np.abs(action) <= limit + half, np.clip(action, -limit, limit), action)

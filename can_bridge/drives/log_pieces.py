@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from can_bridge.drives.log_periods import Clock, Rows, filled, runs
+from can_bridge.drives.log_periods import Clock
 from can_bridge.wire.messages import SENSORS
 from contract.arrays import Array, Mask
 from contract.errors import DatasetError
@@ -70,92 +70,88 @@ class Cutter:
                 f"the pressures' counter and the log's clock part {at}: the sender began again, or a clock was set"
             )
 
-    def add(self, rows: Rows, clock: Clock) -> None:
-        """Cut one stretch into pieces."""
-        table = np.column_stack([rows.Cp, rows.action])
+    def add(self, table: Array, clock: Clock) -> None:
+        """Cut one stretch into pieces; `table` is as `table_of` makes it."""
         present = np.isfinite(table)
         self.ever_valid |= present[:, :SENSORS].any(axis=0)
-        cut = np.zeros(len(table), dtype=np.bool_)
         whole = np.flatnonzero(present.all(axis=1))
         if not len(whole):
-            self.lines.append(f"{self._path}: {len(table)} rows {self._at(clock, 0)} have none that is whole: left out")
+            self._note(f"{len(table) - 1} rows {self._at(clock, 1)} have none that is whole: left out")
             return
         # What is missing at the ends is no gap: the log began before the ECU, or ended between two frames.
         head, tail = int(whole[0]), int(whole[-1]) + 1
-        if len(table) > tail - head:
-            self.lines.append(
-                f"{self._path}: {self._at(clock, 0)}, {head} rows in front of the first whole one are left out, and "
+        if len(table) - 1 > tail - head:
+            self._note(
+                f"{self._at(clock, 1)}, {head - 1} rows in front of the first whole one are left out, and "
                 f"{len(table) - tail} behind the last"
             )
-        short: list[str] = []
-        for column in range(table.shape[1]):
-            for a, b in runs(~present[head:tail, column]):
-                if b - a > self._fill:
-                    cut[head + a : head + b] = True
+        cut = np.zeros(tail, dtype=np.bool_)
+        short: list[tuple[str, int, int]] = []
         for name, columns in self._groups(present[head:tail]):
-            for a, b in runs(np.any(~present[head:tail, columns], axis=1)):
-                where = f"no {name} for {b - a} control period{'s' * (b - a > 1)} {self._at(clock, head + a)}"
+            for a, b in _runs(np.any(~present[head:tail, columns], axis=1), head):
+                where = f"no {name} for {b - a} control period{'s' * (b - a > 1)} {self._at(clock, a)}"
                 if b - a > self._fill:
                     self._cut(where, f"; --fill allows {self._fill}")
-                elif not cut[head + a : head + b].all():
-                    short.append(where)
-        self._list(short)
-        for a, b in runs(~cut[head:tail]):
-            self._keep(table, rows, head + a, head + b, clock)
+                    cut[a:b] = True
+                else:
+                    short.append((where, a, b))
+        lines = [where for where, a, b in short if not cut[a:b].all()]
+        for line in (*lines[:_SHOWN], *([f"and {len(lines) - _SHOWN} more such gaps"] if lines[_SHOWN:] else ())):
+            self._note(f"{line}: filled")
+        for a, b in _runs(~cut[head:tail], head):
+            self._keep(table, a, b, clock)
 
     def _groups(self, present: Mask) -> list[tuple[str, list[int]]]:
         """Columns that are missing together, by what to call them."""
         sensors = list(range(SENSORS))
-        together = ~(present[:, sensors].any(axis=1) ^ present[:, sensors].all(axis=1))
+        together = present[:, sensors].any(axis=1) == present[:, sensors].all(axis=1)
         groups: list[tuple[str, list[int]]] = [("pressures", sensors)]
         if not together.all():
             groups = [(f"valid pressure {self._sensors[i]}", [i]) for i in sensors]
         return [*groups, ("command", [SENSORS])]
 
-    def _keep(self, table: Array, rows: Rows, a: int, b: int, clock: Clock) -> None:
-        """One piece of the rows from a to b, its gaps filled."""
-        # A gap of one column may end at a cut of another: without a neighbour there is no line to fill on.
+    def _keep(self, table: Array, a: int, b: int, clock: Clock) -> None:
+        """One piece of the rows at places a to b, its gaps filled."""
+        # A gap of one column may end at a cut of another: without a neighbour there is no line to fill on. And the
+        # action in force before the first row must be known, or have been 0, where the jets are shut in that row.
         whole = np.flatnonzero(np.isfinite(table[a:b]).all(axis=1)) + a
-        begin = next((k for k in whole.tolist() if self._before(table, rows, k) is not None), b)
-        end = int(whole[-1]) + 1 if len(whole) else b
-        initial = self._before(table, rows, begin) if begin < end else None
-        if initial is None or end - begin < SHORTEST:
-            rest = max(0, end - begin)
-            self.lines.append(f"{self._path}: a piece of {rest} rows {self._at(clock, a)} is left out: too short")
+        action = table[:, -1]
+        begins = whole[np.isfinite(action[whole - 1]) | (action[whole] == 0.0)]
+        count = int(whole[-1]) + 1 - int(begins[0]) if len(begins) else 0
+        if count < SHORTEST:
+            self._note(f"a piece of {count} rows {self._at(clock, a)} is left out: too short")
             return
-        a, b = begin, end
-        part = table[a:b]
-        self.filled[0] += int(np.isnan(part[:, :-1]).any(axis=1).sum())
-        self.filled[1] += int(np.isnan(part[:, -1]).sum())
-        part = np.column_stack([filled(column) for column in part.T])
-        time_s = clock.start_s + clock.period_s * np.arange(a, b, dtype=np.float64)
+        begin = int(begins[0])
+        rows = np.arange(count)
+        part = table[begin : begin + count]
+        missing = np.isnan(part)
+        self.filled[0] += int(missing[:, :-1].any(axis=1).sum())
+        self.filled[1] += int(missing[:, -1].sum())
+        part = np.column_stack([np.interp(rows, rows[np.isfinite(one)], one[np.isfinite(one)]) for one in part.T])
+        time_s = clock.start_s + clock.period_s * (begin - 1 + rows.astype(np.float64))
         self.pieces.append(
             Piece(
                 first_row=round((time_s[0] - self._begin_s) / self._period_s),
                 time_s=time_s,
                 Cp=part[:, :-1],
                 action=part[:, -1],
-                initial_action=initial,
+                initial_action=float(np.nan_to_num(action[begin - 1])),
             )
         )
-
-    @staticmethod
-    def _before(table: Array, rows: Rows, k: int) -> float | None:
-        """The action in force before row k: known from the log, or 0 where the jets are shut in row k; else None."""
-        before = float(table[k - 1, -1]) if k else (np.nan if rows.before is None else rows.before)
-        if np.isfinite(before):
-            return float(before)
-        return 0.0 if table[k, -1] == 0.0 else None
 
     def _cut(self, what: str, why: str = "") -> None:
         if not self._split:
             raise DatasetError(f"{self._path}: {what}{why}; with --split both sides become episodes of their own")
-        self.lines.append(f"{self._path}: {what}: cut there")
+        self._note(f"{what}: cut there")
 
-    def _list(self, short: list[str]) -> None:
-        self.lines += [f"{self._path}: {one}: filled" for one in short[:_SHOWN]]
-        if len(short) > _SHOWN:
-            self.lines.append(f"{self._path}: and {len(short) - _SHOWN} more such gaps: filled")
+    def _note(self, line: str) -> None:
+        self.lines.append(f"{self._path}: {line}")
 
-    def _at(self, clock: Clock, row: int) -> str:
-        return f"at {max(0.0, clock.start_s + clock.period_s * row - self._begin_s):.3f} s"
+    def _at(self, clock: Clock, place: int) -> str:
+        return f"at {max(0.0, clock.start_s + clock.period_s * (place - 1) - self._begin_s):.3f} s"
+
+
+def _runs(mask: Mask, start: int) -> list[tuple[int, int]]:
+    """First and one past the last of every run of True in (n,), counted from `start`."""
+    edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)) + start
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

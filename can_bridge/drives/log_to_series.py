@@ -4,7 +4,7 @@ A short gap is filled on the straight line between its neighbours. A long one en
 one uninterrupted recording. Whether a log may have more than one piece is the caller's choice.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -12,9 +12,9 @@ from typing import Final
 import can
 import numpy as np
 
-from can_bridge.drives.counted_frames import CountedFrame, Stretch, number, usual_interval
-from can_bridge.drives.log_frames import LogFrames, Verify, frames_of
-from can_bridge.drives.log_periods import Clock, Samples, Scales, clock_of, rows_of, samples_of
+from can_bridge.drives.counted_frames import number, usual_interval, without_repeats
+from can_bridge.drives.log_frames import Verify, frames_of
+from can_bridge.drives.log_periods import Clock, Scales, clock_of, samples_of, table_of
 from can_bridge.drives.log_pieces import SHORTEST, Cutter, Piece
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.message_sets import MessageSet
@@ -34,7 +34,7 @@ class LogReport:
     Attributes:
         messages: name of the set of messages.
         frames: pressures and commands used.
-        damaged, forged, duplicates, misplaced, foreign: frames that were not, by the reason.
+        unused: frames that were not, by the reason in words.
         lost: rows without a pressure frame, and rows without a command; known by the counters.
         filled: values that stand on a straight line: rows with one or more filled pressures, rows with a filled action.
         stale: frames whose pressures were older than a period when they were sent.
@@ -46,11 +46,7 @@ class LogReport:
 
     messages: str
     frames: tuple[int, int]
-    damaged: int
-    forged: int
-    duplicates: int
-    misplaced: int
-    foreign: int
+    unused: Mapping[str, int]
     lost: tuple[int, int]
     filled: tuple[int, int]
     stale: int
@@ -94,35 +90,51 @@ def series_of(
         verify: of secured messages; without it, freshness and authentication codes are not looked at.
     """
     log = frames_of(path, messages, only=only, verify=verify, back_s=scales.period_s)
-    modulus = profile_of(log.messages.pressure.spec).counter_period
-    _check_period(path, usual_interval(log.pressures, modulus), scales)
-    numbered = number(log.pressures, period_s=scales.period_s, modulus=modulus)
-    samples = [samples_of(one, log.messages, scales.period_s) for one in numbered.stretches]
-    period_s = _sender_period_s(path, numbered.stretches, samples, scales)
-    clocks = [clock_of(a, b.sampled_s, period_s) for a, b in zip(numbered.stretches, samples, strict=True)]
-    commands, repeated = _without_repeats(
-        log.commands, profile_of(log.messages.command.spec).counter_period * scales.period_s / 2
+    modulus, command_modulus = (
+        profile_of(one.spec).counter_period for one in (log.messages.pressure, log.messages.command)
     )
-    cutter = Cutter(path, fill, split, sensors, numbered.stretches[0].frames[0].time_s, period_s)
+    _check_period(path, usual_interval(log.pressures, modulus), scales)
+    stretches, repeated, misplaced = number(log.pressures, period_s=scales.period_s, modulus=modulus)
+    samples = [samples_of(one, log.messages, scales.period_s) for one in stretches]
+    # The sender's period on the log's clock, by the longest stretch; the control period where that is too short.
+    period_s = scales.period_s
+    longest = max(range(len(stretches)), key=lambda i: len(stretches[i]))
+    if len(stretches[longest]) >= SHORTEST:
+        clock = clock_of(stretches[longest], samples[longest].sampled_s)
+        _check_drift(path, clock, len(stretches[longest]), scales)
+        period_s = clock.period_s
+    clocks = [clock_of(a, b.sampled_s, period_s) for a, b in zip(stretches, samples, strict=True)]
+    commands = without_repeats(log.commands, command_modulus * scales.period_s / 2)
+    begins = [stretch.frames[0].time_s for stretch in stretches]
+    cutter = Cutter(path, fill, split, sensors, begins[0], period_s)
     lost = [0, 0]
-    for i, (stretch, clock) in enumerate(zip(numbered.stretches, clocks, strict=True)):
-        until = numbered.stretches[i + 1].frames[0].time_s if i + 1 < len(numbered.stretches) else np.inf
-        here = [one for one in commands if stretch.frames[0].time_s - period_s <= one.time_s < until]
-        rows = rows_of(stretch, samples[i], here, log.messages, scales, clock, modulus)
-        lost[0] += len(rows.action) - len(stretch)
-        lost[1] += int(np.isnan(rows.action).sum())
+    for i, (stretch, clock) in enumerate(zip(stretches, clocks, strict=True)):
+        until = begins[i + 1] if i + 1 < len(begins) else np.inf
+        here = [one for one in commands if begins[i] - period_s <= one.time_s < until]
+        table = table_of(stretch, samples[i].pressure_pa, here, log.messages, scales, clock, modulus)
+        lost[0] += len(table) - 1 - len(stretch)
+        lost[1] += int(np.isnan(table[1:, -1]).sum())
         if i > 0:
-            cutter.restart(numbered.stretches[i - 1].frames[-1].time_s, stretch.frames[0].time_s)
-        cutter.add(rows, clock)
-    _check_pieces(path, cutter, log, sensors)
+            cutter.restart(stretches[i - 1].frames[-1].time_s, begins[i])
+        cutter.add(table, clock)
+    if not cutter.pieces:
+        dead = [name for name, valid in zip(sensors, cutter.ever_valid, strict=True) if not valid]
+        raise DatasetError(
+            f"{path}: no part of it has {SHORTEST} control periods in a row with valid pressures and commands; it has "
+            f"{len(log.pressures)} pressures and {len(log.commands)} commands"
+            + (f", and {', '.join(dead)} valid in none" if dead else "")
+        )
+    unused = {
+        "damaged": log.damaged,
+        "not authentic": log.forged,
+        "repeated": repeated + len(log.commands) - len(commands),
+        "out of sequence": misplaced,
+        "of other messages": log.foreign,
+    }
     report = LogReport(
         messages=log.messages.name,
-        frames=(sum(map(len, numbered.stretches)), len(commands)),
-        damaged=log.damaged,
-        forged=log.forged,
-        duplicates=numbered.duplicates + repeated,
-        misplaced=numbered.misplaced,
-        foreign=log.foreign,
+        frames=(sum(map(len, stretches)), len(commands)),
+        unused={reason: count for reason, count in unused.items() if count},
         lost=(lost[0], lost[1]),
         filled=(cutter.filled[0], cutter.filled[1]),
         stale=sum(one.stale for one in samples),
@@ -132,27 +144,6 @@ def series_of(
         checked=(verify is not None) if log.messages.pressure.spec.is_secured else None,
     )
     return LogSeries(pieces=tuple(cutter.pieces), start_s=clocks[0].start_s, period_s=period_s, report=report)
-
-
-def _sender_period_s(path: Path, stretches: Sequence[Stretch], samples: Sequence[Samples], scales: Scales) -> float:
-    """On the log's clock, by the longest stretch; the control period where that is too short."""
-    longest = max(range(len(stretches)), key=lambda i: len(stretches[i]))
-    if len(stretches[longest]) < SHORTEST:
-        return scales.period_s
-    clock = clock_of(stretches[longest], samples[longest].sampled_s)
-    _check_drift(path, clock, len(stretches[longest]), scales)
-    return clock.period_s
-
-
-def _check_pieces(path: Path, cutter: Cutter, found: LogFrames, sensors: Sequence[str]) -> None:
-    if cutter.pieces:
-        return
-    dead = [name for name, valid in zip(sensors, cutter.ever_valid, strict=True) if not valid]
-    raise DatasetError(
-        f"{path}: no part of it has {SHORTEST} control periods in a row with valid pressures and commands; it has "
-        f"{len(found.pressures)} pressures and {len(found.commands)} commands"
-        + (f", and {', '.join(dead)} valid in none" if dead else "")
-    )
 
 
 def _check_period(path: Path, interval_s: float | None, scales: Scales) -> None:
@@ -175,15 +166,3 @@ def _check_drift(path: Path, clock: Clock, rows: int, scales: Scales) -> None:
             f"{scales.period_s * 1e3:.6g} ms: {drift:+.2%}, more than clocks differ; put --period or operating_point "
             f"right"
         )
-
-
-def _without_repeats(frames: Sequence[CountedFrame], within_s: float) -> tuple[tuple[CountedFrame, ...], int]:
-    """The frames, one of each, and how many were there again within a time in which the counter cannot come round."""
-    kept: list[CountedFrame] = []
-    last: dict[bytes, float] = {}
-    for frame in frames:
-        before = last.get(frame.data)
-        if before is None or abs(frame.time_s - before) > within_s:
-            kept.append(frame)
-        last[frame.data] = frame.time_s
-    return tuple(kept), len(frames) - len(kept)

@@ -206,19 +206,9 @@ def notes_on(drive: Drive) -> list[str]:
         f"{drive.path}: {report.messages}, {pressures} pressures and {commands} commands; "
         f"clock {report.drift * 1e6:+.0f} ppm, jitter up to {report.jitter_s * 1e3:.2f} ms"
     ]
-    lost = [
-        f"{count} {what}"
-        for count, what in (
-            (report.damaged, "damaged"),
-            (report.forged, "not authentic"),
-            (report.duplicates, "repeated"),
-            (report.misplaced, "out of sequence"),
-            (report.foreign, "of other messages"),
-        )
-        if count
-    ]
-    if lost:
-        lines.append(f"{drive.path}: frames not used: {', '.join(lost)}")
+    if report.unused:
+        unused = ", ".join(f"{count} {reason}" for reason, count in report.unused.items())
+        lines.append(f"{drive.path}: frames not used: {unused}")
     if any(report.lost) or report.stale or any(report.filled):
         stale = f", {report.stale} too old" if report.stale else ""
         lines.append(
