@@ -2,7 +2,7 @@
 
 from typing import Final, NamedTuple
 
-from firmware_sim.live.loop.messages import EventItem
+from firmware_sim.live.loop.messages import Message
 
 KEPT: Final = 500
 """Latest events that wait to be asked for."""
@@ -22,7 +22,7 @@ class EventLog:
     """Events of a session; their numbers go on from one run of the loop to the next."""
 
     def __init__(self) -> None:
-        self._new: list[EventItem] = []
+        self._new: list[Message] = []
         self._repeated: dict[str, _Repeated] = {}
         self._count = 0
 
@@ -50,12 +50,12 @@ class EventLog:
         """Time begins again at 0."""
         self._repeated = {}
 
-    def new(self) -> list[EventItem]:
+    def new(self) -> list[Message]:
         """Those since this was asked last, the latest `KEPT` of them."""
         items, self._new = self._new, []
         return items
 
     def _publish(self, kind: str, text: str, time_s: float, t: float) -> None:
-        item: EventItem = {"n": self._count, "time_s": time_s, "t": t, "kind": kind, "text": text}
+        item = {"n": self._count, "time_s": time_s, "t": t, "kind": kind, "text": text}
         self._count += 1
         self._new = [*self._new, item][-KEPT:]

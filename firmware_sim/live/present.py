@@ -15,7 +15,7 @@ from contract.geometry import HALF_WIDTH, JET_WIDTH
 from contract.release.checks import Bundle
 from firmware_sim.ecu.state_machine import OperatingMode
 from firmware_sim.live.loop.live_run import LiveRun, Period
-from firmware_sim.live.loop.messages import PERIOD_COLUMNS, SCHEMA, Choice, Hello, Now, Periods
+from firmware_sim.live.loop.messages import PERIOD_COLUMNS, SCHEMA, Choice, Message
 from firmware_sim.live.loop.noticing import UNPOWERED, Seen
 from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings
 from firmware_sim.runs.reasons import BECAUSE
@@ -34,8 +34,8 @@ def hello(
     controllers: Sequence[Choice],
     plants: Sequence[Choice],
     kept: int,
-) -> Hello:
-    """Everything that stays from this start of the plant on, and the settings."""
+) -> Message:
+    """Everything that stays from this start of the plant on, and the settings. Places are in W, the nose at x = 0."""
     manifest, layout, base = bundle.manifest, run.wake.layout, config.body.length
     slot = HALF_WIDTH - 0.5 * JET_WIDTH
     return {
@@ -48,10 +48,10 @@ def hello(
             "precision": manifest.precision,
             "signer": "" if bundle.signer is None else bundle.signer.fingerprint,
         },
-        "run": run.number,
+        "run": run.number,  # counts the plant's starts; k and t begin again with each
         "period_ms": config.period_ns / 1e6,
         "convective_time_s": config.operating_point.convective_time,
-        "control_period": config.flow.control_period,
+        "control_period": config.flow.control_period,  # t_c
         "action_limit": config.flow.action_limit,
         "horizon": manifest.mpc.horizon,
         "delay_steps": config.ecu.delay_steps,
@@ -63,11 +63,11 @@ def hello(
             {"name": name, "x": float(x), "y": float(y)}
             for name, (x, y) in zip(layout.names, layout.positions, strict=True)
         ],
-        "used": list(manifest.sensors),
+        "used": list(manifest.sensors),  # in the order of the Pressure message
         "body": outline(config.body).tolist(),
-        "jets": [[base, slot], [base, -slot]],
-        "view": list(run.scene.view),
-        "raster": list(run.scene.size),
+        "jets": [[base, slot], [base, -slot]],  # upper and lower
+        "view": list(run.view),  # x and y limits of the picture
+        "raster": list(run.raster),  # its width and height; empty where the plant has no field
         "states": [mode.name for mode in OperatingMode],
         "reasons": {reason.name: text for reason, text in BECAUSE.items()},
         "controllers": list(controllers),
@@ -76,18 +76,20 @@ def hello(
         "weights": asdict(manifest.mpc.weights),
         "weight_slider": asdict(WEIGHT),
         "settings": settings.to_tree(),
-        "kept": kept,
+        "kept": kept,  # periods that a page should keep
     }
 
 
-def periods(run: int, new: Iterable[Period], base: Index) -> Periods:
-    """New rows; `base` are the columns of the sensors on the base."""
+def periods(run: int, new: Iterable[Period], base: Index) -> Message:
+    """New rows, a list for each of `PERIOD_COLUMNS`; `base` are the columns of the sensors on the base."""
     rows = [[_number(value) for value in _values(period, base)] for period in new]
     columns = [list(column) for column in zip(*rows, strict=True)]
     return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
 
 
-def now(run: LiveRun, latest: Period, seen: Seen, *, fps: float, paused: bool, computed_by: str, losses: int) -> Now:
+def now(
+    run: LiveRun, latest: Period, seen: Seen, *, fps: float, paused: bool, computed_by: str, losses: int
+) -> Message:
     """As of the latest period; `losses` are the latest periods judged together."""
     fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
     planned = forces is not None and latest.planned_ns is not None
@@ -98,22 +100,22 @@ def now(run: LiveRun, latest: Period, seen: Seen, *, fps: float, paused: bool, c
         "k": latest.k,
         "t": latest.row.sample.t,
         "time_s": run.time_s(latest.k),
-        "state": seen.state,
+        "state": seen.state,  # of `OperatingMode`, or UNPOWERED or BOOT
         "reason": Reason(seen.reason).name,
         "misses": fail_safe.misses,
-        "lost": min(fail_safe.lost.bit_count(), losses),
+        "lost": min(fail_safe.lost.bit_count(), losses),  # of the latest loss_window periods
         "set_aside": list(seen.set_aside),
         "given_up": seen.given_up,
         "plan": _rounded(run.state.memory.plan) if planned else [],
-        "plan_from": latest.k + 1,
-        "forecast": _rounded(forces) if planned else [],
-        "cp": _rounded(latest.row.sample.Cp),
-        "read": [_number(value) for value in _rounded(run.disturbances.read)],
+        "plan_from": latest.k + 1,  # row in whose action and forces the first entry would be seen
+        "forecast": _rounded(forces) if planned else [],  # Cd and Cl for the same periods
+        "cp": _rounded(latest.row.sample.Cp),  # at all sensors
+        "read": [_number(value) for value in _rounded(run.disturbances.read)],  # by the transducers
         "uncontrolled_Cd": run.drag.uncontrolled,
         "drag_Cd": run.drag.now,
         "reduction_percent": run.drag.reduction_percent,
-        "fps": fps,
-        "real_time": fps * run.period_ns / 1e9,
+        "fps": fps,  # control periods a second, by the wall clock
+        "real_time": fps * run.period_ns / 1e9,  # virtual seconds a second
         "paused": paused,
         "computed_by": "" if seen.state == UNPOWERED else computed_by,
     }

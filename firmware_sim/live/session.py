@@ -21,7 +21,7 @@ from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.live import present
 from firmware_sim.live.event_log import EventLog
 from firmware_sim.live.loop.live_run import LiveRun, Period
-from firmware_sim.live.loop.messages import Answer, Choice, Hello, Message, pack_field
+from firmware_sim.live.loop.messages import Answer, Choice, Message, pack_field
 from firmware_sim.live.loop.noticing import START, noticed
 from firmware_sim.live.requests import Asked, asked
 from firmware_sim.live.setting_words import changes
@@ -90,7 +90,7 @@ class LiveSession:
         self._check_choices(self._settings)
         self._start(self._settings)
 
-    def hello(self) -> Hello:
+    def hello(self) -> Message:
         """Everything that stays until the plant starts again."""
         return present.hello(
             self._run,

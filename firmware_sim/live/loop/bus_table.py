@@ -11,7 +11,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import MessageSet
 from contract.config.tree import Config
 from firmware_sim.bench.disturbing import PORT_NAMES
-from firmware_sim.live.loop.messages import BusNow, BusRow
+from firmware_sim.live.loop.messages import Message
 from firmware_sim.runs.bus_traffic import NodeErrors
 
 ROWS: Final = 64
@@ -73,8 +73,9 @@ class BusTable:
 
     def message(
         self, run: int, *, pressures: ReceiverState, commands: ReceiverState, nodes: Mapping[str, NodeErrors]
-    ) -> BusNow:
-        """As of the end of the latest period. `pressures` and `commands` are of the receivers in ECU and vehicle."""
+    ) -> Message:
+        """The bus over the latest second of virtual time. `pressures` and `commands` are of the receivers in ECU and
+        vehicle."""
         first, last = self._activity[0], self._activity[-1]
         receivers = {
             self._messages.pressure.spec.frame_id: pressures,
@@ -89,7 +90,7 @@ class BusTable:
             "type": "bus",
             "run": run,
             "rows": [self._row(key, self._rows[key], receivers, last.now_ns) for key in chosen],
-            "load": min(load, 1.0),
+            "load": min(load, 1.0),  # 0 to 1
             "error_frames": last.error_frames - first.error_frames if passed_ns else last.error_frames,
             "nodes": [{"name": name, **asdict(errors)} for name, errors in nodes.items()],
         }
@@ -97,7 +98,7 @@ class BusTable:
     def _is_ours(self, key: tuple[int, bool]) -> bool:
         return not key[1] and key[0] in self._names
 
-    def _row(self, key: tuple[int, bool], row: _Row, receivers: Mapping[int, ReceiverState], now_ns: int) -> BusRow:
+    def _row(self, key: tuple[int, bool], row: _Row, receivers: Mapping[int, ReceiverState], now_ns: int) -> Message:
         frame_id, ours = key[0], self._is_ours(key)
         state = receivers[frame_id] if ours else None
         seconds = len(row.lately) * self._period_ns / _NS
@@ -109,9 +110,9 @@ class BusTable:
             "rate_hz": row.in_second / seconds if seconds else None,
             "age_ms": (now_ns - row.last_ns) / 1e6,
             "e2e": "" if state is None else _last_check(state.window),
-            "e2e_state": "" if state is None else state.stream.name,
+            "e2e_state": "" if state is None else state.stream.name,  # NODATA, INIT, VALID, INVALID
             "errors": 0 if state is None else sum(state.counts) - sum(map(state.count, GOOD)),
-            "limit_ms": self._period_ns / 1e6 if ours else None,
+            "limit_ms": self._period_ns / 1e6 if ours else None,  # cycle time by the DBC
         }
 
 

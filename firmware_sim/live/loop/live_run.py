@@ -1,7 +1,8 @@
 """One run of the live loop, from a start of its plant: stepped period by period, disturbed and observed meanwhile."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, cast
 
 from can_bridge.command_gate import Intervention
 from can_bridge.wire.message_sets import message_set
@@ -16,11 +17,11 @@ from firmware_sim.live.loop.control_request import ControlRequest
 from firmware_sim.live.loop.drag import DragMeans
 from firmware_sim.live.loop.messages import FieldPicture
 from firmware_sim.live.loop.noticing import BOOT, UNPOWERED, Seen
-from firmware_sim.live.loop.scene import scene_of
 from firmware_sim.live.loop.switching import LINGER_S, SwitchedDisturbances
 from firmware_sim.runs.bus_traffic import NodeErrors
 from firmware_sim.runs.run_log import Row
-from wake.plant.protocol import LoopPlant
+from wake.pictures.level_picture import LevelPicture
+from wake.plant.protocol import LivePlant, LoopPlant
 
 BOOT_S: Final = 0.2
 """Virtual time from power-on to the ECU's first step: what `reset` takes as its default."""
@@ -50,7 +51,9 @@ class LiveRun:
 
     Attributes:
         number, wake, ecu: as given; the ECU may be exchanged.
+        k: number of the next period, which lasts `period_ns` in virtual time.
         drag, bus_table: what a viewer sees of them.
+        view, raster: of the pictures, their limits in W, and their pixels; empty for a plant whose flow has none.
         picture: the flow at the start of the latest period; None without one.
         latest: period; None before the first.
         state: of the ECU after the latest period.
@@ -75,42 +78,35 @@ class LiveRun:
         self.disturbances = SwitchedDisturbances(config, sensors, seed)
         self.drag = DragMeans(config.flow.control_period, kept)
         self.bus_table = BusTable(config, message_set(config.bus))
-        self.scene = scene_of(wake)
+        self._levels = LevelPicture(cast(LivePlant, wake)) if hasattr(wake, "vorticity") else None
+        self.view: Sequence[float] = () if self._levels is None else self._levels.view
+        self.raster: Sequence[int] = () if self._levels is None else self._levels.size
         self.picture: FieldPicture | None = None
         self.latest: Period | None = None
         self.is_off = False
         wired = wire(wake, sensors, config, ecu, self.disturbances, observe=self.bus_table)
         self._loop, self._bus, self._ports, self.node = wired.loop, wired.bus, wired.ports, wired.node
-        self._k = 0
+        self.k, self.period_ns = 0, config.period_ns
         self.state: EcuState = ecu.ecu.state
-
-    @property
-    def k(self) -> int:
-        """Number of the next period."""
-        return self._k
-
-    @property
-    def period_ns(self) -> int:
-        """Control period in virtual time."""
-        return self._config.period_ns
 
     def time_s(self, k: int) -> float:
         """When period k begins, in s of the run."""
-        return k * self._config.period_ns / 1e9
+        return k * self.period_ns / 1e9
 
     def step(self) -> Period:
         """One control period. Raises StillwakeError if the flow diverges."""
-        k, loop = self._k, self._loop
+        k, loop = self.k, self._loop
         requested = self.request.requests(
             k, self.state.fail_safe, is_up=loop.ecu_is_up, given_up=self.node.has_given_up
         )
-        self.picture = self.scene.look(k)
+        if self._levels is not None:
+            self.picture = FieldPicture(k=k, t=cast(LivePlant, self.wake).t, levels=self._levels.levels())
         row = loop.period(enable_request=requested)
         self.state = self.ecu.ecu.state
         planned = loop.planned_ns[-1] if loop.planned_ns else None
         loop.planned_ns.clear()
         self.latest = Period(k=k, row=row, requested=requested, planned_ns=planned)
-        self._k = k + 1
+        self.k = k + 1
         self.disturbances.period_over(k)
         self.bus_table.period_over(self._bus.activity())
         without = self.request.first is None or self.request.first == k
@@ -132,7 +128,7 @@ class LiveRun:
         if self.state.sensors.set_aside is not None and not self.is_off:
             self.power_cycle()
         longest = max(self._config.ecu.loss_window, self._config.vehicle.loss_window)
-        self.request.helped_until = self._k + longest + round(LINGER_S * 1e9 / self._config.period_ns)
+        self.request.helped_until = self.k + longest + round(LINGER_S * 1e9 / self._config.period_ns)
         return self.request.rearm(self.state.fail_safe, given_up=self.node.has_given_up)
 
     def power_cycle(self) -> None:
@@ -166,7 +162,7 @@ class LiveRun:
 
     def set_disturbances(self, texts: tuple[str, ...]) -> None:
         """Have these at work from the next period on. What comes of a new one is its own, and not helped."""
-        if self.disturbances.set(texts, self._k):
+        if self.disturbances.set(texts, self.k):
             self.request.helped_until = 0
 
     def errors(self) -> dict[str, NodeErrors]:

@@ -12,14 +12,14 @@ LONGEST_REQUEST: Final = 16 * 1024
 def check(text: str | bytes) -> Answer | None:
     """None for a request that the loop can be asked; otherwise the answer with its error."""
     if isinstance(text, bytes):
-        return Answer(error="a request is text, and not bytes")
+        return {"error": "a request is text, and not bytes"}
     try:
         value = json.loads(text, parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
-        return Answer(error=f"a request is JSON: {error}")
+        return {"error": f"a request is JSON: {error}"}
     if not isinstance(value, dict):
-        return Answer(error='a request is an object, such as {"id": 1, "set": {"enable": true}}')
-    return None if type(value.get("id", 0)) is int else Answer(error="id: must be a whole number")
+        return {"error": 'a request is an object, such as {"id": 1, "set": {"enable": true}}'}
+    return None if type(value.get("id", 0)) is int else {"error": "id: must be a whole number"}
 
 
 def as_json(message: Message | Answer) -> str:

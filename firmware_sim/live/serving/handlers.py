@@ -206,7 +206,7 @@ class Control(Socket):
         refusal = check(message)
         number = json.loads(message).get("id") if refusal is None else None
         if refusal is None and len(self._unanswered) >= MOST_UNANSWERED:
-            refusal = Answer(error=f"{MOST_UNANSWERED} requests wait for the loop already")
+            refusal = {"error": f"{MOST_UNANSWERED} requests wait for the loop already"}
         if refusal is not None:
             await self._answer(refusal, number)
             return

@@ -4,11 +4,11 @@ A `Viewer` holds how far it has come, so a slow one costs as much as a quick one
 """
 
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from threading import Lock
-from typing import Any, Final, cast
+from typing import Any, Final
 
-from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Events, Hello, Message, Periods
+from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Message
 
 PICTURE: Final = "picture"
 STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus", PICTURE)
@@ -45,7 +45,7 @@ class Hub:
                 return (_periods(self._run, rows) if rows else None), count
             if stream == "events":
                 items, count = self._events.after(count, MOST_ROWS)
-                return (Events(type="events", run=self._run, items=items) if items else None), count
+                return ({"type": "events", "run": self._run, "items": items} if items else None), count
             newest, value = self._latest.get(stream, (0, None))
             return (value if newest > count else None), max(newest, count)
 
@@ -54,7 +54,7 @@ class Hub:
         if isinstance(message, bytes):
             self._latest[PICTURE] = (self._count, message)
         elif message["type"] == "periods":
-            columns = cast(Mapping[str, list[float | None]], message["columns"])
+            columns = message["columns"]
             self._periods.extend(zip(*(columns[name] for name in PERIOD_COLUMNS), strict=True))
         elif message["type"] == "events":
             self._events.extend(message["items"])
@@ -63,7 +63,7 @@ class Hub:
                 self._begin(message)
             self._latest[message["type"]] = (self._count, message)
 
-    def _begin(self, hello: Hello) -> None:
+    def _begin(self, hello: Message) -> None:
         """Forget what is of the run before."""
         self._run = hello["run"]
         self._periods.restart(hello["kept"])
@@ -119,6 +119,6 @@ class Ring:
         return [self._items[i - first] for i in range(begin, end)], max(end, count)
 
 
-def _periods(run: int, rows: list[tuple[float | None, ...]]) -> Periods:
+def _periods(run: int, rows: list[tuple[float | None, ...]]) -> Message:
     columns = [list(column) for column in zip(*rows, strict=True)]
-    return Periods(type="periods", run=run, columns=dict(zip(PERIOD_COLUMNS, columns, strict=True)))
+    return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}

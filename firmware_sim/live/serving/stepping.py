@@ -6,38 +6,24 @@ import pickle
 import signal
 import time
 import traceback
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from queue import Queue
-from threading import Condition, Thread
-from typing import Any, Final, Protocol
+from threading import Lock, Thread
+from typing import TYPE_CHECKING, Any, Final
 
 from contract.errors import StillwakeError
-from firmware_sim.live.loop.messages import Answer, LoopNow, Message, Request
-from firmware_sim.live.serving.hub import STREAMS, Hub, Viewer
+from firmware_sim.live.loop.messages import Answer, Message, Request
+
+if TYPE_CHECKING:
+    from firmware_sim.live.session import LiveSession
 
 IDLE_S: Final = 0.02
 """Between two looks at a session that makes no periods, such as one that is paused."""
 
 
-class Session(Protocol):
-    """A loop as it is stepped here. Some requests need what takes seconds to make."""
-
-    def step(self) -> None:
-        """One control period; nothing while it is paused."""
-
-    def handle(self, request: Request) -> Answer:
-        """Do what a viewer asks for."""
-
-    def messages(self) -> Sequence[Message | bytes]:
-        """What is new since the last call."""
-
-    def before(self, request: Request) -> Callable[[], None] | None:
-        """What makes it, in a thread of its own while the loop goes on; None where the request can be handled now."""
-
-
-MakeSession = Callable[[Callable[[str], None]], Session]
+MakeSession = Callable[[Callable[[str], None]], "LiveSession"]
 """Makes it, in the loop's process. Its argument shows viewers one line on what is waited for, as long as the session
 lasts."""
 
@@ -62,17 +48,18 @@ def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     except Exception as error:  # noqa: BLE001  (whatever it is: the server reports it, and decides what becomes of it)
         if not isinstance(error, StillwakeError):
             traceback.print_exc()
-        outbox.end(_that_travels(error))
+        outbox.send("ended", _that_travels(error))
 
 
-def _step(session: Session, pipe: Connection, outbox: "Outbox", *, fast: bool) -> None:
+def _step(session: "LiveSession", pipe: Connection, outbox: "Outbox", *, fast: bool) -> None:
     requests = Requests(session, outbox)
     period_s = 0.0
     due = time.monotonic()
     while True:
         session.step()
         new = session.messages()
-        outbox.put(new)
+        if new:
+            outbox.send("messages", new)
         for message in new:
             if not isinstance(message, bytes) and message["type"] == "hello":
                 period_s = message["period_ms"] / 1e3
@@ -89,7 +76,7 @@ def _step(session: Session, pipe: Connection, outbox: "Outbox", *, fast: bool) -
 class Requests:
     """Between two periods: those that can be handled at once, and one for which something is made meanwhile."""
 
-    def __init__(self, session: Session, outbox: "Outbox") -> None:
+    def __init__(self, session: "LiveSession", outbox: "Outbox") -> None:
         self._session, self._outbox = session, outbox
         self._waiting: tuple[int, Request] | None = None
         self._made: Queue[StillwakeError | None] = Queue()
@@ -100,7 +87,7 @@ class Requests:
         if work is None:
             self._answer(number, self._session.handle(request))
         elif self._waiting is not None:
-            self._answer(number, Answer(error="something is being made already: ask again when it is there"))
+            self._answer(number, {"error": "something is being made already: ask again when it is there"})
         else:
             self._waiting = number, request
             Thread(target=self._make, args=(work,), name="making", daemon=True).start()
@@ -111,12 +98,11 @@ class Requests:
             return
         (number, request), self._waiting = self._waiting, None
         error = self._made.get()
-        self._answer(
-            number, self._session.handle(request) if error is None else Answer(error=" ".join(str(error).split()))
-        )
+        failed = {"error": " ".join(str(error).split())}
+        self._answer(number, self._session.handle(request) if error is None else failed)
 
     def _answer(self, number: int, answer: Answer) -> None:
-        self._outbox.answer(number, answer)
+        self._outbox.send("answer", (number, answer))
         if self._waiting is None:
             self._outbox.report("running")
 
@@ -133,70 +119,24 @@ class Requests:
 
 
 class Outbox:
-    """What is to be sent, by a thread of its own: newest values and rings, so that it never grows."""
+    """Sends, from any thread; at the server one does nothing but receive. Where the server is gone, the loop sees it at
+    the pipe."""
 
     def __init__(self, pipe: Connection) -> None:
-        self._pipe = pipe
-        self._hub = Hub()
-        self._viewer = Viewer(self._hub)
-        self._answers = deque[tuple[int, Answer]]()
-        self._state: LoopNow | None = None
-        self._error: Exception | None = None
-        self._changed = Condition()
-        self._has_news = False
-        self._thread = Thread(target=self._send, name="outbox", daemon=True)
-        self._thread.start()
+        self._pipe, self._lock = pipe, Lock()
+        self._state: Message = {}
 
-    def put(self, messages: Sequence[Message | bytes]) -> None:
-        """Messages of the session."""
-        if messages:
-            self._hub.put(messages)
-            self._wake()
-
-    def answer(self, number: int, answer: Answer) -> None:
-        """To the request of this number."""
-        self._answers.append((number, answer))
-        self._wake()
+    def send(self, kind: str, content: object) -> None:
+        """One of the pairs of `run`."""
+        with self._lock, suppress(OSError):
+            self._pipe.send((kind, content))
 
     def report(self, state: str, text: str = "") -> None:
         """What this process does, where it is another thing than before."""
-        now = LoopNow(type="loop", state=state, text=text)
+        now = {"type": "loop", "state": state, "text": text}
         if now != self._state:
             self._state = now
-            self.put([now])
-
-    def end(self, error: Exception) -> None:
-        """The last word; returns when it is sent."""
-        self._error = error
-        self._wake()
-        self._thread.join()
-
-    def _wake(self) -> None:
-        with self._changed:
-            self._has_news = True
-            self._changed.notify()
-
-    def _send(self) -> None:
-        try:
-            while True:
-                with self._changed:
-                    self._changed.wait_for(lambda: self._has_news)
-                    self._has_news = False
-                # The error is read first: what was put before it is sent before it.
-                error = self._error
-                self._send_news()
-                if error is not None:
-                    self._pipe.send(("ended", error))
-                    return
-        except OSError:
-            # The server is gone; the loop sees it at the pipe.
-            return
-
-    def _send_news(self) -> None:
-        while batch := [message for stream in STREAMS if (message := self._viewer.take(stream)) is not None]:
-            self._pipe.send(("messages", batch))
-        while self._answers:
-            self._pipe.send(("answer", self._answers.popleft()))
+            self.send("messages", [now])
 
 
 def _that_travels(error: Exception) -> Exception:

@@ -9,7 +9,7 @@ from itertools import count
 from typing import Any, Final
 
 from contract.errors import StillwakeError
-from firmware_sim.live.loop.messages import Answer, EventItem, Events, LoopNow, Message
+from firmware_sim.live.loop.messages import Answer, Message
 from firmware_sim.live.serving.hub import Hub
 from firmware_sim.live.serving.process import LoopProcess
 from firmware_sim.live.serving.stepping import MakeSession
@@ -60,7 +60,7 @@ class Supervisor:
                 error = await self._until_it_ends()
                 self._why = f"the loop ended: {error}"
                 if time.monotonic() - began < self._short_life_s:
-                    self._put(LoopNow(type="loop", state="ended", text=self._why))
+                    self._put("ended", self._why)
                     raise error
         finally:
             self._sender.shutdown(wait=False, cancel_futures=True)
@@ -75,7 +75,7 @@ class Supervisor:
             ended=lambda error: self._later(_resolve, ended, error),
         )
         again = f"{self._why}; " if self._why else ""
-        self._put(LoopNow(type="loop", state="starting", text=again + STARTING))
+        self._put("starting", again + STARTING)
         process.start()
         self._process = process
         try:
@@ -83,7 +83,7 @@ class Supervisor:
         finally:
             self._process = None
             for number in list(self._waiting):
-                self._settle(number, Answer(error="the loop has ended"))
+                self._settle(number, {"error": "the loop has ended"})
             # Not awaited where this is cancelled: the process is to be gone when this returns.
             process.end()
 
@@ -91,9 +91,9 @@ class Supervisor:
         """What the loop answers to a request as JSON; it takes as long as the loop needs for it."""
         process = self._process
         if process is None:
-            return Answer(error="the loop has ended")
+            return {"error": "the loop has ended"}
         if len(self._waiting) >= MOST_WAITING:
-            return Answer(error=f"{MOST_WAITING} requests wait for the loop already: ask again when it has answered")
+            return {"error": f"{MOST_WAITING} requests wait for the loop already: ask again when it has answered"}
         number = next(self._numbers)
         answer: asyncio.Future[Answer] = self._events.create_future()
         self._waiting[number] = answer
@@ -101,7 +101,7 @@ class Supervisor:
             await self._events.run_in_executor(self._sender, process.ask, number, request)
             return await answer
         except StillwakeError as error:
-            return Answer(error=str(error))
+            return {"error": str(error)}
         finally:
             self._waiting.pop(number, None)
 
@@ -126,17 +126,17 @@ class Supervisor:
             if message["type"] == "hello" and self._why:
                 # What is kept begins with this `hello`; that the loop had ended is to be seen later, too. The number is
                 # below those of the session, which a page takes to go up.
-                item = EventItem(n=-1, time_s=0.0, t=0.0, kind="loop", text=self._why)
-                self.hub.put([Events(type="events", run=message["run"], items=[item])])
+                item = {"n": -1, "time_s": 0.0, "t": 0.0, "kind": "loop", "text": self._why}
+                self.hub.put([{"type": "events", "run": message["run"], "items": [item]}])
                 self._why = ""
         # One call at a time waits for the event loop, however much is sent meanwhile.
         if not self._is_waking:
             self._is_waking = True
             self._later(self._wake)
 
-    def _put(self, message: LoopNow) -> None:
-        self.hub.put([message])
-        self._report(message["text"])
+    def _put(self, state: str, text: str) -> None:
+        self.hub.put([{"type": "loop", "state": state, "text": text}])
+        self._report(text)
         self._wake()
 
     def _wake(self) -> None:

@@ -5,23 +5,21 @@ import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 from contract.errors import PlantError, StillwakeError
-from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Answer, Hello, Message, Periods, Request
-from firmware_sim.live.serving.stepping import Session
+from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Answer, Message, Request
 
 KEPT = 50
 PICTURE_BYTES = 90_000
 
 
-def hello(run: int = 1, kept: int = KEPT) -> Hello:
-    return cast(Hello, {"type": "hello", "run": run, "kept": kept, "period_ms": 5.0})
+def hello(run: int = 1, kept: int = KEPT) -> Message:
+    return {"type": "hello", "run": run, "kept": kept, "period_ms": 5.0}
 
 
-def periods(*numbers: int, run: int = 1) -> Periods:
-    columns: dict[str, list[float | None]] = {name: [float(k) for k in numbers] for name in PERIOD_COLUMNS}
-    return Periods(type="periods", run=run, columns=columns)
+def periods(*numbers: int, run: int = 1) -> Message:
+    return {"type": "periods", "run": run, "columns": {name: [float(k) for k in numbers] for name in PERIOD_COLUMNS}}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +32,7 @@ class MakeFake:
 
     error: str = ""
 
-    def __call__(self, show: Callable[[str], None]) -> Session:
+    def __call__(self, show: Callable[[str], None]) -> Any:
         if self.error:
             raise StillwakeError(self.error)
         return FakeSession(show)
@@ -55,7 +53,7 @@ class FakeSession:
             os.kill(os.getpid(), signal.SIGKILL)
         if not self.paused:
             self.new += [periods(self.k), bytes(PICTURE_BYTES)]
-            self.new += [cast(Any, {"type": "now", "k": self.k, "t": float("nan")})]
+            self.new += [{"type": "now", "k": self.k, "t": float("nan")}]
             self.k += 1
 
     def handle(self, request: Request) -> Answer:
