@@ -1,4 +1,4 @@
-"""A whole log, message by message: what `stillwake can decode` prints, writes and sums up."""
+"""The traffic of a log or a bus, message by message: what `stillwake can decode` and `can monitor` show."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -15,16 +15,24 @@ from contract.config.vehicle import BusConfig
 
 @dataclass(kw_only=True)
 class Summary:
-    """What a log holds.
+    """What was seen so far.
 
     Attributes:
+        config: bit rates, for the load, and how counters are judged. A frame without bit-rate switch is charged the
+            nominal rate throughout.
+        key: of secured messages; without it their authentication is not checked.
+        most: messages that are kept; of more identifiers only the frames are counted, as `unlisted`.
         messages: by (extended, identifier).
         remote, errors, unsound: frames that carry no data, and such as no wire carries.
         first_s, last_s: earliest and latest time of a frame of any kind, wherever it stands; None without one.
         busy_ns: how long the data frames occupied the bus, their stuff bits counted, intermissions included.
     """
 
+    config: BusConfig
+    key: Key | None = field(default=None, repr=False)
+    most: int | None = None
     messages: dict[tuple[bool, int], Traffic] = field(default_factory=dict)
+    unlisted: int = 0
     remote: int = 0
     errors: int = 0
     unsound: int = 0
@@ -35,7 +43,17 @@ class Summary:
     @property
     def frames(self) -> int:
         """Data frames."""
-        return sum(one.count for one in self.messages.values())
+        return self.unlisted + sum(one.count for one in self.messages.values())
+
+    @property
+    def lost(self) -> int:
+        """Frames missing by their counters."""
+        return sum(one.lost for one in self.messages.values())
+
+    @property
+    def refused(self) -> int:
+        """Frames that a receiver would not have used."""
+        return sum(one.refused for one in self.messages.values())
 
     @property
     def unchecked_macs(self) -> int:
@@ -78,6 +96,29 @@ class Summary:
             ],
         }
 
+    def add(self, message: can.Message) -> Traffic | None:
+        """One more, stamped with the time it came; what is known of its message then, None if it is not listed."""
+        time_s = message.timestamp
+        self.first_s = time_s if self.first_s is None else min(time_s, self.first_s)
+        self.last_s = time_s if self.last_s is None else max(time_s, self.last_s)
+        frame = frame_of(message)
+        if frame is None:
+            self.errors += message.is_error_frame
+            self.remote += message.is_remote_frame and not message.is_error_frame
+            self.unsound += not (message.is_error_frame or message.is_remote_frame)
+            return None
+        self.busy_ns += frame_ns(
+            frame,
+            nominal_bitrate=self.config.nominal_bitrate,
+            data_bitrate=self.config.data_bitrate if message.bitrate_switch else self.config.nominal_bitrate,
+        )
+        place = (frame.is_extended, frame.frame_id)
+        if place not in self.messages and len(self.messages) == self.most:
+            self.unlisted += 1
+            return None
+        self.messages[place] = observe(self.messages.get(place), frame, e2e=self.config.e2e, key=self.key)
+        return self.messages[place]
+
 
 def summarise(
     messages: Iterable[can.Message],
@@ -86,36 +127,11 @@ def summarise(
     key: Key | None = None,
     seen: Callable[[Traffic], None] = lambda traffic: None,
 ) -> Summary:
-    """Go through a log.
-
-    Args:
-        messages: in the order of the file.
-        config: bit rates, for the load, and how counters are judged. A frame without bit-rate switch is charged the
-            nominal rate throughout.
-        key: of secured messages; without it their authentication is not checked.
-        seen: called after each data frame with what is known of its message then.
-    """
-    summary = Summary()
+    """Go through a log, in the order of the file. `seen` is called after each data frame with what is known of its
+    message then."""
+    summary = Summary(config=config, key=key)
     for message in messages:
-        time_s = message.timestamp
-        summary.first_s = time_s if summary.first_s is None else min(time_s, summary.first_s)
-        summary.last_s = time_s if summary.last_s is None else max(time_s, summary.last_s)
-        if message.is_error_frame:
-            summary.errors += 1
-            continue
-        if message.is_remote_frame:
-            summary.remote += 1
-            continue
-        frame = frame_of(message)
-        if frame is None:
-            summary.unsound += 1
-            continue
-        summary.busy_ns += frame_ns(
-            frame,
-            nominal_bitrate=config.nominal_bitrate,
-            data_bitrate=config.data_bitrate if message.bitrate_switch else config.nominal_bitrate,
-        )
-        place = (frame.is_extended, frame.frame_id)
-        summary.messages[place] = observe(summary.messages.get(place), frame, e2e=config.e2e, key=key)
-        seen(summary.messages[place])
+        traffic = summary.add(message)
+        if traffic is not None:
+            seen(traffic)
     return summary

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,11 +17,10 @@ from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
 
 if TYPE_CHECKING:
-    import can
     from rich.console import RenderableType
 
-    from can_bridge.tools.monitor import MonitorState
     from can_bridge.tools.raw_bus import RawBus
+    from can_bridge.tools.summary import Summary
 
 REFRESH_S = 0.1
 """Between two drawings of the table."""
@@ -51,7 +49,8 @@ def monitor(
     --set bus.key=FILE the MAC and freshness of secured messages are checked
     first. Of other messages it shows the bytes; `cantools monitor` decodes them.
     """
-    from can_bridge.tools.monitor import MonitorState
+    from can_bridge.tools.monitor import MOST_MESSAGES
+    from can_bridge.tools.summary import Summary
     from stillwake.commands.can.monitor_screen import screen
 
     uses = ("bus.e2e", "bus.key") if log is not None else (*BUS, "bus.e2e", "bus.key")
@@ -62,42 +61,40 @@ def monitor(
             raise ConfigError("--for: goes with a bus; a log is read to its end")
     title = str(log) if log is not None else f"{config.interface} {config.channel}"
 
-    def table(state: MonitorState, now_ns: int) -> "RenderableType":
-        return screen(state, now_ns, source=title, matching=match, width=console.width)
+    summary = Summary(config=config, key=key_of(config.key), most=MOST_MESSAGES)
 
-    state = MonitorState(e2e=config.e2e, key=key_of(config.key))
+    def table(now_s: float) -> "RenderableType":
+        return screen(summary, now_s, source=title, matching=match, width=console.width)
+
     if log is not None:
-        console.print(table(*_of_log(state, log)))
+        _read(summary, log)
+        console.print(table(summary.last_s or 0.0))
         return
     from can_bridge.tools.raw_bus import open_bus
 
     with open_bus(config) as bus, until_stopped() as is_stopped:
         end = float("inf") if seconds is None else time.monotonic() + seconds
-        _follow(bus, state, table, lambda: is_stopped() or time.monotonic() >= end)
+        _follow(bus, summary, table, lambda: is_stopped() or time.monotonic() >= end)
 
 
-def _of_log(state: "MonitorState", log: Path) -> "tuple[MonitorState, int]":
-    """The state at the log's end, and its latest time in ns."""
+def _read(summary: "Summary", log: Path) -> None:
     from can_bridge.logs.log_reader import check_suffix, read_messages
 
     check_suffix(log)
-    last_ns, done = 0, 0
     with progress_bar("frames") as bar:
         task = bar.add_task(f"reading {log.name}", total=None, note="")
         show = now_and_then(lambda done: bar.update(task, completed=done))
-        for message in read_messages(log):
-            time_ns = round(message.timestamp * 1e9)
-            state, last_ns, done = _seen(state, message, time_ns), max(last_ns, time_ns), done + 1
-            show(done)
-    if not done:
+        for number, message in enumerate(read_messages(log), 1):
+            summary.add(message)
+            show(number)
+    if summary.last_s is None:
         raise BusError(f"{log}: holds no CAN frame")
-    return state, last_ns
 
 
 def _follow(
     bus: "RawBus",
-    state: "MonitorState",
-    table: "Callable[[MonitorState, int], RenderableType]",
+    summary: "Summary",
+    table: "Callable[[float], RenderableType]",
     is_over: Callable[[], bool],
 ) -> None:
     """The table on a terminal; without one a line a second, and the table at the end."""
@@ -111,16 +108,16 @@ def _follow(
     with ExitStack() as stack:
         live = stack.enter_context(Live(console=console, auto_refresh=False)) if is_live else None
         while not is_over():
-            state = _heard(bus, state, REFRESH_S / 2)
+            _hear(bus, summary, REFRESH_S / 2)
             now = time.monotonic()
             if now - shown < interval:
                 continue
             shown = now
             if live is None:
-                console.print(line(state, now - begin))
+                console.print(line(summary, now - begin))
             else:
-                live.update(table(state, time.monotonic_ns()), refresh=True)
-        last = table(state, time.monotonic_ns())
+                live.update(table(now), refresh=True)
+        last = table(time.monotonic())
         if live is None:
             console.print(last)
         else:
@@ -128,8 +125,8 @@ def _follow(
             live.update(last)
 
 
-def _heard(bus: "RawBus", state: "MonitorState", wait_s: float) -> "MonitorState":
-    """The state after the frames that are there, having waited at most so long for the first.
+def _hear(bus: "RawBus", summary: "Summary", wait_s: float) -> None:
+    """Take the frames that are there, having waited at most so long for the first.
 
     They are stamped when they are taken from the bus: clocks of interfaces differ, and jump.
     """
@@ -137,12 +134,5 @@ def _heard(bus: "RawBus", state: "MonitorState", wait_s: float) -> "MonitorState
         message = bus.receive_message(wait_s if i == 0 else 0.0)
         if message is None:
             break
-        state = _seen(state, message, time.monotonic_ns())
-    return state
-
-
-def _seen(state: "MonitorState", message: "can.Message", now_ns: int) -> "MonitorState":
-    from can_bridge.tools.raw_bus import frame_of
-
-    frame = frame_of(message)
-    return state.seen_other() if frame is None else state.seen(replace(frame, timestamp_ns=now_ns))
+        message.timestamp = time.monotonic()
+        summary.add(message)

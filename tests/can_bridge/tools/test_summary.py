@@ -1,9 +1,17 @@
-"""Counts, rates and the load of logs that were made up."""
+"""Counts, times and load of traffic that was made up, and what a live view lists of it."""
+
+from dataclasses import replace
 
 import can
+import pytest
 
-from can_bridge.tools.summary import summarise
+from can_bridge.bus.conversion import to_message
+from can_bridge.tools.monitor import rows
+from can_bridge.tools.summary import Summary, summarise
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from contract.config.vehicle import BusConfig
+from tests.can_bridge.tools.test_observed_traffic import frame
 
 
 def load(messages: list[can.Message]) -> float:
@@ -12,7 +20,14 @@ def load(messages: list[can.Message]) -> float:
     return summary.load
 
 
-def test_load_of_a_known_frame():
+def summary_of(*frames: Frame, most: int | None = None) -> Summary:
+    summary = Summary(config=BusConfig(), most=most)
+    for one in frames:
+        summary.add(to_message(one))
+    return summary
+
+
+def test_load_of_known_frames():
     """Identifier 0x555 and data 0x55...: no five equal bits up to the CRC, so stuff bits can only lie there.
 
     111 bits without stuffing (ISO 11898-1: 44 + 64 and 3 of intermission) and at most 3 in the CRC and its
@@ -23,9 +38,6 @@ def test_load_of_a_known_frame():
         for i in range(1001)
     ]
     assert 111 - 1e-6 <= load(frames) / 1001 * 500_000 <= 114 + 1e-6
-
-
-def test_a_frame_without_bit_rate_switch_takes_longer():
     fast, slow = (
         load([can.Message(timestamp=t, is_fd=True, bitrate_switch=brs, data=bytes(64)) for t in (0.0, 1.0)])
         for brs in (True, False)
@@ -34,7 +46,60 @@ def test_a_frame_without_bit_rate_switch_takes_longer():
     assert 2.5 * fast < slow < 4.0 * fast
 
 
-def test_a_log_that_runs_backwards_spans_from_its_earliest_to_its_latest_frame():
+def test_times_and_other_frames_of_a_log_that_runs_backwards():
     frames = [can.Message(timestamp=t, data=bytes(8)) for t in (9.0, 1.0, 5.0)]
-    summary = summarise(frames, config=BusConfig())
-    assert (summary.first_s, summary.last_s, summary.span_s) == (1.0, 9.0, 8.0)
+    frames += [can.Message(timestamp=5.0, is_error_frame=True), can.Message(timestamp=5.0, is_remote_frame=True, dlc=8)]
+    frames += [can.Message(timestamp=5.0, data=bytes(9))]
+    found = summarise(frames, config=BusConfig())
+    assert (found.first_s, found.last_s, found.span_s) == (1.0, 9.0, 8.0)
+    assert (found.frames, found.errors, found.remote, found.unsound) == (3, 1, 1, 1)
+
+
+def test_rows_of_a_command_with_a_loss_and_a_refused_frame():
+    good = frame(JET_COMMAND, 3, t_ns=60_000_000)
+    summary = summary_of(*(frame(JET_COMMAND, i, t_ns=i * 20_000_000) for i in (0, 1)), good)
+    ((traffic, cells),) = rows(summary)
+    signals = ["Mode", "Enable", "PressureCounterValid", "NextPeriod", "Flow", "PressureCounter"]
+    assert [one[0] for one in cells] == signals
+    assert cells[4] == ("Flow", "0", "m2/s")
+    # Frames at 0, 20 and 60 ms, looked at 100 ms: two intervals in 60 ms, age 40 ms.
+    assert traffic.rate_hz(100_000_000) == pytest.approx(2 / 0.06)
+    assert traffic.age_ns(100_000_000) == 40_000_000
+    assert (traffic.verdict, traffic.is_good) == ("some lost", True)
+    assert (summary.lost, summary.refused, summary.frames) == (1, 0, 3)
+    summary.add(to_message(replace(good, data=good.data[:-1] + b"\1")))
+    ((traffic, _),) = rows(summary)
+    assert (traffic.verdict, traffic.is_good, summary.refused) == ("CRC wrong", False, 1)
+
+
+def test_unknown_and_unreadable_messages_show_their_bytes_behind_all_11_bit_identifiers():
+    summary = summary_of(
+        Frame(frame_id=0x1ABCDEF0, data=b"\xde\xad", is_extended=True, is_fd=False),
+        Frame(frame_id=0x7FF, data=b"", is_fd=False),
+        Frame(frame_id=0x120, data=b"\1\2"),
+    )
+    assert [(one.name, one.latest.frame_id, *cells) for one, cells in rows(summary)] == [
+        ("Pressure", 0x120, ("not readable", "01 02", "")),
+        ("", 0x7FF, ("data", "empty", "")),
+        ("", 0x1ABCDEF0, ("data", "de ad", "")),
+    ]
+
+
+def test_filter_wants_every_word():
+    summary = summary_of(frame(JET_COMMAND, 0), frame(PRESSURE, 0))
+    for words, signals in [
+        ("jet FLOW", ["Flow"]),
+        ("130 counter", ["PressureCounterValid", "PressureCounter"]),
+        ("pressure pressure0", ["Pressure0"]),
+        ("nothing", []),
+    ]:
+        assert [cell[0] for _, cells in rows(summary, matching=words) for cell in cells] == signals, words
+
+
+def test_random_identifiers_fill_neither_memory_nor_table():
+    known = frame(PRESSURE, 0)
+    others = [Frame(frame_id=0x1000 + i, data=b"", is_fd=False, is_extended=True) for i in range(20)]
+    summary = summary_of(known, *others, known, most=10)
+    assert (len(summary.messages), summary.unlisted, summary.frames) == (10, 11, 22)
+    # What is listed is still followed.
+    assert summary.messages[False, PRESSURE.frame_id].count == 2
