@@ -4,16 +4,14 @@ import json
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
+from typing import Any
 
 from contract.atomic import replacing
 from contract.config.tree import Config
-from contract.controller.calibration import Calibration
-from contract.controller.interface import RunnableController
 from contract.release.checks import Bundle
 from firmware_sim.bench.disturbances import Disturbance, Disturbances
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
-from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.metadata import RunOrigin
 from firmware_sim.runs.run_folder import RunFolder
@@ -22,7 +20,6 @@ from firmware_sim.runs.summary import whole_summary
 from firmware_sim.runs.wake_stills import Scene, WakeRecorder
 from wake.pictures.drawing import vorticity_figure
 from wake.pictures.level_picture import LevelPicture
-from wake.plant.drive import Drive
 from wake.plant.protocol import LivePlant
 from wake.plants import open_plant
 
@@ -36,18 +33,15 @@ def run_closed_loop(
     controlled: float,
     settle: float,
     averages: bool = True,
-    calibration: Calibration | None = None,
     origin: RunOrigin | None = None,
     ready: Callable[[int], None] = lambda total: None,
     progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
     plant: AbstractContextManager[LivePlant] | None = None,
-    controller: RunnableController | None = None,
     faults: Sequence[Disturbance] = (),
     fault_seed: int = 0,
-    ecu: LoopEcu | None = None,
-    drive: Drive | None = None,
     progress_without: Callable[[int, int], None] = lambda done, total: None,
     report: Callable[[RunFolder], object] = lambda folder: None,
+    **parts: Any,
 ) -> RunLog:
     """Run a wake under the bundle's controller and keep the results in `output`. Raises StillwakeError if the folder
     cannot be written, the bundle does not fit the vehicle, the bus cannot carry virtual time, the jets could never
@@ -58,17 +52,14 @@ def run_closed_loop(
             this one is whole.
         config: the vehicle; its operating point and control period must be the bundle's.
         lead_in, controlled, settle, averages: `firmware_sim.bench.spans.Spans`.
-        calibration: that the ECU gets before its first step; its own values without one.
         origin: what the run records about its making; made today without one.
         ready: called with the periods in all, once everything is checked and open, before the first period.
         progress: called with (row, periods done, periods in all) after every period.
         plant: the wake, opened here; the own solver from its shipped start without one.
-        controller: what computes the bundle's control step; ONNX Runtime without one.
         faults: what disturbs the run; their times are in s of it.
-        ecu: in place of the ECU in Python, which `controller` is for.
-        drive: the vehicle's speeds; the settings' flow has the time steps for it.
         progress_without: called with (periods done, periods in all) while the drive goes on without control.
         report: writes what else belongs into the folder, when the others are in it.
+        parts: controller, calibration, ecu and drive of `Simulation`; the flow has the time steps for the drive.
     """
     # python-can loads all that it can write with, which takes a second.
     from can_bridge.logs import frame_log
@@ -77,12 +68,9 @@ def run_closed_loop(
         bundle,
         config,
         spans=Spans(lead_in=lead_in, controlled=controlled, settle=settle, averages=averages),
-        controller=controller,
-        calibration=calibration,
         disturbances=Disturbances(items=tuple(faults)),
         seed=fault_seed,
-        ecu=ecu,
-        drive=drive,
+        **parts,
     )
     with ExitStack() as stack:
         # Whole runs only: all files appear when the block has succeeded, and none before.

@@ -172,64 +172,50 @@ class Disturbing:
 
     def requests(self, enable_request: bool, now_ns: int) -> bool:
         """What the vehicle requests where it should request this."""
-        taken_back = [place for place, _ in self._active(kinds.NoRequest, now_ns)] if enable_request else []
-        self._acted.update(taken_back)
-        return enable_request and not taken_back
+        return enable_request and not list(self._acting(kinds.NoRequest, now_ns))
 
     def before_period(self, now_ns: int, node: VehicleNode) -> None:
         """Give the vehicle what is its own in the period that begins now."""
-        config = self._config
-        point, limit = config.operating_point, config.flow.action_limit
-        for place, vehicle in self._active(kinds.VehiclePoint, now_ns):
+        design, full = self._config.operating_point, self._config.flow.action_limit
+        point, limit, stuck_at = design, full, None
+        for _, vehicle in self._acting(kinds.VehiclePoint, now_ns):
             speed, density = vehicle.speed, vehicle.density
             point = replace(
-                config.operating_point,
+                design,
                 speed=point.speed if speed is None else speed,
                 density=point.density if density is None else density,
             )
-            self._acted[place] += 1
-        for place, saturated in self._active(kinds.ActionLimit, now_ns):
-            limit = saturated.action_limit * config.flow.action_limit
-            self._acted[place] += 1
-        stuck_at = None
-        for place, stuck in self._active(kinds.StuckJets, now_ns):
-            stuck_at = stuck.stuck_jets * config.flow.action_limit
-            self._acted[place] += 1
-        for place, air in self._active(kinds.Density, now_ns):
-            point = replace(point, density=air.density)
-            self._acted[place] += 1
+        for _, saturated in self._acting(kinds.ActionLimit, now_ns):
+            limit = saturated.action_limit * full
+        for _, stuck in self._acting(kinds.StuckJets, now_ns):
+            stuck_at = stuck.stuck_jets * full
+        stated_density = None
+        for _, air in self._acting(kinds.Density, now_ns):
+            point, stated_density = replace(point, density=air.density), air.density if air.stated else None
         node.operating_point, node.action_limit, node.stuck_at = point, limit, stuck_at
+        node.stated_density = stated_density
         self._state_speed(now_ns, node)
 
     def _state_speed(self, now_ns: int, node: VehicleNode) -> None:
-        """What the vehicle sends about its speed and the air; of several at once each acts on what is left of it."""
+        """What the vehicle sends about its speed; of several at once each acts on what is left of it."""
         self._speeds.append(node.speed)
-        stated, density, sends = node.speed, None, True
-        for place, late in self._active(kinds.SpeedLate, now_ns):
+        stated = node.speed
+        for _, late in self._acting(kinds.SpeedLate, now_ns):
             stated = self._speeds[max(0, len(self._speeds) - 1 - round(late.speed_late * NS / self._config.period_ns))]
-            self._acted[place] += 1
-        for place, _ in self._active(kinds.SpeedFrozen, now_ns):
+        for place, _ in self._acting(kinds.SpeedFrozen, now_ns):
             stated = self._frozen.setdefault(place, stated)
-            self._acted[place] += 1
-        for place, wrong in self._active(kinds.SpeedScale, now_ns):
+        for _, wrong in self._acting(kinds.SpeedScale, now_ns):
             stated *= wrong.speed_scale
-            self._acted[place] += 1
-        for _, air in self._active(kinds.Density, now_ns):
-            density = air.density if air.stated else None
-        for place, _ in self._active(kinds.NoSpeed, now_ns):
-            sends = False
-            self._acted[place] += 1
-        node.stated_speed, node.stated_density, node.sends_speed = stated, density, sends
+        node.stated_speed, node.sends_speed = stated, not list(self._acting(kinds.NoSpeed, now_ns))
 
     def set_flow(self, now_ns: int) -> None:
         """Give the flow what is its own in the period that begins now."""
         if self._flow is None:
             return
         plant, reynolds = self._flow
-        for place, viscous in self._active(kinds.Reynolds, now_ns):
+        for _, viscous in self._acting(kinds.Reynolds, now_ns):
             reynolds = viscous.reynolds
-            self._acted[place] += 1
-        self._acted.update(place for place, _ in self._active(kinds.Gust, now_ns))
+        list(self._acting(kinds.Gust, now_ns))
         if plant.config.reynolds != reynolds:
             plant.set_reynolds(reynolds)
 
@@ -272,6 +258,9 @@ class Disturbing:
         """The disturbances of a kind, each with its place."""
         return ((place, one) for place, one in enumerate(self._items) if isinstance(one, kind))
 
-    def _active(self, kind: type[S], now_ns: int) -> Iterator[tuple[int, S]]:
-        """Those of them that act now."""
-        return ((place, one) for place, one in self._each(kind) if one.is_active(now_ns))
+    def _acting(self, kind: type[S], now_ns: int) -> Iterator[tuple[int, S]]:
+        """Those of them that act now, counted as they come."""
+        for place, one in self._each(kind):
+            if one.is_active(now_ns):
+                self._acted[place] += 1
+                yield place, one

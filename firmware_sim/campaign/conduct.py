@@ -179,30 +179,26 @@ class _Runs:
 
     def _tasks(self, scenario: Scenario) -> list[Task]:
         """Its runs under control and, of its flow, without."""
-        made = []
-        for phase in range(self._campaign.phases):
-            common: dict[str, Any] = {"phase": phase, "timing": self._campaign.timing}
+        campaign, made = self._campaign, []
+        config = settings_of(scenario, campaign.config)
+        for phase in range(campaign.phases):
             free = self._free_name(scenario, phase)
-            made.append(
-                Task(
-                    name=free,
-                    disturb=flow_disturbances(scenario.disturb),
-                    config=self._campaign.config,
-                    controlled=False,
-                    seed=seed_of(self._campaign.seed, free, phase),
-                    **common,
+            for name, drawn, disturb, used, controlled in (
+                (free, free, flow_disturbances(scenario.disturb), campaign.config, False),
+                (_name(scenario.name, phase), scenario.name, scenario.disturb, config, True),
+            ):
+                seed = seed_of(campaign.seed, drawn, phase)
+                made.append(
+                    Task(
+                        name=name,
+                        disturb=disturb,
+                        config=used,
+                        controlled=controlled,
+                        phase=phase,
+                        seed=seed,
+                        timing=campaign.timing,
+                    )
                 )
-            )
-            made.append(
-                Task(
-                    name=_name(scenario.name, phase),
-                    disturb=scenario.disturb,
-                    config=settings_of(scenario, self._campaign.config),
-                    controlled=True,
-                    seed=seed_of(self._campaign.seed, scenario.name, phase),
-                    **common,
-                )
-            )
         return made
 
     def _free_name(self, scenario: Scenario, phase: int) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 from firmware_sim.campaign.outcome import Outcome
 from firmware_sim.campaign.scenario import UNDISTURBED, Criteria, Scenario
+from firmware_sim.runs.statistics import rounded
 
 
 class Use(StrEnum):
@@ -138,13 +139,13 @@ class Row:
             "safe": self.safe,
             "use": self.use.value,
             **{
-                f"{name}{ending}": _number(getattr(spread, field))
+                f"{name}{ending}": rounded(getattr(spread, field))
                 for name, spread in spreads.items()
                 for field, ending in (("mean", ""), ("least", "_min"), ("most", "_max"))
             },
-            "lost_percent": _number(self.lost),
+            "lost_percent": rounded(self.lost),
             "phases": len(self.phases),
-            "in_control_percent": _number(self.in_control),
+            "in_control_percent": rounded(self.in_control),
             "latches": self.latches,
             "not_in_control_reasons": self.reasons,
             "frames_sent": self._total("frames_sent"),
@@ -204,8 +205,3 @@ def _row(scenario: Scenario, phases: tuple[Phase, ...], undisturbed: float) -> R
 def _spread(outcomes: Sequence[Outcome], name: str) -> Spread:
     """Spread of one of the `Figures`."""
     return Spread.of([nan if one.figures is None else float(getattr(one.figures, name)) for one in outcomes])
-
-
-def _number(value: float) -> float | None:
-    """Six decimals; null where there is no number."""
-    return round(value, 6) if isfinite(value) else None

@@ -1,9 +1,8 @@
 """A campaign as one self-contained HTML page: the matrix first, then curves, then a page a group; table and figures."""
 
-from collections.abc import Iterator, Mapping
 from datetime import date
 from itertools import groupby
-from typing import Any, Final
+from typing import Final
 
 from contract.atomic import replacing
 from contract.config import loading
@@ -13,6 +12,7 @@ from firmware_sim.campaign.folder import CampaignFolder
 from firmware_sim.campaign.listing import criteria_text
 from firmware_sim.campaign.scenario import Criteria
 from firmware_sim.runs import pages
+from firmware_sim.runs.run_page.settings_list import leaves
 
 _BARS: Final = "Bars: least and most of the starts, where there are several."
 _CURVES: Final = {
@@ -41,7 +41,7 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
     for name, png in pictures.items():
         with replacing(folder.figures / f"{name}.png") as temporary:
             temporary.write_bytes(png)
-    manifest = campaign.bundle.manifest
+    manifest, tree = campaign.bundle.manifest, loading.to_tree(campaign.config)
     page = (
         pages.templates("firmware_sim.campaign")
         .get_template("campaign.html.j2")
@@ -63,16 +63,8 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
                 for title, rows in groupby(result.rows, lambda row: row.scenario.group)
             ],
             curves=[(_CURVES[name][0], pages.data_uri(png), _CURVES[name][1]) for name, png in pictures.items()],
-            settings=list(_leaves({name: loading.to_tree(campaign.config)[name] for name in _USED})),
+            settings=[f"{name} = {value}" for name, value in leaves({name: tree[name] for name in _USED})],
         )
     )
     with replacing(folder.report) as temporary:
         temporary.write_text(page, encoding="utf-8")
-
-
-def _leaves(tree: Mapping[str, Any], above: str = "") -> Iterator[str]:
-    for name, value in tree.items():
-        if isinstance(value, Mapping):
-            yield from _leaves(value, f"{above}{name}.")
-        else:
-            yield f"{above}{name} = {value}"

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
 from can_bridge.bus.interface import BusHealth
 from can_bridge.bus.simulated.medium import BusActivity, Transmission
@@ -28,13 +27,7 @@ class NodeErrors:
     @classmethod
     def of(cls, health: BusHealth, refused: int) -> "NodeErrors":
         """From what the controller reports."""
-        return cls(
-            state=health.state.name,
-            tx_errors=health.tx_errors,
-            rx_errors=health.rx_errors,
-            bus_off=health.bus_off,
-            refused=refused,
-        )
+        return cls(**{**asdict(health), "state": health.state.name}, refused=refused)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,10 +48,6 @@ class BusTraffic:
     longest_wait_ms: Mapping[str, float]
     nodes: Mapping[str, NodeErrors]
 
-    def to_tree(self) -> dict[str, Any]:
-        """Nested plain values, which `contract.typed` reads."""
-        return asdict(self)
-
 
 @dataclass(kw_only=True)
 class WaitingTimes:
@@ -75,11 +64,8 @@ class WaitingTimes:
 
     def traffic(self, activity: BusActivity, nodes: Mapping[str, NodeErrors]) -> BusTraffic:
         """With what the bus and the nodes counted."""
-        longest = {
-            spec.name: self._longest_ns[spec.frame_id] / 1e6
-            for spec in self.messages.specs
-            if spec.frame_id in self._longest_ns
-        }
+        sent = (spec for spec in self.messages.specs if spec.frame_id in self._longest_ns)
+        longest = {spec.name: self._longest_ns[spec.frame_id] / 1e6 for spec in sent}
         return BusTraffic(
             load=activity.load,
             frames=activity.frames,

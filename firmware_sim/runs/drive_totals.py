@@ -8,7 +8,7 @@ import numpy as np
 from contract.arrays import Array
 from contract.ledger import ledger_of
 from firmware_sim.runs.run_log import WITHOUT, RunLog
-from firmware_sim.runs.statistics import planned_steps
+from firmware_sim.runs.statistics import planned_steps, rounded
 
 _SLOW: Final = 0.1
 """Of the design speed: below it no side force is counted in units of the present one."""
@@ -47,10 +47,7 @@ class DriveTotals:
 
     def rounded(self) -> dict[str, Any]:
         """Six decimals, by name; null where there is no number."""
-        return {
-            name: value if isinstance(value, str) else round(value, 6) if value == value else None
-            for name, value in asdict(self).items()
-        }
+        return {name: value if isinstance(value, str) else rounded(value) for name, value in asdict(self).items()}
 
 
 def drive_totals(log: RunLog) -> DriveTotals | None:

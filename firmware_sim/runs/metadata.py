@@ -37,9 +37,7 @@ class RunOrigin:
     @classmethod
     def on(cls, day: date, *, command: tuple[str, ...] = (), start: str | None = None) -> "RunOrigin":
         """Origin of this day; `start` names the state file, if one was given."""
-        if start is None:
-            return cls(day=day.isoformat(), command=command)
-        return cls(day=day.isoformat(), command=command, flow=start)
+        return cls(day=day.isoformat(), command=command, flow=cls.flow if start is None else start)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,51 +114,26 @@ class RunMetadata:
     drive: str | None = None
 
     @classmethod
-    def of(
-        cls,
-        bundle: Bundle,
-        config: Config,
-        *,
-        settle: float,
-        averages: bool,
-        status: EcuStatus,
-        plant: str,
-        computed_by: str,
-        origin: RunOrigin,
-        calibration: Calibration,
-        faults: tuple[InjectedFault, ...] = (),
-        fault_seed: int = 0,
-        ecu: RunEcu | None = None,
-        drive: str | None = None,
-    ) -> "RunMetadata":
-        """Metadata of a run in this process; arguments as the attributes. `calibration` is of the ECU that ran: weights
-        and bounds are recorded as it had them."""
+    def of(cls, bundle: Bundle, config: Config, *, calibration: Calibration, **others: Any) -> "RunMetadata":
+        """Metadata of a run in this process. `calibration` is of the ECU that ran: weights and bounds are recorded as
+        it had them. `others` are the attributes that do not follow from these."""
         manifest = bundle.manifest
         ran = with_calibration(replace(config, mpc=manifest.mpc), calibration)
         return cls(
             controller=f"{manifest.name} ({manifest.precision}, {bundle.digest[:12]})",
             digest=bundle.digest,
-            computed_by=computed_by,
             signer=None if bundle.signer is None else bundle.signer.fingerprint,
-            plant=plant,
             sensors=manifest.sensors,
             mpc=manifest.mpc,
             weights=ran.mpc.weights,
             budget_ms=manifest.budget_ms,
-            averages=averages,
-            settle=settle,
-            status=status,
             config=ran,
-            origin=origin,
             versions={
                 "python": platform.python_version(),
                 "machine": platform.machine(),
                 **{name: version(name) for name in _PACKAGES},
             },
-            faults=faults,
-            fault_seed=fault_seed,
-            ecu=RunEcu() if ecu is None else ecu,
-            drive=drive,
+            **others,
         )
 
     @property

@@ -129,7 +129,7 @@ def save(path: Path, log: RunLog) -> None:
             "schema": SCHEMA,
             "enabled_at": log.enabled_at,
             "bus": asdict(log.bus),
-            "traffic": log.traffic.to_tree(),
+            "traffic": asdict(log.traffic),
             "metadata": log.metadata.to_tree(),
         }
     )

@@ -154,3 +154,10 @@ def _regime(log: RunLog, part: slice, average: CycleAverage) -> Regime:
         jet_power=float(average.mean(s["jet_power"])),
         Uy_std=float(average.std(s["Uy_probe"])),
     )
+
+
+def rounded(value: float | None) -> float | None:
+    """For JSON: six decimals; None where there is no number."""
+    if value is None or not np.isfinite(value):
+        return None
+    return value if isinstance(value, int) else round(value, 6)

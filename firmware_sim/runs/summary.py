@@ -8,7 +8,7 @@ from firmware_sim.runs.control import control, held_while_averaged, set_aside, t
 from firmware_sim.runs.drive_totals import drive_totals
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.run_tables import headline
-from firmware_sim.runs.statistics import NoAverages, averages, latency, sample_to_jets_ms
+from firmware_sim.runs.statistics import NoAverages, averages, latency, rounded, sample_to_jets_ms
 
 
 def summary(log: RunLog) -> dict[str, Any]:
@@ -79,43 +79,25 @@ def _averaged(log: RunLog) -> dict[str, float | None]:
         *(before.Cd_net, under.Cd_net, under.jet_power),
         *(before.cycles, under.cycles, before.frequency),
     )
-    return {name: _rounded(value) for name, value in zip(names, values, strict=True)}
+    return {name: rounded(value) for name, value in zip(names, values, strict=True)}
 
 
 def _timed(log: RunLog) -> dict[str, float | None]:
     timing = latency(log)
     return {
-        "mpc_ms_p50": _rounded(timing.p50),
-        "mpc_ms_p90": _rounded(timing.p90),
-        "mpc_ms_p99": _rounded(timing.p99),
-        "mpc_ms_max": _rounded(timing.max),
+        **{f"mpc_ms_{name}": rounded(getattr(timing, name)) for name in ("p50", "p90", "p99", "max")},
         "mpc_budget_ms": log.metadata.budget_ms,
         "compute_time_ms": log.metadata.config.ecu.compute_time_ms,
-        "sample_to_jets_ms_max": _rounded(sample_to_jets_ms(log)),
+        "sample_to_jets_ms_max": rounded(sample_to_jets_ms(log)),
     }
 
 
 def _counters(log: RunLog) -> dict[str, int]:
-    status = log.metadata.status
-    return {
-        "overruns": status.overruns,
-        "missed": status.missed,
-        "crc_errors": status.crc_errors,
-        "not_authentic": status.not_authentic,
-        "bus_off": status.bus_off,
-        "frames_lost": log.bus.lost,
-        "frames_rejected": log.bus.rejected,
-    }
+    names = ("overruns", "missed", "crc_errors", "not_authentic", "bus_off")
+    counted = {name: getattr(log.metadata.status, name) for name in names}
+    return {**counted, "frames_lost": log.bus.lost, "frames_rejected": log.bus.rejected}
 
 
 def _bus(log: RunLog) -> dict[str, Any]:
-    traffic = log.traffic.to_tree()
-    waits = {name: _rounded(wait) for name, wait in log.traffic.longest_wait_ms.items()}
-    return {**traffic, "load": _rounded(log.traffic.load), "longest_wait_ms": waits}
-
-
-def _rounded(value: float | None) -> float | None:
-    """Six decimals; null where there is no number."""
-    if value is None or value != value:
-        return None
-    return value if isinstance(value, int) else round(value, 6)
+    waits = {name: rounded(wait) for name, wait in log.traffic.longest_wait_ms.items()}
+    return {**asdict(log.traffic), "load": rounded(log.traffic.load), "longest_wait_ms": waits}

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass, field
-from math import ceil, inf, nan, sqrt
+from math import ceil, isfinite, nan, sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -85,23 +85,17 @@ class Figures:
 
     def as_dict(self) -> dict[str, Any]:
         """For a results file; None where nothing was measured."""
+        counted = ("periods", "left_out", "unsampled", "commands", "misses", "unsent")
         measured = {
-            "periods": self.periods,
-            "left_out": self.left_out,
-            "unsampled": self.unsampled,
-            "commands": self.commands,
-            "misses": self.misses,
-            "unsent": self.unsent,
+            **{name: getattr(self, name) for name in counted},
             "commands_for_their_own_period": self.at_once,
-            "age_p50_ms": self.ages.quantile_ms(0.5),
-            "age_p99_ms": self.ages.quantile_ms(0.99),
-            "age_max_ms": self.ages.quantile_ms(1.0),
-            "lateness_p50_ms": self.lateness.quantile_ms(0.5),
-            "lateness_p99_ms": self.lateness.quantile_ms(0.99),
-            "lateness_max_ms": self.lateness.quantile_ms(1.0),
+            **{
+                f"{name}_{end}_ms": times.quantile_ms(share)
+                for name, times in (("age", self.ages), ("lateness", self.lateness))
+                for end, share in (("p50", 0.5), ("p99", 0.99), ("max", 1.0))
+            },
             "rms_action": self.rms_action,
             "largest_action": self.largest,
-            "modes": {mode.name: count for mode, count in sorted(self.modes.items())},
         }
-        return {name: None if isinstance(value, float) and not -inf < value < inf else value
-                for name, value in measured.items()}  # fmt: skip
+        found = {name: value if isfinite(value) else None for name, value in measured.items()}
+        return {**found, "modes": {mode.name: count for mode, count in sorted(self.modes.items())}}

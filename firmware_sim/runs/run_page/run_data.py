@@ -11,7 +11,7 @@ from firmware_sim.runs.pictures import mode_spans
 from firmware_sim.runs.run_log import WALL, RunLog
 from firmware_sim.runs.run_page.disturbed import disturbed
 from firmware_sim.runs.run_page.events import events
-from firmware_sim.runs.statistics import NoAverages, averages, latency, planned_steps, sample_to_jets_ms
+from firmware_sim.runs.statistics import NoAverages, averages, latency, planned_steps, rounded, sample_to_jets_ms
 from firmware_sim.runs.wake_stills import WakeStills
 from wake.pictures.drawing import outline
 
@@ -80,9 +80,9 @@ def _latency(log: RunLog) -> dict[str, Any]:
         "edges": _numbers(edges),
         "counts": np.histogram(taken, edges)[0].tolist(),
         "budget_ms": budget,
-        **{name: _number(getattr(timing, name)) for name in ("p50", "p99", "max")},
+        **{name: rounded(getattr(timing, name)) for name in ("p50", "p99", "max")},
         "over_budget": None if emulated else timing.over_budget,
-        "sample_to_jets_ms": _number(sample_to_jets_ms(log)),
+        "sample_to_jets_ms": rounded(sample_to_jets_ms(log)),
     }
 
 
@@ -91,7 +91,3 @@ def _numbers(values: Array) -> list[Any]:
     rounded = np.round(values, _DIGITS).astype(object)
     rounded[~np.isfinite(np.asarray(values, dtype=float))] = None
     return list(rounded.tolist())
-
-
-def _number(value: float) -> float | None:
-    return value if np.isfinite(value) else None

@@ -15,7 +15,7 @@ def settings_of(run: RunMetadata) -> dict[str, str]:
     used = {name: value for name, value in loading.to_tree(run.config).items() if name not in _UNUSED}
     tree = run.to_tree()
     built = tree["mpc"] | {"weights": tree["weights"]}
-    return {name: str(value) for name, value in (*_leaves(used), *_leaves({"mpc": built}))}
+    return {name: str(value) for name, value in (*leaves(used), *leaves({"mpc": built}))}
 
 
 def settings_lines(run: RunMetadata) -> list[str]:
@@ -26,9 +26,10 @@ def settings_lines(run: RunMetadata) -> list[str]:
     ]
 
 
-def _leaves(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+def leaves(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """(name with dots, value) of every value in nested mappings."""
     for name, value in tree.items():
         if isinstance(value, Mapping):
-            yield from _leaves(value, f"{above}{name}.")
+            yield from leaves(value, f"{above}{name}.")
         else:
             yield f"{above}{name}", value
