@@ -1,13 +1,10 @@
 """A node that sends at high priority without end."""
 
 from dataclasses import dataclass
-from random import Random
-from typing import Final
+from typing import Any, Final
 
-from can_bridge.bus.faults.fault import NS, Clock, Fault
+from can_bridge.bus.faults.fault import NS, Fault
 from can_bridge.bus.faults.injector import Injector
-from can_bridge.bus.interface import Bus
-from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_FRAME_ID, Frame
 from contract.config.rules import NonNegative, Positive, require
 from contract.errors import BusError
@@ -16,40 +13,10 @@ MOST_AT_ONCE: Final = 1000
 """Frames in one call: more than the deepest transmit queue here takes, and a bound on what a long pause leads to."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Babble(Fault, section="babble"):
-    """The node sends frames of random content in addition to its own. `acted` counts those that the bus took.
-
-    They are handed over at the node's next call, ahead of its own frame, as many as the rate makes due since the call
-    before, until the bus takes no more: what does not fit into the transmit queue is not sent later. A node that does
-    nothing but babble is a port of its own, with `keep_babbling` on a simulated bus.
-    """
-
-    frame_id: NonNegative[int] = 0
-    """0 wins every arbitration."""
-    length: NonNegative[int] = 8
-    is_fd: bool = False
-    rate_hz: Positive[float] = 5000.0
-    """Frames a second; the default is more than 500 kbit/s carry of classic frames of 8 bytes (4,504 at most)."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require(self.frame_id <= MAX_FRAME_ID, self, "frame_id", f"in 0..{MAX_FRAME_ID:#x}")
-        lengths = FD_LENGTHS if self.is_fd else CLASSIC_LENGTHS
-        require(self.length in lengths, self, "length", f"one of {', '.join(map(str, lengths))}")
-
-    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
-        """See `Fault.around`."""
-        return Babbling(bus, self, clock, random)
-
-
-class Babbling(Injector):
-    """See `Babble`."""
-
-    def __init__(self, bus: Bus, fault: Babble, clock: Clock, random: Random) -> None:
-        super().__init__(bus)
-        self._fault, self._clock, self._random = fault, clock, random
-        self._since_ns = round(fault.start_s * NS)
+class _Babbling(Injector["Babble"]):
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self._since_ns = round(self._fault.start_s * NS)
         self._due = 0.0
 
     def send(self, frame: Frame) -> None:
@@ -80,11 +47,26 @@ class Babbling(Injector):
             self.acted += 1
 
 
-def keep_babbling(port: Bus, bus: SimulatedBus) -> None:
-    """Poll the babbling node's port every millisecond, so that its queue does not run empty."""
+@dataclass(frozen=True, kw_only=True)
+class Babble(Fault, section="babble"):
+    """The node sends frames of random content in addition to its own. `acted` counts those that the bus took.
 
-    def look() -> None:
-        port.receive_all()
-        bus.call_at(bus.now_ns + 1_000_000, look)
+    They are handed over at the node's next call, ahead of its own frame, as many as the rate makes due since the call
+    before, until the bus takes no more: what does not fit into the transmit queue is not sent later. A node that does
+    nothing but babble is a port of its own, which has to be called often.
+    """
 
-    look()
+    injector = _Babbling
+
+    frame_id: NonNegative[int] = 0
+    """0 wins every arbitration."""
+    length: NonNegative[int] = 8
+    is_fd: bool = False
+    rate_hz: Positive[float] = 5000.0
+    """Frames a second; the default is more than 500 kbit/s carry of classic frames of 8 bytes (4,504 at most)."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.frame_id <= MAX_FRAME_ID, self, "frame_id", f"in 0..{MAX_FRAME_ID:#x}")
+        lengths = FD_LENGTHS if self.is_fd else CLASSIC_LENGTHS
+        require(self.length in lengths, self, "length", f"one of {', '.join(map(str, lengths))}")

@@ -1,14 +1,21 @@
 """Clocks that run apart: a node's own, and the one that stamps the frames it receives."""
 
 from dataclasses import dataclass, replace
-from random import Random
 from typing import Annotated
 
-from can_bridge.bus.faults.fault import NS, Clock, Fault
+from can_bridge.bus.faults.fault import NS, Fault
 from can_bridge.bus.faults.injector import Injector
-from can_bridge.bus.interface import Bus
 from can_bridge.wire.frame import Frame
 from contract.config.rules import Finite, Rule
+
+
+class _Restamping(Injector["ClockDrift"]):
+    def receive_all(self) -> list[Frame]:
+        """The frames with stamps of the drifting clock; their own are taken for the true time."""
+        received = self._bus.receive_all()
+        frames = [replace(frame, timestamp_ns=self._fault.local_ns(frame.timestamp_ns)) for frame in received]
+        self.acted += sum(one != other for one, other in zip(received, frames, strict=True))
+        return frames
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,6 +26,8 @@ class ClockDrift(Fault, section="clock_drift"):
     `local_ns`. With only one of the two, stamps and time disagree, as where an adapter stamps by a clock of its own.
     `acted` counts the frames with another stamp.
     """
+
+    injector = _Restamping
 
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
     """Parts per million by which it is fast. A crystal is within some 100; CAN's resynchronisation bears 15,800 at
@@ -32,24 +41,3 @@ class ClockDrift(Fault, section="clock_drift"):
             return true_ns
         gained_ns = round(self.offset_s * NS + (true_ns - self.start_s * NS) * self.ppm / 1e6)
         return max(0, true_ns + gained_ns)
-
-    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
-        """See `Fault.around`; the frames' own stamps are taken for the true time."""
-        return _Restamping(bus, self)
-
-
-class _Restamping(Injector):
-    def __init__(self, bus: Bus, fault: ClockDrift) -> None:
-        super().__init__(bus)
-        self._fault = fault
-
-    def receive_all(self) -> list[Frame]:
-        """The frames with stamps of the drifting clock."""
-        return [self._restamped(frame) for frame in self._bus.receive_all()]
-
-    def _restamped(self, frame: Frame) -> Frame:
-        local_ns = self._fault.local_ns(frame.timestamp_ns)
-        if local_ns == frame.timestamp_ns:
-            return frame
-        self.acted += 1
-        return replace(frame, timestamp_ns=local_ns)

@@ -2,43 +2,18 @@
 
 from collections import deque
 from dataclasses import dataclass
-from random import Random
-from typing import Literal
+from typing import Any, Literal
 
-from can_bridge.bus.faults.arrivals import Arrivals
-from can_bridge.bus.faults.fault import Clock, Fault
+from can_bridge.bus.faults.fault import Fault
 from can_bridge.bus.faults.injector import Injector
-from can_bridge.bus.interface import Bus
 from can_bridge.wire.frame import Frame
-from contract.config.rules import AtLeastOne, require
+from contract.config.rules import AtLeastOne
 from contract.errors import BusError
 
 
-@dataclass(frozen=True, kw_only=True)
-class Disconnect(Fault, section="disconnect"):
-    """The node sends and receives nothing. `acted` counts the frames lost in both directions.
-
-    What would have arrived in the span never comes; what a device that is gone had received before comes after it.
-    """
-
-    kind: Literal["open_wire", "device_gone"] = "open_wire"
-    """An open wire is silence: sending succeeds as far as the node can see. A device that is gone, such as an adapter
-    pulled out, makes every call raise BusError."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require(self.kind in ("open_wire", "device_gone"), self, "kind", "'open_wire' or 'device_gone'")
-
-    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
-        """See `Fault.around`."""
-        return _Disconnected(bus, self, clock)
-
-
-class _Disconnected(Injector):
-    def __init__(self, bus: Bus, fault: Disconnect, clock: Clock) -> None:
-        super().__init__(bus)
-        self._fault, self._clock = fault, clock
-        self._arrivals = Arrivals()
+class _Disconnected(Injector["Disconnect"]):
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
         self._kept: list[Frame] = []
 
     def send(self, frame: Frame) -> None:
@@ -66,26 +41,22 @@ class _Disconnected(Injector):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SlowConsumer(Fault, section="slow_consumer"):
-    """The node takes few frames at a time from a short queue. `acted` counts the frames lost to a full queue.
+class Disconnect(Fault, section="disconnect"):
+    """The node sends and receives nothing. `acted` counts the frames lost in both directions.
 
-    A full queue keeps what it has and loses the newest, as python-can's buses and CAN controllers in FIFO mode do. When
-    the span ends, all that is left is received at once.
+    What would have arrived in the span never comes; what a device that is gone had received before comes after it.
     """
 
-    frames_per_call: AtLeastOne[int] = 1
-    queue: AtLeastOne[int] = 16
-    """Frames that it holds."""
+    injector = _Disconnected
 
-    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
-        """See `Fault.around`."""
-        return _Slow(bus, self, clock)
+    kind: Literal["open_wire", "device_gone"] = "open_wire"
+    """An open wire is silence: sending succeeds as far as the node can see. A device that is gone, such as an adapter
+    pulled out, makes every call raise BusError."""
 
 
-class _Slow(Injector):
-    def __init__(self, bus: Bus, fault: SlowConsumer, clock: Clock) -> None:
-        super().__init__(bus)
-        self._fault, self._clock = fault, clock
+class _Slow(Injector["SlowConsumer"]):
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
         self._queue: deque[Frame] = deque()
 
     def receive_all(self) -> list[Frame]:
@@ -99,3 +70,18 @@ class _Slow(Injector):
         self._queue.extend(received[:room])
         self.acted += max(0, len(received) - room)
         return [self._queue.popleft() for _ in range(min(self._fault.frames_per_call, len(self._queue)))]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlowConsumer(Fault, section="slow_consumer"):
+    """The node takes few frames at a time from a short queue. `acted` counts the frames lost to a full queue.
+
+    A full queue keeps what it has and loses the newest, as python-can's buses and CAN controllers in FIFO mode do. When
+    the span ends, all that is left is received at once.
+    """
+
+    injector = _Slow
+
+    frames_per_call: AtLeastOne[int] = 1
+    queue: AtLeastOne[int] = 16
+    """Frames that it holds."""

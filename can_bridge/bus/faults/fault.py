@@ -1,11 +1,10 @@
 """What all faults have in common: when they act, and on which frames."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
 from random import Random
-from typing import Annotated, Final, TypeVar
+from typing import Annotated, Any, ClassVar, Final, TypeVar
 
 from can_bridge.bus.faults.injector import Injector
 from can_bridge.bus.interface import Bus
@@ -44,16 +43,18 @@ class Instant(Span, section="instant"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fault(Span, ABC, section="fault"):
-    """What acts in a span on one port."""
+class Fault(Span, section="fault"):
+    """What acts in a span on one port, by an injector of its own."""
 
-    @abstractmethod
-    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
+    injector: ClassVar[type[Injector[Any]]]
+
+    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector[Any]:
         """The bus with this fault; all its draws come from `random`, which no one else may use."""
+        return self.injector(bus, self, clock, random)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameFault(Fault, ABC, section="frame_fault"):
+class FrameFault(Fault, section="frame_fault"):
     """A fault of single frames."""
 
     frame_ids: tuple[int, ...] = ()

@@ -4,46 +4,22 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
-from typing import Literal
+from typing import Any, Literal
 
-from can_bridge.bus.faults.arrivals import Arrivals
-from can_bridge.bus.faults.fault import Clock, FrameFault
+from can_bridge.bus.faults.fault import FrameFault
 from can_bridge.bus.faults.injector import Injector
-from can_bridge.bus.interface import Bus
 from can_bridge.wire.frame import Frame
-from contract.config.rules import require
 
 Change = Callable[[Frame], list[Frame]]
 
 
-@dataclass(frozen=True, kw_only=True)
-class SidedFault(FrameFault, ABC, section="sided_fault"):
-    """A fault of single frames on one side of the port."""
-
-    at: Literal["send", "receive"] = "send"
-    """What the node sends, and so all the others get, or what this node alone receives."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require(self.at in ("send", "receive"), self, "at", "'send' or 'receive'")
-
-    @abstractmethod
-    def change(self, random: Random) -> Change:
-        """What a frame turns into; all draws come from `random`."""
-
-    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
-        """See `Fault.around`."""
-        return _FrameByFrame(bus, self, clock, self.change(random))
-
-
-class _FrameByFrame(Injector):
+class _FrameByFrame(Injector["SidedFault"]):
     """Passes each frame that the fault concerns, and that was sent or arrived in its span, through `change`. `acted`
     counts frames that came out otherwise than they went in."""
 
-    def __init__(self, bus: Bus, fault: SidedFault, clock: Clock, change: Change) -> None:
-        super().__init__(bus)
-        self._fault, self._clock, self._change = fault, clock, change
-        self._arrivals = Arrivals()
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self._change = self._fault.change(self._random)
 
     def send(self, frame: Frame) -> None:
         """See `Bus.send`; what the frame turns into is sent."""
@@ -64,3 +40,17 @@ class _FrameByFrame(Injector):
         frames = self._change(frame)
         self.acted += frames != [frame]
         return frames
+
+
+@dataclass(frozen=True, kw_only=True)
+class SidedFault(FrameFault, ABC, section="sided_fault"):
+    """A fault of single frames on one side of the port."""
+
+    injector = _FrameByFrame
+
+    at: Literal["send", "receive"] = "send"
+    """What the node sends, and so all the others get, or what this node alone receives."""
+
+    @abstractmethod
+    def change(self, random: Random) -> Change:
+        """What a frame turns into; all draws come from `random`."""

@@ -2,44 +2,19 @@
 
 import heapq
 from dataclasses import dataclass, replace
-from random import Random
-from typing import Annotated
+from typing import Annotated, Any
 
-from can_bridge.bus.faults.arrivals import Arrivals
-from can_bridge.bus.faults.fault import NS, Clock, FrameFault
+from can_bridge.bus.faults.fault import NS, FrameFault
 from can_bridge.bus.faults.injector import Injector
-from can_bridge.bus.interface import Bus
 from can_bridge.wire.frame import Frame
 from contract.config.rules import NonNegative, at_least
 
 
-@dataclass(frozen=True, kw_only=True)
-class Delay(FrameFault, section="delay"):
-    """Frames wait in a queue, in their order, and are received once their time has come. `acted` counts the late.
-
-    The delay counts from the arrival (`can_bridge.bus.faults.arrivals`).
-    """
-
-    delay_s: NonNegative[float]
-    """At least."""
-    jitter_s: NonNegative[float] = 0.0
-    """At most so much more, uniformly distributed."""
-    restamp: bool = True
-    """The frame waits ahead of where its time stamp is made, as in a gateway, so that the stamp is late, too.
-    Otherwise it waits behind it, in a queue of the receiver, and the stamp shows it."""
-
-    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
-        """See `Fault.around`."""
-        return _Delaying(bus, self, clock, random)
-
-
-class _Delaying(Injector):
-    def __init__(self, bus: Bus, fault: Delay, clock: Clock, random: Random) -> None:
-        super().__init__(bus)
-        self._fault, self._clock, self._random = fault, clock, random
+class _Delaying(Injector["Delay"]):
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
         self._waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
         self._serial = 0
-        self._arrivals = Arrivals()
         self._last_due_ns = 0
 
     def receive_all(self) -> list[Frame]:
@@ -68,24 +43,26 @@ class _Delaying(Injector):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reorder(FrameFault, section="reorder"):
-    """So many frames are kept and then received together in a random order. `acted` counts those out of place.
+class Delay(FrameFault, section="delay"):
+    """Frames wait in a queue, in their order, and are received once their time has come. `acted` counts the late.
 
-    No frame moves by `window` places or more. What is kept when the span ends is received at the next look.
+    The delay counts from the arrival (`can_bridge.bus.faults.injector.Arrivals`).
     """
 
-    window: Annotated[int, at_least(1)] = 2
+    injector = _Delaying
 
-    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector:
-        """See `Fault.around`."""
-        return _Reordering(bus, self, clock, random)
+    delay_s: NonNegative[float]
+    """At least."""
+    jitter_s: NonNegative[float] = 0.0
+    """At most so much more, uniformly distributed."""
+    restamp: bool = True
+    """The frame waits ahead of where its time stamp is made, as in a gateway, so that the stamp is late, too.
+    Otherwise it waits behind it, in a queue of the receiver, and the stamp shows it."""
 
 
-class _Reordering(Injector):
-    def __init__(self, bus: Bus, fault: Reorder, clock: Clock, random: Random) -> None:
-        super().__init__(bus)
-        self._fault, self._clock, self._random = fault, clock, random
-        self._arrivals = Arrivals()
+class _Reordering(Injector["Reorder"]):
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
         self._kept: list[Frame] = []
 
     def receive_all(self) -> list[Frame]:
@@ -109,3 +86,15 @@ class _Reordering(Injector):
         self._random.shuffle(order)
         self.acted += sum(place != index for place, index in enumerate(order))
         return [kept[index] for index in order]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reorder(FrameFault, section="reorder"):
+    """So many frames are kept and then received together in a random order. `acted` counts those out of place.
+
+    No frame moves by `window` places or more. What is kept when the span ends is received at the next look.
+    """
+
+    injector = _Reordering
+
+    window: Annotated[int, at_least(1)] = 2

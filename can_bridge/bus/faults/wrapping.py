@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from random import Random
+from typing import Any
 
 from can_bridge.bus.faults.fault import Clock, Fault
 from can_bridge.bus.faults.injector import Around, Injector
@@ -12,7 +13,7 @@ class FaultyBus(Around):
     """A port with faults; made by `wrap`. `injectors` has one for each fault, in the order of the faults; read `acted`
     there."""
 
-    def __init__(self, bus: Bus, injectors: Sequence[Injector]) -> None:
+    def __init__(self, bus: Bus, injectors: Sequence[Injector[Any]]) -> None:
         super().__init__(injectors[-1] if injectors else bus)
         self.injectors = tuple(injectors)
 
@@ -27,7 +28,7 @@ def wrap(bus: Bus, faults: Sequence[Fault], clock: Clock, *, seed: int = 0, firs
             the draws of one do not depend on what another does.
         first: place of the first fault, where others stand before it that were wrapped before.
     """
-    injectors: list[Injector] = []
+    injectors: list[Injector[Any]] = []
     for place, fault in enumerate(faults, first):
         random = Random(f"{seed} {place} {fault.section}")
         injectors.append(fault.around(injectors[-1] if injectors else bus, clock, random))

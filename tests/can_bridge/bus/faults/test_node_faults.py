@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.bus.faults.babble import MOST_AT_ONCE, Babble, keep_babbling
+from can_bridge.bus.faults.babble import MOST_AT_ONCE, Babble
 from can_bridge.bus.faults.clocks import ClockDrift
 from can_bridge.bus.faults.connection import Disconnect, SlowConsumer
 from can_bridge.bus.faults.fault import NS
@@ -66,7 +66,12 @@ def test_on_a_bus_with_arbitration_a_babbling_node_starves_the_others():
     bus = SimulatedBus(BusConfig())
     one, other = bus.port(), bus.port()
     babbler = wrap(bus.port(), (Babble(start_s=9.5 * PERIOD_S, end_s=29.5 * PERIOD_S),), lambda: bus.now_ns)
-    keep_babbling(babbler, bus)
+
+    def look() -> None:
+        babbler.receive_all()
+        bus.call_at(bus.now_ns + 10**6, look)
+
+    look()
     received = []
     for period in range(40):
         one.send(numbered(period))

@@ -85,10 +85,6 @@ def test_what_is_no_fault_is_refused_with_the_remedy():
     # What no text can name.
     with refused(ConfigError, r"wire_errors\.bit_error_rate = 1\.1: must be in \[0, 1\]"):
         WireErrors(bit_error_rate=1.1)
-    with refused(ConfigError, r"drop\.at = 'both': must be 'send' or 'receive'"):
-        Drop(probability=0.1, at="both")  # type: ignore[arg-type]
-    with refused(ConfigError, r"disconnect\.kind = 'cut': must be 'open_wire' or 'device_gone'"):
-        Disconnect(kind="cut")  # type: ignore[arg-type]
 
 
 @examples(50)

@@ -8,13 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.bus.faults.arrivals import Arrivals
 from can_bridge.bus.faults.babble import Babble
 from can_bridge.bus.faults.clocks import ClockDrift
 from can_bridge.bus.faults.connection import Disconnect, SlowConsumer
 from can_bridge.bus.faults.content import FlipBits, StuckAt
 from can_bridge.bus.faults.fault import Fault
-from can_bridge.bus.faults.injector import Injector
+from can_bridge.bus.faults.injector import Around, Arrivals
 from can_bridge.bus.faults.lateness import Delay, Reorder
 from can_bridge.bus.faults.loss import BurstLoss, Drop, Duplicate
 from can_bridge.bus.faults.wire_errors import WireErrors
@@ -191,7 +190,7 @@ def test_only_the_named_identifiers_are_concerned(link):
 
 
 def test_health_comes_from_beneath_and_is_good_where_it_is_not_known(link):
-    class Ill(Injector):
+    class Ill(Around):
         def health(self) -> BusHealth:
             return BusHealth(tx_errors=136)
 
