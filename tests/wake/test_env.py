@@ -1,5 +1,4 @@
 import dataclasses
-import time
 import warnings
 from typing import Any
 
@@ -13,7 +12,7 @@ from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.errors import ConfigError, PlantError
 from wake.env import TruckWakeEnv
-from wake.truck.state import State, developed_state
+from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # seconds of flow
@@ -30,7 +29,6 @@ def action(value: float) -> np.ndarray:
     return np.array([value], dtype=np.float32)
 
 
-@pytest.mark.slow
 def test_gymnasiums_own_checker_is_content():
     made = gymnasium.make("stillwake/TruckWake-v0", sensor_names=WATCHED, max_phase_steps=1)
     with warnings.catch_warnings(record=True) as caught:
@@ -54,8 +52,6 @@ def test_one_step_is_one_control_period_of_the_plant(env, wake):
         for name in ("t", "Cd", "Cl", "Cd_slot", "Cd_momentum", "jet_power", "Uy_probe", "action"):
             assert info[name] == getattr(sample, name), name
         assert info["Cd_net"] == pytest.approx(info["Cd"] + info["Cd_slot"] + info["Cd_momentum"])
-        parts = info["Cd_slot_pressure"] + info["Cd_slot_viscous"]
-        assert parts == pytest.approx(info["Cd_slot"])
     second = env.render()
     assert first is not None and second is not None
     assert first.shape == second.shape == (341, 1100, 3) and first.dtype == np.uint8
@@ -73,21 +69,6 @@ def test_what_lies_beyond_the_bound_is_clipped_and_counted(env):
     assert env.reset(seed=1)[1]["clipped_count"] == 0
 
 
-def test_a_reset_that_takes_long_reports_that_it_compiles(env, monkeypatch, capsys):
-    reset, notice = env.unwrapped.plant.reset, "compiling the flow solver"
-    env.reset(seed=1)
-    assert notice not in capsys.readouterr().err
-    monkeypatch.setattr("wake.env._SILENCE_S", 0.0)
-
-    def late(state):
-        time.sleep(0.2)
-        return reset(state)
-
-    monkeypatch.setattr(env.unwrapped.plant, "reset", late)
-    env.reset(seed=1)
-    assert notice in capsys.readouterr().err
-
-
 def test_seeds_choose_the_phase_and_phases_are_the_uncontrolled_wake(env, wake):
     starts = [env.reset(seed=seed) for seed in range(12)]
     samples = [wake.sample(), *(wake.advance(0.0) for _ in range(3))]
@@ -103,29 +84,23 @@ def test_seeds_choose_the_phase_and_phases_are_the_uncontrolled_wake(env, wake):
     assert (info["Cd"], info["action"]) == (sample.Cd, 0.06)
 
 
-def test_another_body_shows_its_own_sensors_and_needs_its_own_start(square_start):
+def test_another_body_shows_its_own_sensors_and_needs_its_own_start():
     body = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=3, sensors_on_base=2)
     config = FlowConfig(reynolds=150.0)
-    env = TruckWakeEnv(config=config, body=body, start=square_start, max_phase_steps=0)
-    observation, _ = env.reset(seed=1)
-    assert observation.shape == env.observation_space.shape == (8,)
+    wake = TruckWake(config, body=body)
+    # Uniform flow around a square, projected: what `develop` begins from.
+    start = dataclasses.replace(wake.state(), flat=wake.solver.start().flat)
+    env = TruckWakeEnv(config=config, body=body, start=start, max_phase_steps=0)
+    assert env.reset(seed=1)[0].shape == env.observation_space.shape == (8,)
     with pytest.raises(ConfigError, match="unknown sensor 'upper_39'"):
-        TruckWakeEnv(("upper_39",), config=config, body=body, start=square_start)
+        TruckWakeEnv(("upper_39",), config=config, body=body, start=start)
     with pytest.raises(PlantError, match=r"flow state is of a body of length 7\.647"):
         TruckWakeEnv(config=config, body=body).reset()
-
-
-@pytest.fixture
-def square_start() -> State:
-    """Uniform flow around a square, projected: what `develop` begins from."""
-    wake = TruckWake(FlowConfig(reynolds=150.0), body=BodyConfig(length=1.0, leading_edge_radius=0.0))
-    return dataclasses.replace(wake.state(), flat=wake.solver.start().flat)
 
 
 def test_what_does_not_fit_is_refused_by_its_value(env):
     for value, message in (
         (action(np.nan), "action nan: must be finite"),
-        (action(-np.inf), "action -inf: must be finite"),
         (np.zeros(2, dtype=np.float32), r"shape \(2,\): must be one value"),
     ):
         env.reset(seed=1)
@@ -135,10 +110,7 @@ def test_what_does_not_fit_is_refused_by_its_value(env):
     inside = dataclasses.replace(developed_state(), substep=11)
     options: list[tuple[dict[str, Any], str]] = [
         ({"phase": 1}, r"reset options \['phase'\]: must be one of 'start' and 'phase_steps'"),
-        ({"phase_steps": 1, "start": None}, "must be one of"),
         ({"phase_steps": 4}, "phase_steps = 4: must be a whole number from 0 to max_phase_steps = 3"),
-        ({"phase_steps": -1}, "phase_steps = -1"),
-        ({"phase_steps": 0.5}, r"phase_steps = 0\.5"),
         ({"start": "file.npz"}, "start is a str: must be a wake.truck.state.State"),
         ({"start": inside}, "11 substeps inside a control period"),
     ]
@@ -146,12 +118,8 @@ def test_what_does_not_fit_is_refused_by_its_value(env):
         with pytest.raises((ConfigError, PlantError), match=message):
             env.reset(options=given)
     settings: list[tuple[dict[str, Any], str]] = [
-        ({"sensor_names": ("left_front",)}, "left_front"),
         ({"sensor_names": "upper_39"}, r"= 'upper_39': must be a sequence of names, such as \['upper_39'\]"),
         ({"sensor_names": ("base_0", "base_0")}, "twice"),
-        ({"sensor_names": ()}, "at least one sensor"),
-        ({"episode_steps": 0}, "episode_steps = 0: must be at least 1"),
-        ({"max_phase_steps": -1}, "max_phase_steps = -1: must be at least 0"),
         ({"render_mode": "human"}, "render_mode = 'human'"),
     ]
     for given, message in settings:

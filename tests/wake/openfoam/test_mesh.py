@@ -72,8 +72,6 @@ def test_refinement_divides_the_spacings():
     assert _lengths(fine, "truck").max() == pytest.approx(0.5 * _lengths(mesh, "truck").max(), rel=0.02)
     with pytest.raises(ConfigError, match=r"refinement = 0\.3.*at least 2"):
         truck_mesh(0.3)
-    assert 33_000 < len(mesh.cells) < 37_000
-    assert len(mesh.patches["jetUpper"]) == 4
     walls = mesh.patch_centres("truck"), mesh.centres[mesh.patch_cells["truck"]]
     half_cell = np.linalg.norm(walls[1] - walls[0], axis=1)
     on_base = np.abs(walls[0][:, 0] - LENGTH) < 1e-9
@@ -137,18 +135,6 @@ def test_faces_and_patches_are_in_the_order_that_openfoam_wants(written):
         assert kind == {"truck": "wall", "planes": "empty"}.get(name, "patch")
         at += int(size)
     assert at == len(faces)
-
-
-def test_grid_lines_cross_at_no_sharp_angle(mesh):
-    """Between the line that joins two cells and the normal of their face; sharp angles cost accuracy."""
-    along = mesh.centres[mesh.neighbour] - mesh.centres[mesh.owner]
-    edge = np.diff(mesh.points[mesh.edges], axis=1)[:, 0]
-    normal = np.column_stack([edge[:, 1], -edge[:, 0]])
-    cosine = (along * normal).sum(axis=1) / np.linalg.norm(along, axis=1) / np.linalg.norm(normal, axis=1)
-    # Far away, in the domain's corners, the fan's lines meet the boundary at 45 degrees.
-    assert np.degrees(np.arccos(np.minimum(cosine, 1.0))).max() < 45.0
-    near = np.abs(mesh.centres[mesh.owner] - (4.0, 0.0)).max(axis=1) < 4.5
-    assert np.degrees(np.arccos(np.minimum(cosine[near], 1.0))).max() < 10.0
 
 
 @pytest.mark.skipif(shutil.which("checkMesh") is None, reason="needs checkMesh (Debian package openfoam)")

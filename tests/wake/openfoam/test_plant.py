@@ -122,11 +122,8 @@ def test_vorticity_has_the_shear_layers_where_they_belong(plant):
 
 
 def test_what_cannot_be_done_is_refused(plant, start):
-    for action in (0.0751, float("nan")):
-        with pytest.raises(PlantError, match=r"within \+-0\.075"):
-            plant.advance(action)
-    with pytest.raises(PlantError, match="cannot advance to substep 21 of 20"):
-        plant.advance_to(21)
+    with pytest.raises(PlantError, match=r"within \+-0\.075"):
+        plant.advance(0.0751)
     for _ in range(10):
         plant.advance(0.0)
     with pytest.raises(PlantError, match="past 2 t_c"):

@@ -93,18 +93,6 @@ def test_a_program_that_fails_is_one_error_with_its_last_words(case, coarse_mesh
     assert not child.running
 
 
-def test_a_program_that_dies_while_it_receives_a_velocity(case, coarse_mesh):
-    with _reader(case, 1, "open(upper).close(); raise SystemExit(4)") as child:
-        pipes = JetPipes(case, coarse_mesh, child, patience_s=30.0)
-        pipes.send(0.0)
-        pipes.wait()
-        deadline = time.monotonic() + 30.0
-        while child.running and time.monotonic() < deadline:
-            time.sleep(0.01)
-        with pytest.raises(PlantError, match=r"closed its end of a pipe|status 4"):
-            pipes.send(0.0)
-
-
 def test_a_program_that_does_not_listen_is_ended_by_force(tmp_path, monkeypatch):
     monkeypatch.setattr("wake.openfoam.process._GRACE_S", 0.2)
     deaf = (

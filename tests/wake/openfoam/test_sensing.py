@@ -24,7 +24,6 @@ def test_a_linear_pressure_is_read_exactly_on_its_side(probes):
     assert (weights @ (0.3 + 0.1 * at[:, 0]))[side] == pytest.approx(2 * (0.3 + 0.1 * x[side]), abs=1e-12)
     assert (weights @ (0.3 - 0.7 * at[:, 1]))[base] == pytest.approx(2 * (0.3 - 0.7 * y[base]), abs=1e-12)
     # Sides and slots are not mixed up.
-    at, weights = probes
     cp = weights @ np.sign(at[:, 1])
     assert cp[:40] == pytest.approx(2.0)
     assert cp[40:80] == pytest.approx(-2.0)

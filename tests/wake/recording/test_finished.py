@@ -47,7 +47,6 @@ def test_the_same_plans_and_settings_leave_a_finished_recording_as_it_is(output)
         for node in file["episodes"].values():
             node.attrs["provenance"] = node.attrs["provenance"].replace('"numba": "', '"numba": "9')
     assert not record(output)
-    # What is no data set is not replaced either.
     output.write_text("a thesis")
     with pytest.raises(OutputError, match="there is a file that is not read"):
         record(output)
@@ -57,8 +56,6 @@ def test_the_same_plans_and_settings_leave_a_finished_recording_as_it_is(output)
 def test_another_recording_is_refused_by_what_differs(output):
     cases: list[tuple[tuple[EpisodePlan, ...], dict[str, Any], str]] = [
         ((replace(TRAINING, steps=20), NONE), {}, "episode training_5 has 7 steps, not 20"),
-        ((replace(TRAINING, seed=6), NONE), {}, "no episode training_6, but training_5, none_0"),
-        ((replace(TRAINING, lead=3), NONE), {}, "episode training_5 has lead_steps = 2, not 3"),
         ((TRAINING,), {}, "it also has episode none_0"),
         (PLANS, {"reynolds": 1000.0}, r"episode training_5 has flow.reynolds = 500.0, not 1000.0"),
     ]
@@ -91,9 +88,7 @@ def test_the_old_one_stays_until_the_new_one_is_whole(output):
     with pytest.raises(KeyboardInterrupt):
         record(output, longer, overwrite=True, progress=stop)
     assert output.read_bytes() == before
-    seen: list[tuple[str, int]] = []
-    assert record(output, longer, overwrite=True, progress=lambda name, done, total: seen.append((name, done)))
-    assert seen[0] == ("training_5", 3)
+    assert record(output, longer, overwrite=True)
     assert [len(episode) for episode in read(output).episodes] == [9, 2]
 
 
@@ -102,9 +97,8 @@ def test_a_start_that_failed_leaves_nothing(tmp_path, monkeypatch):
         raise PlantError("flow diverged")
 
     monkeypatch.setattr(recorder, "TruckWake", diverging)
-    for output in (tmp_path / "a.h5", tmp_path / "new" / "deep" / "a.h5"):
-        with pytest.raises(PlantError, match="flow diverged"):
-            record(output)
+    with pytest.raises(PlantError, match="flow diverged"):
+        record(tmp_path / "new" / "deep" / "a.h5")
     with pytest.raises(StillwakeError, match=r"start\.npz: not a flow state"):
         record(tmp_path / "a.h5", start=tmp_path / "start.npz")
     assert list(tmp_path.iterdir()) == []
@@ -117,7 +111,6 @@ def test_a_recording_begins_in_the_state_it_is_given(tmp_path, oscillator):
     output, config = tmp_path / "a.h5", replace(Config(), flow=replace(Config().flow, reynolds=1000.0))
     with pytest.raises(PlantError, match=r"reynolds = 1000, this plant has 500: `stillwake develop start_re500\.npz"):
         record(output, (NONE,), start=start)
-    assert not output.with_name("a.h5.parts").exists()
     assert record(output, (NONE,), config, start=start)
     episode = read(output).episodes[0]
     plant = oscillator()
@@ -128,5 +121,3 @@ def test_a_recording_begins_in_the_state_it_is_given(tmp_path, oscillator):
     assert not record(output, (NONE,), config, start=start)
     with pytest.raises(OutputError, match=r"has start = start\.npz, not developed\.npz"):
         record(output, (NONE,), config)
-    renamed = start.rename(tmp_path / "renamed.npz")
-    assert not record(output, (NONE,), config, start=renamed)

@@ -1,7 +1,6 @@
 """The recorder's bookkeeping, on a plant that costs nothing; `test_recording_processes.py` has the real one."""
 
 import errno
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -97,8 +96,6 @@ def test_a_full_disk_is_named_and_costs_nothing(tmp_path, monkeypatch):
         patch.setattr(os, "fsync", fsync)
         with pytest.raises(StillwakeError, match=r"cannot write .*training_5/000003\.npz: No space left on device"):
             recorded(output)
-    kept = sorted(path.name for path in (tmp_path / "a.h5.parts" / "training_5").iterdir())
-    assert kept == ["000000.npz", "000000.state.npz", "000003.state.npz"]
     progress: list[tuple[str, int]] = []
     resumed = recorded(output, progress=lambda name, done, total: progress.append((name, done)))
     assert progress[0] == ("training_5", 3)
@@ -115,10 +112,6 @@ def test_a_second_call_takes_over_and_the_first_stops(tmp_path):
     with pytest.raises(StillwakeError, match="taken over"):
         recorded(output, progress=interrupt)
     assert equal(read(output), recorded(tmp_path / "whole.h5"))
-
-
-def _kill(*_: object) -> None:
-    raise Killed
 
 
 def test_parts_that_do_not_fit_are_refused_by_what_differs(tmp_path):
@@ -141,10 +134,6 @@ def test_parts_that_do_not_fit_are_refused_by_what_differs(tmp_path):
     with pytest.raises(StillwakeError, match=r"000000\.npz: damaged block"):
         recorded(output, plans)
     label = tmp_path / "a.h5.parts" / "task.json"
-    label.write_text(json.dumps(json.loads(label.read_text()) | {"start_sha256": "0"}))
-    with pytest.raises(StillwakeError, match=r"other settings \(start_sha256\)"):
+    label.write_text("{")
+    with pytest.raises(StillwakeError, match="unknown recording: delete it first"):
         recorded(output, plans)
-    for text in ("{", None):
-        label.unlink() if text is None else label.write_text(text)
-        with pytest.raises(StillwakeError, match="unknown recording: delete it first"):
-            recorded(output, plans)

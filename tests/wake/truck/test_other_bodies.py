@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from contract.config.body import TRUCK_BODY, BodyConfig
+from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from wake.solver.flow import Flow
 from wake.truck import steady
 from wake.truck.body import signed_distance
-from wake.truck.state import Origin, developed_state, load_state, save_state
+from wake.truck.state import developed_state, load_state, save_state
 from wake.truck.truck_wake import TruckWake
 
 SQUARE = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=6, sensors_on_base=4)
@@ -100,14 +100,3 @@ def test_a_state_of_another_body_is_refused_by_name(square, wake, tmp_path):
     with pytest.raises(PlantError, match="of a body of length 1 and leading-edge radius 0"):
         wake.reset(loaded)
     square.reset(loaded)
-
-
-def test_the_trucks_state_files_are_as_they_were(wake, tmp_path):
-    save_state(tmp_path / "truck.npz", wake.state())
-    with np.load(tmp_path / "truck.npz") as data:
-        assert set(data.files) == {
-            "schema", "flat", "substep", "action", "shape", "reynolds", "control_period", "substeps"
-        }  # fmt: skip
-    origin = load_state(tmp_path / "truck.npz").origin
-    assert origin is not None and origin.is_of(TRUCK_BODY)
-    assert Origin(shape=(3, 2), reynolds=1.0).is_truck
