@@ -4,7 +4,8 @@ Of a secured message the authentication is checked first, as a node does it: wha
 sees. Without a key there is the end-to-end check alone.
 """
 
-from dataclasses import dataclass, field, replace
+from collections import deque
+from dataclasses import replace
 from enum import Enum
 from typing import Final
 
@@ -14,7 +15,6 @@ from can_bridge.secoc.key import Key
 from can_bridge.secoc.receiver import VerifierState, verified
 from can_bridge.tools.signals import Decoded, decode
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import MessageSpec
 from contract.config.vehicle import E2eConfig
 
 RATE_OVER: Final = 20
@@ -44,13 +44,13 @@ class Mac(Enum):
 MAC_REFUSED: Final = (Mac.NOT_AUTHENTIC, Mac.NOT_FRESH)
 
 
-@dataclass(frozen=True, kw_only=True)
 class Traffic:
     """One message, by the frames so far.
 
     Attributes:
-        decoded: its content; None of a message that is not ours.
-        first_ns: time of the first.
+        latest: its newest frame.
+        decoded: the content of that; None of a message that is not ours.
+        first_ns: time of the first frame.
         recent_ns: times of the newest, oldest first, at most RATE_OVER + 1.
         check: of the newest, against the ones before it; None without end-to-end protection, or if its MAC was refused.
         mac: of the newest; None for a message without authentication.
@@ -62,19 +62,55 @@ class Traffic:
 
     latest: Frame
     decoded: Decoded | None
-    count: int = 1
-    first_ns: int
-    recent_ns: tuple[int, ...]
-    check: Check | None = None
-    mac: Mac | None = None
-    lost: int = 0
-    receiver: ReceiverState = field(default_factory=ReceiverState)
-    verifier: VerifierState = field(default_factory=VerifierState)
+
+    def __init__(self, e2e: E2eConfig, key: Key | None = None) -> None:
+        """Without a frame yet.
+
+        Args:
+            e2e: which steps of the counter still count as a loss, and not as a wrong sequence.
+            key: of secured messages; without it their authentication is not checked.
+        """
+        self._e2e, self._key = e2e, key
+        self.count = self.first_ns = self.lost = 0
+        self.recent_ns = deque[int](maxlen=RATE_OVER + 1)
+        self.check: Check | None = None
+        self.mac: Mac | None = None
+        self.receiver = ReceiverState()
+        self.verifier = VerifierState()
+
+    def add(self, frame: Frame) -> None:
+        """One more frame of the message, stamped with the time it came."""
+        self.latest, self.decoded = frame, decode(frame)
+        self.first_ns = self.first_ns if self.count else frame.timestamp_ns
+        self.count += 1
+        self.recent_ns.append(frame.timestamp_ns)
+        self.check = self.mac = None
+        if self.decoded is None:
+            return
+        spec = self.decoded.spec
+        # A frame of the other kind has nothing that could be checked.
+        whole = frame if frame.is_fd == spec.is_fd else replace(frame, data=b"")
+        if spec.is_secured:
+            before, self.verifier = self.verifier, verified(self.verifier, (whole,), spec=spec, key=self._key).state
+            if self.verifier.not_authentic > before.not_authentic:
+                self.mac = Mac.NOT_AUTHENTIC
+            elif self.verifier.not_fresh > before.not_fresh:
+                self.mac = Mac.NOT_FRESH
+            else:
+                self.mac = Mac.NOT_CHECKED if self._key is None else Mac.OK
+        if self.mac in MAC_REFUSED:
+            return
+        last = self.receiver.last_counter
+        self.receiver, reception = receive(self.receiver, (whole,), spec=spec, config=self._e2e)
+        (self.check,) = reception.checks
+        if last is not None and self.check in (*GOOD, Check.WRONG_SEQUENCE):
+            profile = profile_of(spec)
+            self.lost += (profile.counter_of(whole.data) - last) % profile.counter_period - 1
 
     @property
     def name(self) -> str:
         """The name of the message; empty if unknown."""
-        return "" if self.decoded is None else self.decoded.name
+        return "" if self.decoded is None else self.decoded.spec.name
 
     @property
     def refused(self) -> int:
@@ -84,7 +120,7 @@ class Traffic:
     @property
     def is_protected(self) -> bool:
         """Whether it is one of our messages, which all have an end-to-end check."""
-        return self.decoded is not None and self.decoded.spec is not None
+        return self.decoded is not None
 
     @property
     def is_good(self) -> bool:
@@ -128,66 +164,3 @@ class Traffic:
         """Frames a second from the first to the newest; 0 with fewer than two."""
         span = self.last_ns - self.first_ns
         return (self.count - 1) * 1e9 / span if span > 0 else 0.0
-
-
-def observe(before: Traffic | None, frame: Frame, *, e2e: E2eConfig, key: Key | None = None) -> Traffic:
-    """What is known after one more frame of the message.
-
-    Args:
-        before: None for its first frame.
-        frame: stamped with the time it came.
-        e2e: which steps of the counter still count as a loss, and not as a wrong sequence.
-        key: of secured messages; without it their authentication is not checked.
-    """
-    decoded = decode(frame)
-    if before is None:
-        before = Traffic(latest=frame, decoded=decoded, count=0, first_ns=frame.timestamp_ns, recent_ns=())
-    receiver, verifier = before.receiver, before.verifier
-    check: Check | None = None
-    mac: Mac | None = None
-    lost = 0
-    if decoded is not None and decoded.spec is not None:
-        spec = decoded.spec
-        # A frame of the other kind has nothing that could be checked.
-        whole = frame if frame.is_fd == spec.is_fd else replace(frame, data=b"")
-        verifier, mac = _verified(verifier, whole, spec, key)
-        if mac not in MAC_REFUSED:
-            receiver, check, lost = _checked(receiver, whole, spec, e2e)
-    return replace(
-        before,
-        latest=frame,
-        decoded=decoded,
-        count=before.count + 1,
-        recent_ns=(*before.recent_ns[-RATE_OVER:], frame.timestamp_ns),
-        check=check,
-        mac=mac,
-        lost=before.lost + lost,
-        receiver=receiver,
-        verifier=verifier,
-    )
-
-
-def _verified(
-    state: VerifierState, frame: Frame, spec: MessageSpec, key: Key | None
-) -> tuple[VerifierState, Mac | None]:
-    """The state after this frame, and the verdict on its authentication."""
-    if not spec.is_secured:
-        return state, None
-    if key is None:
-        return state, Mac.NOT_CHECKED
-    after = verified(state, (frame,), spec=spec, key=key).state
-    if after.not_authentic > state.not_authentic:
-        return after, Mac.NOT_AUTHENTIC
-    return after, Mac.NOT_FRESH if after.not_fresh > state.not_fresh else Mac.OK
-
-
-def _checked(state: ReceiverState, frame: Frame, spec: MessageSpec, e2e: E2eConfig) -> tuple[ReceiverState, Check, int]:
-    """The receiver's state after this frame, its check, and how many were lost before it."""
-    after, reception = receive(state, (frame,), spec=spec, config=e2e)
-    (check,) = reception.checks
-    last = state.last_counter
-    if last is None or check not in (*GOOD, Check.WRONG_SEQUENCE):
-        return after, check, 0
-    profile = profile_of(spec)
-    step = (profile.counter_of(frame.data) - last) % profile.counter_period
-    return after, check, step - 1

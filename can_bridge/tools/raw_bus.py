@@ -10,7 +10,7 @@ from can_bridge.bus import conversion
 from can_bridge.bus.backends.connection import Connection
 from can_bridge.bus.backends.opening import one_line, open_backend
 from can_bridge.bus.rejection import Rejection
-from can_bridge.wire.frame import MAX_EXTENDED_ID, MAX_FRAME_ID, Frame
+from can_bridge.wire.frame import Frame
 from contract.config.vehicle import SIMULATED, BusConfig
 from contract.errors import BusError, ConfigError
 
@@ -19,12 +19,10 @@ class RawBus(Connection):
     """One connection. Use as a context manager, or `close` it."""
 
     def receive_message(self, timeout_s: float) -> can.Message | None:
-        """The next message of any kind, or None if none that could be read came within `timeout_s`. Raises BusError if
-        the bus failed, or yields nothing but garbage."""
+        """The next message of any kind, sound or not, or None if none that could be read came within `timeout_s`.
+        Raises BusError if the bus failed, or yields nothing but garbage."""
         message = self._received(timeout_s)
-        if isinstance(message, Rejection) or (message is not None and not is_sound(message)):
-            return None
-        return message
+        return None if isinstance(message, Rejection) else message
 
     def send_message(self, message: can.Message, *, timeout_s: float = 0.1) -> None:
         """Send one message of any kind, waiting at most `timeout_s`. Raises BusError if the bus does not take it in
@@ -46,11 +44,6 @@ def open_bus(config: BusConfig) -> RawBus:
     return RawBus(open_backend(config)[0])
 
 
-def is_sound(message: can.Message) -> bool:
-    """Whether a message could have been on a wire: backends pass on any datagram or serial line."""
-    return message.is_error_frame or (message.is_remote_frame and _id_fits(message)) or frame_of(message) is not None
-
-
 def frame_of(message: can.Message) -> Frame | None:
     """The frame in a message, its identifier of either length; None for remote, error and unsound frames."""
     frame = conversion.frame_of(message)
@@ -62,8 +55,3 @@ def id_text(message: can.Message | Frame) -> str:
     if isinstance(message, Frame):
         return f"{message.frame_id:08X}" if message.is_extended else f"{message.frame_id:03X}"
     return f"{message.arbitration_id:08X}" if message.is_extended_id else f"{message.arbitration_id:03X}"
-
-
-def _id_fits(message: can.Message) -> bool:
-    largest = MAX_EXTENDED_ID if message.is_extended_id else MAX_FRAME_ID
-    return isinstance(message.arbitration_id, int) and 0 <= message.arbitration_id <= largest

@@ -3,9 +3,8 @@
 Names and units are those of `contract/stillwake.dbc`.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Iterator, Mapping
+from typing import Final, NamedTuple
 
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.classic_codec import STALE_NS
@@ -33,8 +32,7 @@ NO_SPEED: Final = SPEED_UNKNOWN * SPEED_RESOLUTION_M_PER_S
 """The speed of a vehicle that does not know it, m/s."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Signal:
+class Signal(NamedTuple):
     """One value.
 
     Attributes:
@@ -53,18 +51,15 @@ class Signal:
         return self.text or (str(self.value) if isinstance(self.value, int) else f"{self.value:.10g}")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Decoded:
-    """The content of a frame.
+class Decoded(NamedTuple):
+    """The content of one of our messages.
 
     Attributes:
         signals: in the order of the frame; empty if it has no meaning: a value outside its table, a wrong length.
-        spec: of our own messages; None for others.
     """
 
-    name: str
+    spec: MessageSpec
     signals: tuple[Signal, ...]
-    spec: MessageSpec | None = None
 
 
 _OWN: Final[Mapping[int, Message[Pressure] | Message[VehicleSpeed] | Message[JetCommand] | Message[EcuStatus]]] = {
@@ -78,27 +73,20 @@ def decode(frame: Frame) -> Decoded | None:
     if message is None:
         return None
     spec, data = message.spec, frame.data
-    if len(data) != spec.length:
-        return Decoded(name=spec.name, signals=(), spec=spec)
-    value = message.parse(data[: spec.protected])
+    value = message.parse(data[: spec.protected]) if len(data) == spec.length else None
     if value is None:
-        return Decoded(name=spec.name, signals=(), spec=spec)
+        return Decoded(spec, ())
     profile = profile_of(spec)
-    head = (
-        Signal(name="E2E_CRC", value=profile.crc_of(data)),
-        Signal(name="E2E_Counter", value=profile.counter_of(data)),
-    )
-    tail: tuple[Signal, ...] = ()
+    signals = [Signal("E2E_CRC", profile.crc_of(data)), Signal("E2E_Counter", profile.counter_of(data))]
+    signals += _signals(value, spec)
     if spec.is_secured:
         mac, freshness = data[-MAC_LENGTH:], data[-MAC_LENGTH - FRESHNESS_LENGTH : -MAC_LENGTH]
-        tail = (
-            Signal(name="Freshness", value=int.from_bytes(freshness, "big")),
-            Signal(name="MAC", value=int.from_bytes(mac, "big"), text=f"0x{mac.hex()}"),
-        )
-    return Decoded(name=spec.name, signals=(*head, *_signals(value, spec), *tail), spec=spec)
+        signals.append(Signal("Freshness", int.from_bytes(freshness, "big")))
+        signals.append(Signal("MAC", int.from_bytes(mac, "big"), text=f"0x{mac.hex()}"))
+    return Decoded(spec, tuple(signals))
 
 
-def _signals(value: Pressure | VehicleSpeed | JetCommand | EcuStatus, spec: MessageSpec) -> tuple[Signal, ...]:
+def _signals(value: Pressure | VehicleSpeed | JetCommand | EcuStatus, spec: MessageSpec) -> Iterator[Signal]:
     match value:
         case Pressure():
             return _of_pressure(value) if spec.is_fd else _of_classic_pressure(value)
@@ -106,82 +94,57 @@ def _signals(value: Pressure | VehicleSpeed | JetCommand | EcuStatus, spec: Mess
             return _of_speed(value)
         case JetCommand():
             return _of_command(value)
-    return _of_status(value) if spec.is_fd else _of_classic_status(value)
+    return _of_status(value, spec.is_fd)
 
 
-def _of_pressure(value: Pressure) -> tuple[Signal, ...]:
-    return (
-        *(Signal(name=f"Valid{i}", value=int(valid)) for i, valid in enumerate(value.valid)),
-        Signal(name="EnableRequest", value=int(value.enable_request)),
-        *(Signal(name=f"Pressure{i}", value=pressure, unit="Pa") for i, pressure in enumerate(value.pressure_pa)),
-        Signal(name="Age", value=value.age_ns / 1e6, unit="ms"),
-    )
+def _of_pressure(value: Pressure) -> Iterator[Signal]:
+    yield from (Signal(f"Valid{i}", int(valid)) for i, valid in enumerate(value.valid))
+    yield Signal("EnableRequest", int(value.enable_request))
+    yield from (Signal(f"Pressure{i}", pressure, "Pa") for i, pressure in enumerate(value.pressure_pa))
+    yield Signal("Age", value.age_ns / 1e6, "ms")
 
 
-def _of_classic_pressure(value: Pressure) -> tuple[Signal, ...]:
-    return (
-        Signal(name="EnableRequest", value=int(value.enable_request)),
-        Signal(name="Age", value=STALE_MS if value.age_ns == STALE_NS else value.age_ns / 1e6, unit="ms"),
-        *(
-            _or_word(f"Pressure{i}", pressure if valid else None, "Pa", INVALID, "INVALID")
-            for i, (pressure, valid) in enumerate(zip(value.pressure_pa, value.valid, strict=True))
-        ),
-    )
+def _of_classic_pressure(value: Pressure) -> Iterator[Signal]:
+    yield Signal("EnableRequest", int(value.enable_request))
+    yield Signal("Age", STALE_MS if value.age_ns == STALE_NS else value.age_ns / 1e6, "ms")
+    for i, (pressure, valid) in enumerate(zip(value.pressure_pa, value.valid, strict=True)):
+        yield _or_word(f"Pressure{i}", pressure if valid else None, "Pa", INVALID, "INVALID")
 
 
-def _of_speed(value: VehicleSpeed) -> tuple[Signal, ...]:
-    speed, age_ns, density = value
-    return (
-        _or_word("AirDensity", density, "kg/m3", DENSITY_UNKNOWN, "NOT_KNOWN"),
-        _or_word("Speed", speed, "m/s", NO_SPEED, "NOT_AVAILABLE"),
-        Signal(name="Age", value=age_ns / 1e6, unit="ms"),
-    )
+def _of_speed(value: VehicleSpeed) -> Iterator[Signal]:
+    yield _or_word("AirDensity", value.density_kg_per_m3, "kg/m3", DENSITY_UNKNOWN, "NOT_KNOWN")
+    yield _or_word("Speed", value.speed_m_per_s, "m/s", NO_SPEED, "NOT_AVAILABLE")
+    yield Signal("Age", value.age_ns / 1e6, "ms")
 
 
 def _or_word(name: str, value: float | None, unit: str, without: float, word: str) -> Signal:
     """A value that may be missing: then the wire has another number for it, with a name in the table."""
-    if value is None:
-        return Signal(name=name, value=without, unit=unit, text=word)
-    return Signal(name=name, value=value, unit=unit)
+    return Signal(name, without, unit, word) if value is None else Signal(name, value, unit)
 
 
-def _of_command(value: JetCommand) -> tuple[Signal, ...]:
-    return (
-        Signal(name="Mode", value=int(value.mode), text=value.mode.name),
-        Signal(name="Enable", value=int(value.enable)),
-        Signal(name="PressureCounterValid", value=int(value.pressure_counter is not None)),
-        Signal(name="NextPeriod", value=int(value.next_period)),
-        Signal(name="Flow", value=value.flow_m2_per_s, unit="m2/s"),
-        Signal(name="PressureCounter", value=value.pressure_counter or 0),
-    )
+def _of_command(value: JetCommand) -> Iterator[Signal]:
+    yield Signal("Mode", int(value.mode), text=value.mode.name)
+    yield Signal("Enable", int(value.enable))
+    yield Signal("PressureCounterValid", int(value.pressure_counter is not None))
+    yield Signal("NextPeriod", int(value.next_period))
+    yield Signal("Flow", value.flow_m2_per_s, "m2/s")
+    yield Signal("PressureCounter", value.pressure_counter or 0)
 
 
-def _counted(value: EcuStatus) -> tuple[Signal, ...]:
-    return (
-        Signal(name="State", value=int(value.state), text=value.state.name),
-        Signal(name="Reason", value=int(value.reason), text=value.reason.name),
-        Signal(name="BusOff", value=value.bus_off),
-        Signal(name="Overruns", value=value.overruns),
-        Signal(name="Missed", value=value.missed),
-        Signal(name="CrcErrors", value=value.crc_errors),
-    )
-
-
-def _of_classic_status(value: EcuStatus) -> tuple[Signal, ...]:
-    return (
-        *_counted(value),
-        Signal(name="Refused", value=value.refused),
-        Signal(name="BundleHash", value=value.bundle_hash >> 16, text=f"{value.bundle_hash >> 16:#06x}"),
-    )
-
-
-def _of_status(value: EcuStatus) -> tuple[Signal, ...]:
-    return (
-        *_counted(value),
-        Signal(name="BundleHash", value=value.bundle_hash, text=f"{value.bundle_hash:#010x}"),
-        Signal(name="Refused", value=value.refused),
-        Signal(name="NotAuthentic", value=value.not_authentic),
-        Signal(name="TxErrors", value=value.tx_errors),
-        Signal(name="RxErrors", value=value.rx_errors),
-        *(Signal(name=f"SetAside{i}", value=value.set_aside >> i & 1) for i in range(SENSORS)),
-    )
+def _of_status(value: EcuStatus, is_fd: bool) -> Iterator[Signal]:
+    yield Signal("State", int(value.state), text=value.state.name)
+    yield Signal("Reason", int(value.reason), text=value.reason.name)
+    yield Signal("BusOff", value.bus_off)
+    yield Signal("Overruns", value.overruns)
+    yield Signal("Missed", value.missed)
+    yield Signal("CrcErrors", value.crc_errors)
+    if not is_fd:
+        yield Signal("Refused", value.refused)
+        yield Signal("BundleHash", value.bundle_hash >> 16, text=f"{value.bundle_hash >> 16:#06x}")
+        return
+    yield Signal("BundleHash", value.bundle_hash, text=f"{value.bundle_hash:#010x}")
+    yield Signal("Refused", value.refused)
+    yield Signal("NotAuthentic", value.not_authentic)
+    yield Signal("TxErrors", value.tx_errors)
+    yield Signal("RxErrors", value.rx_errors)
+    yield from (Signal(f"SetAside{i}", value.set_aside >> i & 1) for i in range(SENSORS))

@@ -7,7 +7,7 @@ from typing import Any
 import can
 
 from can_bridge.secoc.key import Key
-from can_bridge.tools.observed_traffic import Mac, Traffic, observe
+from can_bridge.tools.observed_traffic import Mac, Traffic
 from can_bridge.tools.raw_bus import frame_of, id_text
 from can_bridge.wire.frame_bits import frame_ns
 from contract.config.vehicle import BusConfig
@@ -116,8 +116,9 @@ class Summary:
         if place not in self.messages and len(self.messages) == self.most:
             self.unlisted += 1
             return None
-        self.messages[place] = observe(self.messages.get(place), frame, e2e=self.config.e2e, key=self.key)
-        return self.messages[place]
+        traffic = self.messages.setdefault(place, Traffic(self.config.e2e, self.key))
+        traffic.add(frame)
+        return traffic
 
 
 def summarise(

@@ -200,11 +200,11 @@ def _line(traffic: "Traffic") -> str:
     frame, decoded = traffic.latest, traffic.decoded
     head = f"({frame.timestamp_ns / 1e9:.6f}) {id_text(frame)}"
     if decoded is None or not decoded.signals:
-        what = "unknown" if decoded is None else f"{decoded.name}, not readable"
+        what = "unknown" if decoded is None else f"{decoded.spec.name}, not readable"
         body = f"{what}: {frame.data.hex(' ') or 'empty'}"
     else:
         named = (f"{one.name}={one.shown}{f' {one.unit}' if one.unit else ''}" for one in decoded.signals)
-        body = f"{decoded.name}: {', '.join(named)}"
+        body = f"{decoded.spec.name}: {', '.join(named)}"
     verdicts = [] if traffic.check is None else [f"E2E {traffic.verdict}"]
     verdicts += [] if traffic.mac is None else [f"MAC {traffic.mac.value}"]
     return f"{head} {body}" + (f"  [{', '.join(verdicts)}]" if verdicts else "")

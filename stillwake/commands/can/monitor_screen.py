@@ -35,7 +35,7 @@ def line(summary: Summary, seconds: float) -> str:
 
 
 def _others(summary: Summary) -> int:
-    return summary.remote + summary.errors + summary.unsound
+    return summary.remote + summary.errors
 
 
 def _heading(summary: Summary, matching: str, source: str) -> Text:

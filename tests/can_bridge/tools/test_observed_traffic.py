@@ -11,7 +11,7 @@ from can_bridge.e2e.receiver import Check
 from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.securing import secure
-from can_bridge.tools.observed_traffic import RATE_OVER, SILENT_AFTER, Mac, Traffic, observe
+from can_bridge.tools.observed_traffic import RATE_OVER, SILENT_AFTER, Mac, Traffic
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE_SECURED, SPECS, MessageSpec
 from contract.config.vehicle import E2eConfig
@@ -27,10 +27,9 @@ def frame(spec: MessageSpec, counter: int, t_ns: int = 0) -> Frame:
 
 
 def after(frames: list[Frame]) -> Traffic:
-    traffic = None
+    traffic = Traffic(E2E)
     for one in frames:
-        traffic = observe(traffic, one, e2e=E2E)
-    assert traffic is not None
+        traffic.add(one)
     return traffic
 
 
@@ -94,11 +93,10 @@ def signed(counter: int, *, count: int, key: Key = KEY, trip: int = 1) -> Frame:
 def test_a_forged_or_replayed_frame_is_separated_from_the_genuine_ones_around_it():
     """The forgery has the counter that comes next, so that without a key it takes the genuine frame's place."""
     frames = [signed(0, count=0), signed(1, count=1, key=OTHER_KEY), signed(1, count=1), signed(0, count=0)]
-    traffic, verdicts = None, []
+    traffic, verdicts = Traffic(E2E, KEY), []
     for one in frames:
-        traffic = observe(traffic, one, e2e=E2E, key=KEY)
+        traffic.add(one)
         verdicts.append((traffic.verdict, traffic.mac, traffic.is_good))
-    assert traffic is not None
     assert verdicts == [
         ("OK", Mac.OK, True),
         ("not authentic", Mac.NOT_AUTHENTIC, False),

@@ -27,7 +27,7 @@ def test_any_bytes_mean_what_cantools_says(spec, data):
     raw = message.decode(content, decode_choices=False)
     got = decode(Frame(frame_id=spec.frame_id, data=content, is_fd=spec.is_fd))
     assert got is not None
-    assert (got.name, got.spec) == (message.name, spec)
+    assert (got.spec.name, got.spec) == (message.name, spec)
     tables = {one.name: one.choices for one in message.signals if one.name in ("Mode", "State", "Reason")}
     if any(raw[name] not in table for name, table in tables.items()):
         assert got.signals == ()
@@ -59,7 +59,7 @@ def test_other_messages_are_not_known_and_a_wrong_length_is_not_readable():
     for length in [0, 8, 12, 20]:
         got = decode(Frame(frame_id=0x120, data=bytes(length)))
         assert got is not None, length
-        assert (got.name, got.signals) == ("Pressure", ()), length
+        assert (got.spec.name, got.signals) == ("Pressure", ()), length
 
 
 def test_no_digits_are_shown_that_the_wire_does_not_carry():
