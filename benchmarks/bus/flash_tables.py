@@ -1,4 +1,4 @@
-"""The tables of flashing: what cut supplies and hostile requests did, and what a transfer takes."""
+"""The tables of flashing: what cut supplies did, and what a transfer takes."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -20,7 +20,6 @@ def tables(results: Path) -> dict[str, str]:
     found = read(results / "flash.json")
     return {
         "flash_proof": proof(found, read(results / "flash_memory.json")["figures"]),
-        "flash_fuzz": fuzz(found["figures"]),
         "flash_times": times(read(results / "flash_times.json")),
     }
 
@@ -43,17 +42,6 @@ def proof(found: dict[str, Any], memory: dict[str, Any]) -> str:
 Folder: measured on {found["date"]} with {facts["versions"]["stillwake"]}; {which} is cut in {facts["seeds"]} ways. The
 second cuts are drawn by the seed. Flash memory: each is cut in one way; its spoilt slots, power-ons and losses include
 a folder's."""
-
-
-def fuzz(of: dict[str, Any]) -> str:
-    """Hostile requests."""
-    rows = [
-        ("requests", of["fuzz_requests"]),
-        ("exceptions that left the server", of["fuzz_exceptions"]),
-        ("levels unlocked without the key", of["unlocked_without_key"]),
-        ("images activated without a good signature", of["activated_unsigned"]),
-    ]
-    return table(("", "figure"), rows)
 
 
 def times(found: dict[str, Any]) -> str:

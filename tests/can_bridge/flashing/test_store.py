@@ -1,6 +1,6 @@
 """Production, trial, confirmation, the way back, and what damage leaves.
 
-Requests in any order are in `tests/proofs/flash`, losses of power in `test_store_cuts`; here is what each step means.
+Calls in any order are in `tests/proofs/loader_in_c`, losses of power in `test_store_cuts`; here is each step.
 """
 
 import pytest

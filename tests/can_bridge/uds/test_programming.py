@@ -1,7 +1,7 @@
 """How the store's answers come over the wire, request by request.
 
 What the store itself decides is tested in `tests/can_bridge/flashing`, the whole sequence in `tests/can_bridge/tester`,
-and hostile requests in `tests/proofs/flash`.
+and hostile requests in `tests/proofs/loader_in_c`.
 """
 
 import pytest

@@ -3,8 +3,6 @@
     python -m tests.proofs.flash --json results/flash.json
     python -m tests.proofs.flash --replay folder-0123+0045
 
-With it: hostile requests to the UDS server.
-
 The tester's own steps drive the UDS server, the store and a simulated memory, with the shipped release. Each operation
 of the memory is torn in its middle once; in the recovery from each, some are torn again. After every power-on the image
 that runs is checked as the ECU checks it, by its signature and every hash, and compared with the releases byte by byte;
@@ -19,13 +17,11 @@ from typing import Annotated, Any, Final, NamedTuple
 import typer
 
 from contract.errors import StillwakeError
-from tests.proofs.command_line import JsonFile, console, in_parts, report, spread, track
+from tests.proofs.command_line import JsonFile, console, report, spread, track
 from tests.proofs.flash.cuts import KINDS, Case, Tally, both_bad, walk
-from tests.proofs.flash.fuzz import FuzzFigures, fuzz
 
 PIECE: Final = 100
 """Cuts that a process makes in one go; it repeats the sequence for them."""
-FUZZ_PIECE: Final = 25_000
 
 
 class ProofError(StillwakeError):
@@ -49,7 +45,6 @@ def main(
     second_cuts: Annotated[
         float, typer.Option(help="Second cuts, were a recovery as long as the sequence.", min=0.0)
     ] = 1.0,
-    fuzz_requests: Annotated[int, typer.Option(help="Hostile requests to the UDS server.", min=0)] = 1_000_000,
     workers: Annotated[int, typer.Option(help="Processes; the cases are the same for any number.", min=1)] = 2,
 ) -> None:
     """Cut, power on, judge, flash again, judge; then print what was lost, which must be nothing."""
@@ -67,8 +62,7 @@ def main(
     total = both_bad(0)
     for tally in track(spread(run_piece, pieces, workers), "cuts", "parts", len(pieces)):
         total.add(tally)
-    fuzzed = list(in_parts(run_fuzz, fuzz_requests, FUZZ_PIECE, workers, "requests"))
-    figures = figures_of(total, fuzzed) | {"seconds_proof": perf_counter() - began}
+    figures = figures_of(total) | {"seconds_proof": perf_counter() - began}
     report(
         json_file,
         "flash",
@@ -94,15 +88,9 @@ def run_piece(piece: Piece) -> Tally:
     return walk(piece.seed, lambda number: number % piece.of == piece.number, second)
 
 
-def run_fuzz(requests: range) -> FuzzFigures:
-    """So many requests."""
-    return fuzz(len(requests), requests.start)
-
-
-def figures_of(total: Tally, fuzzed: list[FuzzFigures]) -> dict[str, Any]:
+def figures_of(total: Tally) -> dict[str, Any]:
     """What was counted."""
     lost = Counter(finding.kind for finding in total.findings)
-    wrong = ("exceptions", "unlocked_without_key", "activated_unsigned")
     return {
         "operations": total.operations,
         "cuts_depth_1": total.cases[1],
@@ -111,8 +99,6 @@ def figures_of(total: Tally, fuzzed: list[FuzzFigures]) -> dict[str, Any]:
         "boots": total.boots,
         **{kind: lost[kind] for kind in KINDS},
         "cases_lost": [str(finding.case) for finding in total.findings][:20],
-        "fuzz_requests": sum(piece.requests for piece in fuzzed),
-        **{name.replace("exc", "fuzz_exc"): sum(piece.violations[name] for piece in fuzzed) for name in wrong},
     }
 
 

@@ -4,16 +4,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from random import Random
 from typing import Final
-from unittest.mock import patch
 
 from can_bridge.isotp import control_info
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.isotp.settings import IsoTpSettings, classic
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
-from tests.proofs.flash import fuzz_requests
-from tests.proofs.flash.fuzz_requests import any_noise
 from tests.proofs.loader_in_c.node_plans import any_of
+from tests.proofs.loader_in_c.node_requests import any_noise
 from tests.proofs.loader_in_c.node_twin import MS, Twins, World, as_in_c
 
 _MOST_TICKS: Final = 1500
@@ -164,14 +162,14 @@ class Program:
 
 def play(of: World, seed: int | str, requests: int, *, trouble: float = 0.02) -> Twins:
     """Both ECUs after a program."""
-    with as_in_c(of), patch.object(fuzz_requests, "pool", lambda: of.pool):
+    with as_in_c(of):
         return Program(of, seed, trouble=trouble).run(requests)
 
 
 def requests_of(of: World, seeds: range) -> Iterator[bytes]:
     """What testers ask of a Python ECU, in their order."""
     for seed in seeds:
-        with as_in_c(of), patch.object(fuzz_requests, "pool", lambda: of.pool):
+        with as_in_c(of):
             testing = Program(of, seed, trouble=0.0)
             testing.run(60)
             yield from testing.sent

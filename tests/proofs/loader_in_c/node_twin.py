@@ -43,7 +43,6 @@ from tests.can_bridge.flashing.releases import HARDWARE, RELEASE, ROOT, SECOND, 
 from tests.can_bridge.flashing.store_ecu import KEY, SECRET, Counted
 from tests.firmware_sim.conftest import RecordingController
 from tests.proofs.ecu.hostile_world import small_bundle
-from tests.proofs.flash.fuzz_images import Pool
 from tests.proofs.loader_in_c.node_library import SLOT_BYTES, WANTS_RESET, Host, Library
 
 UNCHECKED: Final = EcuConfig(
@@ -69,6 +68,14 @@ def facts(config: Config, name: str, version: int = 1, **changes: Any) -> ImageF
         "hardware": None,
     }
     return ImageFacts(name=name, security_version=version, **{**own, **changes})
+
+
+class Pool(NamedTuple):
+    """What testers send: images by name, `one` is that of production; key lists signed by the root key; and others."""
+
+    images: dict[str, bytes]
+    key_lists: tuple[bytes, ...]
+    foreign_lists: tuple[bytes, ...]
 
 
 class World(NamedTuple):
@@ -111,7 +118,7 @@ def world(kind: str, library: Library) -> World:
     }
     lists = (keys(1), keys(2, RELEASE, SECOND), keys(3, RELEASE, revoked=(SECOND,)), keys(4, RELEASE, SECOND))
     evil = key_list.encode(replace(key_list.decode(lists[3], signing.public_key(ROOT)), version=9), STRANGER)
-    return World(config, library, bundle, Pool(images, {}, lists, (evil, lists[1][:-1], lists[3] + b"\n")))
+    return World(config, library, bundle, Pool(images, lists, (evil, lists[1][:-1], lists[3] + b"\n")))
 
 
 def rules_of(of: World) -> bytes:

@@ -2,11 +2,22 @@
 
 from collections import Counter
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 import pytest
 from cryptography.hazmat.primitives.ciphers.algorithms import AES
 from cryptography.hazmat.primitives.cmac import CMAC
 
+from can_bridge.flashing import remembered
+from can_bridge.flashing.backing import Kind, Slot
+from can_bridge.flashing.checking import Rules
+from can_bridge.flashing.remembered import Remembered
+from can_bridge.flashing.state import Phase
+from can_bridge.flashing.store import Store
+from can_bridge.uds import security
+from can_bridge.uds.programming import Programming
+from can_bridge.uds.security import SecurityAccess
 from tests.proofs.ecu_in_c.branch_coverage import is_possible
 from tests.proofs.loader_in_c.node_coverage import missed
 from tests.proofs.loader_in_c.node_fuzz import SANITISED, VIOLATIONS, corpus, fuzz
@@ -22,6 +33,25 @@ NIST = {
     "6bc1bee22e409f96e93d7e117393172aae2d8a57": "7d85449ea6ea19c823a7bf78837dfade",
 }
 """CMAC of messages under the key of NIST SP 800-38B, appendix D.1."""
+
+
+def confirm_without_a_trial(self: Any) -> None:
+    for slot, standing in zip(Slot, self._store.state.slots, strict=True):
+        if standing.phase in (Phase.CHECKED, Phase.TRIAL):
+            self._store._confirm(slot)
+
+
+PLANTED_IN_PYTHON = (
+    (security, "compare_digest", lambda right, given: given in (right, bytes(16))),
+    (SecurityAccess, "lock", lambda self: None),
+    (SecurityAccess, "power_on", lambda self, now_ns: None),
+    (Remembered, "keep_failed_attempts", lambda self, level, count: None),
+    (Remembered, "take_keys", lambda self, raw, needed: self.backing.keep(Kind.KEYS, raw)),
+    (remembered, "Rules", lambda rules=Rules, **given: rules(**{**given, "least_security_version": 0})),
+    (Store, "_writable_slot", lambda self: self.state.active or Slot.A),
+    (Programming, "_confirm", confirm_without_a_trial),
+)
+"""Owner, name, and what stands there instead: defects of the Python ECU, which the one in C does not have."""
 
 
 @pytest.fixture(scope="module", params=CONFIGS)
@@ -60,6 +90,14 @@ def test_both_send_the_same_frames_at_the_same_times(of: World, seeds: int) -> N
 @pytest.mark.parametrize("faults", [PLANTED[1:3], pytest.param(PLANTED, marks=pytest.mark.proofs)])
 def test_planted_faults_are_noticed(faults: tuple[tuple[str, str, str], ...], tmp_path: Path) -> None:
     assert [fault for fault in faults if not noticed(fault, tmp_path)] == []
+
+
+@pytest.mark.proofs  # hundreds of programs
+def test_planted_faults_of_the_python_ecu_are_noticed_by_the_one_in_c(of: World) -> None:
+    for owner, name, value in PLANTED_IN_PYTHON:
+        with patch.object(owner, name, value), pytest.raises(AssertionError):
+            for seed in range(300):
+                assert play(of, seed, 60, trouble=(0.001, 0.02, 0.1)[seed % 3]).differences == []
 
 
 @pytest.mark.proofs  # minutes of requests

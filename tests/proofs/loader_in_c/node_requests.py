@@ -11,7 +11,7 @@ from can_bridge.uds.fault_reports import LENGTHS, Report
 from can_bridge.uds.services import MAX_BLOCK, Did, Routine, Service, Session
 from contract.controller.calibration import PACKED_BYTES
 from tests.can_bridge.flashing.store_ecu import KEY
-from tests.proofs.flash.fuzz_images import pool
+from tests.proofs.loader_in_c.node_twin import World
 
 Plan = Generator[bytes, bytes | None, None]
 """Requests in their order; each is sent the last answer to the one before it."""
@@ -36,17 +36,17 @@ def write(did: Did, content: bytes) -> bytes:
     return bytes([Service.WRITE]) + did.to_bytes(2, "big") + content
 
 
-def any_plan(rng: Random) -> Plan:
+def any_plan(rng: Random, of: World) -> Plan:
     """What a tester may want."""
-    return rng.choice((*5 * [flashing], choosing, keys, calibrating, reading, guessing, *3 * [faults]))(rng)
+    return rng.choice((*5 * [flashing], choosing, keys, calibrating, reading, guessing, *3 * [faults]))(rng, of)
 
 
-def flashing(rng: Random) -> Plan:
+def flashing(rng: Random, of: World) -> Plan:
     """The sequence of `stillwake flash`, with any image; it may end before its end."""
-    image = rng.choice(list(pool().images.values()))
+    image = rng.choice(list(of.pool.images.values()))
     yield _EXTENDED
     yield routine(Routine.PRECONDITIONS)
-    yield from _unlocking(Level.PROGRAMMING)
+    yield from unlocking(Level.PROGRAMMING)
     answer = yield routine(Routine.ERASE, len(image).to_bytes(4, "big") + hashlib.sha256(image).digest())
     offset = int.from_bytes(answer[4:8], "big") if answer is not None and answer[0] == 0x71 else 0
     if offset < len(image):
@@ -62,39 +62,39 @@ def flashing(rng: Random) -> Plan:
         return
     yield routine(Routine.ACTIVATE)
     yield _RESET
-    yield from choosing(rng)
+    yield from choosing(rng, of)
 
 
-def choosing(rng: Random) -> Plan:
+def choosing(rng: Random, of: World) -> Plan:
     """What follows a reset."""
-    yield from _unlocking(Level.PROGRAMMING)
+    yield from unlocking(Level.PROGRAMMING)
     yield routine(Routine.SELF_TEST)
     yield routine(rng.choice((Routine.CONFIRM, Routine.CONFIRM, Routine.REVERT)))
     yield _RESET
 
 
-def keys(rng: Random) -> Plan:
+def keys(rng: Random, of: World) -> Plan:
     """Another key list."""
-    yield from _unlocking(Level.PROGRAMMING)
-    lists = pool().foreign_lists if rng.random() < 0.5 else pool().key_lists
+    yield from unlocking(Level.PROGRAMMING)
+    lists = of.pool.foreign_lists if rng.random() < 0.5 else of.pool.key_lists
     yield write(Did.KEY_LIST, rng.choice(lists))
 
 
-def calibrating(rng: Random) -> Plan:
+def calibrating(rng: Random, of: World) -> Plan:
     """Values, sound or not."""
-    yield from _unlocking(Level.CALIBRATION)
+    yield from unlocking(Level.CALIBRATION)
     yield write(Did.CALIBRATION, rng.randbytes(PACKED_BYTES))
     yield write(Did.CALIBRATION_STORED, bytes([rng.randrange(3)]))
 
 
-def reading(rng: Random) -> Plan:
+def reading(rng: Random, of: World) -> Plan:
     """Identifiers, one by one or several."""
     for _ in range(3):
         dids = rng.choices(list(Did), k=rng.choice((1, 1, 1, 2, 20)))
         yield bytes([Service.READ]) + b"".join(did.to_bytes(2, "big") for did in dids)
 
 
-def faults(rng: Random) -> Plan:
+def faults(rng: Random, of: World) -> Plan:
     """The fault memory, its switch, and silence on the bus."""
     codes = [0xFFFFFF, 0, *CODES.values()]
     for _ in range(6):
@@ -110,7 +110,7 @@ def faults(rng: Random) -> Plan:
             yield bytes([Service.REPORT_FAULTS, report]) + option
 
 
-def guessing(rng: Random) -> Plan:
+def guessing(rng: Random, of: World) -> Plan:
     """Wrong keys, past a reset, too."""
     level = rng.choice(list(Level))
     for _ in range(rng.choice((1, 2))):
@@ -144,7 +144,8 @@ def any_noise(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
     return _wrong_key(rng, seed) if kind == "wrong key" else _damaged(rng, sent)
 
 
-def _unlocking(level: Level) -> Plan:
+def unlocking(level: Level) -> Plan:
+    """Into the level's session, with the right key."""
     yield _PROGRAMMING if level is Level.PROGRAMMING else _EXTENDED
     answer = yield bytes([Service.SECURITY, level])
     if answer is not None and len(answer) == _SEED and any(answer[2:]):
