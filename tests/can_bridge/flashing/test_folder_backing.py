@@ -1,69 +1,12 @@
-"""The store's place in a folder: nothing that was kept is lost with the supply."""
+"""The store's place in a folder; `tests/proofs/flash` cuts its supply."""
 
 import os
-from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from can_bridge.flashing.backing import Kind, Slot
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.medium import MediumError
-from tests.can_bridge.flashing.lossy_files import LossyFiles
-from tests.can_bridge.flashing.sessions import Witness, run
-from tests.examples import examples
-
-PLAN = [(Slot.A, 1), (Slot.B, 2), (Slot.A, 3)]
-LENGTHS = {1: 900, 2: 1301, 3: 620}
-
-
-def play(files: LossyFiles, cuts: list[int]) -> None:
-    """The plan with cuts, each so many calls after the one before; then to its end."""
-    witness = Witness(LENGTHS)
-
-    def power_on() -> FolderBacking:
-        return FolderBacking(Path("unused"), files=files, capacity=2048)
-
-    for cut in cuts:
-        files.power_on(files.operations + cut)
-        if run(power_on, witness, PLAN):
-            return
-    files.power_on()
-    assert run(power_on, witness, PLAN)
-
-
-def every_cut(seeds: int) -> None:
-    files = LossyFiles()
-    play(files, [])
-    for cut in range(files.operations):
-        for seed in range(seeds):
-            play(LossyFiles(seed), [cut])
-
-
-@pytest.mark.slow
-def test_every_cut_leaves_the_old_or_the_new():
-    every_cut(2)
-
-
-@pytest.mark.slow
-@examples(100)
-@given(st.integers(0, 2**32), st.lists(st.integers(0, 200), max_size=12))
-def test_many_cuts_in_a_row(seed, cuts):
-    play(LossyFiles(seed), cuts)
-
-
-def test_planted_defects_are_found(monkeypatch):
-    sync = LossyFiles.sync
-    for name, defect in (
-        ("sync_folder", lambda self: None),
-        # Renamed before it was synchronised; a checkpoint before the slot was.
-        ("sync", lambda self, name: None if name.startswith("record") else sync(self, name)),
-        ("sync", lambda self, name: None if name.startswith("slot") else sync(self, name)),
-    ):
-        with monkeypatch.context() as patch, pytest.raises(Exception):  # noqa: B017  (whatever shows it)
-            patch.setattr(LossyFiles, name, defect)
-            every_cut(4)
 
 
 def test_it_outlives_the_process(tmp_path):

@@ -13,6 +13,7 @@ from can_bridge.flashing.store import Store
 from contract.errors import StillwakeError
 from tests.proofs.flash import cuts, proof
 from tests.proofs.flash.cuts import Case, Tally, both_bad, walk
+from tests.proofs.flash.places import FolderPlace
 
 ROOT = Path(__file__).parents[3]
 
@@ -74,6 +75,11 @@ def test_planted_defects_are_found(monkeypatch, operations):
             patch.setattr(owner, name, value)
             return kinds_found(picked)
 
+    # A file is renamed before it was synchronised, a checkpoint is kept before its slot was.
+    sync = FolderPlace.sync
+    assert planted(all_along, FolderPlace, "sync", lambda self, name: name.startswith("record") or sync(self, name))
+    assert planted(all_along, FolderPlace, "sync", lambda self, name: name.startswith("slot") or sync(self, name))
+    assert planted(range(operations), FolderPlace, "sync_folder", lambda self: None)
     assert planted(end, Store, "activate", rising) & {"counter_moved", "bricked", "confirmed_lost"}
     assert "confirmed_lost" in planted(end, Remembered, "keep_slot", uncounted)
     assert "checkpoint_lost" in planted(all_along, Remembered, "keep_slot", forgetful)
