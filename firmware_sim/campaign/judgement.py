@@ -7,7 +7,7 @@ from enum import StrEnum
 from math import inf, isfinite, nan
 from typing import Any
 
-from firmware_sim.campaign.outcome import Outcome
+from firmware_sim.campaign.outcome import Outcome, Service
 from firmware_sim.campaign.scenario import UNDISTURBED, Criteria, Scenario
 from firmware_sim.runs.statistics import rounded
 
@@ -84,14 +84,13 @@ class Row:
 
     @property
     def free_abs_Cl(self) -> Spread:
-        return _spread([phase.free for phase in self.phases], "abs_Cl")
+        return self._spread("abs_Cl", free=True)
 
     @property
     def in_control(self) -> float:
         """Share of the requested time in which the controller planned, percent, over all phases."""
-        services = [phase.under.service for phase in self.phases if phase.under.service is not None]
-        requested = sum(one.requested for one in services)
-        return 100.0 * sum(one.in_control for one in services) / requested if requested else nan
+        requested = self._total("requested")
+        return 100.0 * self._total("in_control") / requested if requested else nan
 
     @property
     def latches(self) -> int:
@@ -116,9 +115,8 @@ class Row:
     def reasons(self) -> dict[str, int]:
         """Control periods not in control, by the ECU's reason, over all phases; the most frequent first."""
         count: Counter[str] = Counter()
-        for phase in self.phases:
-            if phase.under.service is not None:
-                count.update(phase.under.service.reasons)
+        for service in self._services:
+            count.update(service.reasons)
         return dict(sorted(count.items(), key=lambda item: (-item[1], item[0])))
 
     def figures(self) -> dict[str, Any]:
@@ -129,7 +127,7 @@ class Row:
             "mean_Cl": self._spread("mean_Cl"),
             "Cd": self._spread("Cd"),
             "rms_action": self._spread("rms_action"),
-            "Cd_uncontrolled": _spread([phase.free for phase in self.phases], "Cd"),
+            "Cd_uncontrolled": self._spread("Cd", free=True),
             "abs_Cl_uncontrolled": self.free_abs_Cl,
         }
         return {
@@ -155,11 +153,17 @@ class Row:
             "broken": self.broken,
         }
 
-    def _spread(self, name: str) -> Spread:
-        return _spread([phase.under for phase in self.phases], name)
+    def _spread(self, name: str, *, free: bool = False) -> Spread:
+        """Of one of the `Figures`, under control or of the free flow."""
+        found = [(phase.free if free else phase.under).figures for phase in self.phases]
+        return Spread.of([nan if one is None else float(getattr(one, name)) for one in found])
 
     def _total(self, name: str) -> int:
-        return sum(int(getattr(phase.under.service, name)) for phase in self.phases if phase.under.service is not None)
+        return sum(int(getattr(service, name)) for service in self._services)
+
+    @property
+    def _services(self) -> list[Service]:
+        return [phase.under.service for phase in self.phases if phase.under.service is not None]
 
 
 def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[Phase]]) -> tuple[Row, ...]:
@@ -200,8 +204,3 @@ def _row(scenario: Scenario, phases: tuple[Phase, ...], undisturbed: float) -> R
     free = row.free_abs_Cl.mean
     side_force = row.abs_Cl.mean / free if free > 0 else inf
     return replace(row, use=use_of(reduction.mean, undisturbed, side_force, scenario.criteria))
-
-
-def _spread(outcomes: Sequence[Outcome], name: str) -> Spread:
-    """Spread of one of the `Figures`."""
-    return Spread.of([nan if one.figures is None else float(getattr(one.figures, name)) for one in outcomes])

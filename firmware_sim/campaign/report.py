@@ -42,29 +42,26 @@ def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day
         with replacing(folder.figures / f"{name}.png") as temporary:
             temporary.write_bytes(png)
     manifest, tree = campaign.bundle.manifest, loading.to_tree(campaign.config)
-    page = (
-        pages.templates("firmware_sim.campaign")
-        .get_template("campaign.html.j2")
-        .render(
-            day=day.isoformat(),
-            controller=f"{manifest.name} ({manifest.precision}, {campaign.bundle.digest[:12]})",
-            phases=campaign.phases,
-            seed=campaign.seed,
-            controlled=campaign.timing.controlled,
-            settle=campaign.timing.settle,
-            reynolds=campaign.config.flow.reynolds,
-            safe=result.safe,
-            headline=matrix_words.headline(result.rows),
-            heads=matrix_words.HEADS,
-            criteria=criteria_text(Criteria()),
-            words_of=criteria_text,
-            groups=[
-                (title, [(row, matrix_words.cells(row)) for row in rows])
-                for title, rows in groupby(result.rows, lambda row: row.scenario.group)
-            ],
-            curves=[(_CURVES[name][0], pages.data_uri(png), _CURVES[name][1]) for name, png in pictures.items()],
-            settings=[f"{name} = {value}" for name, value in leaves({name: tree[name] for name in _USED})],
-        )
+    pages.write(
+        folder.report,
+        "campaign.html.j2",
+        "firmware_sim.campaign",
+        day=day.isoformat(),
+        controller=f"{manifest.name} ({manifest.precision}, {campaign.bundle.digest[:12]})",
+        phases=campaign.phases,
+        seed=campaign.seed,
+        controlled=campaign.timing.controlled,
+        settle=campaign.timing.settle,
+        reynolds=campaign.config.flow.reynolds,
+        safe=result.safe,
+        headline=matrix_words.headline(result.rows),
+        heads=matrix_words.HEADS,
+        criteria=criteria_text(Criteria()),
+        words_of=criteria_text,
+        groups=[
+            (title, [(row, matrix_words.cells(row)) for row in rows])
+            for title, rows in groupby(result.rows, lambda row: row.scenario.group)
+        ],
+        curves=[(_CURVES[name][0], pages.data_uri(png), _CURVES[name][1]) for name, png in pictures.items()],
+        settings=[f"{name} = {value}" for name, value in leaves({name: tree[name] for name in _USED})],
     )
-    with replacing(folder.report) as temporary:
-        temporary.write_text(page, encoding="utf-8")

@@ -49,40 +49,44 @@ def curve(rows: Sequence[Row], label: str, pattern: str) -> Curve:
 
 def figures_of(rows: Sequence[Row]) -> dict[str, Figure]:
     """Every figure by its file's name: curves that have two points at least, and a glance at each group."""
-    made = {}
     noise = curve(rows, "this loop", r"noise_(\d+\.?\d*)")
-    if len(noise.points) > 1:
-        made["noise"] = noise_figure(noise)
-    delays = [
-        curve(rows, "compensated", r"delay_(\d+)"),
-        curve(rows, "not compensated", r"delay_(\d+)_uncompensated"),
-    ]
-    if any(len(one.points) > 1 for one in delays):
-        made["delay"] = delay_figure([one for one in delays if len(one.points) > 1])
-    return {**made, "overview": overview_figure(rows)}
+    delays = curve(rows, "compensated", r"delay_(\d+)"), curve(rows, "not compensated", r"delay_(\d+)_uncompensated")
+    # Of noise the paper gives a number for the loop without it alone.
+    undisturbed = {0: paper.DELAYED_CD[0]}
+    found = {
+        "noise": curves_figure([noise], "sensor noise / global deviations", "paper", undisturbed),
+        "delay": curves_figure(delays, "actuator delay / control periods", "paper, compensated", paper.DELAYED_CD),
+        "overview": overview_figure(rows),
+    }
+    return {name: figure for name, figure in found.items() if figure is not None}
 
 
-def noise_figure(noise: Curve) -> Figure:
-    """Drag reduction and mean |Cl| over the level of sensor noise."""
-    figure, (left, right) = _panels("sensor noise / global deviations")
-    _draw(left, noise, "reduction", BLUE, "o")
-    _draw(right, noise, "abs_Cl", BLUE, "o")
-    # The paper gives a number for the loop without noise alone.
-    left.plot(0.0, paper.reduction_percent(paper.DELAYED_CD[0]), "*", color="black", markersize=11, label="paper")
-    _finish(left, right, noise.points[0][1])
-    return figure
-
-
-def delay_figure(delays: Sequence[Curve]) -> Figure:
-    """Drag reduction and mean |Cl| over the actuator's delay, with the paper's own points."""
-    figure, (left, right) = _panels("actuator delay / control periods")
-    for one, colour, mark in zip(delays, (BLUE, VERMILLION), ("o", "s"), strict=False):
+def curves_figure(
+    curves: Sequence[Curve], xlabel: str, papers: str, Cd_by_number: Mapping[int, float]
+) -> Figure | None:
+    """Drag reduction and mean |Cl| over a number, with the paper's own points; None where no curve has two points."""
+    curves = [one for one in curves if len(one.points) > 1]
+    if not curves:
+        return None
+    figure = Figure(figsize=(_WIDTH, 3.6), dpi=_DPI)
+    left, right = figure.subplots(1, 2)
+    figure.subplots_adjust(left=0.08, right=0.98, bottom=0.15, top=0.97, wspace=0.2)
+    left.set_ylabel("less wall drag than without control / %")
+    right.set_ylabel("mean $|C_l|$")
+    for one, colour, mark in zip(curves, (BLUE, VERMILLION), ("o", "s"), strict=False):
         _draw(left, one, "reduction", colour, mark)
         _draw(right, one, "abs_Cl", colour, mark)
-    points = sorted(paper.DELAYED_CD.items())
-    reductions = [paper.reduction_percent(Cd) for _, Cd in points]
-    left.plot([delay for delay, _ in points], reductions, "*", color="black", markersize=11, label="paper, compensated")
-    _finish(left, right, delays[0].points[0][1])
+    reductions = [paper.reduction_percent(Cd) for Cd in Cd_by_number.values()]
+    left.plot(list(Cd_by_number), reductions, "*", color="black", markersize=11, label=papers)
+    left.axhline(0.0, color="0.4", linewidth=0.8)
+    free = curves[0].points[0][1].free_abs_Cl.mean
+    if isfinite(free):
+        right.axhline(free, color="0.4", linewidth=0.8, linestyle=":", label="without control")
+    right.set_ylim(bottom=0.0)
+    for axes in (left, right):
+        axes.set_xlabel(xlabel)
+        axes.grid(alpha=0.25)
+        axes.legend(frameon=False, fontsize=8)
     return figure
 
 
@@ -116,18 +120,6 @@ def overview_figure(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def _panels(xlabel: str) -> tuple[Figure, tuple[Axes, Axes]]:
-    figure = Figure(figsize=(_WIDTH, 3.6), dpi=_DPI)
-    left, right = figure.subplots(1, 2)
-    figure.subplots_adjust(left=0.08, right=0.98, bottom=0.15, top=0.97, wspace=0.2)
-    left.set_ylabel("less wall drag than without control / %")
-    right.set_ylabel("mean $|C_l|$")
-    for axes in (left, right):
-        axes.set_xlabel(xlabel)
-        axes.grid(alpha=0.25)
-    return figure, (left, right)
-
-
 def _draw(axes: Axes, one: Curve, name: str, colour: str, mark: str) -> None:
     """The means, and the least and most of the phases as bars."""
     points = [(x, getattr(row, name)) for x, row in one.points]
@@ -144,13 +136,3 @@ def _bar(axes: Axes, value: Spread, place: int, style: Mapping[str, Any]) -> Non
     if isfinite(value.mean):
         axes.plot([value.least, value.most], [place, place], color=style["color"], linewidth=2.0, alpha=0.5)
         axes.plot(value.mean, place, linestyle="", markersize=6, **style)
-
-
-def _finish(left: Axes, right: Axes, undisturbed: Row) -> None:
-    left.axhline(0.0, color="0.4", linewidth=0.8)
-    free = undisturbed.free_abs_Cl.mean
-    if isfinite(free):
-        right.axhline(free, color="0.4", linewidth=0.8, linestyle=":", label="without control")
-    right.set_ylim(bottom=0.0)
-    for axes in (left, right):
-        axes.legend(frameon=False, fontsize=8)

@@ -7,8 +7,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -75,11 +75,11 @@ def recorded(
     """
     tables = {name: folder / STAGE_TIMES.format(name) for name in (ECU, VEHICLE, IDLE)}
     with ExitStack() as stack:
-        notified = stack.enter_context(_NotifySocket())
+        address, notified = stack.enter_context(_notify_socket())
         running_ecu = stack.enter_context(
-            _Child(ECU, [*ecu, "--stage-times", str(tables[ECU])], folder, notify=notified.address)
+            _Child(ECU, [*ecu, "--stage-times", str(tables[ECU])], folder, notify=address)
         )
-        notified.wait(running_ecu)
+        _wait_until_ready(notified, running_ecu)
         running_vehicle = stack.enter_context(
             _Child(VEHICLE, [*vehicle, "--stage-times", str(tables[VEHICLE])], folder)
         )
@@ -175,29 +175,25 @@ class _Child:
             self.process.wait()
 
 
-class _NotifySocket:
-    """Where the ECU reports that it is ready, as it would to systemd (sd_notify(3))."""
+@contextmanager
+def _notify_socket() -> Iterator[tuple[str, socket.socket]]:
+    """Where the ECU reports that it is ready, as it would to systemd (sd_notify(3)): its address, and our end."""
+    with (
+        tempfile.TemporaryDirectory(prefix="stillwake-") as folder,
+        socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ours,
+    ):
+        address = str(Path(folder) / "notify")
+        ours.bind(address)
+        yield address, ours
 
-    def __init__(self) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="stillwake-")
-        self.address = str(Path(self._folder.name) / "notify")
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._socket.bind(self.address)
 
-    def wait(self, child: _Child) -> None:
-        """Until that process is ready; raises BusError if it ends, or is not within READY_S."""
-        deadline = time.monotonic() + READY_S
-        while time.monotonic() < deadline:
-            readable, _, _ = select.select([self._socket], [], [], 0.2)
-            if readable and b"READY=1" in self._socket.recv(4096).split(b"\n"):
-                return
-            if child.process.poll() is not None:
-                raise BusError(f"the {child.name} did not start: {child.last_line}")
-        raise BusError(f"the {child.name} was not ready within {READY_S:.0f} s: {child.last_line}")
-
-    def __enter__(self) -> "_NotifySocket":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._socket.close()
-        self._folder.cleanup()
+def _wait_until_ready(notified: socket.socket, child: _Child) -> None:
+    """Raises BusError if the process ends before it is ready, or is not within READY_S."""
+    deadline = time.monotonic() + READY_S
+    while time.monotonic() < deadline:
+        readable, _, _ = select.select([notified], [], [], 0.2)
+        if readable and b"READY=1" in notified.recv(4096).split(b"\n"):
+            return
+        if child.process.poll() is not None:
+            raise BusError(f"the {child.name} did not start: {child.last_line}")
+    raise BusError(f"the {child.name} was not ready within {READY_S:.0f} s: {child.last_line}")

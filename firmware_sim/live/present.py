@@ -1,6 +1,6 @@
 """The messages that describe a run of the loop as it is: what stays, and what is new each period."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from math import isfinite
@@ -31,8 +31,7 @@ def hello(
     config: Config,
     settings: LiveSettings,
     *,
-    controllers: Sequence[Choice],
-    plants: Sequence[Choice],
+    choices: Mapping[str, Sequence[Choice]],
     kept: int,
 ) -> Message:
     """Everything that stays from this start of the plant on, and the settings. Places are in W, the nose at x = 0."""
@@ -70,8 +69,7 @@ def hello(
         "raster": list(run.raster),  # its width and height; empty where the plant has no field
         "states": [mode.name for mode in OperatingMode],
         "reasons": {reason.name: text for reason, text in BECAUSE.items()},
-        "controllers": list(controllers),
-        "plants": list(plants),
+        **{f"{what}s": list(found) for what, found in choices.items()},  # controllers and plants
         "sliders": {name: asdict(slider) for name, slider in SLIDERS.items()},
         "weights": asdict(manifest.mpc.weights),
         "weight_slider": asdict(WEIGHT),
@@ -87,9 +85,7 @@ def periods(run: int, new: Iterable[Period], base: Index) -> Message:
     return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
 
 
-def now(
-    run: LiveRun, latest: Period, seen: Seen, *, fps: float, paused: bool, computed_by: str, losses: int
-) -> Message:
+def now(run: LiveRun, latest: Period, seen: Seen, *, fps: float, paused: bool, losses: int) -> Message:
     """As of the latest period; `losses` are the latest periods judged together."""
     fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
     planned = forces is not None and latest.planned_ns is not None
@@ -117,7 +113,7 @@ def now(
         "fps": fps,  # control periods a second, by the wall clock
         "real_time": fps * run.period_ns / 1e9,  # virtual seconds a second
         "paused": paused,
-        "computed_by": "" if seen.state == UNPOWERED else computed_by,
+        "computed_by": "" if seen.state == UNPOWERED else run.ecu.computed_by,
     }
 
 

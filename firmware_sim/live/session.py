@@ -90,18 +90,6 @@ class LiveSession:
         self._check_choices(self._settings)
         self._start(self._settings)
 
-    def hello(self) -> Message:
-        """Everything that stays until the plant starts again."""
-        return present.hello(
-            self._run,
-            self._bundle,
-            self._config,
-            self._settings,
-            controllers=self._choices["controller"],
-            plants=self._choices["plant"],
-            kept=self._kept,
-        )
-
     def step(self) -> None:
         """One control period; none while the loop is paused. Raises StillwakeError if the flow diverges."""
         if self._paused:
@@ -147,7 +135,9 @@ class LiveSession:
         """What is new since this was asked last."""
         run, out = self._run, list[Message | bytes]()
         if self._hello_due:
-            out.append(self.hello())
+            out.append(
+                present.hello(run, self._bundle, self._config, self._settings, choices=self._choices, kept=self._kept)
+            )
         if self._rows:
             out.append(present.periods(run.number, self._rows, run.wake.layout.base))
         if items := self._events.new():
@@ -165,7 +155,7 @@ class LiveSession:
     def _do(self, request: Asked, answer: Answer) -> None:
         match request.action:
             case "set":
-                self._change(request.value)
+                self._apply(self._changed(request.value), enable=request.value.get("enable"))
             case "clear":
                 answer["note"] = self._clear()
             case "power_cycle":
@@ -175,9 +165,6 @@ class LiveSession:
             case "restart":
                 self._start(self._settings)
                 self._note("set", "the plant starts again")
-
-    def _change(self, given: dict[str, Any]) -> None:
-        self._apply(self._changed(given), enable=given.get("enable"))
 
     def _changed(self, given: dict[str, Any]) -> LiveSettings:
         return self._settings.changed(given, self._bundle.manifest.sensors, self._bundle.manifest.mpc.weights)
@@ -226,7 +213,7 @@ class LiveSession:
     def _power_cycle(self) -> None:
         if self._settings.controller == OFF:
             raise ConfigError("power cycle: the ECU has no supply; choose a controller, and it starts")
-        self._run.power_cycle()
+        self._run.power_on()
         self._note("set", "the ECU's supply is cut for a moment")
 
     def _pause(self, value: bool) -> None:
@@ -296,7 +283,6 @@ class LiveSession:
                 self._seen,
                 fps=self._fps(),
                 paused=self._paused,
-                computed_by=run.ecu.computed_by,
                 losses=self._config.ecu.loss_window,
             )
         ]

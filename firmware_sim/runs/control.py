@@ -63,11 +63,16 @@ class Control:
         return self.fault is None and self.in_control > 0 and self.in_control + self.warm_up == self.requested
 
 
+def mode_names(log: RunLog) -> list[str]:
+    """Of every period; SKIPPED is one of them."""
+    skipped = np.isnan(log.series["step_ms"])
+    modes = zip(log.series["mode"].astype(int), skipped, strict=True)
+    return [SKIPPED if left_out else Mode(mode).name for mode, left_out in modes]
+
+
 def control(log: RunLog) -> Control:
     """Control in a run, from the period in which control is first requested."""
-    modes = log.series["mode"][log.enabled_at :].astype(int)
-    skipped = np.isnan(log.series["step_ms"][log.enabled_at :])
-    names = [SKIPPED if left_out else Mode(mode).name for mode, left_out in zip(modes, skipped, strict=True)]
+    modes, names = log.series["mode"][log.enabled_at :], mode_names(log)[log.enabled_at :]
     faulted = np.flatnonzero(modes == Mode.FAULT)
     warm = np.flatnonzero(np.array(names) != Mode.WARMUP.name)
     still = log.series["action"][log.enabled_at :] == 0.0

@@ -2,12 +2,16 @@
 
 import base64
 import io
-from typing import Final
+from functools import cache
+from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
+from contract.atomic import replacing
 
+
+@cache
 def templates(package: str) -> Environment:
     """The templates in the folder `templates` of a package; texts are escaped, a missing value is an error."""
     return Environment(
@@ -20,12 +24,17 @@ def templates(package: str) -> Environment:
     )
 
 
-_TEMPLATES: Final = templates("firmware_sim.runs")
+def render(template: str, package: str = "firmware_sim.runs", **values: object) -> str:
+    """The page of a template of a package; texts among the values are escaped, a missing value is an error."""
+    return templates(package).get_template(template).render(values)
 
 
-def render(template: str, **values: object) -> str:
-    """The page of a template in `templates/`; texts among the values are escaped, a missing value is an error."""
-    return _TEMPLATES.get_template(template).render(values)
+def write(target: Path, template: str, package: str = "firmware_sim.runs", **values: object) -> Path:
+    """Write that page, whole or not at all, and return its path. Raises StillwakeError if it cannot be written."""
+    page = render(template, package, **values)
+    with replacing(target) as temporary:
+        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
+    return target
 
 
 def data_uri(png: bytes) -> str:

@@ -10,8 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from can_bridge.wire.messages import Mode
-from firmware_sim.runs.control import SKIPPED
+from firmware_sim.runs.control import mode_names
 from firmware_sim.runs.run_log import RunLog
 from wake.pictures.drawing import BLOWING, SUCKING
 
@@ -39,13 +38,7 @@ def overview_figure(log: RunLog, uncontrolled: bytes, controlled: bytes) -> Figu
 
 def mode_spans(log: RunLog) -> list[tuple[str, int, int]]:
     """(mode, first period, period after the last) of every stretch of one mode, in order; SKIPPED is one of them."""
-    skipped = np.isnan(log.series["step_ms"])
-    names = np.array(
-        [
-            SKIPPED if left_out else Mode(int(mode)).name
-            for mode, left_out in zip(log.series["mode"], skipped, strict=True)
-        ]
-    )
+    names = np.array(mode_names(log))
     edges = [0, *(np.flatnonzero(names[1:] != names[:-1]) + 1).tolist(), len(names)]
     return [(str(names[first]), first, after) for first, after in pairwise(edges) if after > first]
 

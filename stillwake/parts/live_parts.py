@@ -143,11 +143,13 @@ class Ecus:
 
 def controllers(release: Bundle, library: Path | None) -> "list[Choice]":
     """Of the live loop with this release, in the order of `firmware_sim.live.settings.CONTROLLERS`."""
+    from firmware_sim.in_c.compiler import host_compiler
+
     precision = release.manifest.precision
     graph = f"linear, {precision}" if release.manifest.is_linear else f"{precision} ONNX graph"
     return [
         {"name": "int8", "label": f"Python, {graph}", "missing": None},
-        {"name": "c", "label": f"C, {precision}", "missing": _no_library(release, library) or _no_compiler()},
+        {"name": "c", "label": f"C, {precision}", "missing": _no_library(release, library) or _error_of(host_compiler)},
         {
             "name": "cortex-m7",
             "label": f"emulated Cortex-M7, {precision}",
@@ -161,16 +163,9 @@ def plants() -> "list[Choice]":
     """Of the live loop, in the order of `firmware_sim.live.settings.PLANTS`."""
     from contract import shipped
 
-    def lacking(present: Callable[[], Path]) -> str | None:
-        try:
-            present()
-        except StillwakeError as error:
-            return str(error)
-        return None
-
     return [
-        {"name": "wake", "label": "wake: answers the jets", "missing": lacking(shipped.developed)},
-        {"name": "recording", "label": "recording: does not answer", "missing": lacking(shipped.recording)},
+        {"name": "wake", "label": "wake: answers the jets", "missing": _error_of(shipped.developed)},
+        {"name": "recording", "label": "recording: does not answer", "missing": _error_of(shipped.recording)},
     ]
 
 
@@ -182,11 +177,10 @@ def _no_library(release: Bundle, library: Path | None) -> str | None:
     return _lacks(_MAKES_LIBRARY)
 
 
-def _no_compiler() -> str | None:
-    from firmware_sim.in_c.compiler import host_compiler
-
+def _error_of(get: Callable[[], object]) -> str | None:
+    """Why it cannot be had; None if it can."""
     try:
-        host_compiler()
+        get()
     except StillwakeError as error:
         return str(error)
     return None

@@ -19,7 +19,6 @@ from contract.arrays import Array
 from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.errors import PlantError, StillwakeError
-from contract.sensor_layout import SensorLayout
 from firmware_sim.bench.real_time.speed import Speed
 from firmware_sim.ecu.real_time.privileges import stay_ordinary
 from wake.plant.drive import Drive
@@ -37,6 +36,8 @@ class LiveWake:
         drive: speeds of the stream from the first period on; the flow's settings have the time steps for them.
 
     Attributes:
+        layout: sensors of the body.
+        description: solver, grid and time step.
         speed: measured before the start.
     """
 
@@ -47,7 +48,7 @@ class LiveWake:
         progress: Callable[[float, float], None] = lambda t, total: None,
         drive: Drive | None = None,
     ) -> None:
-        self._layout = layout_of(config.body)
+        self.layout = layout_of(config.body)
         # Not forked: this process has threads, whose locks a fork would keep as they are.
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
@@ -60,18 +61,9 @@ class LiveWake:
         except BaseException:
             self._end()
             raise
-        _, self.speed, self._about, self._cp = word
+        _, self.speed, about, self._cp = word
+        self.description = f"live wake: {about}"
         self._is_busy = False
-
-    @property
-    def layout(self) -> SensorLayout:
-        """Sensors of the body."""
-        return self._layout
-
-    @property
-    def description(self) -> str:
-        """Solver, grid and time step."""
-        return f"live wake: {self._about}"
 
     def sampled(self) -> Array | None:
         """Cp at the end of the period that was driven last; None while it is being computed. Raises PlantError if the

@@ -12,15 +12,10 @@ from contract.sensor_layout import SensorLayout
 
 
 class Pressures(Protocol):
-    """A flow that goes on in real time."""
+    """A flow that goes on in real time; `description` is a few words, with whether it answers the jets."""
 
-    @property
-    def layout(self) -> SensorLayout:
-        """Names and places of the sensors."""
-
-    @property
-    def description(self) -> str:
-        """In a few words, and whether it answers the jets."""
+    layout: SensorLayout
+    description: str
 
     def sampled(self) -> Array | None:
         """Cp at the sampling instant that has come, (sensors,); None if the flow has not got there yet."""
@@ -38,6 +33,7 @@ class Replay:
         first: control step to begin with.
 
     Attributes:
+        layout, description: of the recording; see `Pressures`.
         rounds: how often the recording began again; the pressures jump then.
     """
 
@@ -45,24 +41,13 @@ class Replay:
         chosen = _episode(dataset, episode)
         if not 0 <= first < len(chosen):
             raise ConfigError(f"control step {first}: episode {chosen.name} has 0..{len(chosen) - 1}")
-        self._layout = dataset.layout
-        self._cp = chosen.series["Cp"]
-        self._name = chosen.name
+        self.layout, self._cp = dataset.layout, chosen.series["Cp"]
+        self.description = (
+            f"open loop: recorded episode {chosen.name}, {len(chosen)} periods; the pressures do not answer the jets, "
+            "and an ECU in control may find them IMPLAUSIBLE or NOT_HELPING"
+        )
         self._next = first
         self.rounds = 0
-
-    @property
-    def layout(self) -> SensorLayout:
-        """Sensors of the recording."""
-        return self._layout
-
-    @property
-    def description(self) -> str:
-        """The episode, and what it is not."""
-        found = (
-            f"open loop: recorded episode {self._name}, {len(self._cp)} periods; the pressures do not answer the jets"
-        )
-        return f"{found}, and an ECU in control may find them IMPLAUSIBLE or NOT_HELPING"
 
     def sampled(self) -> Array:
         """The row of this period; after the last one the first."""

@@ -126,24 +126,20 @@ class LiveRun:
         A sensor that the ECU has set aside is used again when it has started again, which it then does.
         """
         if self.state.sensors.set_aside is not None and not self.is_off:
-            self.power_cycle()
+            self.power_on()
         longest = max(self._config.ecu.loss_window, self._config.vehicle.loss_window)
         self.request.helped_until = self.k + longest + round(LINGER_S * 1e9 / self._config.period_ns)
         return self.request.rearm(self.state.fail_safe, given_up=self.node.has_given_up)
 
-    def power_cycle(self) -> None:
-        """Cut the ECU's supply for a moment: it starts again."""
+    def power_on(self) -> None:
+        """The ECU starts; one that has its supply loses it for a moment."""
         self._reset(round(BOOT_S * 1e9))
+        self.is_off = False
 
     def cut_supply(self) -> None:
         """The ECU is silent until `power_on`. Its CAN transceiver still acknowledges frames."""
         self._reset(_FOR_GOOD_NS)
         self.is_off = True
-
-    def power_on(self) -> None:
-        """The ECU starts."""
-        self._reset(round(BOOT_S * 1e9))
-        self.is_off = False
 
     def seen(self) -> Seen:
         """As of the latest period."""

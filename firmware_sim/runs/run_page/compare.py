@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from contract.atomic import replacing
 from firmware_sim.runs import pages
 from firmware_sim.runs.control import trouble
 from firmware_sim.runs.run_folder import RunFolder
@@ -21,7 +20,8 @@ def write_comparison(folders: Sequence[RunFolder], target: Path) -> Path:
     runs = [read_run(folder) for folder in folders]
     logs = [run.log for run in runs]
     wakes = [wake_of(folder, run.log) for folder, run in zip(folders, runs, strict=True)]
-    page = pages.render(
+    return pages.write(
+        target,
         "compare.html.j2",
         title=f"stillwake: {', '.join(names)}",
         inlined=inlined("compare.js"),
@@ -40,6 +40,3 @@ def write_comparison(folders: Sequence[RunFolder], target: Path) -> Path:
         differing=differing(logs),
         replays=as_json([run_data(log, wake, name) for log, wake, name in zip(logs, wakes, names, strict=True)]),
     )
-    with replacing(target) as temporary:
-        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
-    return target

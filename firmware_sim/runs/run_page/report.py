@@ -46,7 +46,8 @@ def write_report(folder: RunFolder, target: Path | None = None) -> Path:
     run = read_run(folder)
     log = run.log
     wake, messages = wake_of(folder, log), bus_rows(folder, log)
-    page = pages.render(
+    return pages.write(
+        folder.report if target is None else target,
         "report.html.j2",
         title=f"stillwake run of {log.metadata.origin.day}",
         inlined=inlined("report.js"),
@@ -63,10 +64,6 @@ def write_report(folder: RunFolder, target: Path | None = None) -> Path:
         settings=settings_lines(log.metadata),
         replay=as_json(run_data(log, wake, "")),
     )
-    path = folder.report if target is None else target
-    with replacing(path) as temporary:
-        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
-    return path
 
 
 def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
