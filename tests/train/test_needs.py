@@ -61,8 +61,6 @@ def test_the_judging_and_the_windows_of_an_episode(make_episode, config):
     assert len(rollout_starts(rows_of(make_episode, need.steps), config.model.window, 25)) == 1
     with pytest.raises(DatasetError, match="too short"):
         evaluate(model.encoder, model, rows_of(make_episode, need.steps - 1))
-    # The windows of an episode.
-    model = WakeModel(90, config.model).eval()
     for steps in (5, 11, 12, 40):
         latents = encode_all(model.encoder, rows_of(make_episode, steps))
         assert needs.windows_in(steps, config.model.window) == int(np.sum(~latents[:, 0].isnan().numpy()))

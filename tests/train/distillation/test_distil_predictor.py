@@ -44,5 +44,4 @@ def test_the_student_rolls_out_as_the_teacher(fitted, small_config):
     torch.manual_seed(0)
     untrained = error(Predictor(config.model.slim))
     assert untrained > 0.6
-    # measured: see below
     assert error(student) < 0.25

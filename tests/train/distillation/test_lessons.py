@@ -30,7 +30,7 @@ def taught(make_episode, small_config) -> tuple[WakeModel, Rows, Scaling, Config
 
 
 def test_lessons_are_the_teachers_and_their_plans_go_down_its_cost(taught):
-    teacher, _, _, _, lessons = taught
+    teacher, _, scaling, config, lessons = taught
     assert len(lessons) >= 1000
     some = lessons.drawn(torch.tensor([0, 17, 999]))
     with torch.no_grad():
@@ -38,7 +38,6 @@ def test_lessons_are_the_teachers_and_their_plans_go_down_its_cost(taught):
         assert torch.allclose(some.latents[:, 1:], ahead, atol=1e-5)  # float32, in other batches
         assert torch.allclose(some.forces, teacher.decoder(some.latents), atol=1e-5)
     # Plans on their way cost less step by step and stay within the limit.
-    _, _, scaling, config, lessons = taught
     weights = config.mpc.weights
     drag, lift = (lessons.forces[:, 1:] * torch.tensor(scaling.force_std) + torch.tensor(scaling.force_mean)).unbind(-1)
     cost = (

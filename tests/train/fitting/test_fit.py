@@ -1,7 +1,8 @@
 """Training learns, repeats itself, and goes on after an interruption as if there had been none."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import pytest
@@ -14,11 +15,9 @@ from train.distillation.evaluate import evaluate
 from train.fitting.checkpoint import Identity
 from train.fitting.fit import Checkpoints, fit_joint
 from train.fitting.progress import Phase
-from train.networks.model import WakeModel
 
 pytestmark = pytest.mark.slow  # networks are trained
 
-BRIEF: dict[str, Any] = {"epochs": 5.0}
 IDENTITY = Identity(settings="{}", dataset_sha256="0" * 64)
 
 
@@ -26,13 +25,9 @@ def trained(config: Config, **changes: Any) -> Config:
     return replace(config, train=replace(config.train, **changes))
 
 
-def interrupt_at(stop: int) -> Callable[..., None]:
-    def progress(phase: str, step: int, total: int, terms: Mapping[str, float]) -> None:
-        assert step <= total
-        if step >= stop:
-            raise KeyboardInterrupt
-
-    return progress
+def stop_at_ten(phase: str, step: int, total: int, terms: Mapping[str, float], of: str = Phase.FIT) -> None:
+    if phase == of and step >= 10:
+        raise KeyboardInterrupt
 
 
 def assert_equal(one: torch.nn.Module, two: torch.nn.Module) -> None:
@@ -40,7 +35,6 @@ def assert_equal(one: torch.nn.Module, two: torch.nn.Module) -> None:
         assert torch.equal(a, b), name
 
 
-@pytest.mark.slow
 def test_it_predicts_unseen_forcing(fitted):
     model, test = fitted.model, fitted.unseen
     metrics = evaluate(model.encoder, model, test)
@@ -64,26 +58,16 @@ def test_a_seed_makes_a_run_repeatable_and_leaves_the_caller_s_alone(rows, small
     assert not torch.equal(one.encoder.output.weight, other.encoder.output.weight)
 
 
-@pytest.fixture(scope="module")
-def whole(rows, small_config) -> WakeModel:
-    """A fit of `BRIEF` that was left alone."""
-    return fit_joint(rows, trained(small_config, **BRIEF))
-
-
-def test_a_resumed_fit_equals_an_uninterrupted_one(rows, small_config, tmp_path, whole):
-    config = trained(small_config, **BRIEF)
+def test_a_resumed_fit_equals_an_uninterrupted_one(rows, small_config, tmp_path):
+    config = trained(small_config, epochs=5.0)
     kept = Checkpoints(folder=tmp_path, identity=IDENTITY, every=3)
     with pytest.raises(KeyboardInterrupt):
-        fit_joint(rows, config, progress=interrupt_at(10), checkpoints=kept)
-    steps = []
-    resumed = fit_joint(
-        rows,
-        config,
-        progress=lambda phase, step, total, terms: steps.append(step),
-        checkpoints=replace(kept, resume=True),
-    )
+        fit_joint(rows, config, progress=stop_at_ten, checkpoints=kept)
+    steps: list[int] = []
+    again = replace(kept, resume=True)
+    resumed = fit_joint(rows, config, progress=lambda *now: steps.append(now[1]), checkpoints=again)
     assert steps[0] == 10, "it went on from step 9"
-    assert_equal(whole, resumed)
+    assert_equal(fit_joint(rows, config), resumed)
 
 
 def test_a_checkpoint_of_another_run_is_refused(rows, small_config, tmp_path):
@@ -114,15 +98,7 @@ def test_the_finish_lengthens_the_unroll_and_a_resume_goes_on_inside_it(rows, sm
     whole = fit_joint(rows, config)
     unfinished = fit_joint(rows, trained(config, finish=FinishConfig()))
     assert not torch.equal(whole.dynamics.output.weight, unfinished.dynamics.output.weight)
-    seen: list[str] = []
-
-    def stop_in_the_finish(phase: str, step: int, total: int, terms: Mapping[str, float]) -> None:
-        seen.append(phase)
-        if phase == "finish" and step >= 10:
-            raise KeyboardInterrupt
-
     kept = Checkpoints(folder=tmp_path, identity=IDENTITY, every=7)
     with pytest.raises(KeyboardInterrupt):
-        fit_joint(rows, config, progress=stop_in_the_finish, checkpoints=kept)
-    assert seen.index("finish") == len(seen) - 1
+        fit_joint(rows, config, progress=partial(stop_at_ten, of=Phase.FINISH), checkpoints=kept)
     assert_equal(whole, fit_joint(rows, config, checkpoints=replace(kept, resume=True)))

@@ -2,22 +2,16 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from hashlib import sha256
-from pathlib import Path
 
 import pytest
 import torch
 
-from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.recording import dataset
 from train import model_store
-from train.fitting import unfinished
-from train.fitting.progress import Phase, Progress
+from train.fitting.progress import Phase
 from train.fitting.threads import torch_threads
 from train.pipeline import train_all
-
-CHOSEN = ("base_0", "base_9")
 
 
 @pytest.fixture(autouse=True)
@@ -29,16 +23,9 @@ def three_threads() -> Iterator[None]:
     torch.set_num_threads(before)
 
 
-@pytest.fixture
-def recording(small_recording, tmp_path) -> Path:
-    path = tmp_path / "recording.h5"
-    dataset.write(path, small_recording)
-    return path
-
-
-@pytest.fixture
-def brief(small_config) -> Config:
-    """Every phase, in a few steps too small to be shared among threads: waiting threads would spin."""
+@pytest.mark.slow
+def test_every_phase_has_one_unless_more_are_asked_for(small_recording, small_config, tmp_path):
+    # Every phase, in a few steps too small to be shared among threads: waiting threads would spin.
     narrow = replace(
         small_config.model,
         lstm_width=4, latent=2, dynamics_width=8, decoder_width=8, slim_dynamics_width=4, slim_decoder_width=4,
@@ -48,36 +35,18 @@ def brief(small_config) -> Config:
         batch_size=16, epochs=0.01, stream_epochs=1.0, distil_epochs=0.01, predictor_epochs=0.002, predictor_lessons=64,
         finish=replace(small_config.train.finish, epochs=0.01, unroll=6),
     )  # fmt: skip
-    return replace(small_config, model=narrow, train=few, mpc=replace(small_config.mpc, horizon=5))
-
-
-def seen_by(threads: dict[Phase, set[int]]) -> Progress:
-    def progress(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
-        threads.setdefault(phase, set()).add(torch.get_num_threads())
-
-    return progress
-
-
-@pytest.mark.slow
-def test_every_phase_has_one_unless_more_are_asked_for(recording, brief, tmp_path):
+    brief = replace(small_config, model=narrow, train=few, mpc=replace(small_config.mpc, horizon=5))
     seen: dict[Phase, set[int]] = {}
-    train_all(recording, brief, tmp_path / "model", chosen=CHOSEN, progress=seen_by(seen))
+
+    def progress(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
+        seen.setdefault(phase, set()).add(torch.get_num_threads())
+
+    dataset.write(tmp_path / "recording.h5", small_recording)
+    train_all(tmp_path / "recording.h5", brief, tmp_path / "model", chosen=("base_0", "base_9"), progress=progress)
     assert set(seen) == set(Phase) - {Phase.RANK, Phase.SELECT, Phase.REFINE}
     assert set().union(*seen.values()) == {1}
     assert torch.get_num_threads() == 3
     assert model_store.load(tmp_path / "model").versions["torch_threads"] == "1"
-
-
-def test_one_that_began_with_another_number_says_so_and_keeps_both(recording, brief, tmp_path):
-    lines: list[str] = []
-    digest = sha256(recording.read_bytes()).hexdigest()
-    begun = unfinished.Identity.of(brief, digest, "cpu", CHOSEN, threads=4)
-    reached = unfinished.Reached(phase=Phase.FIT, step=0, total=10)
-    unfinished.folder_of(tmp_path / "model").mkdir()
-    unfinished.note(unfinished.folder_of(tmp_path / "model"), begun, reached)
-    train_all(recording, brief, tmp_path / "model", chosen=CHOSEN, notice=lines.append)
-    assert lines == ["torch's threads were 4 and are 1: bytes may differ"]
-    assert model_store.load(tmp_path / "model").versions["torch_threads"] == "1, 4"
 
 
 def test_none_are_refused_and_a_stop_gives_them_back():

@@ -1,6 +1,5 @@
 """Whose the checkpoints in a folder are, known without torch."""
 
-import json
 import subprocess
 import sys
 from dataclasses import replace
@@ -28,36 +27,27 @@ def folder(tmp_path) -> Path:
     return folder
 
 
-def identity(config: Config = CONFIG, data: str = DATA, chosen: tuple[str, ...] | None = None) -> Identity:
-    return Identity.of(config, data, "cpu", chosen)
+def identity(config: Config = CONFIG, data: str = DATA) -> Identity:
+    return Identity.of(config, data, "cpu", None)
 
 
 def test_the_same_training_goes_on_from_where_it_was(folder):
     assert unfinished.check(folder, identity()) == REACHED
-    assert str(REACHED) == "longer unroll, iteration 300 of 4000"
     # What the training does not read does not bind it.
     assert unfinished.check(folder, identity(replace(CONFIG, mpc=replace(CONFIG.mpc, iterations=3)))) == REACHED
     # A damaged label is no reason to fail.
-    path = folder / "training.json"
-    body = json.loads(path.read_text())
-    assert (body["reached"], body["dataset_sha256"]) == ({"phase": "finish", "step": 300, "total": 4000}, DATA)
-    for label in ("{", "[]", "{}", '{"reached": {"phase": "lunch", "step": 1, "total": 2}}'):
-        path.write_text(label)
+    for label in ("{", "{}", '{"reached": {"phase": "lunch", "step": 1, "total": 2}}'):
+        (folder / "training.json").write_text(label)
         assert unfinished.reached(folder) is None, label
-    path.unlink()
-    assert unfinished.reached(folder) is None
 
 
 def test_another_training_is_refused_by_what_differs_and_with_both_ways(folder):
     other = replace(CONFIG, train=replace(CONFIG.train, seed=5))
-    ways = "finish it with those, or start over with --restart"
     with pytest.raises(
-        ConfigError, match=rf"{folder} holds an unfinished training with train\.seed = 0, not 5: {ways}"
+        ConfigError, match=r"train\.seed = 0, not 5: finish it with those, or start over with --restart"
     ):
         unfinished.check(folder, identity(other))
-    with pytest.raises(ConfigError, match=r"chosen = None, not \['base_0'\]"):
-        unfinished.check(folder, identity(chosen=("base_0",)))
-    with pytest.raises(DatasetError, match=rf"another recording: {ways}"):
+    with pytest.raises(DatasetError, match="another recording"):
         unfinished.check(folder, identity(data="1" * 64))
     # A folder without a checkpoint binds no training.
     (folder / "fit.pt").unlink()

@@ -20,12 +20,9 @@ def test_the_coefficients_of_a_known_system_are_found():
     longer = fit([series(600)], 5, 1e-13)
     np.testing.assert_allclose(roll_out_r2(longer, [series(400, 2)]), 1.0, atol=1e-5)
     # Ljung, section 4.2: the error of the action's coefficients falls with the number of steps.
-    errors = [
-        np.abs(fit([series(steps, 3, noise=0.01)], 2, 1e-12).coefficients[:2] - KNOWN[:2]).max()
-        for steps in (300, 10_000)
-    ]
-    assert errors[1] < 0.03
-    assert errors[1] < errors[0] / 2
+    noisy = (fit([series(steps, 3, noise=0.01)], 2, 1e-12) for steps in (300, 10_000))
+    few, many = (np.abs(found.coefficients[:2] - KNOWN[:2]).max() for found in noisy)
+    assert many < min(0.03, few / 2)
     # Rows of sqrt(ridge m) times the scale under the regressors give the same least squares.
     one, window, ridge = series(200, 4, noise=0.02), 3, 1e-2
     X = np.array([one.rows[k - window + 1 : k + 1].ravel() for k in range(window - 1, len(one) - 1)])
@@ -45,9 +42,6 @@ def test_roll_outs_are_judged_on_recorded_actions():
     assert (roll_out_r2(Arx(coefficients=wrong, differences=2), [series()])[1:, :2] < 0.5).all()
     with pytest.raises(IdentificationError, match=r"stretches of 40 steps: .*need 52"):
         roll_out_r2(true, [series(40)])
-    # Too few steps and a still jet are refused.
-    with pytest.raises(IdentificationError, match=r"12 control steps .* 24 coefficients"):
-        fit([series(20)], 8, 1e-3)
     one = series()
     still = Series(rows=one.rows * [1.0, 1.0, 0.0], responses=one.responses)
     with pytest.raises(IdentificationError, match="the action is zero throughout"):

@@ -10,7 +10,6 @@ from contract.errors import ConfigError, DatasetError
 from contract.model import linear_model_folder
 from contract.recording import dataset
 from tests.train.linear.systems import KNOWN, NAMES, PERIOD, episode, recorded
-from train.linear.identification import IdentificationError
 from train.linear.pipeline import PHASES, Design, Identification, identify_all
 
 HOW = Identification(episodes=("run*",), leave_out=20, window=2, ridge=1e-12, sensors=NAMES)
@@ -29,7 +28,6 @@ def test_the_folder_holds_the_system_that_was_recorded(recording, tmp_path):
     done = identify_all(recording, tmp_path / "m", Config(), HOW, WEIGHTS, phase=phases.append)
     assert tuple(phases) == PHASES
     assert done.episodes == ("run_0", "run_1", "run_2")
-    assert done.rows == ("up - down", "left - right", "Cl")
     assert done.steps == 3 * (400 - 20 - 2)
     # Pressures are stored with a quantum of 1.2e-4.
     assert min(min(values) for values in done.r2.values()) > 0.999
@@ -39,7 +37,6 @@ def test_the_folder_holds_the_system_that_was_recorded(recording, tmp_path):
     about = found.description
     assert about.config.flow.control_period == PERIOD
     assert about.config.model.window == 2
-    assert about.positions[1] == (1.0, -0.5)
     # Mirrored sensors share a mean, and so the empty window is a symmetric flow.
     assert about.scaling.pressure_mean[0] == about.scaling.pressure_mean[1]
     assert about.scaling.force_mean[0] == pytest.approx(0.9, abs=0.02)
@@ -50,23 +47,13 @@ def test_what_cannot_be_identified_leaves_nothing(recording, tmp_path):
     for how, weights, error, named in (
         (replace(HOW, episodes=("none",)), WEIGHTS, DatasetError, "no episode is called none"),
         (replace(HOW, leave_out=400), WEIGHTS, DatasetError, "none is left"),
-        (replace(HOW, held_out=0.05), WEIGHTS, IdentificationError, "hold out more of them"),
-        (replace(HOW, window=200), WEIGHTS, IdentificationError, "to fit a memory of 200"),
         (HOW, replace(WEIGHTS, probe=1.0), DatasetError, "'Uy_probe' is missing"),
     ):
         with pytest.raises(error, match=named):
             identify_all(recording, tmp_path / "m", Config(), how, weights)
         assert list(tmp_path.iterdir()) == []
     # Numbers outside their range are refused.
-    for settings, named in (
-        ({"window": 1}, "window = 1: must be at least 2"),
-        ({"ridge": float("nan")}, "ridge = nan: must be positive and finite"),
-        ({"held_out": 1.0}, "held_out = 1: must be between 0 and 1"),
-        ({"leave_out": -1}, "leave_out = -1"),
-        ({"fastest": 0.0}, "fastest = 0: must be positive"),
-    ):
-        with pytest.raises(ConfigError, match=named):
-            Identification(**settings)
-    for prices in ({"action": 0.0}, {"lift": -1.0}, {"differences": float("inf")}):
-        with pytest.raises(ConfigError, match="weight = "):
-            Design(**prices)
+    with pytest.raises(ConfigError, match="window = 1: must be at least 2"):
+        Identification(window=1)
+    with pytest.raises(ConfigError, match="weight = "):
+        Design(lift=-1.0)

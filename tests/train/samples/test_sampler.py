@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from contract import sensors
-from contract.errors import ConfigError, DatasetError
+from contract.errors import DatasetError
 from train.samples.rows import Rows, prepare
 from train.samples.sampler import SegmentSampler, add_sensor_noise
 from train.samples.scaling import fit_scaling
@@ -78,7 +78,3 @@ def test_noise_is_one_pressure_everywhere_and_spares_the_action(small_recording)
     # some 600 draws a column: 3 % on a deviation
     assert change[..., :-1].flatten(0, 1).std(dim=0).numpy() == pytest.approx(few.noise(0.3).numpy(), rel=0.1)
     assert add_sensor_noise(batch, few.noise(0.0)) is batch
-    bare = Rows(inputs=rows.inputs, actions=rows.actions, forces=rows.forces, lengths=rows.lengths)
-    assert add_sensor_noise(batch, bare.with_sensors(chosen).noise(0.0)) is batch
-    with pytest.raises(ConfigError, match=r"sensor noise 0\.1: these rows"):
-        bare.noise(0.1)

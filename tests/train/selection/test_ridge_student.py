@@ -1,6 +1,5 @@
 """The ridge student's error against numpy's least squares and against errors known in closed form."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +8,8 @@ import torch
 
 from contract import sensors
 from contract.errors import DatasetError
-from train.networks.model import Encoder
 from train.samples.rows import Rows
 from train.selection.ridge_student import RIDGE, ridge_student, sample
-
-MakeRows = Callable[..., Rows]
-MakeTeacher = Callable[..., Encoder]
 
 
 def test_the_error_is_that_of_numpy_s_least_squares(listener, noise_rows):

@@ -22,11 +22,6 @@ def test_greedy_finds_the_sensors_the_latents_are_made_of_the_weightiest_first(s
     chosen = select_greedy(student, 3, progress=lambda *now: reports.append(now))
     assert tuple(sensors.NAMES[index] for index in chosen) == HEARD
     assert student.error(chosen) < 1e-6
-    assert [(phase, step, total) for phase, step, total, _ in reports] == [
-        ("select", 1, 3),
-        ("select", 2, 3),
-        ("select", 3, 3),
-    ]
     # Squared weights: 4, 1 + 1 and 0.49 of 6.49; the samples' variances are unity to a few per cent.
     assert [terms["error"] for *_, terms in reports] == pytest.approx([2.49 / 6.49, 0.49 / 6.49, 0.0], abs=0.03)
 
