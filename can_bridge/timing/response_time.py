@@ -66,16 +66,6 @@ class Response:
         return self.response_ns is not None and self.response_ns <= self.deadline_ns
 
 
-def timing(message: PeriodicMessage, bus: BusConfig) -> Timing:
-    """With the longest frame that any content of the message can have."""
-    return Timing(
-        frame_ns=message.worst_ns(bus),
-        period_ns=message.period_ns,
-        deadline_ns=message.deadline_ns or message.period_ns,
-        jitter_ns=message.jitter_ns,
-    )
-
-
 def response_times(timings: Sequence[Timing], *, bit_ns: int) -> list[Response]:
     """Response times of all messages.
 
@@ -98,12 +88,16 @@ def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) 
     for one, other in pairwise(messages):
         if one.priority >= other.priority:
             raise ValueError(f"{one.name} before {other.name}: messages must be in falling priority, each with its own")
-    return response_times([timing(message, bus) for message in messages], bit_ns=nominal_bit_ns(bus))
-
-
-def nominal_bit_ns(bus: BusConfig) -> int:
-    """One bit at the nominal rate, rounded up."""
-    return -(-(10**9) // bus.nominal_bitrate)
+    timings = [
+        Timing(
+            frame_ns=message.worst_ns(bus),
+            period_ns=message.period_ns,
+            deadline_ns=message.deadline_ns or message.period_ns,
+            jitter_ns=message.jitter_ns,
+        )
+        for message in messages
+    ]
+    return response_times(timings, bit_ns=_ceil(10**9, bus.nominal_bitrate))
 
 
 _Rhythms = dict[tuple[int, int], int]

@@ -8,11 +8,11 @@ import can
 
 from can_bridge.bus import conversion
 from can_bridge.bus.backends.connection import Connection
-from can_bridge.bus.backends.opening import one_line, open_backend
+from can_bridge.bus.backends.opening import open_backend
 from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import SIMULATED, BusConfig
-from contract.errors import BusError, ConfigError
+from contract.errors import ConfigError
 
 
 class RawBus(Connection):
@@ -27,10 +27,7 @@ class RawBus(Connection):
     def send_message(self, message: can.Message, *, timeout_s: float = 0.1) -> None:
         """Send one message of any kind, waiting at most `timeout_s`. Raises BusError if the bus does not take it in
         time, or failed."""
-        try:
-            self._bus.send(message, timeout=timeout_s)
-        except (can.CanError, OSError, ValueError) as error:
-            raise BusError(f"frame {id_text(message)} was not sent: {one_line(error)}") from error
+        self._send(message, id_text(message), timeout_s)
 
 
 def open_bus(config: BusConfig) -> RawBus:

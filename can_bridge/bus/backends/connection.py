@@ -39,6 +39,14 @@ class Connection:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def _send(self, message: can.Message, name: str, timeout_s: float) -> None:
+        """Send once, waiting at most `timeout_s`. Raises BusError naming the frame if the bus does not take it in time,
+        or failed."""
+        try:
+            self._bus.send(message, timeout=timeout_s)
+        except (can.CanError, OSError, ValueError) as error:
+            raise BusError(f"frame {name} was not sent: {one_line(error)}") from error
+
     def _received(self, timeout_s: float) -> can.Message | Rejection | None:
         """Receive once: a message, why there is none, or None if nothing came. Raises BusError if the bus failed, or
         yields nothing but garbage."""

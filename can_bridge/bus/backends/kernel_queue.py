@@ -6,22 +6,9 @@ import struct
 import sys
 from typing import Final
 
-_SO_RCVBUFFORCE: Final = 33
 _SO_MEMINFO: Final = 55
 """Linux: `SK_MEMINFO_VARS` numbers of 32 bits, of which the last one counts the drops (linux/sock_diag.h)."""
 _MEMINFO: Final = struct.Struct("=9I")
-
-
-def enlarge(sock: socket.socket, size: int) -> None:
-    """Ask for a receive queue of `size` bytes; beyond the system's limit only with its permission."""
-    if sys.platform == "linux":
-        try:
-            sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, size)
-        except PermissionError:
-            pass
-        else:
-            return
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
 
 
 def dropped(fileno: int) -> int:

@@ -48,17 +48,12 @@ def one_line(error: BaseException) -> str:
 
 
 def _check_known(interface: str) -> None:
-    known = sorted(can.VALID_INTERFACES)
-    if interface == SIMULATED:
-        raise BusError(
-            f"bus.interface = {SIMULATED}: it is in virtual time and connects nothing real; must be"
-            f" {OWN_CONFIGURATION} or one of {', '.join(known)}"
-        )
-    if interface not in (OWN_CONFIGURATION, *known):
-        raise BusError(
-            f"bus.interface = {interface}: python-can does not know it; must be {SIMULATED}, {OWN_CONFIGURATION} or one"
-            f" of {', '.join(known)}"
-        )
+    known = (OWN_CONFIGURATION, *sorted(can.VALID_INTERFACES))
+    if interface not in known:
+        is_ours = interface == SIMULATED
+        reason = "it is in virtual time and connects nothing real" if is_ours else "python-can does not know it"
+        allowed = known if is_ours else (SIMULATED, *known)
+        raise BusError(f"bus.interface = {interface}: {reason}; must be one of {', '.join(allowed)}")
 
 
 def _settings(config: BusConfig, settle_s: float) -> tuple[str, dict[str, Any]]:

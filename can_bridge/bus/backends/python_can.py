@@ -15,7 +15,7 @@ import can
 from can_bridge.bus.backends import kernel_queue
 from can_bridge.bus.backends.connection import Connection
 from can_bridge.bus.backends.error_frames import health_after, lost_frames
-from can_bridge.bus.backends.opening import QUEUE_SIZE, SETTLE_S, one_line, open_backend
+from can_bridge.bus.backends.opening import QUEUE_SIZE, SETTLE_S, open_backend
 from can_bridge.bus.conversion import classified, to_message
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.bus.rejection import Rejection
@@ -135,10 +135,7 @@ class PythonCanBus(Connection):
             raise ValueError(f"timeout_s = {timeout_s}: must not be negative")
         if frame.is_fd and self._is_classic:
             raise BusError(f"frame {frame.frame_id:#05x} was not sent: it is CAN FD, and bus.frames = classic")
-        try:
-            self._bus.send(to_message(frame), timeout=timeout_s)
-        except (can.CanError, OSError, ValueError) as error:
-            raise BusError(f"frame {frame.frame_id:#05x} was not sent: {one_line(error)}") from error
+        self._send(to_message(frame), f"{frame.frame_id:#05x}", timeout_s)
 
     def receive(self, timeout_s: float) -> Frame | None:
         """The next frame, or None if none came within `timeout_s`. Raises BusError if the bus failed, or yields nothing

@@ -1,8 +1,8 @@
 """Serial CAN adapters (slcan, the Lawicel protocol): python-can's backend with a reader and a writer of our own.
 
 python-can 4.6 keeps an undecodable line for ever, reads cut-off and foreign lines as frames, takes each answer to a
-sent frame for a moment of silence, and reports a frame as not sent that was. Opening and the frames' spelling are its
-own.
+sent frame for a moment of silence, and reports a frame as not sent that was. Opening, and what a sound line means, are
+its own.
 """
 
 import os
@@ -18,9 +18,7 @@ from can.interfaces.slcan import slcanBus
 from can_bridge.bus.rejection import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import FD_LENGTHS
 
-_LINE: Final = re.compile(
-    rb"(?:([tdbr])([0-7][0-9A-Fa-f]{2})|([TDBRx])([01][0-9A-Fa-f]{7}))([0-9A-Fa-f])([0-9A-Fa-f]*)"
-)
+_LINE: Final = re.compile(rb"(?:([tdbr])[0-7][0-9A-Fa-f]{2}|([TDBRx])[01][0-9A-Fa-f]{7})([0-9A-Fa-f])([0-9A-Fa-f]*)")
 """Kind, identifier, length code, digits behind it. `x` is CANDapter's `T`."""
 _ANSWER: Final = re.compile(rb"[zZ]?")
 _STAMP_DIGITS: Final = 4
@@ -38,32 +36,16 @@ OPENING_TIMEOUT_S: Final = 2.0
 """For commands, which python-can sends without a time limit."""
 
 
-def parse_line(line: bytes, *, timestamp: float = 0.0) -> can.Message | Rejection | None:
-    """The frame in one line without its end; None for the answer to a sent frame; never raises."""
-    if _ANSWER.fullmatch(line):
-        return None
+def why_refused(line: bytes) -> Rejection | None:
+    """Why one line without its end is no frame; None if it is one. Never raises."""
     match = _LINE.fullmatch(line)
     if match is None:
         return Rejection.GARBAGE
-    kind, identifier = (match[1], match[2]) if match[1] else (match[3], match[4])
-    code, digits = int(match[5], 16), match[6]
-    is_fd, is_remote = kind in b"dDbB", kind in b"rR"
-    if code > 8 and not is_fd:
+    kind, code, digits = match[1] or match[2], int(match[3], 16), match[4]
+    if code > 8 and kind not in b"dDbB":
         return Rejection.WRONG_LENGTH
-    length = FD_LENGTHS[code]
-    data_digits = 0 if is_remote else 2 * length
-    if len(digits) not in (data_digits, data_digits + _STAMP_DIGITS):
-        return Rejection.WRONG_LENGTH
-    return can.Message(
-        arbitration_id=int(identifier, 16),
-        is_extended_id=match[1] is None,
-        timestamp=timestamp,
-        is_remote_frame=is_remote,
-        is_fd=is_fd,
-        bitrate_switch=kind in b"bB",
-        dlc=length,
-        data=bytes.fromhex(digits[:data_digits].decode()),
-    )
+    data_digits = 0 if kind in b"rR" else 2 * FD_LENGTHS[code]
+    return None if len(digits) in (data_digits, data_digits + _STAMP_DIGITS) else Rejection.WRONG_LENGTH
 
 
 class SlcanBus(slcanBus):
@@ -76,11 +58,12 @@ class SlcanBus(slcanBus):
         over = False
         while True:
             while (line := self._next_line()) is not None:
-                message = parse_line(line, timestamp=time.time())
-                if isinstance(message, Rejection):
-                    raise UnusableReceptionError(message)
-                if message is not None:
-                    return message, False
+                if _ANSWER.fullmatch(line):
+                    continue
+                if (reason := why_refused(line)) is not None:
+                    raise UnusableReceptionError(reason)
+                self._queue.put(line.decode())
+                return super()._recv_internal(0.0)
             if over:
                 return None, False
             over = deadline is not None and time.monotonic() >= deadline

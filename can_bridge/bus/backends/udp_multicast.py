@@ -19,7 +19,6 @@ import can
 from can.interfaces.udp_multicast import UdpMulticastBus as PythonCanUdpMulticastBus
 from can.interfaces.udp_multicast.utils import pack_message
 
-from can_bridge.bus.backends import kernel_queue
 from can_bridge.bus.rejection import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
 
@@ -36,6 +35,7 @@ RECEIVE_QUEUE: Final = 1 << 22
 _ECHOES: Final = 4096
 """Own datagrams that have not been heard yet; more than the kernel's queue is asked to hold."""
 
+_SO_RCVBUFFORCE: Final = 33
 _IP_MULTICAST_ALL: Final = 49
 _IPV6_MULTICAST_ALL: Final = 29
 """Linux: whether a socket hears each group that anyone on the machine has joined (ip(7)); by default it does."""
@@ -98,18 +98,18 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
             # There is nothing to close, and python-can would complain of that later.
             can.BusABC.shutdown(self)
             raise
-        kernel_queue.enlarge(self._multicast._socket, RECEIVE_QUEUE)
-        self._hear_own_group_alone()
-        self._remember_nothing()
-
-    def _hear_own_group_alone(self) -> None:
+        sock = self._multicast._socket
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_QUEUE)
         if sys.platform == "linux":
+            with suppress(PermissionError):  # beyond the system's limit
+                sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_QUEUE)
             four = self._multicast.ip_version == 4
             level, option = (
                 (socket.IPPROTO_IP, _IP_MULTICAST_ALL) if four else (socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL)
             )
             with suppress(OSError):  # a kernel before 4.20 has none for IPv6
-                self._multicast._socket.setsockopt(level, option, 0)
+                sock.setsockopt(level, option, 0)
+        self._remember_nothing()
 
     def _remember_nothing(self) -> None:
         self._lock = Lock()

@@ -41,18 +41,20 @@ class Verdict(Enum):
 
     def applied(self, faults: FaultConfinement) -> FaultConfinement:
         """The counters after it."""
-        if self is Verdict.SENT:
-            return faults.transmitted()
-        if self is Verdict.HEARD:
-            return faults.received()
-        if self is Verdict.RECEIVE_ERROR:
-            return faults.receive_error()
-        if self is Verdict.SIGNALLED_FIRST:
-            return faults.receive_error().dominant_after_flag()
-        return faults.transmit_error(
-            only_unacknowledged=self is Verdict.UNACKNOWLEDGED,
-            only_arbitration_stuff=self is Verdict.ARBITRATION_STUFF,
-        )
+        match self:
+            case Verdict.SENT:
+                return faults.transmitted()
+            case Verdict.HEARD:
+                return faults.received()
+            case Verdict.TRANSMIT_ERROR:
+                return faults.transmit_error()
+            case Verdict.UNACKNOWLEDGED:
+                return faults.unacknowledged()
+            case Verdict.ARBITRATION_STUFF:
+                return faults
+            case Verdict.RECEIVE_ERROR:
+                return faults.receive_error()
+        return faults.receive_error().dominant_after_flag()
 
     @property
     def is_senders(self) -> bool:

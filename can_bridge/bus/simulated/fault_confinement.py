@@ -64,25 +64,23 @@ class FaultConfinement:
 
     def receive_error(self) -> "FaultConfinement":
         """Rule 1."""
-        return self._received(1)
+        return replace(self, rx_errors=min(self.rx_errors + 1, _RECEIVE_LIMIT))
 
     def dominant_after_flag(self) -> "FaultConfinement":
         """Rule 2: the others answered a flag that this receiver was the first to send, so the fault may be its own."""
-        return self._received(STEP)
+        return replace(self, rx_errors=min(self.rx_errors + STEP, _RECEIVE_LIMIT))
 
-    def transmit_error(
-        self, *, only_unacknowledged: bool = False, only_arbitration_stuff: bool = False
-    ) -> "FaultConfinement":
-        """Rule 3 with its exceptions.
+    def transmit_error(self) -> "FaultConfinement":
+        """Rule 3. Its second exception does not count at all: a stuff bit in the identifier was sent recessive and seen
+        dominant."""
+        counted = self.tx_errors + STEP
+        goes_off = counted >= OFF_FROM and not self.is_off
+        return replace(self, tx_errors=counted, is_off=self.is_off or goes_off, times_off=self.times_off + goes_off)
 
-        Args:
-            only_unacknowledged: no node acknowledged, and no dominant bit was seen during the passive flag. An
-                error-passive controller then does not count: one that is alone on the bus never goes bus-off.
-            only_arbitration_stuff: a stuff bit in the identifier was sent recessive and seen dominant.
-        """
-        if only_arbitration_stuff or (only_unacknowledged and self.state is BusState.ERROR_PASSIVE):
-            return self
-        return self._transmitted(STEP)
+    def unacknowledged(self) -> "FaultConfinement":
+        """Rule 3 with its first exception: no node acknowledged, and no dominant bit was seen during the passive flag.
+        An error-passive controller then does not count: one that is alone on the bus never goes bus-off."""
+        return self if self.state is BusState.ERROR_PASSIVE else self.transmit_error()
 
     def transmitted(self) -> "FaultConfinement":
         """Rule 7."""
@@ -97,11 +95,3 @@ class FaultConfinement:
     def recovered(self) -> "FaultConfinement":
         """Rule 12."""
         return FaultConfinement(times_off=self.times_off)
-
-    def _transmitted(self, errors: int) -> "FaultConfinement":
-        counted = self.tx_errors + errors
-        goes_off = counted >= OFF_FROM and not self.is_off
-        return replace(self, tx_errors=counted, is_off=self.is_off or goes_off, times_off=self.times_off + goes_off)
-
-    def _received(self, errors: int) -> "FaultConfinement":
-        return replace(self, rx_errors=min(self.rx_errors + errors, _RECEIVE_LIMIT))

@@ -21,6 +21,7 @@ import heapq
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import itemgetter
 from typing import Final, NamedTuple
 
 from can_bridge.bus.interface import BusState
@@ -206,21 +207,18 @@ class SimulatedBus:
     def _next_event(self) -> tuple[int, Callable[[], None] | None] | None:
         """(time, what happens) of the earliest one, a frame that begins being None; at one time in this order: a frame
         ends, a node recovers, a call, a frame begins."""
-        best: tuple[int, Callable[[], None] | None] | None = None
+        events: list[tuple[int, Callable[[], None] | None]] = []
         if self._attempt is not None:
-            best = self._attempt.end_ns, self._end
-        for port in self._ports:
-            if self._attempt is None and port.recovery is not None:
-                at_ns = self._recovers_ns(port.recovery)
-                if best is None or at_ns < best[0]:
-                    best = at_ns, partial(self._recover, port)
-        if self._calls and (best is None or self._calls[0][0] < best[0]):
-            best = self._calls[0][0], self._call
+            events.append((self._attempt.end_ns, self._end))
+        else:
+            for port in self._ports:
+                if port.recovery is not None:
+                    events.append((self._recovers_ns(port.recovery), partial(self._recover, port)))
+        if self._calls:
+            events.append((self._calls[0][0], self._call))
         if self._attempt is None:
-            starts = [max(self._free_ns, port.ready_ns) for port in self._ports if port.queue]
-            if starts and (best is None or min(starts) < best[0]):
-                best = min(starts), None
-        return best
+            events += [(max(self._free_ns, port.ready_ns), None) for port in self._ports if port.queue]
+        return min(events, key=itemgetter(0), default=None)
 
     def _call(self) -> None:
         heapq.heappop(self._calls)[2]()
@@ -241,8 +239,12 @@ class SimulatedBus:
             if port.recovery is not None:
                 idle_ns = max(at_ns - max(self._free_ns, port.recovery.since_ns), 0)
                 port.recovery = Recovery(port.recovery.left - idle_ns // self._ns(RECESSIVE_BITS), at_ns)
-        receivers = {port: port.faults.state is BusState.ERROR_PASSIVE for port in self._working() if port not in items}
-        senders = [self._sender(port, item.frame) for port, item in items.items()]
+        passive = {port: port.faults.state is BusState.ERROR_PASSIVE for port in self._ports if not port.faults.is_off}
+        receivers = {port: is_passive for port, is_passive in passive.items() if port not in items}
+        senders = [
+            Sender(port, item.frame, sent_bits(item.frame, error_passive=passive[port]), passive[port])
+            for port, item in items.items()
+        ]
         frame = senders[0].frame
         misheard = self._seen_wrong(self._mishears, frame, receivers, at_ns)
         disturbed = self._seen_wrong(self._corrupts, frame, [senders[0].node], at_ns)
@@ -255,10 +257,6 @@ class SimulatedBus:
             outcome=outcome,
             items=items,
         )
-
-    def _sender(self, port: SimulatedPort, frame: Frame) -> Sender[SimulatedPort]:
-        passive = port.faults.state is BusState.ERROR_PASSIVE
-        return Sender(port, frame, sent_bits(frame, error_passive=passive), passive)
 
     @staticmethod
     def _seen_wrong(
@@ -309,9 +307,6 @@ class SimulatedBus:
                         end_ns=attempt.end_ns,
                     )
                 )
-
-    def _working(self) -> list[SimulatedPort]:
-        return [port for port in self._ports if not port.faults.is_off]
 
     def _ns(self, nominal: int, fast: int = 0) -> int:
         return bits_ns(

@@ -5,6 +5,7 @@ The backends are the real ones; only the system's call that would hand over a da
 
 from collections import deque
 from collections.abc import Iterable, Sequence
+from queue import SimpleQueue
 from typing import Final
 
 import can
@@ -162,7 +163,7 @@ class _FedSlcanBus(SlcanBus):
     def __init__(self, port: _FedPort) -> None:
         can.BusABC.__init__(self, "fed")
         self.serialPortOrig = port
-        self._buffer = bytearray()
+        self._buffer, self._queue = bytearray(), SimpleQueue[str]()
         can.BusABC.shutdown(self)
 
     @property

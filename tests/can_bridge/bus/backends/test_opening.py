@@ -16,8 +16,8 @@ from tests.refused import refused
 
 def test_bus_that_cannot_be_opened_is_named_in_one_line(monkeypatch):
     for interface, channel, message in [
-        ("simulated", "x", r"bus\.interface = simulated: .* must be python-can or one of .*socketcan"),
-        ("canopy", "x", r"bus\.interface = canopy: .*must be simulated, python-can or one of .*virtual"),
+        ("simulated", "x", r"bus\.interface = simulated: .* must be one of python-can, .*socketcan"),
+        ("canopy", "x", r"bus\.interface = canopy: .*must be one of simulated, python-can, .*virtual"),
         ("socketcan", "no-such-can", r"CAN bus socketcan 'no-such-can': ."),
         ("slcan", "/dev/no-such-port", r"CAN bus slcan '/dev/no-such-port': ."),
         ("slcan", "/dev/null@fast", r"CAN bus slcan '/dev/null@fast': ."),
