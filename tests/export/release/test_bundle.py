@@ -11,7 +11,7 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
 from contract.controller.estimator import ESTIMATOR
-from contract.errors import BundleManifestError
+from contract.errors import BundleManifestError, ExportError
 from contract.model.model_folder import Provenance
 from contract.release import bundle, signing
 from contract.release.bundle import MadeEstimator
@@ -47,27 +47,21 @@ def gated(program, precision) -> Gated:
     return gate(lower(program, calibration=windows, with_library=False), windows[:3], LOOSE)
 
 
-def release(path, lowerings: Gated, **changes) -> None:
+def release(path, lowerings: Gated, config=None, **changes) -> None:
     provenance = Provenance(
         dataset_sha256="0" * 64,
         weights_sha256="1" * 64,
         metrics={"slim": {"r2": 0.9}},
         versions={"torch": "2"},
-        config={"model": {"latent": 3}},
+        config=config or {"model": {"latent": 3}},
     )
     settings = {"name": "test", "created": date(2026, 1, 2), "vehicle": Vehicle.of(Config()), "provenance": provenance}
     write_release(path, lowerings, **{**settings, **changes})
 
 
 def test_the_speeds_that_a_prior_was_trained_at_are_the_releases(tmp_path, program):
-    provenance = Provenance(
-        dataset_sha256="0" * 64,
-        weights_sha256="1" * 64,
-        metrics={},
-        versions={},
-        config={"refine": {"slowest": 0.6, "fastest": 1.4}},
-    )
-    release(tmp_path / "release", gated(program, "float32"), provenance=provenance)
+    config = {"refine": {"slowest": 0.6, "fastest": 1.4}}
+    release(tmp_path / "release", gated(program, "float32"), config=config)
     manifest = bundle.load(tmp_path / "release").manifest
     assert manifest.speeds == SpeedRange(slowest=0.6, fastest=1.4)
     # 5 steps of the design speed last as long as 9 periods at the slowest.
@@ -122,3 +116,10 @@ def test_a_written_release_loads_and_controls(tmp_path, program, precision):
     assert isinstance(effective, ControllerProgram)
     found = OnnxController.of(loaded).control_step(window, np.zeros(6), np.ones(6))
     np.testing.assert_allclose(found.plan, control_step(effective, window, np.zeros(6), np.ones(6)).plan, atol=2.5e-5)
+
+
+def test_rounding_that_changes_too_much_is_refused(program):
+    windows = random_windows(program, 30)
+    lowered = lower(rounded_on(program, windows), calibration=windows, with_library=False)
+    with pytest.raises(ExportError, match=r"int8 weights: rms_action_error is .*, at most 1e-15 is allowed"):
+        gate(lowered, windows[:3], QuantisationLimits(rms_action_error=1e-15))

@@ -13,27 +13,7 @@ from firmware_sim.in_c.compiler import host_compiler, zig_compiler
 pytestmark = pytest.mark.slow  # builds the folder as a stranger would
 
 PRECISIONS = ["float32", "int8"]
-CPP = """
-#include "stillwake.h"
-#include "sw_parts.h"
-#include "sw_weights.h"
-#include <cstdio>
-
-static sw_workspace work;
-static sw_input in;
-static sw_output out;
-
-int main()
-{
-    sw_input_reset(&in);
-    float pressures[SW_SENSORS] = {};
-    for (int k = 0; k < SW_WINDOW; k++) sw_input_push(&in, pressures, 0.0f);
-    if (sw_workspace_bytes() != sizeof(work)) return 2;
-    if (sw_control_step(&work, &in, &out) != SW_OK) return 3;
-    std::printf("%g\\n", static_cast<double>(out.plan[0]));
-    return 0;
-}
-"""
+CPP = Path(__file__).with_name("c").joinpath("main.cpp").read_bytes()
 
 
 def done(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
@@ -58,7 +38,7 @@ def cpp_compiler() -> list[str]:
 @pytest.mark.proofs  # a build of its own; that of the README stays
 @pytest.mark.compiler
 def test_a_cpp_program_links_to_the_library(folder):
-    (folder / "main.cpp").write_text(CPP)
+    (folder / "main.cpp").write_bytes(CPP)
     sources = [item.name for item in folder.glob("*.c") if item.name != REPLAY]
     assert done([*host_compiler(), "-std=c99", "-O1", "-c", *sources], folder).returncode == 0
     objects = [name.replace(".c", ".o") for name in sources]

@@ -19,7 +19,7 @@ from export.reference.mpc import control_step
 from export.release.c_folder import recorded_rows
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
-from firmware_sim.in_c.compiler import host_compiler, zig_compiler
+from firmware_sim.in_c.compiler import host_compiler
 from tests.each import each
 
 MODEL = ModelConfig(window=6, latent=3, lstm_width=17, dynamics_width=21, decoder_width=9)
@@ -58,22 +58,6 @@ def test_gcc_takes_it_without_a_warning(compiled, flags):
     if shutil.which("gcc") is None:
         pytest.skip("gcc is not installed")
     compiled(["gcc"], "-Wstrict-prototypes", *flags)
-
-
-CORTEX_M7 = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m7+fp_armv8d16sp", "-ffreestanding")
-CORTEX_M4 = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp", "-ffreestanding")
-AARCH64 = ("-target", "aarch64-linux-musl")
-
-
-@pytest.mark.proofs  # ten builds; those of gcc stay, and those of the emulated core
-@pytest.mark.compiler
-@each("target", [(), ("-march=native",), CORTEX_M7, CORTEX_M4, AARCH64])
-def test_clang_takes_it_without_a_warning(compiled, target):
-    """For this processor and for others, each with its own products."""
-    compiler = zig_compiler()
-    if compiler is None:
-        pytest.skip("ziglang (extra mcu) is not installed")
-    compiled(compiler, "-O2", *target)
 
 
 def test_fast_math_is_refused(folder):

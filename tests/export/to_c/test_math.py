@@ -1,6 +1,7 @@
 """The C library's own functions against NumPy's, within the bounds that `sw_math.h` states."""
 
 import ctypes
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,20 +9,7 @@ import pytest
 from export.to_c.library import static_sources
 from firmware_sim.in_c.compiler import host_compiler
 
-SHIM = b"""
-#include "sw_math.h"
-void apply(int which, int count, const float *x, float *y);
-void apply(int which, int count, const float *x, float *y)
-{
-    for (int i = 0; i < count; i++) {
-        y[i] = which == 0   ? sw_exp(x[i])
-               : which == 1 ? sw_logistic(x[i])
-               : which == 2 ? sw_tanh(x[i])
-               : which == 3 ? sw_inverse_sqrt(x[i])
-                            : sw_sqrt(x[i]);
-    }
-}
-"""
+SHIM = Path(__file__).with_name("c").joinpath("math.c").read_bytes()
 EXP, LOGISTIC, TANH, INVERSE_SQRT, SQRT = range(5)
 
 

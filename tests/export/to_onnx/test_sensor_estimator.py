@@ -39,10 +39,6 @@ def test_onnx_runtime_and_numpy_estimate_the_same():
     at_the_end[:, 2], beyond[:, 2] = network.mean[2] + REACH * network.std[2], 1e6
     own = slice(0, len(views(4)) - 24)
     np.testing.assert_allclose(estimator.estimates(beyond)[own], network.estimates(at_the_end)[own], atol=5e-6)
-    # ONNX Runtime and NumPy estimate the same.
-    rounded = rounded_estimator(random_network())
-    network = rounded.network
-    estimator = OnnxEstimator(build_estimator(rounded).SerializeToString(), SIZES)
     for seed in range(20):
         window = np.random.default_rng(seed).normal(size=(5, 5))
         # float32 against float64: sums of some tens of terms of order one.

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from importlib.resources import files
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,18 +38,7 @@ pytestmark = pytest.mark.compiler
 WINDOW = 32
 SANITISED = ("-O1", "-ffp-contract=off", "-fsanitize=undefined,float-cast-overflow", "-fno-sanitize-recover=all")
 """What the sanitisers find ends the test's process; with GCC alone."""
-SHIM = b"""
-#include "sw_ecu_parts.h"
-void estimate(const double window[SW_WINDOW][SW_COLUMNS], int first, double found[SW_HYPOTHESES][SW_SENSORS]);
-void estimate(const double window[SW_WINDOW][SW_COLUMNS], int first, double found[SW_HYPOTHESES][SW_SENSORS])
-{
-    static sw_estimator_work work;
-    sw_estimate(&work, &sw_own_estimator, window, first);
-    for (int h = 0; h < SW_HYPOTHESES; h++) {
-        for (int s = 0; s < SW_SENSORS; s++) found[h][s] = work.estimates[h][s];
-    }
-}
-"""
+SHIM = Path(__file__).with_name("c").joinpath("estimate.c").read_bytes()
 
 
 def random_network(seed: int = 0, width: int = 64) -> EstimatorNetwork:

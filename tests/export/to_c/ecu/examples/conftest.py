@@ -19,10 +19,13 @@ from export.to_c.folder_files import documents
 from export.to_c.library import ecu_sources, example_sources
 from firmware_sim.in_c.c_examples import PLAYED, played_pressures
 from firmware_sim.in_c.c_settings import HEADER, ecu_settings
-from tests.export.to_c.ecu.examples.contents import without
 
 MODEL = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
 """Of the random release."""
+
+
+def without(folder: dict[str, bytes], *names: str) -> dict[str, bytes]:
+    return {name: text for name, text in folder.items() if name not in names}
 
 
 @pytest.fixture(scope="session", params=["fd", "classic"])

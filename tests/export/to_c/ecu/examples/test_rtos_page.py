@@ -11,7 +11,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
 from contract.config.learning import ModelConfig
 from firmware_sim.in_c.compiler import host_compiler
-from tests.export.to_c.ecu.examples.contents import without
+from tests.export.to_c.ecu.examples.conftest import without
 
 PAGE = (Path(__file__).parents[5] / "docs" / "how-to" / "use-an-rtos.md").read_text(encoding="utf-8")
 HEADER, TASK, FREERTOS, ZEPHYR = re.findall(r"^```c\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)

@@ -9,19 +9,18 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
-from can_bridge.e2e.receiver import Check, E2eReceiver
-from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import MessageSet
-from can_bridge.wire.messages import JetCommand, Mode, Pressure
-from contract.config.tree import Config
+from can_bridge.wire.messages import Mode
 from firmware_sim.in_c.compiler import host_compiler
-from tests.export.to_c.ecu.examples.contents import without
+from tests.export.to_c.ecu.examples.conftest import without
+from tests.firmware_sim.ecu.daemon.driving import Vehicle
 
 BUS = Path(__file__).with_name("c").joinpath("bus.c").read_bytes()
 WRAPPED = ("-Wl,--wrap=socket", "-Wl,--wrap=bind", "-Wl,--wrap=ioctl", "-Wl,--wrap=setsockopt")
@@ -71,53 +70,25 @@ def started(program: Path, bus: socket.socket) -> Iterator[subprocess.Popen[byte
             running.kill()
 
 
-class Vehicle:
-    """The other end of the socket: sends pressures, hears commands, lets its request fall and rise in a fault."""
+class SocketBus:
+    """This end of the socket as a bus, on which none but the ECU's frames come."""
 
-    def __init__(self, bus: socket.socket, config: Config, messages: MessageSet) -> None:
-        self._bus, self._config, self._messages = bus, config, messages
-        self._sender = E2eSender(messages.pressure.spec)
-        self._receiver = E2eReceiver(messages.command.spec, config.bus.e2e)
-        self._request, self._due = False, time.monotonic()
-        self.commands: list[JetCommand] = []
+    def __init__(self, end: socket.socket, messages: MessageSet) -> None:
+        self._end, self._messages = end, messages
+        self._form = FD_FRAME if messages.command.spec.is_fd else CLASSIC_FRAME
 
-    def until(self, holds: Callable[[JetCommand], bool], most_s: float = 60.0) -> None:
-        """Live until a command is as wanted; a loaded computer may need more than one try."""
-        end = time.monotonic() + most_s
-        while not (self.commands and holds(self.commands[-1])):
-            assert time.monotonic() < end, self.commands[-1:]
-            pressure = Pressure(
-                pressure_pa=(10.0, -20.0, 5.0, 0.0), valid=(True,) * 4, enable_request=self._request, age_ns=0
-            )
-            frame = self._sender.frame(self._messages.pressure.emit(pressure), now_ns=0)
-            form = FD_FRAME if frame.is_fd else CLASSIC_FRAME
-            self._bus.send(form.pack(frame.frame_id, len(frame.data), frame.data))
-            self._due += self._config.period_ns * 1e-9
-            time.sleep(max(0.0, self._due - time.monotonic()))
-            self.hear()
-            if self.commands:
-                # A fault ends with a request that rises.
-                self._request = self.commands[-1].mode is not Mode.FAULT or len(self.commands) % 40 >= 20
+    def send(self, frame: Frame) -> None:
+        self._end.send(self._form.pack(frame.frame_id, len(frame.data), frame.data))
 
-    def hear(self) -> None:
-        """Every frame that has come is one of ours, sound and in sequence."""
-        spec, status = self._messages.command.spec, self._messages.status.spec
-        for data in iter(self._received, b""):
-            form = FD_FRAME if spec.is_fd else CLASSIC_FRAME
-            identifier, length, content = form.unpack(data)
-            assert (identifier, length) in {(spec.frame_id, spec.length), (status.frame_id, status.length)}
-            if identifier == spec.frame_id:
-                reception = self._receiver.tick([Frame(frame_id=identifier, data=content[:length])])
-                assert reception.checks == (Check.OK,)
-                command = self._messages.command.parse(content[:length])
-                assert command is not None
-                self.commands.append(command)
-
-    def _received(self) -> bytes:
-        try:
-            return self._bus.recv(128)
-        except BlockingIOError:
-            return b""
+    def receive_all(self) -> list[Frame]:
+        frames = []
+        with suppress(BlockingIOError):
+            while True:
+                identifier, length, content = self._form.unpack(self._end.recv(128))
+                frames.append(Frame(frame_id=identifier, data=content[:length]))
+        specs = self._messages.command.spec, self._messages.status.spec
+        assert {(one.frame_id, len(one.data)) for one in frames} <= {(spec.frame_id, spec.length) for spec in specs}
+        return frames
 
 
 @pytest.mark.processes
@@ -126,18 +97,18 @@ def test_the_linux_program_drives_the_jets_and_ends_with_them_shut(linux_program
     program = linux_program("ecu_on_a_socket", *WRAPPED, bus=BUS)
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     ours.setblocking(False)
-    lived = Vehicle(ours, config, messages)
+    vehicle = Vehicle(config, cast(Any, SocketBus(ours, messages)))
     with ours, theirs, started(program, theirs) as running:
-        lived.until(lambda command: command.mode is Mode.CONTROL and command.enable)
+        vehicle.into_control()
         ours.send(BUS_OFF)
-        lived.until(lambda command: command.mode is Mode.FAULT)
-        assert not lived.commands[-1].enable
+        vehicle.until(lambda: vehicle.commands[-1].mode is Mode.FAULT, request=True)
+        assert not vehicle.commands[-1].enable
         running.send_signal(signal.SIGTERM)
         assert running.wait(timeout=60) == 0
-        lived.hear()
-    last = lived.commands[-3:]
+        vehicle.period(request=True)
+    last = vehicle.commands[-3:]
     assert [(command.mode, command.enable, command.flow_m2_per_s) for command in last] == [(Mode.OFF, False, 0.0)] * 3
-    assert all(command.next_period == config.ecu.plan_ahead for command in lived.commands)
+    assert all(command.next_period == config.ecu.plan_ahead for command in vehicle.commands)
 
 
 @pytest.mark.processes

@@ -17,9 +17,13 @@ from contract.config.learning import ModelConfig
 from firmware_sim.in_c.c_examples import ASKED_FROM
 from firmware_sim.in_c.c_settings import HEADER
 from firmware_sim.in_c.compiler import zig_compiler
-from tests.export.to_c.ecu.examples.contents import without
+from tests.export.to_c.ecu.examples.conftest import without
 
-QEMU = shutil.which("qemu-system-arm") or ""
+pytestmark = [
+    pytest.mark.mcu,
+    pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="qemu-system-arm is not installed"),
+]
+QEMU, ZIG = shutil.which("qemu-system-arm") or "", zig_compiler() or []
 CORTEX_M7 = (
     "-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m7+fp_armv8d16sp", "-ffreestanding", "-O2",
     "-ffp-contract=on", "-g0", "-T", "mps2_an500.ld", "-Wl,-e,reset",
@@ -29,12 +33,9 @@ CORTEX_M7 = (
 @pytest.fixture(scope="session")
 def image(folder, built_for, tmp_path_factory, shared_builds) -> Path:
     """`systick.c` for the board."""
-    compiler = zig_compiler()
-    if compiler is None:
-        pytest.skip("ziglang (extra mcu) is not installed")
     path = tmp_path_factory.mktemp("systick") / "ecu.elf"
     contents = without(folder, "main_socketcan.c")
-    shared_builds.compile_c(contents, path, compiler=compiler, flags=CORTEX_M7)
+    shared_builds.compile_c(contents, path, compiler=ZIG, flags=CORTEX_M7)
     return path
 
 
@@ -52,23 +53,12 @@ def emulated(image: Path, shift: int) -> tuple[int, list[bytes], dict[str, int]]
     return done.returncode, commands, {name: int(value) for name, value in figures}
 
 
-needs_qemu = pytest.mark.skipif(not QEMU, reason="qemu-system-arm is not installed")
-
-
-@pytest.mark.mcu
-@needs_qemu
 def test_under_systick_the_period_is_kept_and_the_jets_are_driven(image, built_for):
     config, messages = built_for
     status, data, figures = emulated(image, shift=1)
     # A step each period and none left out; only the first frame finds a stream that is not trusted yet.
-    periods = len(data)
-    assert (status, figures["steps"], figures["left_out"], figures["overruns"], figures["missed"]) == (
-        0,
-        periods,
-        0,
-        0,
-        1,
-    )
+    periods, counts = len(data), [figures[name] for name in ("steps", "left_out", "overruns", "missed")]
+    assert (status, counts) == (0, [periods, 0, 0, 1])
     window = ModelConfig().window
     assert figures["active"] == periods - window
     assert 0 < figures["longest_us"] < config.period_ns / 1000
@@ -97,8 +87,6 @@ def expected_mode(period: int, window: int) -> Mode:
     return Mode.WARMUP if period < window else Mode.CONTROL
 
 
-@pytest.mark.mcu
-@needs_qemu
 def test_a_core_too_slow_for_the_period_is_noticed(image):
     """1 us an instruction: SysTick begins the next period before a step is done."""
     status, _, figures = emulated(image, shift=10)
@@ -112,14 +100,9 @@ LATER_AND_LATER = Path(__file__).with_name("c").joinpath("later_and_later.c").re
 SHORT_PERIOD_NS, MANY_PERIODS = 40_000, 1500
 
 
-@pytest.mark.mcu
-@needs_qemu
 def test_no_interrupt_is_slept_through_whenever_a_step_ends(folder, built_for, tmp_path, shared_builds):
     """One that came between the look at the period and the sleep would cost a whole period."""
     config, messages = built_for
-    compiler = zig_compiler()
-    if compiler is None:
-        pytest.skip("ziglang (extra mcu) is not installed")
     period = f"#define SW_PERIOD_NS INT64_C({config.period_ns})".encode()
     assert period in folder[HEADER]
     length = messages.pressure.spec.length
@@ -133,6 +116,6 @@ def test_no_interrupt_is_slept_through_whenever_a_step_ends(folder, built_for, t
         ).encode(),
     }
     path = tmp_path / "ecu.elf"
-    shared_builds.compile_c(contents, path, compiler=compiler, flags=CORTEX_M7)
+    shared_builds.compile_c(contents, path, compiler=ZIG, flags=CORTEX_M7)
     status, _, figures = emulated(path, shift=1)
     assert (status, figures["steps"], figures["left_out"]) == (0, MANY_PERIODS, 0)
