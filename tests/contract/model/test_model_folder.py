@@ -92,11 +92,10 @@ def rewrite(folder, **changes):
 def test_only_a_model_is_replaced(tmp_path, folder):
     model_folder.write(folder, description(dataset_sha256="e" * 64), TENSORS)
     assert model_folder.read(folder).description.dataset_sha256 == "e" * 64
-    (tmp_path / "thesis").mkdir()
-    (tmp_path / "thesis" / "chapter_1.txt").write_text("years of work")
+    (tmp_path / "chapter_1.txt").write_text("years of work")
     with pytest.raises(StillwakeError, match="is not a model directory; choose another place"):
-        model_folder.write(tmp_path / "thesis", description(), TENSORS)
-    assert (tmp_path / "thesis" / "chapter_1.txt").read_text() == "years of work"
+        model_folder.write(tmp_path, description(), TENSORS)
+    assert (tmp_path / "chapter_1.txt").read_text() == "years of work"
 
 
 def test_a_description_that_does_not_fit_is_refused(folder):
