@@ -9,12 +9,9 @@ from wake.pictures.levels import field_levels
 pytestmark = pytest.mark.slow  # seconds of flow
 
 
-def test_levels_are_roots_and_clipped():
+def test_levels_are_roots_the_first_row_is_the_uppermost_and_the_body_is_empty(wake):
     # 127 (0.8 / 5)^(1/2) = 50.8; the ends of the colours are 5.
     assert field_levels(np.array([[0.8, -0.8, 0.0, 5.0, -90.0]])).tolist() == [[51, -51, 0, 127, -127]]
-
-
-def test_the_first_row_is_the_uppermost_and_the_body_is_empty(wake):
     grid = wake.grid
     wake.flow.flat[:] = 0.0
     # -du/dy = -y: negative above the axis.

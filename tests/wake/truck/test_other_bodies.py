@@ -9,7 +9,6 @@ from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from wake.solver.flow import Flow
-from wake.truck import steady
 from wake.truck.body import signed_distance
 from wake.truck.state import developed_state, load_state, save_state
 from wake.truck.truck_wake import TruckWake
@@ -68,25 +67,6 @@ def test_a_symmetric_flow_stays_symmetric_but_for_rounding(square):
     assert square.layout.mirror is not None
     assert sample.Cp == pytest.approx(sample.Cp[square.layout.mirror], abs=1e-12)
     assert sample.Cl == pytest.approx(0.0, abs=1e-12)
-
-
-@pytest.mark.slow
-def test_the_force_is_the_momentum_that_a_far_control_volume_loses(square):
-    """Of the steady wake: no time derivative, and no formula in common with the wall's."""
-    settled = steady.settle(square, tolerance=3e-3)
-    grid, flow = square.grid, square.flow
-
-    def flux(x: float) -> float:
-        i = int(np.searchsorted(grid.xf, x))
-        u, p = flow.faces_u[i], 0.5 * (flow.cells_p[i - 1] + flow.cells_p[i])
-        stress = 0.02 * (flow.faces_u[i + 1] - flow.faces_u[i - 1]) / (grid.xf[i + 1] - grid.xf[i - 1])
-        return float(2.0 * np.sum((p + u * u - stress) * grid.dy))
-
-    force = settled.sample.Cd + settled.sample.Cd_slot
-    assert force == pytest.approx(flux(-3.0) - flux(8.0), rel=0.03)
-    # Symmetric and steady: below the 1.5 that everyone finds with shedding.
-    assert 1.0 < force < 1.5
-    assert settled.recirculation_length > 3.0
 
 
 def test_a_state_of_another_body_is_refused_by_name(square, wake, tmp_path):
