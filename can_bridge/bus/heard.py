@@ -15,8 +15,6 @@ MOST_NAMED: Final = 4
 SILENCE_S: Final = 1.0
 """Without anything usable, after which a line reports what is heard instead."""
 
-_SET_OPTIONS: Final = {"classic CAN": "bus.frames=classic", "CAN FD": "bus.frames=fd"}
-
 
 @dataclass(kw_only=True, eq=False)
 class Heard:
@@ -54,7 +52,9 @@ def line(
     ids = {frame_id for frame_id, _ in heard.frames} - {spec.frame_id for spec in messages.specs}
     for other in SETS:
         if ids & {spec.frame_id for spec in other.specs}:
-            return f"{opening}: the other node uses the messages for {other.name}{_advice(other)}"
+            usual = f"--set bus.frames={'fd' if other.command.spec.is_fd else 'classic'}"
+            advice = "it has a key, --set bus.key=FILE" if other.command.spec.is_secured else usual
+            return f"{opening}: the other node uses the messages for {other.name}: {advice}"
     if rejected.get(Rejection.WRONG_FORMAT, 0):
         there, here = ("classic", "fd") if wanted.is_fd else ("fd", "classic")
         return f"{opening}: the other nodes' frames are not for bus.frames = {here}: --set bus.frames={there}"
@@ -89,10 +89,3 @@ class Silence:
             self._report(line(heard, self._wanted, self._messages, new, sender=self._sender))
             self._is_told = True
         self._usable, self._rejected = usable, Counter(rejected)
-
-
-def _advice(other: MessageSet) -> str:
-    if other.command.spec.is_secured:
-        return ": it has a key, --set bus.key=FILE"
-    option = _SET_OPTIONS.get(other.name)
-    return "" if option is None else f": --set {option}"

@@ -15,11 +15,11 @@ from can_bridge.wire.network_file import load_network
 from contract.errors import BusError
 
 if TYPE_CHECKING:
-    from cantools.database.can.database import Database
     from cantools.database.can.signal import Signal
 
 DBC: Final = Path(contract.__file__).with_name("stillwake.dbc")
 _SPECS: Final = {spec.name: spec for spec in SPECS}
+_read_once = cache(load_network)
 
 
 def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
@@ -33,7 +33,7 @@ def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
     if name not in _SPECS:
         names = ", ".join(_SPECS)
         raise BusError(f"{name}: is none of {names}; `python -m can.player` sends other frames, from a log")
-    message = _database().get_message_by_name(name)
+    message = _read_once(DBC).get_message_by_name(name)
     from cantools.database import EncodeError
 
     signals = {one.name: one for one in message.signals}
@@ -52,11 +52,6 @@ def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
         raise BusError(f"{name} cannot be sent: {error}") from error
     spec = _SPECS[name]
     return spec, data[: spec.protected]
-
-
-@cache
-def _database() -> "Database":
-    return load_network(DBC)
 
 
 def _value(text: str, signal: "Signal", value: str) -> float | str:

@@ -1,6 +1,5 @@
 """The traffic of a log or a bus, message by message: what `stillwake can decode` and `can monitor` show."""
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -119,20 +118,3 @@ class Summary:
         traffic = self.messages.setdefault(place, Traffic(self.config.e2e, self.key))
         traffic.add(frame)
         return traffic
-
-
-def summarise(
-    messages: Iterable[can.Message],
-    *,
-    config: BusConfig,
-    key: Key | None = None,
-    seen: Callable[[Traffic], None] = lambda traffic: None,
-) -> Summary:
-    """Go through a log, in the order of the file. `seen` is called after each data frame with what is known of its
-    message then."""
-    summary = Summary(config=config, key=key)
-    for message in messages:
-        traffic = summary.add(message)
-        if traffic is not None:
-            seen(traffic)
-    return summary

@@ -100,6 +100,8 @@ class Programming:
             return
         if value == self._taken_keys:
             return
+        # To verify a signature, here and before a way back, takes a good part of a control period.
+        self._check_preconditions()
         with _as_refusals():
             self._store.take_keys(value)
         self._taken_keys = value
@@ -177,6 +179,7 @@ class Programming:
             raise Refused(Nrc.SEQUENCE_ERROR, "no release runs on trial")
 
     def _revert(self) -> Long[None]:
+        self._check_preconditions()
         verdict = yield from self._store.revert()
         if verdict != Verdict.GOOD:
             raise Refused(Nrc.CONDITIONS_NOT_CORRECT, f"the release before: {verdict.in_words}")

@@ -85,10 +85,8 @@ def _options(config: BusConfig, settle_s: float) -> Mapping[str, Any]:
             return {"bitrate": config.nominal_bitrate, "sleep_after_open": settle_s}
         case "socketcan":
             return {"fd": is_fd}
-        case _ if is_fd:
-            return {"fd": True, "bitrate": config.nominal_bitrate, "data_bitrate": config.data_bitrate}
-        case _:
-            return {"fd": False, "bitrate": config.nominal_bitrate}
+    rates = {"bitrate": config.nominal_bitrate, **({"data_bitrate": config.data_bitrate} if is_fd else {})}
+    return {"fd": is_fd, **rates}
 
 
 def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:

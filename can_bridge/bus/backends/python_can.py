@@ -143,8 +143,9 @@ class PythonCanBus(Connection):
         deadline = time.monotonic() + timeout_s
         while True:
             left = max(0.0, deadline - time.monotonic())
-            frame, idle = self._poll(left)
-            if frame is not None or idle or left == 0.0:
+            message = self._received(left)
+            frame = self._taken(message)
+            if frame is not None or message is None or left == 0.0:
                 return frame
 
     def receive_all(self) -> list[Frame]:
@@ -152,27 +153,27 @@ class PythonCanBus(Connection):
         `receive`."""
         frames: list[Frame] = []
         for _ in range(RECEPTION_LIMIT):
-            frame, idle = self._poll(0.0)
-            if idle:
+            message = self._received(0.0)
+            if message is None:
                 break
+            frame = self._taken(message)
             if frame is not None:
                 frames.append(frame)
                 if len(frames) == QUEUE_SIZE:
                     break
         return frames
 
-    def _poll(self, timeout_s: float) -> tuple[Frame | None, bool]:
-        """One reception: the frame if an accepted one came, and whether nothing came at all."""
-        message = self._received(timeout_s)
+    def _taken(self, message: can.Message | Rejection | None) -> Frame | None:
+        """The frame of a reception, if it is accepted; counts it."""
         if message is None:
-            return None, True
+            return None
         frame = message if isinstance(message, Rejection) else self._judged(message)
         self.received += 1
         if isinstance(frame, Rejection):
             self._rejected[frame] += 1
-            return None, False
+            return None
         self.accepted += 1
-        return frame, False
+        return frame
 
     def _judged(self, message: can.Message) -> Frame | Rejection:
         frame = classified(message)

@@ -144,16 +144,15 @@ class SimulatedBus:
             transmit_capacity, receive_capacity: frames that its queues hold.
             restarts: whether it recovers from bus-off by itself; else after `SimulatedPort.restart`.
         """
-        self._ports.append(
-            SimulatedPort(
-                name or f"node {len(self._ports)}",
-                lambda: self.now_ns,
-                transmit_capacity=transmit_capacity,
-                receive_capacity=receive_capacity,
-                restarts=restarts,
-            )
+        port = SimulatedPort(
+            name or f"node {len(self._ports)}",
+            lambda: self.now_ns,
+            transmit_capacity=transmit_capacity,
+            receive_capacity=receive_capacity,
+            restarts=restarts,
         )
-        return self._ports[-1]
+        self._ports.append(port)
+        return port
 
     def frame_ns(self, frame: Frame) -> int:
         """How long this very frame occupies the bus, the intermission included."""

@@ -5,7 +5,7 @@ from typing import Final
 from can_bridge.logs.log_reader import read_messages
 from can_bridge.tools.observed_traffic import Traffic
 from can_bridge.tools.raw_bus import id_text
-from can_bridge.tools.summary import summarise
+from can_bridge.tools.summary import Summary
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
 
@@ -22,8 +22,10 @@ def bus_rows(folder: RunFolder, log: RunLog) -> Rows:
     if log.traffic.frames > MOST_FRAMES or not folder.frames.is_file():
         return []
     bus = log.metadata.config.bus
-    traffic = summarise(read_messages(folder.frames), config=bus)
-    return [_row(one) for _, one in sorted(traffic.messages.items())]
+    found = Summary(config=bus)
+    for message in read_messages(folder.frames):
+        found.add(message)
+    return [_row(one) for _, one in sorted(found.messages.items())]
 
 
 def _row(one: Traffic) -> tuple[str, ...]:

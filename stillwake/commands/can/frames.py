@@ -151,7 +151,7 @@ def decode(
     prints the bytes; `cantools decode` reads those.
     """
     from can_bridge.logs.log_reader import check_suffix, read_messages
-    from can_bridge.tools.summary import summarise
+    from can_bridge.tools.summary import Summary
 
     uses = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.e2e", "bus.key")
     config = settings("can decode", config_file, overrides, uses=uses).config.bus
@@ -161,34 +161,27 @@ def decode(
         if csv_file.resolve() == file.resolve():
             raise BusError(f"{csv_file}: is the file to read; give another name")
         check_output(csv_file, overwrite=overwrite)
-    key = key_of(config.key)
+    found = Summary(config=config, key=key_of(config.key))
     bar = progress_bar("frames")
     # Without a line for each frame, something else has to show that the work goes on.
-    with _csv_rows(csv_file) as write_row, bar if summary else nullcontext():
+    with _csv_rows(csv_file) as write_rows, bar if summary else nullcontext():
         task = bar.add_task(f"reading {file.name}", total=None, note="")
         show = now_and_then(lambda done: bar.update(task, completed=done))
-        done = 0
-
-        def seen(traffic: "Traffic") -> None:
-            nonlocal done
-            write_row(traffic)
-            done += 1
+        for number, message in enumerate(read_messages(file), 1):
+            traffic = found.add(message)
             if summary:
-                show(done)
-            else:
+                show(number)
+            if traffic is None:
+                continue
+            write_rows(traffic)
+            if not summary:
                 console.print(_line(traffic))
-
-        log_summary = summarise(read_messages(file), config=config, key=key, seen=seen)
-        if log_summary.first_s is None:
+        if found.first_s is None:
             raise BusError(f"{file}: holds no CAN frame")
-    used = {
-        "nominal_bitrate": config.nominal_bitrate,
-        "data_bitrate": config.data_bitrate,
-        "e2e": asdict(config.e2e),
-    }
+    used = {name: value for name, value in asdict(config).items() if name in ("nominal_bitrate", "data_bitrate", "e2e")}
     facts = {"log": file.name, "config": used, "versions": versions("python-can")}
-    save_json(json_file, figures=log_summary.figures(), facts=facts)
-    _print_summary(log_summary)
+    save_json(json_file, figures=found.figures(), facts=facts)
+    _print_summary(found)
     for path in (csv_file, json_file):
         if path is not None:
             console.print(f"wrote {path}")
@@ -224,19 +217,11 @@ def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
         writer.writerow(("time_s", "id", "message", "e2e", "mac", "signal", "value", "unit", "text"))
 
         def write(traffic: "Traffic") -> None:
-            frame, check, mac = traffic.latest, traffic.check, traffic.mac
-            head = (
-                f"{frame.timestamp_ns / 1e9:.6f}",
-                id_text(frame),
-                traffic.name,
-                "" if check is None else CHECK_TEXT[check],
-                "" if mac is None else mac.value,
-            )
+            frame, mac = traffic.latest, "" if traffic.mac is None else traffic.mac.value
+            e2e = "" if traffic.check is None else CHECK_TEXT[traffic.check]
+            head = (f"{frame.timestamp_ns / 1e9:.6f}", id_text(frame), traffic.name, e2e, mac)
             signals = () if traffic.decoded is None else traffic.decoded.signals
-            for one in signals:
-                writer.writerow((*head, one.name, one.value, one.unit, one.text))
-            if not signals:
-                writer.writerow((*head, "", "", "", frame.data.hex()))
+            writer.writerows((*head, *one) for one in signals or [("", "", "", frame.data.hex())])
 
         yield write
 

@@ -65,39 +65,39 @@ def is_log(path: Path) -> bool:
 
 def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
     """The file of forces of every log. Raises DatasetError if a log has none or two, or a name before = is no log's."""
-    forces_of_logs: dict[Path, Path] = {}
-    general = [Path(text) for text in forces if not _pair(text, logs)]
+    found: dict[Path, Path] = {}
+    general: list[Path] = []
     for text in forces:
-        pair = _pair(text, logs)
-        if pair is not None:
-            if pair[0] in forces_of_logs:
-                raise DatasetError(f"--forces {text}: {pair[0]} has forces already")
-            forces_of_logs[pair[0]] = pair[1]
+        log, file = _pair(text, logs)
+        if log is None:
+            general.append(file)
+        elif log in found:
+            raise DatasetError(f"--forces {text}: {log} has forces already")
+        else:
+            found[log] = file
     if len(general) > 1:
         names = ", ".join(str(path) for path in logs)
         raise DatasetError(
             f"--forces {general[1]}: is the second one; with more than one write LOG=FILE, where LOG is one of {names}"
         )
     for log in logs:
-        if log not in forces_of_logs:
-            if not general:
-                raise DatasetError(
-                    f"{log}: a log has no drag and lift, and training needs them: give them with --forces, as a table "
-                    f"with t, Cd and Cl"
-                )
-            forces_of_logs[log] = general[0]
-    return forces_of_logs
+        if log not in found and not general:
+            raise DatasetError(
+                f"{log}: a log has no drag and lift, and training needs them: give them with --forces, as a table "
+                f"with t, Cd and Cl"
+            )
+    return {log: found.get(log) or general[0] for log in logs}
 
 
-def _pair(text: str, logs: Sequence[Path]) -> tuple[Path, Path] | None:
-    """LOG and FILE of LOG=FILE; None if no log is named."""
+def _pair(text: str, logs: Sequence[Path]) -> tuple[Path | None, Path]:
+    """LOG and FILE of LOG=FILE; without a log if none is named."""
     names = [log.name for log in logs]
     for log in logs:
         # Runs all call theirs frames.log: then the whole path identifies one.
         for name in (str(log), *([log.name] if names.count(log.name) == 1 else [])):
             if text.startswith(f"{name}="):
                 return log, Path(text[len(name) + 1 :])
-    return None
+    return None, Path(text)
 
 
 def names_of(logs: Sequence[Path]) -> dict[Path, str]:

@@ -7,7 +7,7 @@ import pytest
 
 from can_bridge.bus.conversion import to_message
 from can_bridge.tools.monitor import rows
-from can_bridge.tools.summary import Summary, summarise
+from can_bridge.tools.summary import Summary
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from contract.config.vehicle import BusConfig
@@ -15,15 +15,15 @@ from tests.can_bridge.tools.test_observed_traffic import frame
 
 
 def load(messages: list[can.Message]) -> float:
-    summary = summarise(messages, config=BusConfig())
-    assert summary.load is not None
-    return summary.load
+    found = summary_of(*messages).load
+    assert found is not None
+    return found
 
 
-def summary_of(*frames: Frame, most: int | None = None) -> Summary:
+def summary_of(*traffic: Frame | can.Message, most: int | None = None) -> Summary:
     summary = Summary(config=BusConfig(), most=most)
-    for one in frames:
-        summary.add(to_message(one))
+    for one in traffic:
+        summary.add(to_message(one) if isinstance(one, Frame) else one)
     return summary
 
 
@@ -50,7 +50,7 @@ def test_times_and_other_frames_of_a_log_that_runs_backwards():
     frames = [can.Message(timestamp=t, data=bytes(8)) for t in (9.0, 1.0, 5.0)]
     frames += [can.Message(timestamp=5.0, is_error_frame=True), can.Message(timestamp=5.0, is_remote_frame=True, dlc=8)]
     frames += [can.Message(timestamp=5.0, data=bytes(9))]
-    found = summarise(frames, config=BusConfig())
+    found = summary_of(*frames)
     assert (found.first_s, found.last_s, found.span_s) == (1.0, 9.0, 8.0)
     assert (found.frames, found.errors, found.remote, found.unsound) == (3, 1, 1, 1)
 
