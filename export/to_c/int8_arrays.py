@@ -14,30 +14,9 @@ from export.int8.activation_ranges import ActivationRanges
 from export.int8.nearest import Int8Matrix
 from export.int8.rounded_program import RoundedProgram
 from export.program.weights import LAYER_NORM_EPSILON, DecoderWeights, Norm
+from export.to_c import int8_format as form
 from export.to_c.float32_arrays import Integers, Values, optimiser_arrays, prior_arrays, scaling_arrays
-from export.to_c.int8_format import (
-    ELU_ARGUMENT_MAX,
-    ELU_ARGUMENT_ONE,
-    ELU_MAX,
-    ELU_ONE,
-    ELU_RANGE,
-    FULL_RANGE_WIDTH,
-    GAIN_ONE,
-    GATE_MAX,
-    INT16_QMAX,
-    LANES,
-    LOGISTIC_ONE,
-    LOGISTIC_RANGE,
-    MARGIN,
-    ROW_SCALE_ONE,
-    SCALED_BITS,
-    XHAT_QMAX,
-    elu_points,
-    logistic_points,
-    packed,
-    padded_size,
-    qmax,
-)
+from export.to_c.int8_format import LANES, packed, padded_size, qmax
 
 
 def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, Values]:
@@ -49,12 +28,12 @@ def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, 
     if not program.decoder.blocks:
         raise ExportError("decoder: no residual blocks, the C library needs at least one")
     hidden = (ranges.latent, ranges.hidden1, ranges.hidden2, *ranges.elus)
-    if not max(hidden) < ELU_MAX:
-        raise ExportError(f"int8 calibration: ELU outputs reach {max(hidden):.3g}, must stay below {ELU_MAX}")
+    if not max(hidden) < form.ELU_MAX:
+        raise ExportError(f"int8 calibration: ELU outputs reach {max(hidden):.3g}, must stay below {form.ELU_MAX}")
     return {
         **scaling_arrays(program),
-        "sw_logistic_points": logistic_points(),
-        "sw_elu_points": elu_points(),
+        "sw_logistic_points": form.logistic_points(),
+        "sw_elu_points": form.elu_points(),
         "sw_action_factor": np.array(1.0 / program.scaling.action_std),
         **_encoder(rounded, ranges),
         **_dynamics(rounded, ranges),
@@ -66,7 +45,7 @@ def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, 
 
 def _inverse_scale(largest: float, width: int) -> float:
     """Integers per unit of an activation; a range of zero is any range."""
-    return qmax(padded_size(width)) / (MARGIN * largest if largest > 0 else 1.0)
+    return qmax(padded_size(width)) / (form.MARGIN * largest if largest > 0 else 1.0)
 
 
 def _channels(*columns: Array) -> Array:
@@ -81,20 +60,24 @@ def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale
     Integers of a sum times its scale are of a unit as fine as these allow: a factor of C's sw_scaled is below 1/2, and
     the sum of all outputs may not overflow.
     """
-    _stay_below(ELU_ARGUMENT_MAX, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm")
+    _stay_below(
+        form.ELU_ARGUMENT_MAX, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm"
+    )
     scales = matrix.scales.astype(np.float64) / inverse_scale
-    reach = np.abs(matrix.values.astype(np.float64)).sum(axis=1) * (INT16_QMAX + 1) * scales + np.abs(bias)
+    reach = np.abs(matrix.values.astype(np.float64)).sum(axis=1) * (form.INT16_QMAX + 1) * scales + np.abs(bias)
     unit = 1.001 * max(2.0 * scales.max(), reach.sum() / 2**31)
-    gain = ELU_ARGUMENT_ONE * norm.weight * np.sqrt(len(bias)) / XHAT_QMAX * 2**16
-    offset = ELU_ARGUMENT_ONE * (norm.bias + ELU_RANGE)
+    gain = form.ELU_ARGUMENT_ONE * norm.weight * np.sqrt(len(bias)) / form.XHAT_QMAX * 2**16
+    offset = form.ELU_ARGUMENT_ONE * (norm.bias + form.ELU_RANGE)
     gain_max = np.abs(norm.weight).max() or 1.0
     largest = float(matrix.scales.max())
     # In the adjoint a value times gain and slope is cut to its upper 32 bits, which makes a quarter of it.
-    quarter = GAIN_ONE * 256 / 2**SCALED_BITS
+    quarter = form.GAIN_ONE * 256 / 2**form.SCALED_BITS
     return {
-        f"sw_{name}_channel": _integers(_channels(scales / unit * 2**SCALED_BITS, bias / unit, gain, offset)),
+        f"sw_{name}_channel": _integers(_channels(scales / unit * 2**form.SCALED_BITS, bias / unit, gain, offset)),
         f"sw_{name}_adjoint": _integers(
-            _channels(GAIN_ONE * norm.weight / gain_max, ROW_SCALE_ONE * matrix.scales.astype(np.float64) / largest)
+            _channels(
+                form.GAIN_ONE * norm.weight / gain_max, form.ROW_SCALE_ONE * matrix.scales.astype(np.float64) / largest
+            )
         ),
         f"sw_{name}_layer": np.array([LAYER_NORM_EPSILON / unit**2, gain_max / quarter * largest / unit]),
     }
@@ -122,17 +105,17 @@ def _encoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
     # The hidden state never leaves [-1, 1].
     cell = float(qmax(padded_size(lstm.width)))
     middle = _inverse_scale(ranges.head, lstm.width)
-    reach = np.abs(lstm.weight_input).sum(axis=1) * MARGIN * ranges.row + np.abs(lstm.weight_recurrent).sum(axis=1)
-    _stay_below(GATE_MAX, reach + np.abs(lstm.bias_input + lstm.bias_recurrent), "the LSTM's gates")
-    of_head = np.abs(weights.hidden.weight).sum(axis=1) * MARGIN * ranges.head + np.abs(weights.hidden.bias)
-    _stay_below(ELU_ARGUMENT_MAX, of_head, "the encoder's ELUs")
+    reach = np.abs(lstm.weight_input).sum(axis=1) * form.MARGIN * ranges.row + np.abs(lstm.weight_recurrent).sum(axis=1)
+    _stay_below(form.GATE_MAX, reach + np.abs(lstm.bias_input + lstm.bias_recurrent), "the LSTM's gates")
+    of_head = np.abs(weights.hidden.weight).sum(axis=1) * form.MARGIN * ranges.head + np.abs(weights.hidden.bias)
+    _stay_below(form.ELU_ARGUMENT_MAX, of_head, "the encoder's ELUs")
     _fed_by_elu(weights.output.weight)
     # tanh(x) = 2 logistic(2 x) - 1, for gate g.
-    arguments = LOGISTIC_ONE * np.repeat([1.0, 1.0, 2.0, 1.0], lstm.width)
+    arguments = form.LOGISTIC_ONE * np.repeat([1.0, 1.0, 2.0, 1.0], lstm.width)
     by_gate = (
         by_input.scales / row * arguments,
         by_hidden.scales / cell * arguments,
-        (lstm.bias_input + lstm.bias_recurrent) * arguments + LOGISTIC_RANGE * LOGISTIC_ONE + 0.5,
+        (lstm.bias_input + lstm.bias_recurrent) * arguments + form.LOGISTIC_RANGE * form.LOGISTIC_ONE + 0.5,
     )
     channels = zip(*(np.split(values, 4) for values in by_gate), strict=True)
     return {
@@ -144,7 +127,7 @@ def _encoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
         "sw_head_rows": packed(head.values),
         "sw_head_channel": _plain(head, weights.hidden.bias, middle),
         "sw_latent_rows": packed(output.values),
-        "sw_latent_channel": _plain(output, weights.output.bias, ELU_ONE),
+        "sw_latent_channel": _plain(output, weights.output.bias, form.ELU_ONE),
         "sw_row_inverse_scale": np.array(row),
         "sw_cell_inverse_scale": np.array(cell),
         "sw_head_inverse_scale": np.array(middle),
@@ -158,9 +141,9 @@ def _stay_below(limit: float, reach: Array, what: str) -> None:
 
 def _fed_by_elu(weight: Array) -> None:
     """ELU outputs take all 16 bits, whatever the width."""
-    if weight.shape[1] > FULL_RANGE_WIDTH:
+    if weight.shape[1] > form.FULL_RANGE_WIDTH:
         raise ExportError(
-            f"a layer of width {weight.shape[1]} behind an ELU: int8 lowering takes at most {FULL_RANGE_WIDTH}"
+            f"a layer of width {weight.shape[1]} behind an ELU: int8 lowering takes at most {form.FULL_RANGE_WIDTH}"
         )
 
 
@@ -182,10 +165,10 @@ def _dynamics(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str,
         **_layer("dyn1", first, weights.input.bias, weights.norm_in, state),
         "sw_dyn2_rows": packed(second.values),
         "sw_dyn2_adjoint_rows": packed(second.values.T),
-        **_layer("dyn2", second, weights.hidden.bias, weights.norm_hidden, ELU_ONE),
+        **_layer("dyn2", second, weights.hidden.bias, weights.norm_hidden, form.ELU_ONE),
         "sw_dyn3_rows": packed(third.values),
         "sw_dyn3_adjoint_rows": packed(third.values.T),
-        "sw_dyn3_channel": _plain(third, weights.output.bias, ELU_ONE),
+        "sw_dyn3_channel": _plain(third, weights.output.bias, form.ELU_ONE),
         "sw_dyn3_scale": _scales(third),
         "sw_state_inverse_scale": np.array(state),
     }
@@ -219,16 +202,16 @@ def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
         "sw_force_channel": _plain(last, weights.output.bias, output),
         "sw_force_scale": _scales(last),
         "sw_decoder_inverse_scale": np.array(latent),
-        "sw_residual_of_elu": _integers(np.array(1.0 / ELU_ONE / unit)),
-        "sw_residual_factor": _integers(np.array([*inputs, output]) * unit * 2**SCALED_BITS),
+        "sw_residual_of_elu": _integers(np.array(1.0 / form.ELU_ONE / unit)),
+        "sw_residual_factor": _integers(np.array([*inputs, output]) * unit * 2**form.SCALED_BITS),
     }
 
 
 def _residual_unit(first: Int8Matrix, weights: DecoderWeights, latent: float, finest: float) -> float:
     """The step of the decoder's sum of residuals as an int32: a 512th of the finest integer made of it, or coarser."""
-    sums = np.abs(first.values.astype(np.float64)).sum(axis=1) * (INT16_QMAX + 1) * first.scales / latent
-    reach = np.max(sums + np.abs(weights.input.bias)) + len(weights.blocks) * ELU_RANGE
+    sums = np.abs(first.values.astype(np.float64)).sum(axis=1) * (form.INT16_QMAX + 1) * first.scales / latent
+    reach = np.max(sums + np.abs(weights.input.bias)) + len(weights.blocks) * form.ELU_RANGE
     unit = max(1.0 / finest / 512.0, 1.01 * float(reach) / 2**31)
     _stay_below(0.5, np.array(unit * finest), "sums of the decoder's residuals, in integers of its finest layer,")
-    _stay_below(2.0**16, np.array(1.0 / ELU_ONE / unit), "an ELU's integer in those of the decoder's residuals,")
+    _stay_below(2.0**16, np.array(1.0 / form.ELU_ONE / unit), "an ELU's integer in those of the decoder's residuals,")
     return unit

@@ -9,7 +9,7 @@ Nothing that comes from outside ends in an exception: not the frames, not the ti
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, Unpack
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from contract.release.checks import Bundle
 from firmware_sim.ecu.benefit_check import BenefitCheck, BenefitCheckState
 from firmware_sim.ecu.calibrating import limits_of, release_calibration, with_calibration
 from firmware_sim.ecu.controller_memory import ControllerMemory
-from firmware_sim.ecu.ecu_state import EcuState, Trace
+from firmware_sim.ecu.ecu_state import Around, EcuState, Trace
 from firmware_sim.ecu.fit import check_vehicle
 from firmware_sim.ecu.other_ecu import heard_of_another_ecu
 from firmware_sim.ecu.pressure_reception import PressureReception, Received
@@ -161,13 +161,7 @@ class Ecu:
         self._state = replace(self._state, memory=memory)
 
     def step(
-        self,
-        now_ns: int,
-        frames: Sequence[Frame],
-        health: BusHealth = HEALTHY,
-        *,
-        fault: Reason | None = None,
-        updating: bool = False,
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Around]
     ) -> list[Frame]:
         """One control period. Returns a JetCommand and an EcuStatus.
 
@@ -175,10 +169,9 @@ class Ecu:
             now_ns: time of the step, in the clock of the frames' timestamps.
             frames: everything received since the last step, oldest first.
             health: of the CAN controller, for the status.
-            fault: for which the ECU must switch itself off, found by what is around it.
-            updating: a new release is to be written: the ECU shuts itself off for good, as soon as no jet may run.
+            around: see `Around`.
         """
-        outcome = self.next(self._state, now_ns, frames, health, fault=fault, updating=updating)
+        outcome = self.next(self._state, now_ns, frames, health, **around)
         self._state, self.trace = outcome.state, outcome.trace
         return outcome.frames
 
@@ -188,9 +181,7 @@ class Ecu:
         now_ns: int,
         frames: Sequence[Frame],
         health: BusHealth = HEALTHY,
-        *,
-        fault: Reason | None = None,
-        updating: bool = False,
+        **around: Unpack[Around],
     ) -> StepOutcome:
         """The same from any state, without keeping it: a function of its arguments if the controller is one."""
         config = self._config.ecu
@@ -221,8 +212,8 @@ class Ecu:
             unusable_because=received.unusable_because,
             window_full=memory.is_full,
             off_speed=speed.is_off,
-            fault=timing.fault or bus_off or other_ecu.fault or sensor_fault or no_benefit or fault,
-            updating=updating,
+            fault=timing.fault or bus_off or other_ecu.fault or sensor_fault or no_benefit or around.get("fault"),
+            updating=around.get("updating", False),
         )
         fail_safe = state.fail_safe.next(inputs, config)
         decision = self._decide(fail_safe.mode, memory)

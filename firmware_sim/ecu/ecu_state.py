@@ -5,7 +5,7 @@ the bit as the first one would have.
 """
 
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Self, TypedDict
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.command_gate import Intervention
@@ -13,7 +13,7 @@ from can_bridge.e2e.receiver import Check, ReceiverState
 from can_bridge.e2e.sender import SenderState
 from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.receiver import VerifierState
-from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus, Mode
+from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus, Mode, Reason
 from contract.arrays import Array
 from firmware_sim.ecu.benefit_check import BenefitCheckState
 from firmware_sim.ecu.controller_memory import ControllerMemory
@@ -22,6 +22,18 @@ from firmware_sim.ecu.sensor_check import SensorCheckState
 from firmware_sim.ecu.speed_reception import SpeedState
 from firmware_sim.ecu.state_machine import FailSafe
 from firmware_sim.ecu.timing import Timing
+
+
+class Around(TypedDict, total=False):
+    """What is around an ECU in a control period.
+
+    Attributes:
+        fault: for which it must switch itself off.
+        updating: a new release is to be written: it shuts itself off for good, as soon as no jet may run.
+    """
+
+    fault: Reason | None
+    updating: bool
 
 
 @dataclass(frozen=True, kw_only=True)

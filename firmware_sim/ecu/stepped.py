@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, Unpack
 
 from can_bridge.bus.interface import BusHealth
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.messages import EcuStatus, Reason
+from can_bridge.wire.messages import EcuStatus
 from contract.controller.calibration import Calibration
-from firmware_sim.ecu.ecu_state import EcuState, Trace
+from firmware_sim.ecu.ecu_state import Around, EcuState, Trace
 
 
 class SteppedEcu(Protocol):
@@ -47,13 +47,7 @@ class CalibratedEcu(SteppedEcu, Protocol):
         """Have other values from the next step on; raises ConfigError."""
 
     def step(
-        self,
-        now_ns: int,
-        frames: Sequence[Frame],
-        health: BusHealth = ...,
-        *,
-        fault: Reason | None = None,
-        updating: bool = False,
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ..., **around: Unpack[Around]
     ) -> list[Frame]:
         """The same, with what is around the ECU."""
 

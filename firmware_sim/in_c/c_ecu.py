@@ -9,18 +9,18 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Unpack
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.messages import EcuStatus, Reason
+from can_bridge.wire.messages import EcuStatus
 from contract.config.tree import Config
 from contract.controller.c_folder import library_sources, read_sources
 from contract.controller.calibration import NAMES, Calibration
 from contract.controller.image_payload import with_layout
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
-from firmware_sim.ecu.ecu_state import EcuState, Trace
+from firmware_sim.ecu.ecu_state import Around, EcuState, Trace
 from firmware_sim.in_c import c_settings
 from firmware_sim.in_c.c_structs import Structs, c_time
 from firmware_sim.in_c.compiler import compile_c, compiler_version, host_compiler
@@ -162,16 +162,10 @@ class CEcu(CEcuState):
         return self._ecu
 
     def step(
-        self,
-        now_ns: int,
-        frames: Sequence[Frame],
-        health: BusHealth = HEALTHY,
-        *,
-        fault: Reason | None = None,
-        updating: bool = False,
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Around]
     ) -> list[Frame]:
         """One control period; as `Ecu.step`."""
-        self.structs.surround(self._ecu.surroundings, health, fault, updating=updating)
+        self.structs.surround(self._ecu.surroundings, health, **around)
         received = self.structs.frames(frames)
         count = self._run(self._ecu, c_time(now_ns), received, len(frames), self._answers)
         return [self.structs.frame(self._answers[i]) for i in range(count)]

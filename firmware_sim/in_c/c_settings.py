@@ -12,17 +12,9 @@ import numpy as np
 
 from can_bridge.command_gate import GateLimits
 from can_bridge.e2e.profiles import profile_of
+from can_bridge.wire import message_specs as wire
 from can_bridge.wire.classic_codec import CLASSIC_BUS_OFF_LIMIT, CLASSIC_COUNT_LIMIT, STALE_NS
 from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.message_specs import (
-    AGE_RESOLUTION_NS,
-    CLASSIC_AGE_RESOLUTION_NS,
-    DENSITY_RESOLUTION_KG_PER_M3,
-    FLOW_RESOLUTION_M2_PER_S,
-    INT12_MAX,
-    SPEED_RESOLUTION_M_PER_S,
-    SPEED_UNKNOWN,
-)
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, Mode, Reason
 from contract.config.controller import CostWeights
 from contract.config.tree import Config
@@ -31,32 +23,26 @@ from contract.controller.c_folder import ECU_SETTINGS
 from contract.controller.c_numbers import Numbers
 from contract.controller.calibration import LARGEST_WEIGHT, WEIGHTS, Calibration
 from contract.errors import ConfigError, LibraryError
+from contract.release import manifest as manifests
 from contract.release.checks import Bundle
-from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, Manifest
+from contract.release.manifest import Manifest
+from firmware_sim.ecu import sensor_check
 from firmware_sim.ecu.benefit_check import BenefitCheck
 from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.fit import check_vehicle
 from firmware_sim.ecu.other_ecu import SILENCE_NS
-from firmware_sim.ecu.sensor_check import ALIKE, COPIED, DRIFT_ALLOWED, MOVING, NOISE_ALLOWED, SCORE_PERIODS
 from firmware_sim.ecu.speed_reception import SHORTEST_S
 from firmware_sim.ecu.timing import LATEST_NS
 
 HEADER: Final = ECU_SETTINGS
-_MOST: Final = {
-    "ecu.loss_window": 64,
-    "ecu.deadline_window": 32,
-    "bus.e2e.window": 255,
-    "ecu.deadline_misses": 2**29,
-    "ecu.hold_periods": 2**29,
-    "ecu.decay_periods": 2**29,
-    "ecu.rearm_frames": 2**29,
-    "ecu.sensor_check.doubt_periods": 2**29,
-    "ecu.sensor_check.flat_periods": 2**29,
-    "ecu.benefit_check.mean_periods": 2**29,
-    "ecu.benefit_check.wake_periods": 2**29,
-    "ecu.benefit_check.first_period": 2**29,
-    "ecu.benefit_check.doubt_periods": 2**29,
-}
+_COUNTED: Final = (
+    *("ecu.deadline_misses", "ecu.hold_periods", "ecu.decay_periods", "ecu.rearm_frames"),
+    *("ecu.sensor_check.doubt_periods", "ecu.sensor_check.flat_periods", "ecu.benefit_check.mean_periods"),
+    *("ecu.benefit_check.wake_periods", "ecu.benefit_check.first_period", "ecu.benefit_check.doubt_periods"),
+)
+_MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 255} | dict.fromkeys(
+    _COUNTED, 2**29
+)
 """Most periods that the C ECU's state has room for; those that are added have room in an int together."""
 _GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(WEIGHTS, LARGEST_WEIGHT))
 """C allows a release's own weight where it is greater."""
@@ -108,28 +94,24 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
     specs = dict(zip(("PRESSURE", "SPEED", "COMMAND", "STATUS"), messages.specs, strict=True))
     found: dict[str, int | float | str] = {}
     for name, spec in specs.items():
-        found |= {
-            f"SW_{name}_ID": spec.frame_id,
-            f"SW_{name}_BYTES": spec.length,
-            f"SW_{name}_DATA_ID": spec.data_id,
-        }
+        found |= {f"SW_{name}_ID": spec.frame_id, f"SW_{name}_BYTES": spec.length, f"SW_{name}_DATA_ID": spec.data_id}
     spec = messages.pressure.spec
     return found | {
         "SW_FRAMES_FD": int(spec.is_fd),
         "SW_E2E_PROFILE": spec.profile,
         "SW_E2E_COUNTERS": profile_of(spec).counter_period,
         "SW_PRESSURE_RESOLUTION_PA": messages.pressure_resolution_pa,
-        "SW_AGE_RESOLUTION_NS": AGE_RESOLUTION_NS if spec.is_fd else CLASSIC_AGE_RESOLUTION_NS,
-        "SW_SPEED_RESOLUTION": SPEED_RESOLUTION_M_PER_S,
-        "SW_SPEED_UNKNOWN": f"{SPEED_UNKNOWN}u",
-        "SW_DENSITY_RESOLUTION": DENSITY_RESOLUTION_KG_PER_M3,
-        "SW_FLOW_RESOLUTION": FLOW_RESOLUTION_M2_PER_S,
+        "SW_AGE_RESOLUTION_NS": wire.AGE_RESOLUTION_NS if spec.is_fd else wire.CLASSIC_AGE_RESOLUTION_NS,
+        "SW_SPEED_RESOLUTION": wire.SPEED_RESOLUTION_M_PER_S,
+        "SW_SPEED_UNKNOWN": f"{wire.SPEED_UNKNOWN}u",
+        "SW_DENSITY_RESOLUTION": wire.DENSITY_RESOLUTION_KG_PER_M3,
+        "SW_FLOW_RESOLUTION": wire.FLOW_RESOLUTION_M2_PER_S,
         "SW_COUNT_LIMIT": COUNT_LIMIT if spec.is_fd else CLASSIC_COUNT_LIMIT,
         "SW_BUS_OFF_LIMIT": BUS_OFF_LIMIT if spec.is_fd else CLASSIC_BUS_OFF_LIMIT,
         **(
             {"SW_ERROR_LIMIT": ERROR_LIMIT}
             if spec.is_fd
-            else {"SW_PRESSURE_INVALID": f"({-INT12_MAX - 1})", "SW_STALE_NS": f"INT64_C({STALE_NS})"}
+            else {"SW_PRESSURE_INVALID": f"({-wire.INT12_MAX - 1})", "SW_STALE_NS": f"INT64_C({STALE_NS})"}
         ),
         **{f"SW_MODE_{item.name}": item.value for item in Mode},
         **{f"SW_REASON_{item.name}": item.value for item in Reason},
@@ -138,19 +120,11 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         "SW_DELAY_STEPS": f"{ecu.delay_steps}u",
         "SW_LEAST_CALIBRATION": _calibration(calibration_limits.least),
         "SW_GREATEST_CALIBRATION": _calibration(replace(calibration_limits.greatest, weights=_GREATEST_WEIGHTS)),
-        "SW_E2E_MAX_DELTA": e2e.max_delta,
-        "SW_E2E_WINDOW": e2e.window,
-        "SW_E2E_MIN_OK": e2e.min_ok,
-        "SW_E2E_MAX_ERRORS": e2e.max_errors,
+        **_named("SW_E2E", e2e, "max_delta", "window", "min_ok", "max_errors"),
         "SW_PERIOD_NS": f"INT64_C({config.period_ns})",
         "SW_STEP_OFFSET_NS": f"INT64_C({round(ecu.step_offset_ms * 1e6)})",
-        "SW_HOLD_PERIODS": ecu.hold_periods,
-        "SW_DECAY_PERIODS": ecu.decay_periods,
-        "SW_REARM_FRAMES": ecu.rearm_frames,
-        "SW_LOSS_WINDOW": ecu.loss_window,
-        "SW_LOSS_LIMIT": ecu.loss_limit,
-        "SW_DEADLINE_MISSES": ecu.deadline_misses,
-        "SW_DEADLINE_WINDOW": ecu.deadline_window,
+        **_named("SW", ecu, "hold_periods", "decay_periods", "rearm_frames", "loss_window", "loss_limit"),
+        **_named("SW", ecu, "deadline_misses", "deadline_window"),
         "SW_PLAN_AHEAD": int(ecu.plan_ahead),
         "SW_SILENCE_NS": f"INT64_C({SILENCE_NS})",
         "SW_FLOW_SCALE": config.operating_point.flow_rate_scale,
@@ -162,21 +136,15 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         **_of_speeds(manifest, ecu.speed),
         **_of_benefit_check(BenefitCheck.of(manifest, ecu.benefit_check)),
         "SW_SENSOR_CHECK": int(estimator is not None),
-        "SW_LIAR_LEVEL": check.liar_level,
-        "SW_BIAS_LEVEL": check.bias_level,
-        "SW_SWAP_LEVEL": check.swap_level,
-        "SW_DOUBT_LEVEL": check.doubt_level,
-        "SW_DOUBT_PERIODS": check.doubt_periods,
-        "SW_FLAT_PERIODS": check.flat_periods,
-        "SW_FAST_PERIODS": FAST_PERIODS,
-        "SW_SLOW_PERIODS": SLOW_PERIODS,
-        "SW_SCORE_PERIODS": SCORE_PERIODS,
-        "SW_NOISE_ALLOWED": NOISE_ALLOWED,
-        "SW_MOVING": MOVING,
-        "SW_ALIKE": ALIKE,
-        "SW_COPIED": COPIED,
-        "SW_DRIFT_ALLOWED": DRIFT_ALLOWED,
+        **_named("SW", check, "liar_level", "bias_level", "swap_level", "doubt_level", "doubt_periods", "flat_periods"),
+        **_named("SW", manifests, "FAST_PERIODS", "SLOW_PERIODS"),
+        **_named("SW", sensor_check, "SCORE_PERIODS", "NOISE_ALLOWED", "MOVING", "ALIKE", "COPIED", "DRIFT_ALLOWED"),
     }
+
+
+def _named(prefix: str, owner: object, *names: str) -> dict[str, int | float | str]:
+    """Values by names of C: the prefix and their own in capitals."""
+    return {f"{prefix}_{name.upper()}": getattr(owner, name) for name in names}
 
 
 def release_numbers(bundle: Bundle, config: Config) -> Numbers:

@@ -44,6 +44,8 @@ _STANDING_IN: Final = {
 }
 _MODES: Final = tuple(OperatingMode)
 _STREAMS: Final = tuple(StreamState)
+_SENSOR_ARRAYS: Final = ("fast", "slow", "noise", "score", "estimates")
+_HEALTH_COUNTS: Final = ("tx_errors", "rx_errors", "bus_off")
 
 
 class Structs:
@@ -95,7 +97,9 @@ class Structs:
             is_extended=bool(found.is_extended),
         )
 
-    def surround(self, surroundings: Any, health: BusHealth, fault: Reason | None, *, updating: bool) -> None:
+    def surround(
+        self, surroundings: Any, health: BusHealth, *, fault: Reason | None = None, updating: bool = False
+    ) -> None:
         """Fill in a `sw_surroundings`."""
         self._set_health(surroundings.health, health)
         surroundings.fault = Reason.NONE if fault is None else fault
@@ -157,13 +161,9 @@ class Structs:
             missed=state.missed,
             sensors=SensorCheckState(
                 residual=self._known(sensors.residual, known=sensors.judged),
-                fast=self._array(sensors.fast),
-                slow=self._array(sensors.slow),
-                noise=self._array(sensors.noise),
-                score=self._array(sensors.score),
+                **{name: self._array(getattr(sensors, name)) for name in _SENSOR_ARRAYS},
                 readings=self._known(sensors.readings, known=sensors.has_read),
                 flat=self._array(sensors.flat, np.uint32),
-                estimates=self._array(sensors.estimates),
                 set_aside=None if sensors.set_aside < 0 else sensors.set_aside,
                 doubt=sensors.doubt,
                 implausible=bool(sensors.implausible),
@@ -173,9 +173,7 @@ class Structs:
             ),
             health=BusHealth(
                 state=BusState.BUS_OFF if state.health.is_bus_off else BusState.ERROR_ACTIVE,
-                tx_errors=state.health.tx_errors,
-                rx_errors=state.health.rx_errors,
-                bus_off=state.health.bus_off,
+                **{name: getattr(state.health, name) for name in _HEALTH_COUNTS},
             ),
         )
 
@@ -226,7 +224,7 @@ class Structs:
             self._copy(sensors.residual, value.residual)
         if sensors.has_read:
             self._copy(sensors.readings, value.readings)
-        for name in ("fast", "slow", "noise", "score", "estimates"):
+        for name in _SENSOR_ARRAYS:
             self._copy(getattr(sensors, name), getattr(value, name))
 
     def _copy(self, member: Any, values: Array) -> None:
@@ -238,9 +236,8 @@ class Structs:
     @staticmethod
     def _set_health(health: Any, value: BusHealth) -> None:
         health.is_bus_off = value.state is BusState.BUS_OFF
-        health.bus_off, health.tx_errors, health.rx_errors = map(
-            _count, (value.bus_off, value.tx_errors, value.rx_errors)
-        )
+        for name in _HEALTH_COUNTS:
+            setattr(health, name, _count(getattr(value, name)))
 
     def _array(self, member: Any, dtype: Any = np.float64) -> Array:
         """A copy of an array of one or two sides, as float64."""

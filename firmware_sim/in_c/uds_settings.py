@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from enum import IntEnum
 from struct import calcsize
-from typing import Final
+from typing import Any, Final
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.isotp.settings import IsoTpSettings
@@ -67,5 +67,5 @@ def uds_settings() -> bytes:
     ).encode()
 
 
-def _pairs(numbers: Mapping[int, int]) -> str:
+def _pairs(numbers: Mapping[Any, int]) -> str:
     return "{" + ", ".join(f"{{{int(one)}u, {other}u}}" for one, other in numbers.items()) + "}"

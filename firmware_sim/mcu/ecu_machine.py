@@ -6,12 +6,12 @@ model of its pipeline (`firmware_sim.mcu.pipeline`) and the basic blocks that th
 
 import struct
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, Unpack
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.messages import Reason
 from contract.errors import McuError
+from firmware_sim.ecu.ecu_state import Around
 from firmware_sim.in_c.c_ecu import CEcuState, bundle_hash_of
 from firmware_sim.in_c.c_structs import Structs, c_time
 from firmware_sim.in_c.compiler import zig_compiler
@@ -66,13 +66,7 @@ class McuEcu(CEcuState):
         return self._machine.stack_depth()
 
     def step(
-        self,
-        now_ns: int,
-        frames: Sequence[Frame],
-        health: BusHealth = HEALTHY,
-        *,
-        fault: Reason | None = None,
-        updating: bool = False,
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Around]
     ) -> list[Frame]:
         """One control period; as `Ecu.step`. Raises McuError if the core stopped, or more frames came than its CAN
         controller has room for."""
@@ -80,7 +74,7 @@ class McuEcu(CEcuState):
         if len(frames) * self._frame_bytes > MESSAGES_BYTES:
             room = MESSAGES_BYTES // self._frame_bytes
             raise McuError(f"{len(frames)} frames in one control period: the core's CAN controller keeps {room}")
-        self.structs.surround(self._ecu.surroundings, health, fault, updating=updating)
+        self.structs.surround(self._ecu.surroundings, health, **around)
         self._store()
         machine.write_at(MESSAGES, bytes(ffi.buffer(self.structs.frames(frames))))
         machine.write("mcu_now_ns", struct.pack("<q", c_time(now_ns)))

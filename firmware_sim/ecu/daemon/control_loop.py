@@ -196,23 +196,12 @@ class ControlLoop:
         usage = _usage()
         since = [now - before for now, before in zip(usage, self._usage, strict=True)]
         self._usage = usage
+        counter = NOTHING if newest is None else self._counter(newest)
+        arrived_ns = 0 if newest is None else newest.timestamp_ns
+        until = self._deadlines.number, due_ns, woke_ns, counter, arrived_ns, began_ns
+        values = (*until, self._times.began_ns, self._times.ended_ns, ended_ns, sent_ns, *since)
         stages.begin()
-        for stage, value in (
-            (EcuStage.PERIOD, self._deadlines.number),
-            (EcuStage.SCHEDULED, due_ns),
-            (EcuStage.WOKE, woke_ns),
-            (EcuStage.PRESSURE_COUNTER, NOTHING if newest is None else self._counter(newest)),
-            (EcuStage.FRAME_ARRIVED, 0 if newest is None else newest.timestamp_ns),
-            (EcuStage.STEP_BEGAN, began_ns),
-            (EcuStage.PLAN_BEGAN, self._times.began_ns),
-            (EcuStage.PLAN_ENDED, self._times.ended_ns),
-            (EcuStage.STEP_ENDED, ended_ns),
-            (EcuStage.SENT, sent_ns),
-            (EcuStage.COLLECTIONS, since[0]),
-            (EcuStage.MINOR_FAULTS, since[1]),
-            (EcuStage.MAJOR_FAULTS, since[2]),
-            (EcuStage.SWITCHES, since[3]),
-        ):
+        for stage, value in zip(EcuStage, values, strict=True):
             stages.note(stage, value)
 
 

@@ -64,11 +64,4 @@ def serve(
             "controller": controller.description,
         },
     )
-    return run(
-        served,
-        config,
-        options,
-        is_stopped=is_stopped,
-        write=write,
-        freshness=freshness,
-    )
+    return run(served, config, options, is_stopped=is_stopped, write=write, freshness=freshness)

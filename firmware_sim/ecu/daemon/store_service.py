@@ -139,14 +139,8 @@ def serve_store(
             hears={REQUEST_ID: diagnosis.put, COMMAND_ID: diagnosis.put},
             beside=beside,
         )
-        counters = run(
-            served,
-            config,
-            options,
-            is_stopped=lambda: bool(fatal) or is_stopped(),
-            write=write,
-            freshness=freshness,
-        )
+        ends = lambda: bool(fatal) or is_stopped()  # noqa: E731
+        counters = run(served, config, options, is_stopped=ends, write=write, freshness=freshness)
     if fatal:
         raise fatal[0]
     return counters

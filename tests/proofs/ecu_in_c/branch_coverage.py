@@ -3,10 +3,10 @@
 import json
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from contract.errors import LibraryError
 from tests.proofs.ecu_in_c.library import EXACT, Layout, ecu_files, sources
@@ -91,27 +91,31 @@ def measured(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> Coverag
             periods.write_bytes(item)
             subprocess.run([program, compared, periods], capture_output=True, check=True)
     excluded = [option for name in _OWN for option in ("--exclude", f".*{name}")]
-    report = folder / "coverage.json"
-    command = [
-        sys.executable, "-m", "gcovr", "--root", str(folder / "src"), *excluded, "--json", str(report),
-        "--merge-mode-functions", "separate", str(folder),
-    ]  # fmt: skip
-    subprocess.run(command, cwd=folder, capture_output=True, check=True)
-    return _of(json.loads(report.read_text()), folder / "src")
+    return _of(branches(folder / "src", str(folder), *excluded))
 
 
-def _of(report: Any, root: Path) -> Coverage:
-    taken, missed, excluded = list[bool](), set[str](), set[tuple[str, str]]()
-    for file in report["files"]:
+def branches(root: Path, *options: str) -> Iterator[tuple[str, str, list[int]]]:
+    """(file, `line: text`, how often each branch there is taken) of sources compiled with `--coverage`, after a run."""
+    report = root / "coverage.json"
+    command = [sys.executable, "-m", "gcovr", "--root", str(root), "--json", str(report)]
+    command += ["--merge-mode-functions", "separate", *(options or [str(root)])]
+    subprocess.run(command, cwd=root, capture_output=True, check=True)
+    for file in json.loads(report.read_text())["files"]:
         text = (root / file["file"]).read_text().splitlines()
         for line in file["lines"]:
-            at = text[line["line_number"] - 1].strip()
-            reasons = [key for key in EXCLUDED if key[0] == file["file"] and key[1] in at]
-            for branch in line["branches"]:
-                if branch["count"] == 0 and reasons:
-                    excluded.update(reasons)
-                    continue
-                taken.append(branch["count"] > 0)
-                if branch["count"] == 0:
-                    missed.add(f"{file['file']}:{line['line_number']}: {at}")
+            number = line["line_number"]
+            yield file["file"], f"{number}: {text[number - 1].strip()}", [one["count"] for one in line["branches"]]
+
+
+def _of(found: Iterable[tuple[str, str, list[int]]]) -> Coverage:
+    taken, missed, excluded = list[bool](), set[str](), set[tuple[str, str]]()
+    for file, at, counts in found:
+        reasons = [key for key in EXCLUDED if key[0] == file and key[1] in at]
+        for count in counts:
+            if count == 0 and reasons:
+                excluded.update(reasons)
+                continue
+            taken.append(count > 0)
+            if count == 0:
+                missed.add(f"{file}:{at}")
     return Coverage(sum(taken), len(taken), sorted(missed), len(excluded))

@@ -52,16 +52,8 @@ def _arguments(rng: Random, limits: GateLimits) -> tuple[float, int, float, int,
     elapsed = rng.choice((period, period - 1, period + 1, period // 2, 1, 0, -1, rng.randrange(period)))
     age = rng.choice((0, limits.fresh_age_ns, limits.held_age_ns)) + rng.choice((-1, 0, 0, 1))
     times = rng.choice((0, now_ns - elapsed, now_ns - elapsed)), rng.choice((0, now_ns - age, now_ns - age, now_ns + 1))
-    return (
-        flow,
-        int(rng.random() < 0.95),
-        previous,
-        int(rng.random() < 0.8),
-        times[0],
-        int(rng.random() < 0.9),
-        times[1],
-        now_ns,
-    )
+    enable, has_previous, has_pressures = (int(rng.random() < share) for share in (0.95, 0.8, 0.9))
+    return flow, enable, previous, has_previous, times[0], has_pressures, times[1], now_ns
 
 
 def _case(arguments: tuple[float, int, float, int, int, int, int, int], limits: GateLimits) -> Case:

@@ -8,6 +8,7 @@ traps it), or runs out of fuel.
 import os
 import re
 import resource
+import shutil
 import signal
 import subprocess
 import tempfile
@@ -40,18 +41,7 @@ SLICE: Final = 100
 """Periods between two looks at the fuel."""
 SECONDS: Final = 60
 """Seconds of computing after which a mutant counts as one that does not end."""
-_TYPES: Final = {
-    "stdint.h": "typedef signed char int8_t; typedef unsigned char uint8_t;\n"
-    "typedef short int16_t; typedef unsigned short uint16_t;\ntypedef int int32_t; typedef unsigned int uint32_t;\n"
-    "typedef long int64_t; typedef unsigned long uint64_t;\n"
-    "#define INT64_C(x) x##L\n#define UINT64_C(x) x##UL\n#define UINT32_C(x) x##U\n#define INT32_C(x) x\n"
-    "#define UINT32_MAX 4294967295U\n#define UINT64_MAX 18446744073709551615UL\n"
-    "#define INT64_MAX 9223372036854775807L\n"
-    "#define INT32_MAX 2147483647\n#define UINT16_MAX 65535\n#define UINT8_MAX 255\n"
-    "#define INT64_MIN (-INT64_MAX - 1L)\n",
-    "stddef.h": "typedef unsigned long size_t;\n#define NULL ((void *)0)\n",
-    "float.h": "#define FLT_MAX 3.40282346638528859812e+38F\n#define DBL_MAX ((double)1.79769313486231570815e+308L)\n",
-}
+_TYPES: Final = tuple(Path(__file__).with_name("c").joinpath("plain").glob("*.h"))
 """Headers in plain C, for a parser that knows no extensions; as on any machine with 64 bits."""
 
 
@@ -143,8 +133,8 @@ def plain(contents: Mapping[str, bytes], file: str) -> str:
     with tempfile.TemporaryDirectory() as folder:
         for name, content in contents.items():
             Path(folder, name).write_bytes(content)
-        for name, text in _TYPES.items():
-            Path(folder, name).write_text(text)
+        for header in _TYPES:
+            shutil.copy(header, folder)
         command = [*host_compiler(), "-std=c99", "-E", "-nostdinc", "-I.", file]
         return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
 

@@ -85,8 +85,6 @@ class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has 
         self._inside, self._quiet = False, 0
         self._structs: dict[str, list[str]] = {}
 
-    # --- bookkeeping ---
-
     def _mutant(self, node: Any, before: str, after: str) -> int:
         """A number for a fault at a node."""
         line = node.coord.line if node.coord is not None else self._line
@@ -111,8 +109,6 @@ class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has 
         for other in others:
             text = f"(sw_mutant == {self._mutant(node, before, other)} ? ({other}) : ({text}))"
         return text
-
-    # --- expressions ---
 
     def visit_BinaryOp(self, n: Any) -> str:
         mutated_text = f"({self.visit(n.left)} {n.op} {self.visit(n.right)})"
@@ -151,8 +147,6 @@ class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has 
             return text
         plain = self._plain.visit(cond)
         return self._either(node, plain, [f"!({plain})"], text)
-
-    # --- statements ---
 
     def visit_If(self, n: Any) -> str:
         text = f"if ({self._condition(n, n.cond)})\n{self._block(n.iftrue)}"
@@ -193,8 +187,6 @@ class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has 
         for other in others:
             text = f"if (sw_mutant == {self._mutant(n, plain, other)}) {{ {other}; }} else {{\n{text}}}\n"
         return text
-
-    # --- what is left as it is ---
 
     def visit_ArrayDecl(self, n: Any, *arguments: Any) -> str:
         return str(self._plain.visit_ArrayDecl(n, *arguments))

@@ -147,7 +147,7 @@ class PythonTwin:
         place.restarts, place.calibrates = period.restarts, period.calibration is not None
         if period.calibration is not None:
             ffi.buffer(ffi.addressof(place, "calibration"))[:] = period.calibration.pack()
-        structs.surround(place.surroundings, period.health, period.fault, updating=period.updating)
+        structs.surround(place.surroundings, period.health, fault=period.fault, updating=period.updating)
         place.count = len(period.frames)
         for item, frame in zip(place.frames, period.frames, strict=False):
             fill_frame(item, frame)

@@ -30,15 +30,6 @@ def test_both_ecus_live_through_the_same_periods_alike_in_every_mode(tmp_path):
     assert modes["CONTROL"] > 0.15 * modes.total()
 
 
-@pytest.mark.proofs
-def test_both_ecus_live_through_a_million_periods_alike(tmp_path):
-    libraries = {name: campaign.build(name, tmp_path) for name in VARIANTS}
-    for number in range(400):
-        name = list(VARIANTS)[number % len(VARIANTS)]
-        lived = campaign.stretch(libraries[name], name, str(number), 2_500)
-        assert lived.mismatch is None, str(lived.mismatch)
-
-
 @pytest.mark.proofs  # compiles each
 def test_a_fault_that_is_planted_in_c_is_found_again_and_again(tmp_path):
     for number, planted in enumerate(PLANTED):
