@@ -26,6 +26,7 @@ from tests.c_builds import MODULES, SharedBuilds
 if TYPE_CHECKING:
     import typer
 
+    from export.release.gated import Gated
     from wake.truck.state import State
     from wake.truck.surface import Surface
     from wake.truck.truck_wake import TruckWake
@@ -108,12 +109,10 @@ def short_release(tmp_path_factory) -> Path:
 
 
 def _random_release(path: Path, window: int) -> Path:
-    from contract.model.model_folder import Provenance
     from examples.random_programs import random_program
     from export.gates.quantisation import QuantisationLimits
     from export.int8.rounded_program import rounded_to_nearest
     from export.program.random_windows import random_windows
-    from export.release.bundle import Vehicle, write_release
     from export.release.gated import gate
     from export.release.lowering import lower
 
@@ -121,15 +120,18 @@ def _random_release(path: Path, window: int) -> Path:
     program = random_program(1, model=model, mpc=MpcConfig(horizon=8))
     lowered = lower(rounded_to_nearest(program), calibration=(), with_library=False)
     limits = QuantisationLimits(rms_action_error=0.05, max_cost_gap=1.0)
-    write_release(
-        path,
-        gate(lowered, random_windows(program, 20), limits),
-        name="random",
-        created=date(2026, 1, 2),
-        vehicle=Vehicle.of(Config()),
-        provenance=Provenance(dataset_sha256="0" * 64, weights_sha256="0" * 64, metrics={}, versions={}, config={}),
-    )
+    write_random(path, gate(lowered, random_windows(program, 20), limits))
     return path
+
+
+def write_random(path: Path, gated: "Gated") -> None:
+    """As a release of the default vehicle that nobody trained."""
+    from contract.model.model_folder import Provenance
+    from export.release.bundle import Vehicle, write_release
+
+    provenance = Provenance(dataset_sha256="0" * 64, weights_sha256="0" * 64, metrics={}, versions={}, config={})
+    vehicle, day = Vehicle.of(Config()), date(2026, 1, 2)
+    write_release(path, gated, name="random", created=day, vehicle=vehicle, provenance=provenance)
 
 
 @pytest.fixture(scope="session")

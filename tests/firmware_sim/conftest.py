@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from itertools import count
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -18,6 +19,9 @@ from contract.controller.interface import ControlStep
 from contract.release.checks import Bundle
 from contract.release.manifest import Manifest, Scaling
 from firmware_sim.ecu.ecu import Ecu
+
+if TYPE_CHECKING:
+    from tests.firmware_sim.ecu_in_c import Exported
 
 WINDOW, HORIZON = 4, 5
 
@@ -145,3 +149,20 @@ def bench_of() -> Callable[..., Bench]:
 @pytest.fixture
 def bench() -> Bench:
     return make_bench()
+
+
+@pytest.fixture(scope="session")
+def release(tmp_path_factory) -> "Exported":
+    """A small release with its C library; never written to."""
+    from tests.firmware_sim.ecu_in_c import exported
+
+    return exported(tmp_path_factory.mktemp("exported"))
+
+
+@pytest.fixture(scope="session")
+def sources(release) -> dict[str, bytes]:
+    """Of its ECU in C."""
+    from firmware_sim.in_c.c_ecu import ecu_sources
+    from tests.firmware_sim.ecu_in_c import CONFIG
+
+    return ecu_sources(release.folder, release.bundle, CONFIG)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,6 @@ from contract.config.learning import ModelConfig
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig, SensorCheckConfig
 from contract.controller.c_folder import ECU_SETTINGS
-from contract.model.model_folder import Provenance
 from contract.release import bundle as bundles
 from contract.release.checks import Bundle
 from contract.release.manifest import SpeedRange
@@ -24,13 +22,13 @@ from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
 from export.program.random_windows import random_window
-from export.release.bundle import Vehicle, write_release
 from export.release.c_folder import write_c_release
 from export.release.gated import gate
 from export.release.lowering import lower
 from export.to_c.library import ecu_sources
 from firmware_sim.in_c.c_settings import ecu_settings
 from firmware_sim.in_c.host_library import CController
+from tests.conftest import write_random
 
 CONFIG = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
 WINDOW = 4
@@ -55,20 +53,9 @@ def exported(root: Path) -> Exported:
     rng = np.random.default_rng(0)
     rows = np.concatenate([random_window(program, rng) for _ in range(8)])
     windows = [rows[i : i + WINDOW] for i in range(20)]
-    gated = gate(
-        lower(rounded_on(program, windows), calibration=windows, with_library=True),
-        windows[:4],
-        LIMITS,
-        compiled=CController,
-    )
-    write_release(
-        root / "bundle",
-        gated,
-        name="random",
-        created=date(2026, 1, 2),
-        vehicle=Vehicle.of(CONFIG),
-        provenance=Provenance(dataset_sha256="0" * 64, weights_sha256="0" * 64, metrics={}, versions={}, config={}),
-    )
+    lowered = lower(rounded_on(program, windows), calibration=windows, with_library=True)
+    gated = gate(lowered, windows[:4], LIMITS, compiled=CController)
+    write_random(root / "bundle", gated)
     bundle = bundles.load(root / "bundle")
     ecu = ecu_sources() | {ECU_SETTINGS: ecu_settings(bundle, CONFIG)}
     write_c_release(root / "c", gated, windows[:4], ecu)

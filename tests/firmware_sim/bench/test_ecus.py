@@ -15,28 +15,18 @@ from firmware_sim.bench.ecus import CORTEX_M7, C, check_ecu, loop_ecu
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.ecu.stepped import LoopEcu
-from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
+from firmware_sim.in_c.c_ecu import CEcu
 from firmware_sim.in_c.compiler import zig_compiler
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.run_tables import service_rows
 from firmware_sim.runs.summary import summary
 from tests.firmware_sim.bench.harness import LiveOscillator
-from tests.firmware_sim.ecu_in_c import CONFIG, Exported, exported
+from tests.firmware_sim.ecu_in_c import CONFIG, Exported
 
 pytestmark = [pytest.mark.compiler, pytest.mark.usefixtures("no_pictures")]
 
 SPANS = Spans(lead_in=1.0, controlled=4.0, settle=0.0, averages=False)
 ZIG = (*("-O3", "-ffp-contract=on", "-g0"), "-march=native")
-
-
-@pytest.fixture(scope="module")
-def release(tmp_path_factory) -> Exported:
-    return exported(tmp_path_factory.mktemp("ecus"))
-
-
-@pytest.fixture(scope="module")
-def sources(release) -> dict[str, bytes]:
-    return ecu_sources(release.folder, release.bundle, CONFIG)
 
 
 def run(release: Exported, ecu: LoopEcu | None, controller=None, *faults: str) -> tuple[RunLog, list[Frame]]:

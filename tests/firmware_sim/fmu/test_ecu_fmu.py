@@ -19,20 +19,14 @@ from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.message_sets import MessageSet, message_set
 from can_bridge.wire.messages import Mode, Pressure, Reason, VehicleSpeed
 from contract.config.vehicle import BusConfig
-from contract.errors import LibraryError
 from contract.release.manifest import SpeedRange
 from export.to_c.fmu import fmu_sources
 from firmware_sim.fmu.ecu_fmu import FLAGS, ecu_fmu
 from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
 from firmware_sim.in_c.compiler import compile_c, host_compiler
 from tests.each import each
-from tests.firmware_sim.ecu_in_c import CONFIG, Exported, exported
+from tests.firmware_sim.ecu_in_c import CONFIG, Exported
 from tests.firmware_sim.fmu.imported import Imported
-
-try:
-    host_compiler()
-except LibraryError as error:
-    pytest.skip(str(error), allow_module_level=True)
 
 pytestmark = pytest.mark.compiler
 
@@ -41,8 +35,8 @@ OTHER_TYPES = ("Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32",
 
 
 @pytest.fixture(scope="module")
-def release(tmp_path_factory) -> Exported:
-    return exported(tmp_path_factory.mktemp("fmu")).serving(SpeedRange(slowest=0.6, fastest=1.4))
+def release(release) -> Exported:
+    return release.serving(SpeedRange(slowest=0.6, fastest=1.4))
 
 
 @pytest.fixture(scope="module")

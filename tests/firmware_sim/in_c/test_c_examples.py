@@ -27,38 +27,25 @@ def frames_of(rows: Array, config: Config, *, speed: bool = False) -> list[Frame
 
 
 @each("frames", ["fd", "classic"])
-def test_each_row_is_a_sound_frame_with_its_pressures(frames):
+def test_each_row_is_a_sound_frame_with_its_pressures_and_one_with_the_design_speed(frames):
     config = Config(bus=BusConfig(frames=frames))
     messages = message_set(config.bus)
-    receiver = E2eReceiver(messages.pressure.spec, config.bus.e2e)
-    played = frames_of(ROWS, config)
-    assert len(played) == MOST_PERIODS
-    for period, frame in enumerate(played):
-        assert receiver.tick([frame]).checks == (Check.OK,)
+    receiver, of_speed = (E2eReceiver(message.spec, config.bus.e2e) for message in (messages.pressure, messages.speed))
+    played, speeds = frames_of(ROWS, config), frames_of(ROWS, config, speed=True)
+    assert len(played) == len(speeds) == MOST_PERIODS
+    cruises = VehicleSpeed(speed_m_per_s=config.operating_point.speed, age_ns=0)
+    for period, (frame, speed) in enumerate(zip(played, speeds, strict=True)):
+        assert receiver.tick([frame]).checks == of_speed.tick([speed]).checks == (Check.OK,)
+        assert messages.speed.parse(speed.data) == cruises
         pressure = messages.pressure.parse(frame.data)
         assert pressure is not None
         assert (pressure.enable_request, pressure.valid) == (period >= ASKED_FROM, (True,) * 4)
-        expected = ROWS[period, :4] * config.operating_point.dynamic_pressure
         # Half a step of the wire.
         half = 0.5 * messages.pressure_resolution_pa * (1 + 1e-9)
+        expected = ROWS[period, :4] * config.operating_point.dynamic_pressure
         np.testing.assert_allclose(pressure.pressure_pa, expected, rtol=0, atol=half)
-
-
-def test_each_period_has_a_sound_frame_with_the_design_speed():
-    config = Config()
-    message = message_set(config.bus).speed
-    receiver = E2eReceiver(message.spec, config.bus.e2e)
-    played = frames_of(ROWS, config, speed=True)
-    assert len(played) == MOST_PERIODS
-    for frame in played:
-        assert receiver.tick([frame]).checks == (Check.OK,)
-        cruises = VehicleSpeed(speed_m_per_s=config.operating_point.speed, age_ns=0)
-        assert message.parse(frame.data) == cruises
-
-
-def test_what_the_wire_cannot_carry_is_limited_and_few_rows_are_few_frames():
-    messages = message_set(Config().bus)
-    (frame,) = frames_of(np.array([[1e6, -1e6, 0.0, 0.0, 0.0]]), Config())
+    # What the wire cannot carry is limited, and few rows are few frames.
+    (frame,) = frames_of(np.array([[1e6, -1e6, 0.0, 0.0, 0.0]]), config)
     pressure, limit = messages.pressure.parse(frame.data), messages.pressure_limit_pa
     assert pressure is not None
     np.testing.assert_allclose(pressure.pressure_pa, [limit, -limit, 0, 0])

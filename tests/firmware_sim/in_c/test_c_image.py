@@ -1,6 +1,7 @@
 """A release's numbers in an image: the bytes that the compiler makes of them, and the same ECU in other memory."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,30 +32,7 @@ from tests.firmware_sim.ecu_in_c import CONFIG, Feed
 
 pytestmark = pytest.mark.compiler
 
-SHIM = b"""
-#include "sw_image.h"
-int start(sw_ecu *ecu, const uint8_t *image);
-void places(const sw_ecu *ecu, const void **found);
-int start(sw_ecu *ecu, const uint8_t *image)
-{
-    sw_numbers numbers;
-    numbers.release = NULL;
-    const sw_image_status status = sw_image_open(image, &numbers);
-    if (status == SW_IMAGE_OK) sw_ecu_init_of(ecu, &numbers);
-    if (status != SW_IMAGE_OK && numbers.release != NULL) return -1;
-    return (int)status;
-}
-void places(const sw_ecu *ecu, const void **found)
-{
-    const sw_numbers *numbers = &ecu->numbers;
-    found[0] = numbers->release;
-    found[1] = numbers->program.weights;
-    found[2] = numbers->program.hot;
-#if SW_SENSOR_CHECK
-    found[3] = numbers->estimator;
-#endif
-}
-"""
+SHIM = Path(__file__).with_name("c").joinpath("from_image.c").read_bytes()
 DECLARED = "int start(sw_ecu *, const uint8_t *); void places(const sw_ecu *, const void **);"
 PERIODS = 60
 OK, OTHER_BUILD, MISALIGNED = range(3)

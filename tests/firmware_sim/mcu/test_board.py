@@ -7,19 +7,13 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
 from contract.errors import McuError
 from contract.release.manifest import SpeedRange
-
-pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
-pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")
-pytest.importorskip("elftools", reason="pyelftools (extra mcu) is not installed")
-pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
-
 from export.to_c.board_files import board_sources
 from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
 from firmware_sim.in_c.c_structs import differing
 from firmware_sim.in_c.compiler import zig_compiler
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.build import COMMON
-from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Exported, Feed, exported
+from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Feed
 from tests.firmware_sim.mcu.test_ecu_machine import fuses
 
 pytestmark = pytest.mark.mcu
@@ -27,13 +21,8 @@ OFF = BusHealth(state=BusState.BUS_OFF, tx_errors=256, bus_off=4)
 
 
 @pytest.fixture(scope="module")
-def release(tmp_path_factory) -> Exported:
-    return exported(tmp_path_factory.mktemp("board"))
-
-
-@pytest.fixture(scope="module")
-def sources(release) -> dict[str, bytes]:
-    return ecu_sources(release.folder, release.bundle, CONFIG) | board_sources()
+def sources(sources) -> dict[str, bytes]:
+    return sources | board_sources()
 
 
 def host_of(sources) -> CEcu:

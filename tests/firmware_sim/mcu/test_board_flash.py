@@ -1,50 +1,26 @@
 """The board's flash through its driver in machine code: write-once words, torn ones, cuts, and the next power cycle."""
 
+from pathlib import Path
+
 import pytest
 
 from contract.errors import McuError
-
-pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
-pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")
-pytest.importorskip("elftools", reason="pyelftools (extra mcu) is not installed")
-pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
-
 from export.to_c.board_files import board_sources
-from firmware_sim.in_c.c_ecu import ecu_sources
 from firmware_sim.mcu.board.board import BANK, Board
 from firmware_sim.mcu.board.flash_controller import SECTOR, WORD, FlashBank, PowerCut
 from firmware_sim.mcu.board.small_parts import SystemReset
 from firmware_sim.mcu.build import compile_board
 from firmware_sim.mcu.elf import Firmware, read_elf
-from tests.firmware_sim.ecu_in_c import CONFIG, exported
 
 pytestmark = pytest.mark.mcu
 WORDS = [bytes(range(k, k + WORD)) for k in (1, 60)]
-CALLED = b"""#include "sw_board.h"
-int test_erase(uint32_t sector);
-int test_program(uint32_t address);
-int test_read(uint32_t address);
-uint8_t test_data[64];
-sw_ecu *const sw_board_ecu = 0;
-extern void sw_board_main(void);
-int test_erase(uint32_t sector) { return sw_board_flash.erase(0, sector); }
-int test_program(uint32_t address) { return sw_board_flash.program(0, address, test_data); }
-int test_read(uint32_t address) { return sw_board_flash.read(0, address, test_data, 64); }
-int test_word(uint32_t address);
-int test_word(uint32_t address) { return *(const volatile int *)(uintptr_t)address; }
-int test_random(void);
-int test_random(void) { uint8_t failed; return (int)sw_board_random(&failed) + failed; }
-int test_reset(void);
-int test_reset(void) { sw_board_reset(); return 0; }
-void sw_board_main(void) { for (;;) sw_board_sleep(0); }
-"""
+CALLED = Path(__file__).with_name("c").joinpath("flash_calls.c").read_bytes()
 KEPT = b"EXTERN(vectors sw_ecu_calibrate test_erase test_program test_read test_word test_random test_reset"
 
 
 @pytest.fixture(scope="module")
-def firmware(tmp_path_factory) -> Firmware:
-    release = exported(tmp_path_factory.mktemp("flash"))
-    sources = ecu_sources(release.folder, release.bundle, CONFIG) | board_sources() | {"sw_board_main.c": CALLED}
+def firmware(sources) -> Firmware:
+    sources = sources | board_sources() | {"sw_board_main.c": CALLED}
     script = sources["sw_board.ld"].replace(b"EXTERN(vectors sw_board_ecu sw_board_steps sw_ecu_calibrate", KEPT)
     return read_elf(compile_board(sources | {"sw_board.ld": script}))
 

@@ -6,12 +6,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
-pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")
-pytest.importorskip("elftools", reason="pyelftools (extra mcu) is not installed")
-pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
-pytest.importorskip("udsoncan", reason="udsoncan (extra flash) is not installed")
-
 from can_bridge.flashing.boot import BootReason
 from can_bridge.tester.messages import ImageRefusedError
 from can_bridge.tester.sequence import End
@@ -24,7 +18,7 @@ from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.board.flash_controller import FlashBank, FlashController, PowerCut
 from firmware_sim.mcu.board.on_a_bus import LONGEST_NS, read_bank, serve
 from tests.can_bridge.flashing.releases import keys
-from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Feed, exported
+from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Feed
 from tests.firmware_sim.mcu.board_node import BoardLine, Built
 from tests.firmware_sim.mcu.test_board import host_of
 from tests.firmware_sim.mcu.test_ecu_machine import fuses
@@ -33,8 +27,8 @@ pytestmark = pytest.mark.mcu
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory) -> Built:
-    return Built(exported(tmp_path_factory.mktemp("node")))
+def built(release) -> Built:
+    return Built(release)
 
 
 @pytest.fixture(scope="module")

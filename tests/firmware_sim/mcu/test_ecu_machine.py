@@ -8,14 +8,7 @@ import pytest
 
 from can_bridge.wire.messages import Mode
 from contract.errors import ConfigError, McuError
-from contract.release.manifest import SpeedRange
-
-pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
-pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")
-pytest.importorskip("elftools", reason="pyelftools (extra mcu) is not installed")
-pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
-
-from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
+from firmware_sim.in_c.c_ecu import CEcu
 from firmware_sim.in_c.c_structs import differing
 from firmware_sim.in_c.compiler import zig_compiler
 from firmware_sim.mcu.build import COMMON, compile_for_cortex_m7
@@ -23,21 +16,11 @@ from firmware_sim.mcu.ecu_machine import McuEcu
 from firmware_sim.mcu.elf import read_elf
 from firmware_sim.mcu.emulator import Machine
 from firmware_sim.mcu.measure import _count
-from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Exported, Feed, exported
+from tests.firmware_sim.ecu_in_c import WINDOW, Feed
 
 pytestmark = pytest.mark.mcu
 
 PERIODS = WINDOW + 12
-
-
-@pytest.fixture(scope="module")
-def release(tmp_path_factory) -> Exported:
-    return exported(tmp_path_factory.mktemp("machine"))
-
-
-@pytest.fixture(scope="module")
-def sources(release) -> dict[str, bytes]:
-    return ecu_sources(release.folder, release.bundle, CONFIG)
 
 
 @pytest.fixture
@@ -82,19 +65,6 @@ def test_every_frame_and_state_is_the_hosts_to_the_bit(core, sources):
         modes.add(core.trace.mode)
     assert {Mode.CONTROL, Mode.HOLD, Mode.DECAY} <= modes
     assert abs(core.trace.action) > 0.0
-
-
-@fuses
-def test_at_other_speeds_they_are_as_well(release):
-    serving = release.serving(SpeedRange(slowest=0.8, fastest=1.2))
-    sources = ecu_sources(serving.folder, serving.bundle, CONFIG)
-    core, host = McuEcu(sources), CEcu(sources, compiler=zig_compiler(), flags=(*COMMON, "-march=native"))
-    modes = set()
-    for now_ns, frames in Feed().driven([*(1.0 + 0.03 * k for k in range(7)), *(1.2 - 0.04 * k for k in range(12))]):
-        assert core.step(now_ns, frames) == host.step(now_ns, frames)
-        assert differing(core.state, host.state) == []
-        modes.add(core.trace.mode)
-    assert {Mode.CONTROL, Mode.WARMUP} <= modes
 
 
 def test_cycles_are_those_of_each_step(core, sources):

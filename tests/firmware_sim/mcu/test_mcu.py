@@ -5,9 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import unicorn
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
+from contract.controller.c_folder import RECORDED, Settings
 from contract.errors import LibraryError, McuError
 from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
@@ -15,22 +17,13 @@ from export.program.random_windows import random_window
 from export.release.c_folder import recorded_rows
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
-
-pytest.importorskip("unicorn", reason="unicorn (extra mcu) is not installed")
-pytest.importorskip("capstone", reason="capstone (extra mcu) is not installed")
-pytest.importorskip("elftools", reason="pyelftools (extra mcu) is not installed")
-pytest.importorskip("ziglang", reason="ziglang (extra mcu) is not installed")
-
-import unicorn
-from unicorn import arm_const
-
-from contract.controller.c_folder import RECORDED, Settings
 from firmware_sim.mcu import measure as mcu
 from firmware_sim.mcu.build import compile_for_cortex_m7
 from firmware_sim.mcu.cores import CORTEX_M4F, CORTEX_M7
-from firmware_sim.mcu.elf import Firmware, Segment, read_elf
+from firmware_sim.mcu.elf import read_elf
 from firmware_sim.mcu.emulator import FLASH, Machine
 from firmware_sim.mcu.pipeline import Pipeline
+from firmware_sim.mcu.verdict import verdicts
 
 SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
 ODD = random_program(
@@ -134,19 +127,11 @@ def test_counting_blocks_counts_every_instruction():
     assert 0 <= counted - single < 2e-3 * single
 
 
-def test_the_machine_runs_thumb_code():
-    """r0 = 40 + 2, by hand-assembled instructions: MOVS r0, #40; ADDS r0, #2; BX lr."""
-    code = bytes.fromhex("2820 0230 7047".replace(" ", ""))
-    firmware = Firmware(
-        segments=(Segment(address=FLASH, content=code),), sections={".text": len(code)}, symbols={"answer": FLASH | 1}
-    )
-    machine = Machine(firmware)
-    assert machine.call("answer") == 42
-    assert machine.call_counted("answer").total() == 1
-    assert machine.stack_used("answer") == 0
-    assert machine._core.reg_read(arm_const.UC_ARM_REG_R0) == 42
-    with pytest.raises(McuError, match="no symbol question"):
-        machine.call("question")
+def test_the_verdict_names_the_factor():
+    for needed, said in ((55.9, "DOES NOT FIT: 2.8 times the period"), (20.0, "fits: 100 %"), (5.0, "fits: 25 %")):
+        rows = dict(verdicts({"480": needed}, 20.0))
+        assert rows["control period"].startswith("20 ms"), needed
+        assert rows["at 480 MHz, by the model"].startswith(said), needed
 
 
 def test_the_pipeline_model_keeps_its_rules():
