@@ -67,19 +67,10 @@ def test_the_weights_are_those_of_the_period_in_the_order_of_the_controllers_inp
     bench = bench_of(Weighed())
     bench.into_control()
     own = bench.bundle.manifest.mpc.weights.as_tuple()
-    calibrate(
-        bench,
-        drag_mean=1.0,
-        drag_fluctuation=2.0,
-        lift=3.0,
-        lift_mean=4.0,
-        smoothness=5.0,
-        effort=6.0,
-        rate=7.0,
-        prior=8.0,
-    )
+    wanted = tuple(float(k) for k in range(1, len(WEIGHTS) + 1))
+    calibrate(bench, **dict(zip(WEIGHTS, wanted, strict=True)))
     bench.good(2)
-    assert given == [own, *[(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)] * 2]
+    assert given == [own, *[wanted] * 2]
 
 
 bounds = st.fixed_dictionaries(

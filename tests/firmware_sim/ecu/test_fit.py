@@ -1,7 +1,9 @@
 """A release is refused by name where it was made for another flow or vehicle. Its horizon here is 5."""
 
+import numpy as np
 import pytest
 
+from contract import sensors
 from contract.config.body import BodyConfig
 from contract.config.body_sensors import layout_of
 from contract.config.operating_point import OperatingPoint
@@ -53,9 +55,37 @@ def test_a_bundle_for_another_body_is_refused(bundle_of, recording_controller):
 
 
 def test_positions_in_the_bundle_count_where_there_are_some(bundle_of):
-    sensors = ("base_0", "base_1", "base_2", "base_3")
-    places = tuple((5.0, float(SHORTER.positions[SHORTER.names.index(name), 1])) for name in sensors)
-    built_for_it = bundle_of(sensors=sensors, sensor_positions=places)
+    names = ("base_0", "base_1", "base_2", "base_3")
+    places = tuple((5.0, float(SHORTER.positions[SHORTER.names.index(name), 1])) for name in names)
+    built_for_it = bundle_of(sensors=names, sensor_positions=places)
     check_sensors(built_for_it, SHORTER)
     with pytest.raises(BundleError, match=r"sensor base_0 lies at \(5, 0\.\d+\), on this plant at \(7\.647, "):
         check_sensors(built_for_it, TRUCK)
+
+
+def test_a_policy_shows_what_the_ecu_would_and_keeps_nothing_but_its_memory(
+    bundle_of, recording_controller
+):
+    bundle = bundle_of()
+    controller = recording_controller(lambda i: 0.01 * (i + 1))
+    window, horizon = bundle.manifest.window, bundle.manifest.mpc.horizon
+    memory, rng = BundlePolicy(bundle, controller).start(), np.random.default_rng(1)
+    rows = []
+    columns = sensors.TRUCK.indices(bundle.manifest.sensors)
+    for k in range(window + 3):
+        Cp, action = rng.normal(size=sensors.COUNT), float(rng.normal())
+        rows.append([*Cp[columns], action])
+        kept = memory.copy()
+        command, after = BundlePolicy(bundle, controller).step(memory, Cp, action)
+        assert np.array_equal(memory, kept)
+        memory = after
+        assert len(controller.calls) == max(0, k - window + 2)
+        if k < window - 1:
+            assert command == 0.0
+            continue
+        shown, plan, free = controller.calls[-1]
+        assert np.array_equal(shown, rows[-window:])
+        # The last plan as it came out; at first, none.
+        assert plan.tolist() == ([0.0] * horizon if k == window - 1 else [0.01 * (i + 1) for i in range(horizon)])
+        assert free.tolist() == [1.0] * horizon
+        assert command == 0.01

@@ -57,24 +57,13 @@ def test_every_number_stands_under_its_name_and_one_mode_and_one_reason_are_on()
     )
     # A bundle may have any name.
     samples = read(text(counters, bundle='a "b"\\\nc'))
-    expected = {
-        "steps_total": 1,
-        "periods_left_out_total": 2,
-        "frames_received_total": 3,
-        "frames_dropped_total": 4,
-        "frames_not_sent_total": 5,
-        "bus_losses_total": 6,
-        "overruns_total": 7,
-        "missed_total": 8,
-        "bus_off_total": 9,
-        "tx_errors": 10,
-        "rx_errors": 11,
-        "other_ecu_frames_total": 12,
-        "action": -0.025,
-        "busy_seconds_total": 1.5,
-        "longest_step_seconds": 0.016,
-        "latest_wake_seconds": 1e-9,
-    }
+    counted = (
+        *("steps_total", "periods_left_out_total", "frames_received_total", "frames_dropped_total"),
+        *("frames_not_sent_total", "bus_losses_total", "overruns_total", "missed_total", "bus_off_total"),
+        *("tx_errors", "rx_errors", "other_ecu_frames_total"),
+    )
+    seconds = {"busy_seconds_total": 1.5, "longest_step_seconds": 0.016, "latest_wake_seconds": 1e-9}
+    expected = dict(zip(counted, range(1, 13), strict=True)) | seconds | {"action": -0.025}
     assert {name: samples[name, ""] for name in expected} == expected
     assert samples["info", r'bundle="a \"b\"\\\nc"'] == 1
     modes = {label: value for (name, label), value in samples.items() if name == "mode"}

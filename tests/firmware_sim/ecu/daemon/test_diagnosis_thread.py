@@ -9,7 +9,9 @@ import pytest
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Kind
+from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.folder_backing import FolderBacking
+from can_bridge.flashing.report import decode
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.isotp.settings import IsoTpSettings
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
@@ -106,7 +108,7 @@ def test_the_control_goes_on_while_a_reset_boots_and_then_with_what_was_booted(t
             ecu.control(now_ns := now_ns + CONFIG.period_ns, [])
         assert ecu.state.commands.counter == before + 3
         assert tester.ask(b"\x22\xf1\x8c") == b"\x62\xf1\x8c42"
-        assert b"CONFIRMED" in tester.ask(b"\x22\xfd\x01")
+        assert decode(tester.ask(b"\x22\xfd\x01")[3:]).reason is BootReason.CONFIRMED
         tester.ask(b"\x10\x02")
         assert tester.ask(b"\x11\x01") == b"\x51\x01"
         wait_for(lambda: ecu.resets == 1)

@@ -1,13 +1,15 @@
 """What is reported of the ECU, and what comes of it where nothing can be written."""
 
+import json
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
 from contract.errors import BusError
 from firmware_sim.ecu.daemon.counters import Counters
-from firmware_sim.ecu.daemon.events import Event
+from firmware_sim.ecu.daemon.events import Event, as_json, plain
 from firmware_sim.ecu.daemon.reporter import Reporter
 from firmware_sim.ecu.ecu_state import EcuState
 from tests.firmware_sim.ecu.daemon.conftest import wait_for
@@ -82,3 +84,19 @@ def test_what_must_be_kept_and_cannot_is_reported(counters):
         reporter.counters = counters
         wait_for(lambda: lines)
     assert lines == ["freshness_failed: cannot write x: no space"]
+
+
+# 2026-03-29T01:00:00Z, when summer time begins in Europe: dates are UTC.
+WHEN = 1_774_746_000_000_000_000
+
+
+def test_an_event_is_a_plain_line_or_one_of_json():
+    event = Event(date_ns=WHEN + 7_999_999, name="bus_lost", text="bus lost:\n  it's gone")
+    assert plain(event) == "01:00:00.007 ecu: bus lost: it's gone"
+    # JSON is read back by another parser.
+    event = Event(date_ns=WHEN + 123_456_789, name="mode", text='a "b"\n', fields={"mode": "OFF", "n": 3, "s": 0.5})
+    line = as_json(event)
+    assert "\n" not in line
+    read = json.loads(line)
+    assert datetime.fromisoformat(read.pop("time")) == datetime(2026, 3, 29, 1, 0, 0, 123_456, UTC)
+    assert read == {"event": "mode", "text": 'a "b"\n', "mode": "OFF", "n": 3, "s": 0.5}

@@ -27,14 +27,6 @@ def test_what_was_noted_is_read_back_and_the_rest_is_nothing(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ecu.npz"]
 
 
-def test_columns_bear_the_names_that_others_read_them_by(tmp_path):
-    StageTimes(VehicleStage).save(tmp_path / "vehicle.npz")
-    names = "period scheduled sampled sent pressure_counter command_arrived echoed_counter actuated"
-    with np.load(tmp_path / "vehicle.npz") as file:
-        assert file["columns"].tolist() == names.split()
-        assert file["rows"].shape == (0, 8)
-
-
 def test_a_full_table_keeps_the_newest():
     for periods in (1, 4, 7, 9):
         table = StageTimes(VehicleStage, periods=4)

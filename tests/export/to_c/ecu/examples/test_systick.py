@@ -15,7 +15,6 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
 from contract.config.learning import ModelConfig
 from firmware_sim.in_c.c_examples import ASKED_FROM
-from firmware_sim.in_c.c_settings import HEADER
 from firmware_sim.in_c.compiler import zig_compiler
 from tests.export.to_c.ecu.examples.conftest import without
 
@@ -94,28 +93,3 @@ def test_a_core_too_slow_for_the_period_is_noticed(image):
     assert figures["left_out"] > 0
     assert figures["overruns"] > 0
     assert figures["longest_us"] > 20_000
-
-
-LATER_AND_LATER = Path(__file__).with_name("c").joinpath("later_and_later.c").read_bytes()
-SHORT_PERIOD_NS, MANY_PERIODS = 40_000, 1500
-
-
-def test_no_interrupt_is_slept_through_whenever_a_step_ends(folder, built_for, tmp_path, shared_builds):
-    """One that came between the look at the period and the sleep would cost a whole period."""
-    config, messages = built_for
-    period = f"#define SW_PERIOD_NS INT64_C({config.period_ns})".encode()
-    assert period in folder[HEADER]
-    length = messages.pressure.spec.length
-    contents = {name: text for name, text in folder.items() if name.endswith((".h", ".ld"))} | {
-        "systick.c": folder["systick.c"],
-        "step.c": LATER_AND_LATER,
-        HEADER: folder[HEADER].replace(period, f"#define SW_PERIOD_NS INT64_C({SHORT_PERIOD_NS})".encode()),
-        "pressures.h": (
-            f'#include "sw_ecu.h"\n#define PRESSURE_PERIODS {MANY_PERIODS}u\n'
-            f"static const uint8_t pressures[PRESSURE_PERIODS][{length}];\n"
-        ).encode(),
-    }
-    path = tmp_path / "ecu.elf"
-    shared_builds.compile_c(contents, path, compiler=ZIG, flags=CORTEX_M7)
-    status, _, figures = emulated(path, shift=1)
-    assert (status, figures["steps"], figures["left_out"]) == (0, MANY_PERIODS, 0)
