@@ -9,17 +9,9 @@ from tests.proofs.bus import forgeries, fuzz
 
 
 @pytest.fixture(autouse=True)
-def _small(monkeypatch, request):
+def _small(monkeypatch):
     """A short history."""
-    if request.node.get_closest_marker("proofs") is None:
-        monkeypatch.setattr(forgeries, "RECORDED", 50)
-
-
-@pytest.mark.proofs
-def test_at_length():
-    assert forgeries.measure()["authenticated_forgeries_accepted"] == 0
-    fuzzed = fuzz.measure()
-    assert (fuzzed["exceptions"], fuzzed["genuine_lost"], fuzzed["authentic_made_up"]) == (0, 0, 0)
+    monkeypatch.setattr(forgeries, "RECORDED", 50)
 
 
 def test_no_forgery_is_accepted_and_no_genuine_frame_refused():

@@ -183,9 +183,3 @@ def test_the_same_seed_is_the_same_and_what_is_broken_is_reported_with_its_stret
     # The first step's counter is right.
     assert figures["violations"] >= figures["broken"]["frames"] == 49
     assert figures["first_violations"][0] == "stretch 0 (as they are), period 1: frames"
-
-
-@pytest.mark.proofs
-def test_a_million_periods_break_nothing():
-    figures = hostile.summed(list(hostile.stretches(1_000_000, seed=0, processes=2)))
-    assert figures["violations"] == 0, figures["first_violations"]
