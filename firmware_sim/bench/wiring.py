@@ -61,8 +61,11 @@ class Wired:
 
     def traffic(self) -> BusTraffic:
         """What the bus carried so far."""
-        nodes = {name: NodeErrors.of(port.health(), port.refused) for name, port in self.ports.items()}
-        return self.waits.traffic(self.bus.activity(), nodes)
+        return self.waits.traffic(self.bus.activity(), self.errors())
+
+    def errors(self) -> dict[str, NodeErrors]:
+        """Error counters of the nodes, by their names."""
+        return {name: NodeErrors.of(port.health(), port.refused) for name, port in self.ports.items()}
 
 
 def wire(

@@ -1,6 +1,6 @@
 """A whole campaign: what is missing is run, and every scenario is judged."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any
@@ -19,7 +19,6 @@ from firmware_sim.campaign.running import check_run, flow_disturbances
 from firmware_sim.campaign.scenario import UNCONTROLLED, Scenario
 from firmware_sim.campaign.starts import digest_of, keep_states, starting_states
 from firmware_sim.campaign.task import Task, seed_of, settings_of
-from wake.truck.state import State
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +102,7 @@ def conduct(
         workers, scheduler: as `firmware_sim.campaign.execution.execute` has them.
         progress: called with (runs done, runs in all, name of the one that just finished).
     """
-    runs = _Runs(campaign, folder, starting_states(folder, campaign.config, campaign.phases), progress)
+    runs = _Runs(campaign, folder, progress)
     runs.run(workers, scheduler)
     runs.claim()
     return Result(rows=runs.rows(), made=runs.made, kept=runs.kept)
@@ -112,20 +111,13 @@ def conduct(
 class _Runs:
     """The runs of a campaign."""
 
-    def __init__(
-        self,
-        campaign: Campaign,
-        folder: CampaignFolder,
-        starts: Sequence[State],
-        progress: Callable[[int, int, str], None],
-    ) -> None:
-        self._campaign, self._folder, self._starts, self._progress = campaign, folder, starts, progress
-        self._digests = [digest_of(state) for state in starts]
+    def __init__(self, campaign: Campaign, folder: CampaignFolder, progress: Callable[[int, int, str], None]) -> None:
+        self._campaign, self._folder, self._progress = campaign, folder, progress
+        self._starts = starting_states(folder, campaign.config, campaign.phases)
+        self._digests = [digest_of(state) for state in self._starts]
         self._outcomes: dict[str, Outcome] = {}
-        self._total = 0
         self._claimed = False
-        self.made = 0
-        self.kept = 0
+        self._total = self.made = self.kept = 0
 
     def run(self, workers: int, scheduler: str | None) -> None:
         """Compute what is missing."""
@@ -150,13 +142,8 @@ class _Runs:
         return judged(scenarios, {one.name: self._phases(one) for one in scenarios})
 
     def _phases(self, scenario: Scenario) -> list[Phase]:
-        return [
-            Phase(
-                under=self._outcomes[_name(scenario.name, phase)],
-                free=self._outcomes[self._free_name(scenario, phase)],
-            )
-            for phase in range(self._campaign.phases)
-        ]
+        names = [(_name(scenario.name, i), self._free_name(scenario, i)) for i in range(self._campaign.phases)]
+        return [Phase(under=self._outcomes[under], free=self._outcomes[free]) for under, free in names]
 
     def _finished(self, task: Task, outcome: Outcome) -> None:
         self.claim()

@@ -9,7 +9,6 @@ table.csv, figures/, report.html
 import json
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,23 +19,13 @@ from firmware_sim.campaign.outcome import Outcome, load, save
 SCHEMA: Final = "stillwake-campaign/1"
 
 
-@dataclass(frozen=True)
 class CampaignFolder:
     """The files of one campaign."""
 
-    path: Path
-
-    @property
-    def report(self) -> Path:
-        return self.path / "report.html"
-
-    @property
-    def table(self) -> Path:
-        return self.path / "table.csv"
-
-    @property
-    def figures(self) -> Path:
-        return self.path / "figures"
+    def __init__(self, path: Path) -> None:
+        self.path, self.figures = path, path / "figures"
+        self.table, self.report = path / "table.csv", path / "report.html"
+        self._label_file, self._runs = path / "campaign.json", path / "runs"
 
     def start(self, phase: int) -> Path:
         """File of the flow state in which a phase begins."""
@@ -87,14 +76,10 @@ class CampaignFolder:
     @property
     def finished(self) -> int:
         """Runs that are kept."""
-        return sum(1 for _ in (self.path / "runs").glob("*.json"))
+        return sum(1 for _ in self._runs.glob("*.json"))
 
     def _run(self, name: str) -> Path:
-        return self.path / "runs" / f"{name}.json"
-
-    @property
-    def _label_file(self) -> Path:
-        return self.path / "campaign.json"
+        return self._runs / f"{name}.json"
 
     def _label(self) -> dict[str, Any] | None:
         """Without one that can be read, None."""

@@ -155,5 +155,6 @@ class Measured:
 
 
 def _ms(quantiles: Quantiles) -> dict[str, Any]:
-    values = {"p50_ms": quantiles.p50, "p99_ms": quantiles.p99, "p99_9_ms": quantiles.p99_9, "max_ms": quantiles.max}
-    return {name: value if value is not None and isfinite(value) else None for name, value in values.items()}
+    values = quantiles._asdict()
+    del values["number"]
+    return {f"{name}_ms": value if value is not None and isfinite(value) else None for name, value in values.items()}

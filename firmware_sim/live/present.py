@@ -73,7 +73,7 @@ def hello(
         "sliders": {name: asdict(slider) for name, slider in SLIDERS.items()},
         "weights": asdict(manifest.mpc.weights),
         "weight_slider": asdict(WEIGHT),
-        "settings": settings.to_tree(),
+        "settings": asdict(settings),
         "kept": kept,  # periods that a page should keep
     }
 

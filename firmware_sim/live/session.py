@@ -7,7 +7,7 @@ loop is the one of a run (`firmware_sim.bench.simulation`): with the settings le
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, Final
 
 from contract.config.tree import Config
@@ -143,7 +143,7 @@ class LiveSession:
         if items := self._events.new():
             out.append({"type": "events", "run": run.number, "items": items})
         if self._settings_due:
-            out.append({"type": "settings", "settings": self._settings.to_tree()})
+            out.append({"type": "settings", "settings": asdict(self._settings)})
         if self._now_due and run.latest is not None:
             out += self._present(run.latest)
         self._rows = []
@@ -292,7 +292,7 @@ class LiveSession:
                     run.number,
                     pressures=run.state.pressures,
                     commands=run.node.command_stream,
-                    nodes=run.errors(),
+                    nodes=run.wired.errors(),
                 )
             )
         if run.picture is not None:

@@ -4,7 +4,7 @@ Every fault is a disturbance of `firmware_sim.bench.disturbances`, written as a 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final, Self
 
 from contract.config.controller import CostWeights
@@ -48,7 +48,7 @@ _SWITCHES: Final = ("enable", "babble")
 
 @dataclass(frozen=True, kw_only=True)
 class LiveSettings:
-    """Settings of the running loop.
+    """Settings of the running loop; `asdict` of it is accepted back by `changed`.
 
     Attributes:
         enable: the vehicle wants control.
@@ -109,10 +109,6 @@ class LiveSettings:
             (self.babble, "vehicle:babble:"),
         )
         return tuple(text.rstrip(":") for is_set, text in texts if is_set)
-
-    def to_tree(self) -> dict[str, Any]:
-        """Plain values, accepted back by `changed`."""
-        return asdict(self)
 
 
 def _checked(name: str, value: Any, sensors: Sequence[str]) -> Any:

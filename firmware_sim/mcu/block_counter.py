@@ -5,6 +5,7 @@ One in Python takes a hundred times as long as the emulation itself.
 
 import ctypes
 import tempfile
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,14 @@ class _BlockCounts(ctypes.Structure):
     )
 
 
+@cache
+def _library() -> ctypes.CDLL:
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder, "block_counter.so")
+        compile_block_counter(library)
+        return ctypes.CDLL(str(library))
+
+
 class BlockCounter:
     """Counts from now on; put it in before the core first runs, since code translated before runs without a hook.
     Raises McuError if there is no compiler for the hook, or Unicorn does not take it.
@@ -42,17 +51,13 @@ class BlockCounter:
         self._sizes = np.zeros(size // 2, dtype=np.uint32)
         self._modelled: dict[tuple[int, int], tuple[int, int]] = {}
         self._arguments = _BlockCounts(origin, size // 2, self._counts.ctypes.data, self._sizes.ctypes.data)
-        with tempfile.TemporaryDirectory() as folder:
-            library = Path(folder, "block_counter.so")
-            compile_block_counter(library)
-            self._library = ctypes.CDLL(str(library))
         handle = ctypes.c_size_t()
         library_call: Any = bindings.uclib.uc_hook_add
         failed = library_call(
             core._uch,
             ctypes.byref(handle),
             unicorn_const.UC_HOOK_BLOCK,
-            ctypes.cast(self._library.count_block, ctypes.c_void_p),
+            ctypes.cast(_library().count_block, ctypes.c_void_p),
             ctypes.byref(self._arguments),
             ctypes.c_uint64(1),
             ctypes.c_uint64(0),

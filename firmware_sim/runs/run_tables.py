@@ -4,7 +4,7 @@ from typing import Final
 
 from firmware_sim.runs.control import control, held_while_averaged, set_aside, trouble
 from firmware_sim.runs.drive_totals import DriveTotals, drive_totals
-from firmware_sim.runs.metadata import RunMetadata
+from firmware_sim.runs.metadata import InjectedFault, RunMetadata
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.statistics import (
     Averages,
@@ -73,7 +73,7 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
     actuator = run.config.vehicle.actuator_delay
     return [
         *_control_rows(log),
-        *_injected(run),
+        *(("disturbance", _acted(one, run.fault_seed)) for one in run.faults),
         ("plant", run.plant),
         ("ECU", _ecu(run)),
         ("control step computed by", run.computed_by),
@@ -88,7 +88,7 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
         ("of these rejected end to end", str(log.bus.rejected)),
         ("steps without usable pressures (the first frame is always one)", str(run.status.missed)),
         ("CRC errors", str(run.status.crc_errors)),
-        *_authentication(run),
+        *[("pressure frames refused as not authentic", str(run.status.not_authentic))] * bool(run.config.bus.key),
         *_bus_rows(log),
     ]
 
@@ -162,13 +162,8 @@ def _control_rows(log: RunLog) -> list[tuple[str, str]]:
     ]
 
 
-def _injected(run: RunMetadata) -> list[tuple[str, str]]:
-    times = [f"{one.acted} time{'' if one.acted == 1 else 's'}, seed {run.fault_seed}" for one in run.faults]
-    return [("disturbance", f"{one.text}: acted {text}") for one, text in zip(run.faults, times, strict=True)]
-
-
-def _authentication(run: RunMetadata) -> list[tuple[str, str]]:
-    return [("pressure frames refused as not authentic", str(run.status.not_authentic))] if run.config.bus.key else []
+def _acted(one: InjectedFault, seed: int) -> str:
+    return f"{one.text}: acted {one.acted} time{'' if one.acted == 1 else 's'}, seed {seed}"
 
 
 def _bus_rows(log: RunLog) -> list[tuple[str, str]]:
@@ -222,9 +217,10 @@ def _on_this_machine(run: RunMetadata, timing: Latency) -> list[tuple[str, str]]
     """What a step took here; how long an emulator takes means nothing for the budget."""
     if run.ecu.clock_mhz is not None:
         return [("emulating a step on this machine, p50 / p90 / p99 / max", _measured(timing))]
+    within = f"within {run.budget_ms:g} ms in {timing.steps - timing.over_budget}"
     return [
         ("control step on this machine, p50 / p90 / p99 / max", _measured(timing)),
-        ("the same against the budget", _against_budget(timing, run.budget_ms)),
+        ("the same against the budget", f"{within} of {timing.steps} steps; holds for this machine only"),
     ]
 
 
@@ -232,11 +228,6 @@ def _measured(timing: Latency) -> str:
     if not timing.steps:
         return "no control step ran"
     return f"{timing.p50:.2f} / {timing.p90:.2f} / {timing.p99:.2f} / {timing.max:.2f} ms"
-
-
-def _against_budget(timing: Latency, budget_ms: float) -> str:
-    within = f"within {budget_ms:g} ms in {timing.steps - timing.over_budget} of {timing.steps} steps"
-    return f"{within}; holds for this machine only"
 
 
 def _sample_to_jets(log: RunLog) -> str:

@@ -18,7 +18,6 @@ from firmware_sim.live.loop.drag import DragMeans
 from firmware_sim.live.loop.messages import FieldPicture
 from firmware_sim.live.loop.noticing import BOOT, UNPOWERED, Seen
 from firmware_sim.live.loop.switching import LINGER_S, SwitchedDisturbances
-from firmware_sim.runs.bus_traffic import NodeErrors
 from firmware_sim.runs.run_log import Row
 from wake.pictures.level_picture import LevelPicture
 from wake.plant.protocol import LivePlant, LoopPlant
@@ -84,8 +83,8 @@ class LiveRun:
         self.picture: FieldPicture | None = None
         self.latest: Period | None = None
         self.is_off = False
-        wired = wire(wake, sensors, config, ecu, self.disturbances, observe=self.bus_table)
-        self._loop, self._bus, self._ports, self.node = wired.loop, wired.bus, wired.ports, wired.node
+        self.wired = wire(wake, sensors, config, ecu, self.disturbances, observe=self.bus_table)
+        self._loop, self._bus, self.node = self.wired.loop, self.wired.bus, self.wired.node
         self.k, self.period_ns = 0, config.period_ns
         self.state: EcuState = ecu.ecu.state
 
@@ -153,17 +152,13 @@ class LiveRun:
             set_aside=() if aside is None else (self._sensors[aside],),
             given_up=self.node.has_given_up,
             gate=gate,
-            nodes={name: port.health().state for name, port in self._ports.items()},
+            nodes={name: port.health().state for name, port in self.wired.ports.items()},
         )
 
     def set_disturbances(self, texts: tuple[str, ...]) -> None:
         """Have these at work from the next period on. What comes of a new one is its own, and not helped."""
         if self.disturbances.set(texts, self.k):
             self.request.helped_until = 0
-
-    def errors(self) -> dict[str, NodeErrors]:
-        """Error counters of the nodes, by their names."""
-        return {name: NodeErrors.of(port.health(), port.refused) for name, port in self._ports.items()}
 
     def _reset(self, boot_ns: int) -> None:
         self.request.helped_until = 0

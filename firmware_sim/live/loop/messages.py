@@ -7,7 +7,7 @@ viewer speaks on a channel of its own, one request a message, and gets one answe
     bus                   `firmware_sim.live.loop.bus_table`
     events                `run`, and new `items`: n, which counts up, time_s, t, text, and the kind: "set" by a viewer,
                           "state" of the ECU, "vehicle", "bus", "loop"
-    settings              `settings`, of `LiveSettings.to_tree`; after every change
+    settings              `settings`, of `LiveSettings`; after every change
     loop                  `state` of the loop's process: starting, running, busy (with what takes seconds), ended (for
                           good); `text`, one line on what is waited for, or why it ended. First on the channel
 

@@ -34,14 +34,7 @@ ENABLE_AFTER_S: Final = 2.0
 SPARE_PERIODS: Final = 25
 """Besides, before the first plan and after the last one that counts."""
 INTERFACE: Final = "udp_multicast"
-USES: Final = (
-    "operating_point",
-    "flow.control_period",
-    "flow.action_limit",
-    *REAL_BUS,
-    "ecu",
-    "vehicle",
-)
+USES: Final = ("operating_point", "flow.control_period", "flow.action_limit", *REAL_BUS, "ecu", "vehicle")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,7 +154,7 @@ def measured(
     chosen.write_text(as_toml(_given(loaded)), encoding="utf-8")
     before = round(ENABLE_AFTER_S * 1e9 / config.period_ns) + window
     total = periods + before + SPARE_PERIODS
-    runs = []
+    counters, runs = profile_of(message_set(config.bus).pressure.spec).counter_period, []
     with progress_bar("periods") as bar:
         for subject in subjects:
             task = bar.add_task(subject.name, total=total, note=subject.about)
@@ -175,15 +168,8 @@ def measured(
                 period_ns=config.period_ns,
                 progress=lambda done, task=task: bar.update(task, completed=done),  # type: ignore[misc]
             )
-            runs.append(
-                Measured.of(
-                    run,
-                    name=subject.name,
-                    about=subject.about,
-                    period_ns=config.period_ns,
-                    counter_period=profile_of(message_set(config.bus).pressure.spec).counter_period,
-                )
-            )
+            periods_of = {"period_ns": config.period_ns, "counter_period": counters}
+            runs.append(Measured.of(run, name=subject.name, about=subject.about, **periods_of))
     return runs
 
 

@@ -8,7 +8,7 @@ import asyncio
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from queue import Queue
 from types import SimpleNamespace
@@ -106,7 +106,7 @@ def wait_for(seen: Visit, selector: str) -> None:
 
 def wait_for_settings(seen: Visit, settings: LiveSettings) -> None:
     """Until these are the loop's settings."""
-    until(lambda: seen.page.evaluate("stillwake.page.settings") == settings.to_tree())
+    until(lambda: seen.page.evaluate("stillwake.page.settings") == asdict(settings))
 
 
 def ask(seen: Visit, **request: Any) -> dict[str, Any]:
