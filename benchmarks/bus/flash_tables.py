@@ -31,7 +31,6 @@ def proof(found: dict[str, Any], memory: dict[str, Any]) -> str:
         "operations": "changing calls of the whole sequence; writes and erasures of the flash memory",
         "cuts_depth_1": "first cuts",
         "cuts_depth_2": "second cuts, in the recovery from a first one",
-        "both_slots_spoilt": "ECUs with both slots spoilt",
         "boots": "power-ons that were judged",
         **_LOST,
     }
@@ -40,8 +39,7 @@ def proof(found: dict[str, Any], memory: dict[str, Any]) -> str:
     return f"""{table(("", "folder", "flash memory, 0.7.0"), rows)}
 
 Folder: measured on {found["date"]} with {facts["versions"]["stillwake"]}; {which} is cut in {facts["seeds"]} ways. The
-second cuts are drawn by the seed. Flash memory: each is cut in one way; its spoilt slots, power-ons and losses include
-a folder's."""
+second cuts are drawn by the seed. Flash memory: each is cut in one way; its power-ons and losses include a folder's."""
 
 
 def times(found: dict[str, Any]) -> str:

@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from can_bridge.flashing.backing import Kind, Slot
+from can_bridge.flashing.backing import Slot
 from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.state import TRIAL_BOOTS, Phase
@@ -33,7 +33,7 @@ OLD, NEW = 1, 2
 """Security versions of the two releases."""
 KINDS: Final = ("bricked", "wrong_release", "confirmed_lost", "counter_moved", "checkpoint_lost", "reflash_failed")
 """What can go wrong in a case."""
-_NAME: Final = re.compile(r"folder(?:\.(\d+))?-(?:(\d+)(?:\+(\d+))?|both-bad)")
+_NAME: Final = re.compile(r"folder(?:\.(\d+))?-(\d+)(?:\+(\d+))?")
 
 
 class Case(NamedTuple):
@@ -41,18 +41,16 @@ class Case(NamedTuple):
 
     Attributes:
         seed: of what the cut leaves behind.
-        first: operation of the sequence; None where no supply is cut and both slots are spoilt.
+        first: operation of the sequence.
         second: operation after the power-on, if there is a second cut.
     """
 
     seed: int
-    first: int | None
+    first: int
     second: int | None = None
 
     def __str__(self) -> str:
         folder = f"folder.{self.seed}" if self.seed else "folder"
-        if self.first is None:
-            return f"{folder}-both-bad"
         return f"{folder}-{self.first:04}" + ("" if self.second is None else f"+{self.second:04}")
 
     @classmethod
@@ -62,7 +60,7 @@ class Case(NamedTuple):
         if match is None:
             raise StillwakeError(f"case {name!r}: must be such as folder-0123, folder-0123+0045, folder.2-0012")
         seed, first, second = match.groups()
-        return cls(int(seed or 0), None if first is None else int(first), None if second is None else int(second))
+        return cls(int(seed or 0), int(first), None if second is None else int(second))
 
 
 @dataclass
@@ -99,7 +97,6 @@ class Tally:
     """Cases by depth, and what went wrong in them.
 
     Attributes:
-        spoilt: cases in which no supply was cut and both slots were spoilt.
         operations: of the whole sequence without a cut.
         boots: each of which checked the image that it booted.
         report: called with what happens in each case.
@@ -109,14 +106,12 @@ class Tally:
     findings: list[Finding] = field(default_factory=list)
     operations: int = 0
     boots: int = 0
-    spoilt: int = 0
     report: Callable[[str], None] | None = None
 
     def add(self, other: "Tally") -> None:
         self.cases += other.cases
         self.findings += other.findings
         self.boots += other.boots
-        self.spoilt += other.spoilt
         self.operations = max(self.operations, other.operations)
 
     def boot(self, case: Case, place: FolderPlace, before: str) -> StoreEcu:
@@ -203,28 +198,6 @@ def recover(
     _judge(after, place.twin(), Asked(0, activated=True, confirmed=True), wrong)
     if _running(after, place) != NEW:
         wrong("reflash_failed", "the old release runs after the new one was flashed again")
-
-
-def both_bad(seed: int) -> Tally:
-    """No slot has an image in order any more: the ECU reports it, and can be flashed."""
-    place, tally, case = provisioned(seed), Tally(spoilt=1), Case(seed, None)
-    for slot in Slot:
-        # The record of the slot as it is, and other bytes in its place.
-        backing = place.backing()
-        for _ in backing.clear(slot):
-            pass
-        backing.append(slot, bytes(len(shipped(OLD))))
-        backing.keep(Kind.STATE, backing.records()[Kind.STATE])
-    ecu = tally.boot(case, place, "both slots spoilt")
-    if ecu.boot.bundle is not None or ecu.boot.reason is not BootReason.NO_RELEASE:
-        tally.findings.append(Finding(case, "wrong_release", f"spoilt images boot: {_in_words(ecu)}"))
-    try:
-        _flash(ecu, Asked())
-    except StillwakeError as error:
-        tally.findings.append(Finding(case, "reflash_failed", str(error)))
-    if _running(tally.boot(case, place, "flashed"), place) != NEW:
-        tally.findings.append(Finding(case, "bricked", "no release runs after it was flashed"))
-    return tally
 
 
 def _flash(ecu: StoreEcu, asked: Asked) -> Flashed:

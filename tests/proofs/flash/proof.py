@@ -18,7 +18,7 @@ import typer
 
 from contract.errors import StillwakeError
 from tests.proofs.command_line import JsonFile, console, report, spread, track
-from tests.proofs.flash.cuts import KINDS, Case, Tally, both_bad, walk
+from tests.proofs.flash.cuts import KINDS, Case, Tally, walk
 
 PIECE: Final = 100
 """Cuts that a process makes in one go; it repeats the sequence for them."""
@@ -59,7 +59,7 @@ def main(
         for seed in range(seeds)
         for number in range(0, of * every, every)
     ]
-    total = both_bad(0)
+    total = Tally()
     for tally in track(spread(run_piece, pieces, workers), "cuts", "parts", len(pieces)):
         total.add(tally)
     figures = figures_of(total) | {"seconds_proof": perf_counter() - began}
@@ -95,7 +95,6 @@ def figures_of(total: Tally) -> dict[str, Any]:
         "operations": total.operations,
         "cuts_depth_1": total.cases[1],
         "cuts_depth_2": total.cases[2],
-        "both_slots_spoilt": total.spoilt,
         "boots": total.boots,
         **{kind: lost[kind] for kind in KINDS},
         "cases_lost": [str(finding.case) for finding in total.findings][:20],
@@ -104,13 +103,10 @@ def figures_of(total: Tally) -> dict[str, Any]:
 
 def _replay(case: Case) -> None:
     tally = Tally(report=console.print)
-    if case.first is None:
-        tally = both_bad(case.seed)
-    else:
-        walk(case.seed, lambda n: n == case.first, lambda first, second: second == case.second, tally)
+    walk(case.seed, lambda n: n == case.first, lambda first, second: second == case.second, tally)
     for finding in tally.findings:
         console.print(f"{finding.case}: {finding.kind}: {finding.text}")
-    if not any(tally.cases.values()) and not tally.spoilt:
+    if not any(tally.cases.values()):
         raise StillwakeError(f"case {case}: the sequence has {tally.operations} operations; name one of them")
     if not tally.findings:
         console.print(f"{case}: nothing was lost")
