@@ -7,6 +7,7 @@ import shlex
 import shutil
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,32 +23,47 @@ from contract.config.tree import Config
 from contract.controller.c_folder import read_sources
 from contract.release import bundle
 from export.to_c.fmu import fmu_sources
+from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.fmu.ecu_fmu import ecu_fmu
 from firmware_sim.fmu.plant_fmu import plant_fmu
 from firmware_sim.in_c.compiler import host_compiler
-from tests.docs.blocks.given import MAKERS, begin, give
-from tests.docs.blocks.lines import PLAN, Line, kind, lines
-from tests.docs.blocks.pages import ROOT, Block, blocks
+from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.run_page.report import write_report
+from tests.conftest import Coarse
+from tests.docs.blocks.given import MAKERS, Shared, begin, give
+from tests.docs.blocks.pages import PLAN, ROOT, blocks
 from tests.firmware_sim.ecu_in_c import exported
 from wake.truck.state import save_state
 from wake.truck.truck_wake import TruckWake
 
 ALL = blocks()
-LINES = [line for block in ALL for line in lines(block)]
+LINES = [line for block in ALL for line in block.lines]
 PROGRAMS = {(one["page"], one["language"]): one for one in PLAN["programs"]}
 PYTHON = [
     block
     for block in ALL
-    if (block.language == "python" and (block.page, "python") not in PROGRAMS) or kind(block).get("kind") == "python"
+    if (block.language == "python" and (block.page, "python") not in PROGRAMS) or block.kind.get("kind") == "python"
 ]
 C = [block for block in ALL if block.language == "c" and (block.page, "c") not in PROGRAMS]
 AROUND = {(one["page"], one["begin"]): one for one in PLAN["around"]}
-SHORTENED = (
-    ("Spans(lead_in=10, controlled=60, settle=20)", "Spans(lead_in=10, controlled=11, settle=0)"),
-    ('"reset@6"', '"reset@1.5"'),
-    ("range(370)", "range(3)"),
-)
-"""(what Python of a page has, what runs instead)."""
+
+
+@pytest.fixture(autouse=True)
+def _sketched(monkeypatch: pytest.MonkeyPatch, no_pictures: None) -> None:
+    """What a command computes on a coarse mesh need not be sound; the run that all share has its pictures."""
+    monkeypatch.setattr("wake.plants.SETTLE_TIME", 0.4)
+
+
+@pytest.fixture(scope="session")
+def shared(short_release: Path, tmp_path_factory: pytest.TempPathFactory, coarse: Coarse) -> Shared:
+    """The run is of 20 t_c on a coarse mesh."""
+    place = tmp_path_factory.mktemp("pages") / "run"
+    release = bundle.load(short_release)
+    config = replace(load_config(None, ["flow.refinement=0.4", "flow.substeps=12"]), mpc=release.manifest.mpc)
+    spans: dict[str, Any] = {"lead_in": 7.0, "controlled": 13.0, "settle": 0.0, "averages": False}
+    run_closed_loop(place, release, config, plant=coarse.plant(), **spans)
+    write_report(RunFolder(place))
+    return Shared(bundle=short_release, run=place)
 
 
 def test_every_line_and_every_other_block_is_planned_for():
@@ -59,16 +75,16 @@ def test_every_line_and_every_other_block_is_planned_for():
             known = block.language in ("shell", "python", "c", "toml") or (block.page, block.language) in PROGRAMS
             assert known, f"{block}: what runs it?"
         else:
-            assert kind(block), f"{block}: write in plan.toml what this is: {block.first}"
+            assert block.kind, f"{block}: write in plan.toml what this is: {block.first}"
 
 
 def test_the_plan_has_nothing_that_no_page_has():
     used = [line.plan for line in LINES]
     assert not [one["form"] for one in PLAN["line"] if not any(one is plan for plan in used)]
-    assert not [one["begin"] for one in PLAN["block"] if not any(kind(block) is one for block in ALL)]
+    assert not [one["begin"] for one in PLAN["block"] if not any(block.kind is one for block in ALL)]
     assert not PROGRAMS.keys() - {(block.page, block.language) for block in ALL}
     assert {(block.page, block.first) for block in C} == AROUND.keys()
-    for written, _ in SHORTENED:
+    for written, _ in PLAN["shortened"]:
         assert any(written in block.text for block in PYTHON), f"no page has {written!r} any more"
 
 
@@ -82,7 +98,7 @@ def test_the_tests_that_the_plan_points_to_exist():
 
 def test_settings_options_and_files_of_others_are_read(tmp_path):
     for block in ALL:
-        match kind(block).get("kind", block.language):
+        match block.kind.get("kind", block.language):
             case "toml":
                 tomllib.loads(block.text)
             case "settings":
@@ -145,7 +161,7 @@ def test_python_runs_as_it_stands(page, tmp_path, monkeypatch, short_release, sh
     for block in PYTHON:
         if block.page == page:
             text = block.text
-            for written, shorter in SHORTENED:
+            for written, shorter in PLAN["shortened"]:
                 text = text.replace(written, shorter)
             # Numbers of lines are the page's, for the traceback.
             exec(compile("\n" * (block.line - 1) + text, page, "exec"), names)
@@ -159,22 +175,28 @@ def pages_with(run: str) -> list[str]:
 @pytest.mark.slow  # some hundred commands
 @pytest.mark.parametrize("page", pages_with("always"))
 def test_command_lines_of_a_page_run(page, tmp_path, monkeypatch, shared, cli):
-    monkeypatch.chdir(tmp_path)
-    follow(page, tmp_path, shared, cli, ("always",))
+    follow(page, tmp_path, monkeypatch, shared, cli, ("always",))
 
 
 @pytest.mark.pages
 @pytest.mark.parametrize("page", pages_with("full"))
 def test_all_command_lines_of_a_page_run(page, tmp_path, monkeypatch, shared, cli):
-    monkeypatch.chdir(tmp_path)
-    follow(page, tmp_path, shared, cli, ("always", "full"))
+    follow(page, tmp_path, monkeypatch, shared, cli, ("always", "full"))
 
 
-def follow(page: str, folder: Path, shared: Any, cli: Callable[..., Any], runs: tuple[str, ...]) -> None:
+def follow(
+    page: str,
+    folder: Path,
+    patch: pytest.MonkeyPatch,
+    shared: Shared,
+    cli: Callable[..., Any],
+    runs: tuple[str, ...],
+) -> None:
     """Run the lines of a page in their order; AssertionError with the line and what it printed."""
-    its: list[Block] = [block for block in ALL if block.page == page]
-    begin(folder, {one["name"]: block.text for block in its if (one := kind(block)).get("kind") == "file"})
-    for line in [line for block in its for line in lines(block)]:
+    patch.chdir(folder)
+    its = [block for block in ALL if block.page == page]
+    begin(folder, {block.kind["name"]: block.text for block in its if block.kind.get("kind") == "file"})
+    for line in [line for block in its for line in block.lines]:
         plan = line.plan
         if plan.get("run") in runs:
             give(line, folder, shared)
@@ -182,18 +204,13 @@ def follow(page: str, folder: Path, shared: Any, cli: Callable[..., Any], runs: 
             printed = f"{outcome.out[-1500:]}{outcome.err[-1500:]}"
             text = f"{page}: {line.text}\n(run as: {shlex.join(line.call)})\n{printed}"
             assert outcome.code in plan.get("statuses", (0,)), f"status {outcome.code}: {text}"
-            if line.goes_to is not None:
+            if line.goes_to:
                 (folder / line.goes_to).write_text(outcome.out, encoding="utf-8")
         if "output" in plan and (plan["run"] not in runs or plan.get("replaced")):
-            put(line, folder, shared)
-
-
-def put(line: Line, folder: Path, shared: Any) -> None:
-    """What stands for the output of a line."""
-    name, place = line.plan["output"]
-    path = folder / line.words[place]
-    if path.is_dir():
-        shutil.rmtree(path)
-    path.unlink(missing_ok=True)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    MAKERS[name](path, shared)
+            # What stands for the output of a line.
+            name, place = plan["output"]
+            path = folder / line.words[place]
+            shutil.rmtree(path, ignore_errors=True)
+            path.unlink(missing_ok=True)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            MAKERS[name](path, shared)
