@@ -43,15 +43,10 @@ def activation_ranges(program: ControllerProgram, windows: Sequence[Array]) -> A
     """Measure the ranges on windows (L, S+1); raises ExportError if there are none."""
     seen = layer_inputs(program, windows)
     return ActivationRanges(
-        row=_largest(seen.row),
-        head=_largest(seen.head),
-        latent=_largest(seen.latent),
+        **{name: _largest(getattr(seen, name)) for name in ("row", "head", "latent", "hidden1", "hidden2", "forces")},
         state=max(_largest(seen.state), _largest(seen.z)),
-        hidden1=_largest(seen.hidden1),
-        hidden2=_largest(seen.hidden2),
         blocks=tuple(map(_largest, seen.blocks)),
         elus=tuple(map(_largest, seen.elus)),
-        forces=_largest(seen.forces),
     )
 
 

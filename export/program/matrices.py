@@ -5,6 +5,7 @@ Names are those of the tensors: `lstm.weight_input`, `dynamics.hidden.weight`, `
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 from contract.arrays import Array
 from export.program.controller_program import ControllerProgram
@@ -29,32 +30,24 @@ def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Arra
     def linear(name: str, layer: Linear) -> Linear:
         return replace(layer, weight=change(f"{name}.weight", layer.weight))
 
-    encoder, dynamics, decoder = program.encoder, program.dynamics, program.decoder
+    def layers(network: str, *names: str) -> dict[str, Any]:
+        return {name: linear(f"{network}.{name}", getattr(getattr(program, network), name)) for name in names}
+
+    lstm, blocks = program.encoder.lstm, program.decoder.blocks
+    gates: dict[str, Any] = {
+        name: change(f"lstm.{name}", getattr(lstm, name)) for name in ("weight_input", "weight_recurrent")
+    }
     return replace(
         program,
-        encoder=replace(
-            encoder,
-            lstm=replace(
-                encoder.lstm,
-                weight_input=change("lstm.weight_input", encoder.lstm.weight_input),
-                weight_recurrent=change("lstm.weight_recurrent", encoder.lstm.weight_recurrent),
-            ),
-            hidden=linear("encoder.hidden", encoder.hidden),
-            output=linear("encoder.output", encoder.output),
-        ),
-        dynamics=replace(
-            dynamics,
-            input=linear("dynamics.input", dynamics.input),
-            hidden=linear("dynamics.hidden", dynamics.hidden),
-            output=linear("dynamics.output", dynamics.output),
-        ),
+        encoder=replace(program.encoder, lstm=replace(lstm, **gates), **layers("encoder", "hidden", "output")),
+        dynamics=replace(program.dynamics, **layers("dynamics", "input", "hidden", "output")),
         decoder=replace(
-            decoder,
-            input=linear("decoder.input", decoder.input),
+            program.decoder,
+            **layers("decoder", "input"),
             blocks=tuple(
                 replace(block, linear=linear(f"decoder.blocks.{i}.linear", block.linear))
-                for i, block in enumerate(decoder.blocks)
+                for i, block in enumerate(blocks)
             ),
-            output=linear("decoder.output", decoder.output),
+            **layers("decoder", "output"),
         ),
     )

@@ -1,7 +1,6 @@
-"""A Cortex-M7 under Unicorn: memories, calls of functions, executed basic blocks and the deepest stack."""
+"""A Cortex-M7 under Unicorn: memories, calls of functions, and the deepest stack."""
 
 import struct
-from collections import Counter
 from typing import Any, Final
 
 import unicorn
@@ -63,11 +62,7 @@ class Machine:
 
     def block_counter(self, core: Core = CORTEX_M7) -> BlockCounter:
         """A counter of the basic blocks that run from now on; made before the first call."""
-        return BlockCounter(self._core, FLASH, FLASH_BYTES, self.pipeline(core))
-
-    def pipeline(self, core: Core) -> Pipeline:
-        """What blocks of the flash cost."""
-        return Pipeline(self.code(), FLASH, dual_issue=core.dual_issue)
+        return BlockCounter(self._core, FLASH, FLASH_BYTES, Pipeline(self.code(), FLASH, dual_issue=core.dual_issue))
 
     def read(self, symbol: str, size: int) -> bytes:
         """Bytes from where a symbol is."""
@@ -84,23 +79,6 @@ class Machine:
             at = self._core.reg_read(arm_const.UC_ARM_REG_PC)
             raise McuError(f"{function}: the core stopped at {at:#x} ({error})") from error
         return int(self._core.reg_read(arm_const.UC_ARM_REG_R0))
-
-    def call_counted(self, function: str) -> Counter[tuple[int, int]]:
-        """The same; how often each basic block (address, bytes) ran."""
-        blocks: Counter[tuple[int, int]] = Counter()
-
-        def count(_core: Any, address: int, size: int, _data: Any) -> None:
-            blocks[address, size] += 1
-
-        # Code translated before runs without the hook.
-        self._core.ctl_flush_tb()
-        hook = self._core.hook_add(unicorn_const.UC_HOOK_BLOCK, count)
-        try:
-            self.call(function)
-        finally:
-            self._core.hook_del(hook)
-            self._core.ctl_flush_tb()
-        return blocks
 
     def stack_used(self, function: str) -> int:
         """Bytes of stack that a call of the function touches."""

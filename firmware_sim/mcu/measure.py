@@ -95,13 +95,16 @@ def measure(
     phase(PHASES[0])
     firmware = read_elf(compile_for_cortex_m7(sources, core=core))
     machine = Machine(firmware)
+    counter = machine.block_counter(core)
     phase(PHASES[1])
     found = _replay(machine, rows, window, settings.number("SW_HORIZON"))
     phase(PHASES[2])
     expected = _on_host(sources, rows)
     stack = machine.stack_used("mcu_step")
     phase(PHASES[3])
-    instructions, cycles = _count(machine, core)
+    counter.start()
+    machine.call("mcu_step")
+    instructions, cycles = counter.total()
     return Measurement(
         precision=settings.text("SW_PRECISION"),
         program_sha256=settings.text("SW_PROGRAM_SHA256"),
@@ -143,13 +146,6 @@ def _replay(machine: Machine, rows: Rows, window: int, horizon: int) -> Rows:
             output = np.frombuffer(machine.read("mcu_output", 4 * (3 * horizon + len(TERMS) + 1)), dtype="<f4")
             answers.append((output[0], output[-1]))
     return np.array(answers, dtype=np.float32)
-
-
-def _count(machine: Machine, core: Core = CORTEX_M7) -> tuple[int, int]:
-    """Instructions and modelled cycles of a control step."""
-    pipeline = machine.pipeline(core)
-    blocks = [(count, pipeline.block(*place)) for place, count in machine.call_counted("mcu_step").items()]
-    return sum(n * block.instructions for n, block in blocks), sum(n * block.cycles for n, block in blocks)
 
 
 def _on_host(sources: Mapping[str, bytes], rows: Rows) -> Rows:

@@ -11,11 +11,8 @@ from contract.errors import ConfigError, McuError
 from firmware_sim.in_c.c_ecu import CEcu
 from firmware_sim.in_c.c_structs import differing
 from firmware_sim.in_c.compiler import zig_compiler
-from firmware_sim.mcu.build import COMMON, compile_for_cortex_m7
+from firmware_sim.mcu.build import COMMON
 from firmware_sim.mcu.ecu_machine import McuEcu
-from firmware_sim.mcu.elf import read_elf
-from firmware_sim.mcu.emulator import Machine
-from firmware_sim.mcu.measure import _count
 from tests.firmware_sim.ecu_in_c import WINDOW, Feed
 
 pytestmark = pytest.mark.mcu
@@ -82,19 +79,6 @@ def test_cycles_are_those_of_each_step(core, sources):
     assert min(planned) > 10 * max(idle)
     # The work of a plan does not depend on the data: what is left is the state machine's.
     assert max(planned) - min(planned) < 0.01 * max(planned)
-
-
-def test_the_counter_agrees_with_the_one_in_python(sources):
-    """Block for block in the same call of a function, counted by a hook in machine code and by one in Python."""
-    image = read_elf(compile_for_cortex_m7(sources))
-    by_python, by_machine = Machine(image), Machine(image)
-    counter = by_machine.block_counter()
-    for machine in (by_python, by_machine):
-        machine.call("mcu_reset")
-    expected = _count(by_python)
-    counter.start()
-    by_machine.call("mcu_step")
-    assert counter.total() == expected
 
 
 def test_a_core_that_stops_is_an_error_in_one_line(sources):

@@ -21,7 +21,7 @@ from firmware_sim.mcu import measure as mcu
 from firmware_sim.mcu.build import compile_for_cortex_m7
 from firmware_sim.mcu.cores import CORTEX_M4F, CORTEX_M7
 from firmware_sim.mcu.elf import read_elf
-from firmware_sim.mcu.emulator import FLASH, Machine
+from firmware_sim.mcu.emulator import Machine
 from firmware_sim.mcu.pipeline import Pipeline
 from firmware_sim.mcu.verdict import verdicts
 
@@ -105,10 +105,11 @@ def test_multiply_accumulates_are_those_of_the_layers():
 def test_counting_blocks_counts_every_instruction():
     sources, _ = sources_and_rows(random_program(0, model=SMALL, mpc=MpcConfig(horizon=4)), "int8")
     machine = Machine(read_elf(compile_for_cortex_m7(sources)))
+    counter = machine.block_counter()
     machine.call("mcu_reset")
-    pipeline = Pipeline(machine.code(), FLASH)
-    blocks = machine.call_counted("mcu_step")
-    counted = sum(count * pipeline.block(*place).instructions for place, count in blocks.items())
+    counter.start()
+    machine.call("mcu_step")
+    counted, _ = counter.total()
 
     core = machine._core
     single = 0
