@@ -12,7 +12,6 @@ from can_bridge.bus.faults.wrapping import FaultyBus, wrap
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, VEHICLE_SPEED
 from can_bridge.wire.messages import Mode
-from contract import sensors
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 from tests.each import each
@@ -91,17 +90,6 @@ def test_an_ecu_that_is_too_slow_skips_steps_and_loses_no_frame(harness, compute
     assert min(ages) > compute_ms
 
 
-def test_a_row_is_the_plants_sample_at_the_periods_start(harness):
-    h = harness(8.0)
-    h.run(WARM)
-    sample = h.plant.sample()
-    row = h.run(1)[0]
-    assert row.columns()["base_Cp"] == sample.Cp[sensors.TRUCK.indices([f"base_{i}" for i in range(10)])].mean()
-    slot = ("Cd_slot_pressure", "Cd_slot_viscous")
-    for name in ("t", "Cd", "Cl", *slot, "Cd_momentum", "jet_power", "Uy_probe", "action"):
-        assert row.columns()[name] == getattr(sample, name), name
-
-
 def test_bit_rates_that_cannot_carry_the_pressures_are_refused(harness):
     with pytest.raises(BusError, match=r"takes 34\.0965 ms, the control period is 20 ms: raise bus\.nominal_bitrate"):
         harness(8.0, bus=BusConfig(nominal_bitrate=1000))
@@ -119,17 +107,6 @@ def test_each_command_is_the_target_of_the_next_period_from_its_start(harness, c
     assert len(set(commands[WARM:])) == 20 - WARM
     assert set(h.starts().values()) == {0}
     assert {row.mode for row in rows[WARM:]} == {Mode.CONTROL}
-
-
-def test_the_flow_does_not_depend_on_when_the_command_comes(harness):
-    """As long as it comes within its period: the reason to plan ahead."""
-    seen = set()
-    for compute_ms in (0.0, 3.0, 8.0, 15.0, 19.0):
-        h = harness(compute_ms, plan_ahead=True)
-        seen.add(tuple(row.sample.Cl for row in h.run(30)))
-    assert len(seen) == 1
-    without = {tuple(row.sample.Cl for row in harness(ms).run(30)) for ms in (0.0, 19.0)}
-    assert len(without) == 2
 
 
 def test_a_command_that_misses_its_boundary_leaves_the_jets_for_a_period(harness):

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.release import bundle
 from contract.release.checks import Bundle
@@ -15,15 +14,9 @@ from firmware_sim.campaign import running
 from firmware_sim.campaign.outcome import Course, Outcome, Service
 from firmware_sim.campaign.running import flow_disturbances, run_task
 from firmware_sim.campaign.task import Task
-from wake.solver.grid import truck_grid
-from wake.truck.regrid import moved
-from wake.truck.state import State, developed_state
-from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # runs of the solver
 
-COARSE = Config(flow=FlowConfig(refinement=0.4, substeps=12))
-"""A wake that costs a tenth of the default one."""
 TIMING = Spans(averages=False, lead_in=1.2, controlled=1.6, settle=0.8)
 LEAD_IN, PERIODS = 6, 14
 
@@ -33,8 +26,13 @@ def release(short_release) -> Bundle:
     return bundle.load(short_release)
 
 
-def task_of(*disturb: str, controlled: bool = True, seed: int = 1) -> Task:
-    return Task(name="one", disturb=disturb, config=COARSE, controlled=controlled, phase=0, seed=seed, timing=TIMING)
+@pytest.fixture(scope="module")
+def task_of(coarse):
+    def made(*disturb: str, controlled: bool = True) -> Task:
+        config = Config(flow=coarse.flow)
+        return Task(name="one", disturb=disturb, config=config, controlled=controlled, phase=0, seed=1, timing=TIMING)
+
+    return made
 
 
 def course_of(outcome: Outcome) -> Course:
@@ -47,22 +45,13 @@ def service_of(outcome: Outcome) -> Service:
     return outcome.service
 
 
-@pytest.fixture(scope="module")
-def wake() -> TruckWake:
-    return TruckWake(COARSE.flow)
-
-
-@pytest.fixture(scope="module")
-def start(wake) -> State:
-    return replace(moved(developed_state(), truck_grid(), wake, 0.4), substep=0, action=0.0)
-
-
 def test_a_run_without_control_is_the_solver_by_itself_and_control_begins_with_the_request(
-    release, wake, start
+    release, task_of, coarse
 ) -> None:
+    start = coarse.start
     free, undisturbed = (run_task(task_of(controlled=controlled), release, start) for controlled in (False, True))
-    wake.reset(start)
-    drag = [wake.sample().Cd, *(wake.advance(0.0).Cd for _ in range(PERIODS - 1))]
+    with coarse.plant() as wake:
+        drag = [wake.sample().Cd, *(wake.advance(0.0).Cd for _ in range(PERIODS - 1))]
     assert course_of(free).Cd == pytest.approx(drag, abs=1e-6)
     # Averaged from 0.8 t_c after the request at 1.2 t_c on: the last four samples.
     assert free.figures is not None
@@ -81,21 +70,21 @@ def test_a_run_without_control_is_the_solver_by_itself_and_control_begins_with_t
     assert course_of(free).Cd != course_of(windy).Cd
 
 
-def test_what_is_raised_in_a_run_is_its_outcome(release, start, monkeypatch) -> None:
+def test_what_is_raised_in_a_run_is_its_outcome(release, task_of, coarse, monkeypatch) -> None:
     def diverged(*_arguments: object) -> None:
         raise ZeroDivisionError("by nothing")
 
     monkeypatch.setattr(running, "_under_control", diverged)
-    outcome = run_task(task_of(), release, start)
+    outcome = run_task(task_of(), release, coarse.start)
     assert outcome.failure == "ZeroDivisionError: by nothing"
     assert outcome.figures is None
 
 
-def test_an_invariant_that_breaks_is_reported_with_its_period(release, start, monkeypatch) -> None:
+def test_an_invariant_that_breaks_is_reported_with_its_period(release, task_of, coarse, monkeypatch) -> None:
     # A vehicle that drives its jets whatever the command is.
     honest = VehicleNode.apply_commands
     monkeypatch.setattr(VehicleNode, "apply_commands", lambda self, frames: replace(honest(self, frames), action=0.01))
-    service = service_of(run_task(task_of(), release, start))
+    service = service_of(run_task(task_of(), release, coarse.start))
     assert service.violations > 0
     assert service.broken[0].startswith("period ")
     assert any("jets_request" in text for text in service.broken)

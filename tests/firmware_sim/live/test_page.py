@@ -227,20 +227,6 @@ def test_nothing_is_cut_or_wraps_at_any_width(live):
         assert len(set(tops)) == 1, width
 
 
-def test_a_loop_slower_than_the_vehicle_offers_a_coarser_grid(live):
-    offered = """(cases) => {
-        const {page} = stillwake;
-        return cases.map(([pace, refinement]) => {
-            page.begin({...page.stream.hello, refinement});
-            page.report({...page.stream.now, real_time: pace});
-            return document.getElementById('slow').checkVisibility();
-        });
-    }"""
-    # The offer stays while the pace is about the bound.
-    cases = [(0.13, 1.0), (0.6, 1.0), (0.8, 1.0), (0.6, 1.0), (0.13, 0.75)]
-    assert live.page.evaluate(offered, cases) == [True, True, False, False, False]
-
-
 def test_page_and_loop_mean_the_same_numbers(live):
     levels = np.arange(-8, 7, dtype=np.int8).reshape(3, 5) * 15
     raw = pack_field(FieldPicture(k=70_000, t=2.5, levels=levels))

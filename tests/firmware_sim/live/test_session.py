@@ -1,6 +1,5 @@
 """The live loop is the loop of a run, whatever is set on it meanwhile."""
 
-import gc
 import json
 from typing import Any
 
@@ -15,7 +14,6 @@ from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.wiring import Wired, wire
-from firmware_sim.live import event_log
 from firmware_sim.live.loop import live_run
 from firmware_sim.live.requests import ACTIONS
 from firmware_sim.runs.run_log import Row, RunLog
@@ -23,7 +21,6 @@ from tests.examples import examples
 from tests.firmware_sim.bench.harness import NAMES, LiveOscillator, Waves
 from tests.firmware_sim.conftest import make_bundle
 from tests.firmware_sim.live.harness import CONFIG, ENABLE_AFTER, Live, shown
-from wake.plant.sample import Sample
 
 
 @pytest.fixture
@@ -307,35 +304,3 @@ def test_whatever_comes_gets_an_answer(requests: list[Any], fuzzed):
         assert "\n" not in answer.get("error", "")
         json.dumps(answer, allow_nan=False)
     fuzzed.run(1)
-
-
-class Forgetful(LiveOscillator):
-    def sample(self) -> Sample:
-        self.seen.clear()
-        return super().sample()
-
-
-@pytest.mark.slow  # four rounds of everything that a page has
-def test_rounds_of_clicks_leave_what_one_left(monkeypatch):
-    """Everything that is kept is a ring. Counted in objects: tracing the memory itself takes a minute."""
-    monkeypatch.setattr(event_log, "KEPT", 10)
-    live = Live(wake=lambda name: Forgetful(CONFIG), kept=40)
-    counts = []
-    for rounds in (2, 2):
-        for _ in range(rounds):
-            live.set(noise=0.5, dead=NAMES[0], loss=0.2).run(20)
-            live.set(noise=0.2, delay_ms=50, babble=True, weights={"lift": 0.5}).run(15)
-            live.ask(power_cycle=True)
-            live.set(controller="off").run(5).set(controller="c", biased=NAMES[1]).run(10)
-            live.ask(set={"loss": 2})
-            live.ask(clear=True)
-            live.run(50)
-            # What the page has of it is the page's.
-            live.made.clear()
-            for kept in (*live.rows.values(), live.events, live.pictures, live.controller.calls):
-                kept.clear()
-        gc.collect()
-        counts.append(len(gc.get_objects()))
-    assert live.session.messages() == []
-    # Less than one for each thing that is clicked in two rounds.
-    assert counts[1] - counts[0] < 6, counts

@@ -1,11 +1,10 @@
 """What a run keeps of its bus."""
 
-from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import FD
 from contract.config.vehicle import BusConfig
-from firmware_sim.runs.bus_traffic import NodeErrors, WaitingTimes
+from firmware_sim.runs.bus_traffic import WaitingTimes
 
 COMMAND = Frame(frame_id=FD.command.spec.frame_id, data=bytes(8))
 PRESSURE = Frame(frame_id=FD.pressure.spec.frame_id, data=bytes(16))
@@ -31,9 +30,3 @@ def test_the_longest_wait_of_our_messages_is_kept():
     }
     assert (traffic.frames, traffic.error_frames) == (5, 0)
     assert traffic.load == bus.activity().load > 0
-
-
-def test_a_node_keeps_what_its_controller_counted():
-    health = BusHealth(state=BusState.ERROR_PASSIVE, tx_errors=130, rx_errors=2, bus_off=1)
-    expected = NodeErrors(state="ERROR_PASSIVE", tx_errors=130, rx_errors=2, bus_off=1, refused=4)
-    assert NodeErrors.of(health, refused=4) == expected

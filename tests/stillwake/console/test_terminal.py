@@ -2,7 +2,6 @@
 
 import io
 import os
-import pty
 import subprocess
 import sys
 import time
@@ -159,34 +158,11 @@ def test_text_is_printed_as_it_is():
     ]
 
 
-PRINTS = """
-from stillwake.console.terminal import console
-console.print("all is red 12 " + 300 * "x", style="red")
-"""
+PRINTS = "from stillwake.console.terminal import console; console.print('all is red 12 ' + 300 * 'x', style='red')"
 
 
 @pytest.mark.processes
-def test_a_pipe_has_no_right_edge_and_no_color_is_respected():
-    plain = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "FORCE_COLOR", "COLUMNS")}
+def test_a_pipe_has_no_right_edge():
+    plain = {name: value for name, value in os.environ.items() if name not in ("FORCE_COLOR", "COLUMNS")}
     done = subprocess.run([sys.executable, "-c", PRINTS], capture_output=True, text=True, env=plain, check=True)
     assert done.stdout == "all is red 12 " + "x" * 300 + "\n"
-    for more, is_coloured in (({}, True), ({"NO_COLOR": "1"}, False)):
-        shown = _on_terminal(PRINTS, {**plain, "TERM": "xterm-256color", **more})
-        assert ("\x1b[31m" in shown) is is_coloured, more
-        assert "all is red" in shown
-
-
-def _on_terminal(program: str, environment: dict[str, str]) -> str:
-    ours, theirs = pty.openpty()
-    process = subprocess.Popen([sys.executable, "-c", program], stdout=theirs, env=environment)
-    os.close(theirs)
-    found = b""
-    try:
-        while part := os.read(ours, 4096):
-            found += part
-    except OSError:
-        pass  # Linux ends a terminal so.
-    finally:
-        os.close(ours)
-        assert process.wait(60.0) == 0
-    return found.decode()

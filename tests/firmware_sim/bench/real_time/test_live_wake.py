@@ -12,10 +12,7 @@ from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import PlantError
 from firmware_sim.bench.real_time.live_wake import LiveWake
-from wake.solver.grid import truck_grid
-from wake.truck.regrid import moved
-from wake.truck.state import developed_state, load_state, save_state
-from wake.truck.truck_wake import TruckWake
+from tests.conftest import Coarse
 
 pytestmark = pytest.mark.processes  # each starts one, which loads the solver
 
@@ -23,16 +20,9 @@ COARSE = Config(flow=FlowConfig(refinement=0.4, substeps=12))
 ACTIONS = (0.0, 0.03, 0.075, -0.075, 0.02)
 
 
-@pytest.fixture(scope="module")
-def wake() -> TruckWake:
-    return TruckWake(COARSE.flow)
-
-
-@pytest.fixture(scope="module")
-def start(wake: TruckWake, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("start") / "coarse.npz"
-    save_state(path, moved(developed_state(), truck_grid(), wake, 0.4))
-    return path
+@pytest.fixture
+def start(coarse: Coarse) -> Path:
+    return Path(coarse.words[coarse.words.index("--start") + 1])
 
 
 def next_pressures(live: LiveWake) -> np.ndarray:
@@ -43,10 +33,10 @@ def next_pressures(live: LiveWake) -> np.ndarray:
     return cp
 
 
-def test_it_is_the_solver_to_the_bit_whatever_stops_reach_its_group(wake: TruckWake, start: Path) -> None:
-    wake.reset(load_state(start))
-    # One period passes at the start, which compiles.
-    expected = [wake.advance(0.0).Cp, *(wake.advance(action).Cp for action in ACTIONS)]
+def test_it_is_the_solver_to_the_bit_whatever_stops_reach_its_group(coarse: Coarse, start: Path) -> None:
+    with coarse.plant() as wake:
+        # One period passes at the start, which compiles.
+        expected = [wake.advance(action).Cp for action in (0.0, *ACTIONS, 0.01)]
     with LiveWake(COARSE, start) as live:
         process = live._process
         found = [next_pressures(live)]
@@ -67,7 +57,6 @@ def test_it_is_the_solver_to_the_bit_whatever_stops_reach_its_group(wake: TruckW
         os.kill(process.pid or 0, signal.SIGCONT)
         found.append(next_pressures(live))
     assert process.exitcode == 0
-    expected.append(wake.advance(0.01).Cp)
     assert all(np.array_equal(one, other) for one, other in zip(found, expected, strict=True))
 
 

@@ -4,7 +4,6 @@ import asyncio
 import gc
 import json
 import socket
-import struct
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager, suppress
@@ -18,11 +17,10 @@ from tornado.testing import bind_unused_port
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from contract.errors import StillwakeError
-from firmware_sim.live.loop.messages import Answer
-from firmware_sim.live.serving import control, handlers, server
+from firmware_sim.live.serving import handlers, server
 from firmware_sim.live.serving.access import Access
 from firmware_sim.live.serving.control import LONGEST_REQUEST
-from firmware_sim.live.serving.handlers import SEND_BUFFER, TRY_AGAIN_LATER
+from firmware_sim.live.serving.handlers import MOST_UNANSWERED, SEND_BUFFER, TRY_AGAIN_LATER
 from firmware_sim.live.serving.server import BoundedServer, application, serve
 from firmware_sim.live.serving.supervisor import Supervisor
 from tests.firmware_sim.live.serving.fake_session import PICTURE_BYTES, MakeFake
@@ -185,6 +183,11 @@ async def test_viewers_see_and_ask() -> None:
         assert json.loads(str(await control.read_message()))["id"] == 9
         failed = await answer(control, '{"set": {"make": 0, "fail": true}}')
         assert failed["error"] == "it cannot be made"
+        # Who asks without end is refused, and the others are not.
+        for _ in range(MOST_UNANSWERED + 1):
+            await control.write_message('{"set": {"wait": 0.05}}')
+        last = [json.loads(str(await control.read_message())) for _ in range(MOST_UNANSWERED + 1)]
+        assert sum("wait for the loop already" in one.get("error", "") for one in last) == 1
         # Nothing comes while it is paused, and it still answers.
         await answer(control, '{"pause": true}')
         notes = [(await answer(control, "{}"))["note"] for _ in range(3)]
@@ -235,40 +238,6 @@ def _until_closed(stalled: socket.socket) -> int:
         while piece := stalled.recv(65536):
             taken += len(piece)
     return taken
-
-
-@pytest.mark.slow
-def test_who_asks_and_never_reads_is_read_no_further_and_leaves_no_traceback(monkeypatch, caplog):
-    monkeypatch.setattr(handlers, "SEND_BUFFER", 4096)
-    taken = list[str | bytes]()
-
-    def counted(text: str | bytes) -> Answer | None:
-        taken.append(text)
-        return control.check(text)
-
-    monkeypatch.setattr(handlers, "check", counted)
-
-    async def look(request: bytes, *, goes: bool) -> None:
-        async with placed() as place:
-            with silent(place.port, "/control") as viewer:
-                # Masked messages of two bytes.
-                viewer.sendall(5000 * (b"\x81\x82\0\0\0\0" + request))
-                before = -1
-                while len(taken) > before:
-                    before = len(taken)
-                    await asyncio.sleep(0.2)
-                assert 10 < before < 1000, request
-                if goes:
-                    viewer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-                    viewer.close()
-                    await asyncio.sleep(0.1)
-            taken.clear()
-
-    # What is a request and what is none; a viewer who goes without having read, and one whom the server's end meets.
-    for request, goes in ((b"{}", True), (b"xx", True), (b"xx", False)):
-        asyncio.run(look(request, goes=goes))
-    gc.collect()
-    assert caplog.records == []
 
 
 @in_a_loop

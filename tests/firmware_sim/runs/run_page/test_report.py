@@ -7,12 +7,11 @@ import re
 from dataclasses import replace
 
 import pytest
-from jinja2 import UndefinedError
 from PIL import Image
 
 from can_bridge.wire.messages import Mode, Reason
 from contract.errors import StillwakeError
-from firmware_sim.runs import pages, run_log
+from firmware_sim.runs import run_log
 from firmware_sim.runs.pictures import mode_spans
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_page.report import write_picture, write_report
@@ -97,8 +96,3 @@ def test_a_picture_of_another_kind_and_a_folder_without_its_pictures_are_refused
     folder.controlled_picture.unlink()
     with pytest.raises(StillwakeError, match=r"vorticity_controlled\.png: No such file"):
         write_report(folder)
-
-
-def test_a_template_without_a_value_is_an_error():
-    with pytest.raises(UndefinedError):
-        pages.render("report.html.j2")

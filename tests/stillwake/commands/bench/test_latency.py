@@ -1,7 +1,6 @@
 """`stillwake bench latency`: what it asks of its processes, its errors in one line, and a short run on a real bus."""
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
@@ -9,7 +8,7 @@ import pytest
 from contract.config.loading import load
 from contract.errors import ConfigError
 from firmware_sim.latency.budget import read_budget
-from stillwake.commands.bench.latency import Subject, ecu_command, vehicle_command, with_bus
+from stillwake.commands.bench.latency import with_bus
 
 EXAMPLE = Path(__file__).parents[4] / "examples" / "latency_budget.toml"
 
@@ -25,15 +24,6 @@ def test_the_bus_is_one_of_its_own_unless_named():
     for interface in ("simulated", "virtual"):
         with pytest.raises(ConfigError, match="two processes need a bus between them"):
             with_bus(load(overrides=[f"bus.interface={interface}"]))
-
-
-def test_commands_name_bundle_key_and_library(tmp_path):
-    subject = Subject(name="c", about="", bundle=Path("/b"), key="project", library=Path("/l"))
-    command = ecu_command(subject, tmp_path, periods=9)
-    assert command[:4] == [sys.executable, "-m", "stillwake", "ecu"]
-    assert command[4:9] == ["/b", "--trust", "project", "--library", "/l"]
-    assert command[9:11] == ["--periods", "9"]
-    assert vehicle_command(subject, tmp_path, periods=7)[4:8] == ["--bundle", "/b", "--periods", "7"]
 
 
 def test_errors_are_one_line_and_leave_nothing(all_refused, short_release):
