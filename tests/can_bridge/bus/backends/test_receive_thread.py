@@ -1,6 +1,5 @@
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.receive_thread import ReceiveThread
-from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 from tests.can_bridge.bus.backends.ptys import PATIENCE_S
 from tests.can_bridge.bus.backends.test_python_can import SOUND, ScriptedBus
@@ -16,11 +15,3 @@ def test_what_ends_the_thread_is_kept_and_raised():
             with refused(BusError, "CAN reception ended"):
                 thread.check()
         assert scripted.script == [SOUND], error
-
-
-def test_once_stopped_it_takes_no_more(pair):
-    one, other = pair
-    with ReceiveThread(other, lambda frame: None):
-        pass
-    one.send(Frame(frame_id=0x120, data=b""))
-    assert len(other.receive_all()) == 1

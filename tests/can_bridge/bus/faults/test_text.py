@@ -2,9 +2,6 @@
 
 from dataclasses import MISSING, fields
 
-from hypothesis import given
-from hypothesis import strategies as st
-
 from can_bridge.bus.faults.babble import Babble
 from can_bridge.bus.faults.clocks import ClockDrift
 from can_bridge.bus.faults.connection import Disconnect
@@ -16,7 +13,6 @@ from can_bridge.bus.faults.loss import BurstLoss, Drop
 from can_bridge.bus.faults.text import KINDS, parse_fault, text_of
 from can_bridge.bus.faults.wire_errors import WireErrors
 from contract.errors import ConfigError
-from tests.examples import examples
 from tests.refused import refused
 
 
@@ -85,16 +81,6 @@ def test_what_is_no_fault_is_refused_with_the_remedy():
     # What no text can name.
     with refused(ConfigError, r"wire_errors\.bit_error_rate = 1\.1: must be in \[0, 1\]"):
         WireErrors(bit_error_rate=1.1)
-
-
-@examples(50)
-@given(st.text(max_size=40) | st.text(alphabet="drop:flip_bts=,@.0123456789+-xse ", max_size=40))
-def test_no_text_ends_in_anything_but_a_fault_or_an_error_of_one_line(text):
-    for candidate in (text, f"drop:{text}", f"disconnect@{text}", f"drop:probability=0.5,{text}"):
-        try:
-            assert isinstance(parse_fault(candidate), Fault)
-        except ConfigError as error:
-            assert len(str(error).splitlines()) == 1
 
 
 def test_every_fault_has_a_text():

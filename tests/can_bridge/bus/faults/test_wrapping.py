@@ -114,26 +114,6 @@ def test_every_fault_acts_and_clears(config):
             acts_and_clears(virtual, fault)
 
 
-@FEW
-@given(bursts=BURSTS, seed=st.integers(0, 3))
-def test_nothing_is_invented(bursts, seed):
-    several = (
-        *(Drop(probability=0.2), Duplicate(probability=0.5, at="receive")),
-        *(Delay(delay_s=0.01, jitter_s=0.05), Reorder()),
-    )
-    inventing = (FlipBits, Babble)
-    alone = [(fault,) for fault in FAULTS if not isinstance(fault, inventing) and fault != StuckAt(counter_runs=True)]
-    for faults in (*alone, several):
-        link = simulated_link()
-        wrapped = [link.wrapped(port, *faults, seed=seed) for port in (link.one, link.other)]
-        copies = any(isinstance(fault, Duplicate | StuckAt) for fault in faults)
-        for frame_id, frames in zip((0x130, 0x120), carried(link, wrapped, bursts), strict=True):
-            got = numbers([frames])
-            assert {frame.frame_id for frame in frames} <= {frame_id}, faults
-            assert set(got) <= set(range(sum(bursts))), faults
-            assert copies or len(set(got)) == len(got), faults
-
-
 def test_the_seed_decides():
     for fault in (
         *(Drop(probability=0.3), BurstLoss(loss=0.3, mean_burst=2.0), Duplicate(probability=0.3)),
@@ -181,12 +161,6 @@ def test_each_fault_draws_for_itself(link):
     received = link.stream(link.wrapped(link.one, FlipBits(), FlipBits()), link.other, 50)
     # Two bits of 64 are the same by chance once in 64 frames; half of 50 is out of reach.
     assert sum(number_of(frames[0]) != number for number, frames in enumerate(received)) > 25
-
-
-def test_only_the_named_identifiers_are_concerned(link):
-    faulty = link.wrapped(link.one, Drop(probability=1.0, frame_ids=(0x130, 0x140)))
-    received = link.stream(faulty, link.other, 4, frame_ids=(0x120, 0x130, 0x140))
-    assert [[frame.frame_id for frame in frames] for frames in received] == [[0x120]] * 4
 
 
 def test_health_comes_from_beneath_and_is_good_where_it_is_not_known(link):

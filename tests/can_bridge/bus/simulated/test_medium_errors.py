@@ -59,8 +59,7 @@ def test_a_destroyed_frame_is_sent_again_after_the_error_frame():
 
 def test_an_error_late_in_a_can_fd_frame_is_timed_at_both_rates():
     bus = SimulatedBus(BusConfig(nominal_bitrate=500_000, data_bitrate=2_000_000), corrupts=script(30))
-    one, two = bus.port(), bus.port()
-    sent = Frame(frame_id=0x155, data=b"\x55" * 8)
+    one, two, sent = bus.port(), bus.port(), Frame(frame_id=0x155, data=b"\x55" * 8)
     one.send(sent)
     bus.advance_to(10**7)
     # 17 bits up to BRS without a stuff bit (0x155 alternates; RRS and IDE are two dominant bits), then the data phase.
