@@ -40,10 +40,8 @@ def test_interrupted_move_puts_the_old_directory_back(tmp_path, monkeypatch):
 def test_a_place_that_can_be_written_is_left_as_it_was(tmp_path):
     (tmp_path / "old").mkdir()
     (tmp_path / "file").write_text("old")
-    check_writable(tmp_path / "file")
-    check_writable(tmp_path / "old", folder=True)
-    check_writable(tmp_path / "new" / "deep" / "file")
-    check_writable(tmp_path / "new" / "deep" / "folder", folder=True)
+    for place, folder in (("file", False), ("old", True), ("new/deep/file", False), ("new/deep/folder", True)):
+        check_writable(tmp_path / place, folder=folder)
     assert sorted(item.name for item in tmp_path.rglob("*")) == ["file", "old"]
     assert (tmp_path / "file").read_text() == "old"
 

@@ -33,17 +33,13 @@ def test_sensors_lie_on_sides_and_base_clear_of_edge_and_slots(length, radius, s
     assert (x[base] == length).all() and (np.abs(y[base]) < HALF_WIDTH - JET_WIDTH).all()
     assert (np.abs(y[~base]) == HALF_WIDTH).all()
     assert ((x[~base] > radius - 1e-6) & (x[~base] < length + 1e-6)).all()
-    # Front to rear, top to bottom.
+    # Front to rear, top to bottom, and each its own mirror image.
     assert (np.diff(x[:sides]) >= 0).all() and (np.diff(y[base]) < 0).all()
+    assert layout.mirror is not None
+    assert np.array_equal(layout.positions[layout.mirror], layout.positions * (1.0, -1.0))
+    assert layout.names[layout.mirror[layout.names.index("upper_00")]] == "lower_00"
 
 
-def test_bodies_are_their_own_mirror_image_and_hold_their_nose():
-    for count in (1, 2, 5, 10):
-        body = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=count, sensors_on_base=count)
-        layout = layout_of(body)
-        assert layout.mirror is not None
-        assert np.array_equal(layout.positions[layout.mirror], layout.positions * (1.0, -1.0))
-        upper, lower = (layout.names.index(f"{side}_00") for side in ("upper", "lower"))
-        assert layout.mirror[upper] == lower
+def test_a_body_that_does_not_hold_its_nose_is_refused():
     with pytest.raises(ConfigError, match=r"leading_edge_radius = 0\.4: must be at most half the length"):
         BodyConfig(length=0.6, leading_edge_radius=0.4)

