@@ -85,18 +85,10 @@ def small_config() -> Config:
     return Config(
         model=ModelConfig(window=12, lstm_width=32, dynamics_width=64, decoder_width=32, dropout=0.1),
         train=TrainConfig(
-            segment=8,
-            batch_size=256,
-            schedule="one_cycle",
-            learning_rate=5e-3,
-            epochs=2.0,
-            distil_epochs=2.0,
-            shap_background=10,
-            shap_explained=30,
-            shap_repeats=2,
-            shap_samples=4,
+            segment=8, batch_size=256, schedule="one_cycle", learning_rate=5e-3, epochs=2.0, distil_epochs=2.0,
+            shap_background=10, shap_explained=30, shap_repeats=2, shap_samples=4,
         ),
-    )
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="session")

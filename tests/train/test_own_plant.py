@@ -16,7 +16,7 @@ from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train import model_store
 from train.pipeline import train_all
-from train.samples.rows import Rows, prepare
+from train.samples.rows import prepare
 from train.samples.scaling import fit_scaling
 
 LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)
@@ -49,13 +49,9 @@ def recording() -> Dataset:
     )
 
 
-@pytest.fixture(scope="module")
-def rows(recording) -> Rows:
+def test_without_mirror_images_scaling_is_that_of_the_recording_alone(recording):
     episodes = recording.with_role("train")
-    return prepare(episodes, fit_scaling(episodes, LAYOUT), mirrored=False, layout=LAYOUT)
-
-
-def test_without_mirror_images_scaling_is_that_of_the_recording_alone(recording, rows):
+    rows = prepare(episodes, fit_scaling(episodes, LAYOUT), mirrored=False, layout=LAYOUT)
     assert rows.inputs.shape == (870, 8)
     for values in (rows.inputs[:, :7], rows.forces):
         torch.testing.assert_close(values.mean(dim=0), torch.zeros(values.shape[1]), rtol=0, atol=1e-5)

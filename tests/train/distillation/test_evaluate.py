@@ -47,12 +47,8 @@ def run(rows: Rows, bias: float = 0.0, horizons: tuple[int, ...] = (2, 5)):
 
 
 def test_errors_are_those_of_the_formula():
-    metrics = run(make_rows((40, 30)))
-    assert metrics.drag.r2 == pytest.approx(1.0)
-    assert metrics.lift.l1_over_sigma == pytest.approx(0.0)
-    for item in metrics.rollout:
+    for item in run(make_rows((40, 30))).rollout:
         assert max(item.latent, item.drag, item.lift) < 1e-5
-    # Errors by the formula.
     rows, bias = make_rows((40, 30)), 0.3
     metrics = run(rows, bias)
     seen = np.concatenate([rows.forces[WINDOW - 1 : 40, 0], rows.forces[40 + WINDOW - 1 :, 0]]).astype(float)
