@@ -41,9 +41,7 @@ def _field(values: np.ndarray, kind: str) -> bytes:
     return head.encode() + struct.pack(f"<{values.size}d", *values.ravel()) + b")\n;\n"
 
 
-@pytest.fixture
-def start(coarse_mesh) -> FoamState:
-    cells, probes = len(coarse_mesh.cells), len(pressure_points(coarse_mesh))
+def _start(cells: int, probes: int) -> FoamState:
     files = {"U": _field(np.ones((cells, 3)), "vector"), "p": _field(np.ones(cells), "scalar")}
     return FoamState(
         files={**files, "phi": b"", "U_0": b"", "phi_0": b""},
@@ -66,8 +64,10 @@ def _install(folder: Path, probes: int, broken: str, bad_from: int) -> None:
 
 
 @pytest.mark.parametrize("broken", ["forcesTruck", "forcesJetLower", "wallPressures", "wakeProbe"])
-def test_divergence_in_the_last_step_is_refused_by_that_step(coarse_mesh, start, tmp_path, monkeypatch, broken):
-    _install(tmp_path / "bin", len(pressure_points(coarse_mesh)), broken, bad_from=4)
+def test_divergence_in_the_last_step_is_refused_by_that_step(coarse_mesh, tmp_path, monkeypatch, broken):
+    probes = len(pressure_points(coarse_mesh))
+    start = _start(len(coarse_mesh.cells), probes)
+    _install(tmp_path / "bin", probes, broken, bad_from=4)
     monkeypatch.setenv("PATH", str(tmp_path / "bin"), prepend=os.pathsep)
     with OpenFoamWake(tmp_path / "case", start, FlowConfig(substeps=2), 0.5, duration=0.4, patience_s=30.0) as plant:
         plant.advance(0.05)

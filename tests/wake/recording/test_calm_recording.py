@@ -44,15 +44,10 @@ def test_the_random_actions_have_the_amplitudes_asked_for():
 def test_what_makes_no_sense_is_refused_by_name():
     with pytest.raises(ConfigError, match=r"exploration = -0\.1: must be finite and at least 0"):
         ControlledRound(bundle="none", bundle_digest="0" * 64, exploration=-0.1)
-    cases: list[tuple[dict[str, Any], str]] = [
-        ({"episodes": 0}, "episodes = 0: must be at least 1"),
-        ({"smallest": np.nan}, "smallest amplitude = nan: must be finite and positive"),
-        ({"smallest": 0.03}, r"smallest amplitude = 0\.03: must not exceed the largest, 0\.02"),
-        ({"role": "test"}, "role = 'test': must be one of train, calm"),
-    ]
-    for changes, named in cases:
-        with pytest.raises(ConfigError, match=named):
-            CalmRound(**changes)
+    with pytest.raises(ConfigError, match=r"smallest amplitude = 0\.03: must not exceed the largest, 0\.02"):
+        CalmRound(smallest=0.03)
+    with pytest.raises(ConfigError, match="role = 'test': must be one of train, calm"):
+        CalmRound(role="test")  # type: ignore[arg-type]  # a role of no round
 
 
 @pytest.mark.usefixtures("cheap_plant")

@@ -23,8 +23,6 @@ from wake.recording.controlled_recording import record_round
 
 pytestmark = pytest.mark.processes
 
-ROOT = Path(__file__).resolve().parents[3]
-
 
 def is_worker(process: psutil.Process) -> bool:
     """By its command line; where setproctitle is installed, a worker of dask names itself."""
@@ -36,19 +34,15 @@ def is_worker(process: psutil.Process) -> bool:
     return "spawn_main" in title or "dask worker" in title
 
 
-def _command(*arguments: object, scratch: Path | None = None) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "stillwake", "record", *map(str, arguments), "--workers", "2"],
-        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-        env=os.environ | ({} if scratch is None else {"TMPDIR": str(scratch)}),
-    )  # fmt: skip
-
-
 @pytest.mark.proofs  # three processes; test_stops.py stops every command in one
 def test_a_signal_to_the_group_ends_the_workers_too(tmp_path):
     scratch = tmp_path / "scratch"
     scratch.mkdir()
-    with _command(tmp_path / "a.h5", scratch=scratch) as process:
+    with subprocess.Popen(
+        [sys.executable, "-m", "stillwake", "record", str(tmp_path / "a.h5"), "--workers", "2"],
+        cwd=Path(__file__).parents[3], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True, env=os.environ | {"TMPDIR": str(scratch)},
+    ) as process:  # fmt: skip
         workers: list[psutil.Process] = []
         while len(workers) < 2 and process.poll() is None:
             time.sleep(0.1)

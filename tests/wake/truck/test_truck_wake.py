@@ -6,7 +6,7 @@ import pytest
 from wake.truck.state import developed_state
 
 
-def test_a_command_at_once_is_a_full_period(wake):
+def test_a_command_at_once_is_a_full_period_and_a_late_one_leaves_the_jets_alone_until_it_comes(wake):
     whole = wake.advance(0.03)
     wake.reset(developed_state())
     wake.advance_to(1, 0.03)
@@ -15,12 +15,8 @@ def test_a_command_at_once_is_a_full_period(wake):
     # The ramp is the same line; its points differ by rounding.
     assert split.Cl == pytest.approx(whole.Cl, abs=1e-10)
     assert split.action == whole.action == 0.03
-
-
-def test_a_late_command_leaves_the_jets_alone_until_it_comes(wake):
-    wake.advance(0.05)
     wake.advance_to(20)
-    assert wake.sample().action == 0.05
+    assert wake.sample().action == 0.03
     wake.advance_to(wake.config.substeps, -0.05)
     assert wake.sample().action == -0.05
 
