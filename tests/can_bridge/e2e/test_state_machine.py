@@ -1,4 +1,4 @@
-"""The receiver's state machine, arrow by arrow (AUTOSAR PRS_E2EProtocol, "E2E state machine").
+"""The receiver's state machine against the standard's (AUTOSAR PRS_E2EProtocol, "E2E state machine").
 
 O is an OK check, L an OK with some lost, R a repeated one, W a wrong sequence, E an error, - a period without a frame.
 """
@@ -52,34 +52,6 @@ def frames_for(letters: str, last: int) -> list[Frame]:
 def at(stream: StreamState, window: str) -> ReceiverState:
     checks = tuple(LETTERS[letter] for letter in window)
     return ReceiverState(stream=stream, last_counter=None if stream is NODATA else 9, window=checks)
-
-
-ARROWS: Final = {
-    # Only a sound frame ends NODATA, and the window begins with it.
-    (NODATA, NODATA): "+- +E",
-    (NODATA, INIT): "+O",
-    # From INIT: to VALID with enough good ones and few errors, to INVALID with too many errors.
-    (INIT, VALID): "O+O O+L OEE+O O---+O",
-    (INIT, INIT): "O+- O+R O+W O+E OE+E O----+O -----+-",
-    (INIT, INVALID): "OEE+E EE+E OEE-+E",
-    # From VALID: one good one and few errors keep it.
-    (VALID, VALID): "OO+O OOOOO+L OOOOO+- OOOOO+R OOOOO+W OOOOO+E OOOOE+E OO---+- EEOOO+E",
-    (VALID, INVALID): "O----+- L----+R O----+W O----+E OOOEE+E",
-    # From INVALID: as from INIT, but never back to INIT or NODATA.
-    (INVALID, VALID): "----O+O ----L+L EEEOO+O",
-    (INVALID, INVALID): "-----+O -----+- -----+R -----+W -----+E OEEEO+E OEEEO+O EEEEE+E",
-}
-"""From one state to another: the window before, and what the period adds."""
-
-
-def test_every_arrow():
-    for (stream, then), steps in ARROWS.items():
-        for step in steps.split():
-            window, period = step.split("+")
-            state, reception = receive(at(stream, window), frames_for(period, 9), spec=PRESSURE, config=CONFIG)
-            assert [*reception.checks] == [LETTERS[period]], (stream, step)
-            assert (state.stream, reception.stream) == (then, then), (stream, step)
-            assert state.window == at(then, "" if then is NODATA else (window + period)[-5:]).window, (stream, step)
 
 
 class AutosarMachine:

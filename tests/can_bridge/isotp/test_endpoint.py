@@ -4,14 +4,11 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.isotp.settings import IsoTpSettings, classic
-from can_bridge.wire.frame import FD_LENGTHS, Frame
+from can_bridge.wire.frame import Frame
 from contract.errors import ConfigError
-from tests.examples import examples
 
 TESTER, ECU = 0x7E0, 0x7E8
 CLASSIC = classic(receive_id=TESTER, send_id=ECU)
@@ -146,37 +143,3 @@ def test_settings_and_lengths_that_the_standard_does_not_have_are_refused():
     for name, value in changes:
         with pytest.raises(ConfigError, match=r"iso-tp: \w+ = "):
             replace(FD, **{name: value})
-
-
-WIRE = st.sampled_from(FD_LENGTHS).flatmap(lambda length: st.binary(min_size=length, max_size=length))
-LIKELY = st.tuples(
-    st.sampled_from([b"\x02", b"\x10\x14", b"\x21", b"\x22", b"\x23", b"\x30\x00\x00", b"\x31\x00\x00"]),
-    st.sampled_from([3, 8, 64]),
-).map(lambda pair: pair[0].ljust(pair[1], b"\xaa"))
-
-
-@examples(200)
-@given(
-    steps=st.lists(st.tuples(st.one_of(WIRE, LIKELY), st.integers(0, 2_000 * MS), st.booleans()), max_size=40),
-    settings=st.sampled_from([CLASSIC, FD, replace(CLASSIC, block_size=1)]),
-)
-@pytest.mark.slow
-def test_whatever_comes_over_the_wire_nothing_is_raised_and_nothing_grows(steps, settings):
-    endpoint = Endpoint(settings)
-    now_ns = 0
-    for data, pause_ns, sends in steps:
-        now_ns += pause_ns
-        if sends:
-            endpoint.send(bytes(100))
-        endpoint.receive(now_ns, Frame(frame_id=TESTER, data=data))
-        frames = endpoint.poll(now_ns)
-        assert len(frames) <= settings.burst
-        assert all(len(each.data) >= 3 and each.frame_id == ECU for each in frames)
-    messages = endpoint.take()
-    assert len(messages) <= settings.queue
-    assert all(0 < len(message) <= 4095 for message in messages)
-    now_ns += 1001 * MS
-    for _ in range(3 * settings.queue):
-        endpoint.poll(now_ns)
-        now_ns += 1001 * MS
-    assert not (endpoint.poll(now_ns) or endpoint.take())

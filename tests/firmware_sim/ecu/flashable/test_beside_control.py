@@ -17,12 +17,6 @@ EXTENDED, PROGRAMMING, PRECONDITIONS = b"\x10\x03", b"\x10\x02", b"\x31\x01\x02\
 NOT_NOW = 0x22
 
 
-@pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    provision(tmp_path / "ecu", image("first"))
-    return Rig(tmp_path / "ecu", UNCHECKED)
-
-
 @pytest.mark.slow
 def test_neither_a_tester_that_asks_nor_a_flood_changes_a_bit_of_the_commands(tmp_path: Path) -> None:
     provision(tmp_path / "ecu", image("first"))

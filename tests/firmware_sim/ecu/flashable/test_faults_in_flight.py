@@ -1,7 +1,6 @@
 """Faults of an ECU in its control periods, as a tester reads and clears them, and as they outlive a loss of power."""
 
 import struct
-from pathlib import Path
 
 import pytest
 
@@ -9,16 +8,10 @@ from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.medium import MediumError
 from can_bridge.uds.fault_codes import CODES
 from can_bridge.wire.messages import Mode, Reason
-from tests.firmware_sim.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, provision
+from tests.firmware_sim.ecu.flashable.vehicle_ecu import Rig, provision
 
 LOST = CODES[Reason.STREAM_LOST].to_bytes(3, "big")
 CONFIRMED = b"\x19\x02\x08"
-
-
-@pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    provision(tmp_path / "ecu", image("first"))
-    return Rig(tmp_path / "ecu", UNCHECKED)
 
 
 def test_a_fault_is_entered_with_its_moment_kept_over_power_and_cleared_while_the_jets_are_shut(rig):

@@ -32,12 +32,6 @@ from tests.firmware_sim.ecu.flashable.vehicle_ecu import (
 )
 
 
-@pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    provision(tmp_path / "ecu", image("first"))
-    return Rig(tmp_path / "ecu")
-
-
 def hash_of(raw: bytes) -> int:
     return int(open_manifest(Path("image"), files_of(raw)[MANIFEST]).digest[:8], 16)
 

@@ -6,7 +6,6 @@ caringcaribou, the other well-known scanner, is no package of the index.
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from threading import Event, Thread
 from typing import Any
 
@@ -18,7 +17,7 @@ from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID, Did, Nrc, Session
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
-from tests.firmware_sim.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, provision
+from tests.firmware_sim.ecu.flashable.vehicle_ecu import Rig
 
 pytest.importorskip("scapy")
 
@@ -76,12 +75,6 @@ class EcuSocket(SuperSocket):  # type: ignore[misc]
         self.closed = True
         self._stop.set()
         self._thread.join()
-
-
-@pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    provision(tmp_path / "ecu", image("first"))
-    return Rig(tmp_path / "ecu", UNCHECKED)
 
 
 @contextmanager
