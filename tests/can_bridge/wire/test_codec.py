@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from can_bridge.wire import classic_codec, codec
 from can_bridge.wire.classic_codec import STALE_NS
 from can_bridge.wire.message_sets import CLASSIC, FD
-from can_bridge.wire.messages import JetCommand, Mode, Pressure, VehicleSpeed
+from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason, VehicleSpeed
 from tests.can_bridge.wire.described import decoded, jet, pressure, speed, status
 from tests.refused import refused
 
@@ -142,55 +142,74 @@ def test_values_outside_a_table_are_malformed():
         assert not [value for value in bad if parse((value << shift).to_bytes(size, "little")) is not None], parse
 
 
+def test_a_sensor_that_is_not_valid_loses_its_value_and_no_other_does():
+    message = pressure(pressure_pa=(-2047.0, 1.0, 2047.0, 5.0), valid=(True, False, True, True), age_ns=10_000_000)
+    parsed = classic_codec.parse_pressure(classic_codec.emit_pressure(message))
+    assert parsed == message._replace(pressure_pa=(-2047.0, 0.0, 2047.0, 5.0))
+    whole = message._replace(valid=(True,) * 4)
+    assert classic_codec.parse_pressure(classic_codec.emit_pressure(whole)) == whole
+
+
+def test_classic_counts_stay_at_their_largest_values_and_the_hash_loses_its_lower_half():
+    full = EcuStatus(
+        state=Mode.FAULT, reason=Reason.CLOCK, overruns=65535, missed=64, crc_errors=1000, refused=63, bus_off=255,
+        bundle_hash=0xD3061D50, not_authentic=5, tx_errors=255, rx_errors=127, set_aside=0b1010,
+    )  # fmt: skip
+    parsed = classic_codec.parse_ecu_status(classic_codec.emit_ecu_status(full))
+    assert parsed == EcuStatus(
+        state=Mode.FAULT, reason=Reason.CLOCK, overruns=63, missed=63, crc_errors=63, refused=63, bus_off=15,
+        bundle_hash=0xD3060000,
+    )  # fmt: skip
+
+
+EMITS = {Pressure: "emit_pressure", VehicleSpeed: "emit_vehicle_speed", JetCommand: "emit_jet_command"}
+
+
 def test_what_the_wire_cannot_carry_is_refused_by_name():
-    cases: list[tuple[Callable[[Any], bytes], dict[str, Any]]] = [
-        (
-            codec.emit_pressure,
-            {
-                "pressure_pa has 3 values": pressure(pressure_pa=(0.0,) * 3),
-                "valid has 1 values": pressure(valid=(True,)),
-                "nan: must be finite": pressure(pressure_pa=(0.0, math.nan, 0.0, 0.0)),
-                r"3276\.76: must be in -3276\.8\.\.3276\.7": pressure(pressure_pa=(3276.76, 0.0, 0.0, 0.0)),
-                r"1e\+300": pressure(pressure_pa=(1e300, 0.0, 0.0, 0.0)),
-                "age_ns = -5001": pressure(age_ns=-5_001),
-                "age_ns = 655355000": pressure(age_ns=655_355_000),
-            },
-        ),
-        (
-            codec.emit_vehicle_speed,
-            {
-                "nan: must be finite": speed(speed_m_per_s=math.nan),
-                r"speed_m_per_s = -0\.1: must be in 0\.\.327\.67": speed(speed_m_per_s=-0.1),
-                r"speed_m_per_s = 327\.673: must": speed(speed_m_per_s=327.673),  # which would be 0xFFFF
-                r"density_kg_per_m3 = 0\.0: must be in 0\.01\.\.2\.55": speed(density_kg_per_m3=0.0),
-                r"density_kg_per_m3 = 2\.6": speed(density_kg_per_m3=2.6),
-                r"VehicleSpeed\.age_ns = 655355000": speed(age_ns=655_355_000),
-            },
-        ),
-        (
-            codec.emit_jet_command,
-            {
-                "flow_m2_per_s = -inf": jet(flow_m2_per_s=-math.inf),
-                r"flow_m2_per_s = 6\.5536": jet(flow_m2_per_s=6.5536),
-                "pressure_counter = 256": jet(pressure_counter=256),
-                "pressure_counter = -1": jet(pressure_counter=-1),
-                "6 is not a valid Mode": jet(mode=6),
-            },
-        ),
-        (
-            codec.emit_ecu_status,
-            {
-                **{f"{name} = 65536": status(**{name: 65536}) for name in ("overruns", "missed", "crc_errors")},
-                **{f"{name} = -1": status(**{name: -1}) for name in ("missed", "refused", "not_authentic")},
-                **{f"{name} = 256": status(**{name: 256}) for name in ("bus_off", "tx_errors", "rx_errors")},
-                "set_aside = 16: must be in 0..15": status(set_aside=16),
-                "bundle_hash": status(bundle_hash=2**32),
-                "9 is not a valid Mode": status(state=9),
-                "18 is not a valid Reason": status(reason=18),
-            },
-        ),
-    ]
-    for emit, messages in cases:
+    cases: dict[Any, dict[str, Any]] = {
+        codec: {
+            "pressure_pa has 3 values": pressure(pressure_pa=(0.0,) * 3),
+            "valid has 1 values": pressure(valid=(True,)),
+            r"pressure_pa.* = nan: must be finite": pressure(pressure_pa=(0.0, math.nan, 0.0, 0.0)),
+            r"3276\.76: must be in -3276\.8\.\.3276\.7": pressure(pressure_pa=(3276.76, 0.0, 0.0, 0.0)),
+            r"1e\+300": pressure(pressure_pa=(1e300, 0.0, 0.0, 0.0)),
+            "age_ns = -5001": pressure(age_ns=-5_001),
+            "age_ns = 655355000": pressure(age_ns=655_355_000),
+            "speed_m_per_s = nan: must be finite": speed(speed_m_per_s=math.nan),
+            r"speed_m_per_s = -0\.1: must be in 0\.\.327\.67": speed(speed_m_per_s=-0.1),
+            r"speed_m_per_s = 327\.673: must": speed(speed_m_per_s=327.673),  # which would be 0xFFFF
+            r"density_kg_per_m3 = 0\.0: must be in 0\.01\.\.2\.55": speed(density_kg_per_m3=0.0),
+            r"density_kg_per_m3 = 2\.6": speed(density_kg_per_m3=2.6),
+            r"VehicleSpeed\.age_ns = 655355000": speed(age_ns=655_355_000),
+            "flow_m2_per_s = -inf": jet(flow_m2_per_s=-math.inf),
+            r"flow_m2_per_s = 6\.5536": jet(flow_m2_per_s=6.5536),
+            "pressure_counter = 256": jet(pressure_counter=256),
+            "pressure_counter = -1": jet(pressure_counter=-1),
+            "6 is not a valid Mode": jet(mode=6),
+            **{f"{name} = 65536": status(**{name: 65536}) for name in ("overruns", "missed", "crc_errors")},
+            **{f"{name} = -1": status(**{name: -1}) for name in ("missed", "refused", "not_authentic")},
+            **{f"{name} = 256": status(**{name: 256}) for name in ("bus_off", "tx_errors", "rx_errors")},
+            "set_aside = 16: must be in 0..15": status(set_aside=16),
+            "bundle_hash": status(bundle_hash=2**32),
+            "9 is not a valid Mode": status(state=9),
+            "18 is not a valid Reason": status(reason=18),
+        },
+        classic_codec: {
+            "valid has 5 values": pressure(valid=(True,) * 5),
+            "nan: must be finite": pressure(pressure_pa=(math.nan, 0.0, 0.0, 0.0)),
+            r"2047\.6: must be in -2047\.\.2047": pressure(pressure_pa=(2047.6, 0.0, 0.0, 0.0)),
+            r"-2048\.0: must be in": pressure(pressure_pa=(-2048.0, 0.0, 0.0, 0.0)),
+            r"Pressure.*age_ns = -1: must not be negative": pressure(age_ns=-1),
+            r"VehicleSpeed.*age_ns = -1: must not be negative": speed(age_ns=-1),
+            r"speed_m_per_s = 327\.673: must": speed(speed_m_per_s=327.673),
+            r"density_kg_per_m3 = -1: must": speed(density_kg_per_m3=-1),
+            "flow_m2_per_s = 6.6": jet(flow_m2_per_s=6.6),
+            r"pressure_counter = 16: must be in 0\.\.15": jet(pressure_counter=16),
+            "missed = -1": status(missed=-1),
+            "bundle_hash": status(bundle_hash=2**32),
+        },
+    }
+    for codec_used, messages in cases.items():
         for culprit, message in messages.items():
             with refused(ValueError, culprit):
-                emit(message)
+                getattr(codec_used, EMITS.get(type(message), "emit_ecu_status"))(message)
