@@ -63,11 +63,5 @@ def previous_action(graph: Graph, sizes: Sizes, window: str) -> str:
 
 def shifted(graph: Graph, plan: str, horizon: int) -> str:
     """The previous plan one step later, its last action repeated, as a row (1, H)."""
-    start, end = graph.index([horizon - 1]), graph.index([horizon])
-    shifted = graph.op(
-        "Concat",
-        graph.op("Slice", plan, graph.index([1]), end),
-        graph.op("Slice", plan, start, end),
-        axis=0,
-    )
-    return graph.op("Unsqueeze", shifted, graph.index([0]))
+    rest, last = graph.slice(plan, 1, horizon), graph.slice(plan, horizon - 1, horizon)
+    return graph.op("Unsqueeze", graph.op("Concat", rest, last, axis=0), graph.index([0]))

@@ -39,7 +39,7 @@ class Cost:
         """The unweighted terms, (8,)."""
         cd, cl = self._drag_and_lift(graph, forces)
         mean_lift = _reduce(graph, "ReduceMean", cl)
-        first = graph.op("Slice", plan, graph.index([0]), graph.index([1]))
+        first = graph.slice(plan, 0, 1)
         terms = {
             "drag_mean": graph.op("Sub", _reduce(graph, "ReduceMean", cd), self._drag_reference),
             "drag_fluctuation": graph.op("Sub", _reduce(graph, "ReduceMax", cd), _reduce(graph, "ReduceMin", cd)),
@@ -106,19 +106,12 @@ class Cost:
         self._by_mean = graph.op("Mul", self._weight["lift_mean"], graph.constant([0.0, 0.0, 2.0 / h]))
 
     def _distance(self, graph: Graph, plan: str, start: str) -> str:
-        return _reduce(
-            graph,
-            "ReduceMean",
-            _square(graph, graph.op("Sub", plan, graph.op("Reshape", start, graph.index([self._horizon])))),
-        )
+        row = graph.op("Reshape", start, graph.index([self._horizon]))
+        return _reduce(graph, "ReduceMean", _square(graph, graph.op("Sub", plan, row)))
 
     def _increments(self, graph: Graph, plan: str) -> str:
         h = self._horizon
-        return graph.op(
-            "Sub",
-            graph.op("Slice", plan, graph.index([1]), graph.index([h])),
-            graph.op("Slice", plan, graph.index([0]), graph.index([h - 1])),
-        )
+        return graph.op("Sub", graph.slice(plan, 1, h), graph.slice(plan, 0, h - 1))
 
     def _drag_and_lift(self, graph: Graph, forces: str) -> tuple[str, str]:
         cd, cl = graph.ops("Split", forces, graph.index([1, 1]), outputs=2, axis=1)

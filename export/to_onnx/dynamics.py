@@ -50,8 +50,8 @@ class Dynamics:
         second = centred(graph, store(graph, "dynamics.hidden.weight"))
         third = store(graph, "dynamics.output.weight")
         # Columns of the first layer: the latent state, then the action.
-        by_state = graph.op("Slice", first, graph.index([0]), graph.index([latent]), graph.index([1]))
-        by_action = graph.op("Slice", first, graph.index([latent]), graph.index([latent + 1]), graph.index([1]))
+        by_state = graph.slice(first, 0, latent, 1)
+        by_action = graph.slice(first, latent, latent + 1, 1)
         per_action = graph.constant(1.0 / program.scaling.action_std, "1 / action_std")
         self._by_action_row = transposed(graph, graph.op("Mul", by_action, per_action))
         self._forward = (transposed(graph, by_state), transposed(graph, second))
@@ -61,10 +61,8 @@ class Dynamics:
         steps = graph.constant(np.arange(self._horizon)[:, None], "steps")
         per_step = graph.op("MatMul", self._output_bias, self._forward[0])
         self._bias_by_step = graph.op("Add", graph.op("Mul", steps, per_step), first_bias)
-        self._norms = (
-            NormNames(graph, weights.norm_in, "dynamics.norm_in"),
-            NormNames(graph, weights.norm_hidden, "dynamics.norm_hidden"),
-        )
+        norm_in = NormNames(graph, weights.norm_in, "dynamics.norm_in")
+        self._norms = norm_in, NormNames(graph, weights.norm_hidden, "dynamics.norm_hidden")
         self._backward = graph.op("Mul", second, self._norms[0].gain)
         self._output_backward = graph.op("Mul", third, self._norms[1].gain)
         # Their transposes over n, for means of products over a layer's width n.

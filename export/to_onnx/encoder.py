@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from contract.arrays import Index
+from contract.arrays import Array, Index
 from export.program.controller_program import ControllerProgram
 from export.to_onnx.graph_builder import Graph
 from export.to_onnx.weights import NormNames, Store
@@ -18,39 +18,27 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
     std = np.array(scaling.window_std)
     rows = window
     if program.encoder_rows < program.window:
-        ends = graph.index([program.window - program.encoder_rows]), graph.index([program.window])
-        rows = graph.op("Slice", window, *ends, graph.index([0]))
+        rows = graph.slice(window, program.window - program.encoder_rows, program.window, 0)
     scaled = graph.op("Mul", graph.op("Sub", rows, mean), graph.constant(1.0 / std, "1 / window_std"))
 
+    def linear(x: str, name: str, bias: Array) -> str:
+        weight = store(graph, f"encoder.{name}.weight")
+        return graph.op("Gemm", x, weight, graph.constant(bias, f"encoder.{name}.bias"), transB=1)
+
     # The operator has a direction axis in front of everything, and a batch axis of one in the sequence.
+    biases = np.concatenate([weights.lstm.bias_input[gates], weights.lstm.bias_recurrent[gates]])
     _, hidden = graph.ops(
         "LSTM",
         graph.op("Unsqueeze", scaled, graph.index([1])),
         store(graph, "lstm.weight_input", rows=gates, leading=1),
         store(graph, "lstm.weight_recurrent", rows=gates, leading=1),
-        graph.constant(
-            np.concatenate([weights.lstm.bias_input[gates], weights.lstm.bias_recurrent[gates]])[None],
-            "lstm.bias",
-        ),
+        graph.constant(biases[None], "lstm.bias"),
         outputs=2,
         hidden_size=width,
     )
     row = graph.op("Squeeze", hidden, graph.index([0]))
     normed = NormNames(graph, weights.norm, "encoder.norm").apply(graph, row)
-    middle = graph.op(
-        "Gemm",
-        normed,
-        store(graph, "encoder.hidden.weight"),
-        graph.constant(weights.hidden.bias, "encoder.hidden.bias"),
-        transB=1,
-    )
-    return graph.op(
-        "Gemm",
-        graph.op("Elu", middle),
-        store(graph, "encoder.output.weight"),
-        graph.constant(weights.output.bias, "encoder.output.bias"),
-        transB=1,
-    )
+    return linear(graph.op("Elu", linear(normed, "hidden", weights.hidden.bias)), "output", weights.output.bias)
 
 
 def _onnx_gates(width: int) -> Index:

@@ -68,6 +68,10 @@ class Graph:
         """Add a node with one output; returns the output's name."""
         return self.ops(kind, *inputs, outputs=1, **attributes)[0]
 
+    def slice(self, x: str, *bounds: int) -> str:
+        """Part of a value: from a start to an end, along the first axis or the one that is given third."""
+        return self.op("Slice", x, *(self.index([bound]) for bound in bounds))
+
     def ops(self, kind: str, *inputs: str, outputs: int, **attributes: Any) -> tuple[str, ...]:
         """Add a node with several outputs."""
         names = tuple(self._root._unique(kind.lower()) for _ in range(outputs))

@@ -18,4 +18,4 @@ def lower_history(graph: Graph, window: str, length: int, pairs: int) -> str:
     turned = graph.op("MatMul", window, graph.constant(signs, "differences"))
     size = length * (pairs + 1)
     row = graph.op("Reshape", turned, graph.index([1, size]))
-    return graph.op("Slice", row, graph.index([1]), graph.index([size]), graph.index([1]))
+    return graph.slice(row, 1, size, 1)

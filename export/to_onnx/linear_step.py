@@ -35,22 +35,20 @@ def build_linear_controller(program: LinearProgram) -> onnx.ModelProto:
     body = graph.body()
     state = body.input("history", (1, length - 1))
     committed, chosen = body.input("committed", (1,)), body.input("free", (1,))
-    predicted, wanted = body.ops(
-        "Split", body.op("MatMul", state, products), body.index([columns, 1]), outputs=2, axis=1
-    )
+    product = body.op("MatMul", state, products)
+    predicted, wanted = body.ops("Split", product, body.index([columns, 1]), outputs=2, axis=1)
     decide = body.op("Greater", chosen, body.constant(0.5))
     action = body.op("Where", decide, body.op("Clip", wanted, low, high), committed)
     after = body.op("Add", predicted, body.op("Mul", action, by_action))
     y, lift = body.ops("Split", after, body.index([columns - 1, 1]), outputs=2, axis=1)
-    kept = body.op("Slice", state, body.index([columns]), body.index([length - 1]), body.index([1]))
+    kept = body.slice(state, columns, length - 1, 1)
     body.output(body.op("Concat", kept, action, y, axis=1), (1, length - 1))
     body.output(action, (1, 1))
     body.output(lift, (1, 1))
 
     by_step = [_column(graph, value, h) for value in (shifted(graph, plan, h), free)]
-    _, actions, lifts = graph.scan(
-        body, states=[lower_history(graph, window, program.window, program.pairs)], sequences=by_step
-    )
+    history = lower_history(graph, window, program.window, program.pairs)
+    _, actions, lifts = graph.scan(body, states=[history], sequences=by_step)
     new_plan = graph.op("Reshape", actions, graph.index([h]))
     drag = graph.constant(np.full((h, 1), program.scaling.force_mean[0]), "mean drag")
     forces = graph.op("Concat", drag, graph.op("Reshape", lifts, graph.index([h, 1])), axis=1)

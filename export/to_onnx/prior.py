@@ -44,7 +44,7 @@ def lower_prior(
     wanted = body.op("Tanh", body.op("MatMul", units, graph.constant(prior.output[:, None], "prior.output")))
     decide = body.op("Greater", chosen, body.constant(0.5))
     action = body.op("Where", decide, body.op("Mul", wanted, bound), held)
-    kept = body.op("Slice", rows, body.index([columns]), body.index([length]), body.index([1]))
+    kept = body.slice(rows, columns, length, 1)
     after = body.op("Concat", kept, now, action, axis=1)
     predictor = graph.constant(prior.predictor.reshape(-1, length).T, "prior.predictor")
     body.output(after, (1, length))
@@ -59,12 +59,10 @@ def lower_prior(
 
 def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple[str, str]:
     """Rows (y, a) before the present one, (1, M (p + 1)), and the differences now, (1, p)."""
-    memory, pairs, axis = prior.memory, prior.pairs, graph.index([1])
-    newest = graph.op(
-        "Slice", window, graph.index([sizes.window - memory]), graph.index([sizes.window]), graph.index([0])
-    )
+    memory, pairs = prior.memory, prior.pairs
+    newest = graph.slice(window, sizes.window - memory, sizes.window, 0)
     row, size = lower_history(graph, newest, memory, pairs), memory * (pairs + 1) - 1
-    known = graph.op("Slice", row, graph.index([0]), graph.index([size - pairs]), axis)
-    oldest = graph.op("Slice", row, graph.index([0]), graph.index([pairs + 1]), axis)
-    now = graph.op("Slice", row, graph.index([size - pairs]), graph.index([size]), axis)
+    known = graph.slice(row, 0, size - pairs, 1)
+    oldest = graph.slice(row, 0, pairs + 1, 1)
+    now = graph.slice(row, size - pairs, size, 1)
     return graph.op("Concat", oldest, known, axis=1), now

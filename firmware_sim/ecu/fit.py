@@ -16,9 +16,12 @@ from contract.sensor_layout import SAME_PLACE, SensorLayout
 from contract.sensors import TRUCK
 
 
-def check_flow(bundle: Bundle, flow: FlowConfig) -> None:
-    """Raises BundleError if the controller was built for another control period or action limit."""
-    _check_flow(bundle, flow, owner="flow")
+def check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str = "flow") -> None:
+    """Raises BundleError if the controller was built for another control period or action limit than the owner's."""
+    for name in ("control_period", "action_limit"):
+        right = getattr(bundle.manifest, name)
+        remedy = f": set flow.{name}={right}"
+        _check_equal(bundle, name.replace("_", " "), right, getattr(flow, name), owner=owner, remedy=remedy)
 
 
 def check_vehicle(bundle: Bundle, config: Config) -> None:
@@ -27,7 +30,7 @@ def check_vehicle(bundle: Bundle, config: Config) -> None:
     manifest = bundle.manifest
     points = (_values(point) for point in (manifest.operating_point, config.operating_point))
     _check_equal(bundle, "operating point", *points, owner="vehicle")
-    _check_flow(bundle, config.flow, owner="vehicle")
+    check_flow(bundle, config.flow, owner="vehicle")
     if len(manifest.sensors) != SENSORS:
         raise BundleError(
             f"bundle {manifest.name!r} has {len(manifest.sensors)} sensors: the Pressure message carries {SENSORS}"
@@ -79,14 +82,6 @@ def _values(point: OperatingPoint) -> str:
 
 def _place(position: Array) -> str:
     return "({:g}, {:g})".format(*position)
-
-
-def _check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str) -> None:
-    manifest = bundle.manifest
-    for name in ("control_period", "action_limit"):
-        right = getattr(manifest, name)
-        remedy = f": set flow.{name}={right}"
-        _check_equal(bundle, name.replace("_", " "), right, getattr(flow, name), owner=owner, remedy=remedy)
 
 
 def _check_equal(bundle: Bundle, name: str, built_for: object, here: object, *, owner: str, remedy: str = "") -> None:

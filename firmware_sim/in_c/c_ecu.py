@@ -112,6 +112,8 @@ class CEcu(CEcuState):
 
     Attributes:
         description: what computes the step, for people.
+        lib: the loaded library, for functions and variables of it that are not the ECU's; see `Structs.ffi`.
+        ecu: the `sw_ecu` itself, without its workspace.
     """
 
     def __init__(
@@ -128,9 +130,9 @@ class CEcu(CEcuState):
             path = Path(folder, "ecu.so") if library is None else library
             compile_c(library_sources(sources), path, compiler=command, flags=("-fPIC", "-shared", *flags))
             try:
-                self._library = structs.ffi.dlopen(str(path))
-                sizes = self._library.sw_ecu_state_bytes(), self._library.sw_ecu_bytes()
-                self._run = self._library.sw_ecu_step
+                self.lib: Any = structs.ffi.dlopen(str(path))
+                sizes = self.lib.sw_ecu_state_bytes(), self.lib.sw_ecu_bytes()
+                self._run = self.lib.sw_ecu_step
             except (OSError, AttributeError) as error:
                 raise LibraryError(f"the compiled library does not load: {_why(error)}; export it again") from error
         expected = structs.size("sw_ecu_state")
@@ -140,26 +142,16 @@ class CEcu(CEcuState):
         ffi = structs.ffi
         self._room = ffi.new("char[]", sizes[1] + _ALIGNMENT)
         start = -int(ffi.cast("uintptr_t", self._room)) % _ALIGNMENT
-        ecu = ffi.cast("sw_ecu *", self._room + start)
-        self._library.sw_ecu_init(ecu)
+        self.ecu = ecu = ffi.cast("sw_ecu *", self._room + start)
+        self.lib.sw_ecu_init(ecu)
 
-        lib, buffer = self._library, ffi.from_buffer
+        lib, buffer = self.lib, ffi.from_buffer
         super().__init__(structs, ecu, bundle_hash,
             lambda packed: int(lib.sw_ecu_calibrate(ecu, buffer("sw_calibration *", packed))),
             lambda state: int(lib.sw_ecu_restore(ecu, state)),
         )  # fmt: skip
         self._answers = ffi.new("sw_frame[2]")
         self.restore(self.saved())
-
-    @property
-    def lib(self) -> Any:
-        """The loaded library, for functions and variables of it that are not the ECU's; see `Structs.ffi`."""
-        return self._library
-
-    @property
-    def ecu(self) -> Any:
-        """The `sw_ecu` itself, without its workspace."""
-        return self._ecu
 
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Around]
@@ -192,7 +184,7 @@ def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes
     LibraryError if the folder holds no library, one of another program, or one without an ECU; StillwakeError if the
     ECU in C cannot do what the settings ask for.
     """
-    sources = read_sources(folder)
+    sources = read_sources(folder, board=True)
     check_program(folder, sources, bundle)
     if c_settings.HEADER not in sources:
         raise LibraryError(f"library {folder}: it has the control step alone, and no ECU around it; export it again")
