@@ -39,12 +39,9 @@ def test_a_value_is_refused_before_anything_is_sent(asking):
         ("drag", 1.0, "'drag' is none of drag_mean"),
         ("delay_steps", 1.5, "whole number"),
         ("delay_steps", float("nan"), "whole number"),
-        ("delay_steps", -1.0, "delay_steps = -1: must be in 0..3"),
         ("delay_steps", 1e12, "delay_steps"),
         ("lift", 10.1, "lift = 10.1: must be in 0..10"),
         ("lift", 1e300, "lift"),
-        ("lift", float("inf"), "lift"),
-        ("action_limit", float("nan"), "action_limit"),
         ("action_limit", 0.0701, "action_limit = 0.0701: must be in 0.01..0.07"),
     ):
         with pytest.raises(ConfigError, match=message):

@@ -73,14 +73,11 @@ def test_lengths_are_padded_and_what_cannot_be_sent_is_left_out(dbc):
     path = dbc(MESSAGES.replace("BO_ 64 Long: 20", "BO_ 64 Long: 33"))
     assert read_traffic(path, BusConfig(), TAKEN, seed=0).messages[0].length == 48
     own = 'BO_ 288 Pressure: 16 Engine\n SG_ E2E_CRC : 0|16@1+ (1,0) [0|65535] "" Brake\n'
+    unswitched = ATTRIBUTES.replace('"CANFD_BRS" "1"', '"CANFD_BRS" "0"')
     for messages, attributes, reason in [
         (MESSAGES + own, ATTRIBUTES + 'BA_ "GenMsgCycleTime" BO_ 288 20;\n', "Pressure (stillwake's own)"),
         (MESSAGES.replace("Wheels: 6", "Wheels: 9"), ATTRIBUTES, "Wheels (9 bytes: more than a frame)"),
-        (
-            MESSAGES,
-            ATTRIBUTES.replace('"CANFD_BRS" "1"', '"CANFD_BRS" "0"'),
-            "Long (CAN FD without bit-rate switching)",
-        ),
+        (MESSAGES, unswitched, "Long (CAN FD without bit-rate switching)"),
     ]:
         traffic = read_traffic(dbc(messages, attributes), BusConfig(), TAKEN, seed=0)
         assert reason in traffic.left_out
@@ -104,7 +101,7 @@ def test_what_cannot_go_on_this_bus_is_refused(dbc):
         read_traffic(SHIPPED, BusConfig(), TAKEN, seed=0)
 
 
-def test_what_describes_no_bus_is_refused_in_one_line(tmp_path):
+def test_what_describes_no_bus_is_refused_in_one_line(tmp_path, monkeypatch):
     """A device without an end would fill the memory, and a pipe without a writer would wait for ever."""
     unreadable = "no description of a CAN bus that cantools can read: "
     # cantools would be busy with its bits for half a minute.
@@ -129,9 +126,6 @@ def test_what_describes_no_bus_is_refused_in_one_line(tmp_path):
             read_traffic(path, BusConfig(), TAKEN, seed=0)
         assert str(raised.value).startswith(f"{path}: "), name
         assert "\n" not in str(raised.value), name
-
-
-def test_without_cantools_the_error_names_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "cantools.database", None)
     with refused(BusError, r"\.dbc: reading it needs cantools: pip install '\.\[bus\]' in a checkout"):
         read_traffic(SHIPPED, BusConfig(), TAKEN, seed=0)

@@ -8,14 +8,12 @@ import can
 from tests.stillwake.commands.can.virtual_bus import VIRTUAL, taken, write
 
 DECODE = {
-    "missing.log": "missing.log: there is no such file",
     "empty.log": "empty.log: holds no CAN frame",
     "cut.blf": "cut.blf: ",
     "good.log --csv good.log": "is the file to read",
     "good.log --csv folder": "it is a directory",
     "good.log --json folder": "it is a directory",
     "good.log --set bus.interface=virtual": "`can decode` does not use it",
-    "folder": "a log must end in",
 }
 LOAD = {
     "--set bus.background.dbc=none.dbc": "none.dbc: No such file or directory",
