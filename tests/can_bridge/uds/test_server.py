@@ -40,74 +40,21 @@ def test_services_of_each_session(bench):
         assert not_there == absent, session
 
 
+REFUSED = {
+    Nrc.INCORRECT_LENGTH: """
+        10 100100 11 110100 3e 3e0000 22 22f1 22f18cf1 2e 2ef18c 27 31 3101 310102 3101020300 34 3400 34004400 36 3601
+        3700 14 14ffff 14ffffff00 19 1901 19020000 190a00 1904110451 28 2800 850100""",
+    # The last: at least two bytes, then the sub-function, then the whole length (ISO 14229-1).
+    Nrc.SUB_FUNCTION_NOT_SUPPORTED: "1000 1004 1060 1100 1102 3102ff00 3103ff00 3e01 1903ff 2802 2803 8500 3e0100",
+}
+
+
 def test_wrong_lengths_and_sub_functions(bench):
     bench.unlock()
-    for code, requests in (
-        (
-            Nrc.INCORRECT_LENGTH,
-            [
-                *(
-                    [
-                        "10",
-                        "100100",
-                        "11",
-                        "110100",
-                        "3e",
-                        "3e0000",
-                        "22",
-                        "22f1",
-                        "22f18cf1",
-                        "2e",
-                        "2ef18c",
-                        "27",
-                        "31",
-                        "3101",
-                        "310102",
-                        "3101020300",
-                    ]
-                ),
-                *(
-                    [
-                        "14",
-                        "14ffff",
-                        "14ffffff00",
-                        "19",
-                        "1901",
-                        "19020000",
-                        "190a00",
-                        "1904110451",
-                        "28",
-                        "2800",
-                        "850100",
-                    ]
-                ),
-                *(["34", "3400", "34004400", "36", "3601", "3700"]),
-                "22" + 17 * "f18c",
-            ],
-        ),
-        (
-            Nrc.SUB_FUNCTION_NOT_SUPPORTED,
-            # The last: at least two bytes, then the sub-function, then the whole length (ISO 14229-1).
-            [
-                "1000",
-                "1004",
-                "1060",
-                "1100",
-                "1102",
-                "3102ff00",
-                "3103ff00",
-                "3e01",
-                "1903ff",
-                "2802",
-                "2803",
-                "8500",
-                "3e0100",
-            ],
-        ),
-    ):
-        for request in map(bytes.fromhex, requests):
+    for code, requests in REFUSED.items():
+        for request in map(bytes.fromhex, requests.split()):
             assert bench.ask(request) == refused(request[0], code), request.hex()
-
+    assert bench.ask(b"\x22" + 17 * SERIAL) == refused(0x22, Nrc.INCORRECT_LENGTH)
     # Longer than ISO-TP carries.
     bench.talk("2E FD 02 00x4092 > 6E FD 02\n2E FD 02 00x4493 > INCORRECT_LENGTH")
 
