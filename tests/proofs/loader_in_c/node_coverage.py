@@ -1,12 +1,10 @@
 """Branches of diagnosis in C that random testers take, by gcc and gcovr."""
 
-import json
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from tests.proofs.ecu_in_c.branch_coverage import branches
 from tests.proofs.loader_in_c.node_library import QUICK, Library, build, sources
 from tests.proofs.loader_in_c.node_program import play
 from tests.proofs.loader_in_c.node_twin import CONFIGS, world
@@ -40,16 +38,10 @@ def missed(folder: Path, seeds: Sequence[int], requests: int = 60) -> list[str]:
         for seed in seeds:
             assert play(of, seed, requests, trouble=(0.001, 0.02, 0.1)[seed % 3]).differences == []
         library.c.host_dump()
-        report = place / "coverage.json"
-        command = [sys.executable, "-m", "gcovr", "--root", str(place), "--json", str(report), str(place)]
-        subprocess.run([*command, "--merge-mode-functions", "separate"], cwd=place, capture_output=True, check=True)
-        for file in json.loads(report.read_text())["files"]:
-            text = (place / file["file"]).read_text().splitlines()
-            for line in file["lines"] if file["file"] in FILES else ():
-                at = text[line["line_number"] - 1].strip()
-                for number, branch in enumerate(line["branches"]):
-                    if not any(file["file"] == name and part in at for name, part in UNREACHED):
-                        name = f"{file['file']}:{line['line_number']}: {at} #{number}"
-                        found[name] = found.get(name, 0) + branch["count"]
+        for file, at, counts in branches(place):
+            if file in FILES and not any(file == name and part in at for name, part in UNREACHED):
+                for number, taken in enumerate(counts):
+                    name = f"{file}:{at} #{number}"
+                    found[name] = found.get(name, 0) + taken
     assert found, "gcovr found no branch"
     return [name for name, count in found.items() if count == 0]

@@ -5,7 +5,6 @@ import struct
 import subprocess
 from collections import Counter
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Final
@@ -14,44 +13,24 @@ from can_bridge.flashing import checking
 from can_bridge.flashing.verdicts import Verdict
 from contract.release import key_list
 from contract.release.signing import public_key
-from firmware_sim.in_c.compiler import compile_c, host_compiler
 from tests.can_bridge.flashing.releases import RELEASE, ROOT, SECOND, STRANGER, keys
 from tests.proofs.loader_in_c.store_library import (
-    GEOMETRY,
     GOOD,
     HARDWARE,
     LAYOUT,
     LONG,
     ONE,
     SLOT_BYTES,
-    TWIN,
     WRONG,
     resigned,
     rules,
-    sources,
 )  # fmt: skip
 
-FUZZ: Final = "store_fuzz.c"
-SANITISED: Final = (
-    "-O1",
-    "-g0",
-    "-Wno-conversion",
-    "-Wno-sign-conversion",
-    "-fsanitize=address,undefined",
-    "-fno-sanitize-recover=all",
-)
+SANITISED: Final = ("-O1", "-DTWIN_FUZZ", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 LIST: Final = keys(1, RELEASE, revoked=(SECOND,))
 _BASES: Final = (*GOOD.values(), *WRONG.values())
 _EDGES: Final = (0, 8, 12, 16, 48, 80, 112, 144, 148, 156, 180, 188, 192, 256, 320, 416, 448, 480, 511)
 _OUT_OF_RANGE: Final = 0x82
-
-
-def program(output: Path) -> None:
-    """Compile it."""
-    contents = sources()
-    twin = contents.pop(TWIN)
-    own = Path(__file__).with_name("c").joinpath(FUZZ).read_bytes().replace(b'#include "store_twin.c"', twin)
-    compile_c(contents | {FUZZ: own}, output, compiler=host_compiler(), flags=(*SANITISED, *GEOMETRY))
 
 
 def images(seed: int, count: int) -> Iterator[bytes]:
@@ -80,14 +59,7 @@ def images(seed: int, count: int) -> Iterator[bytes]:
         yield bytes(found)
 
 
-def expected(whole: bytes) -> int:
-    """What the Python store says of it."""
-    if not 0 < len(whole) <= SLOT_BYTES:
-        return _OUT_OF_RANGE
-    return _check(whole)[0]
-
-
-def fuzz(binary: Path, seed: int, count: int) -> tuple[Counter[str], list[str]]:
+def fuzz(program: Path, seed: int, count: int) -> tuple[Counter[str], list[str]]:
     """How many images have each verdict, and the first of those that both judge differently.
 
     Raises:
@@ -96,23 +68,22 @@ def fuzz(binary: Path, seed: int, count: int) -> tuple[Counter[str], list[str]]:
     made = list(images(seed, count))
     head = rules(ONE) + struct.pack(">I", len(LIST)) + LIST
     sent = head + b"".join(struct.pack(">I", len(one)) + hashlib.sha256(one).digest() + one for one in made)
-    done = subprocess.run([binary], input=sent, capture_output=True, check=False)
+    done = subprocess.run([program], input=sent, capture_output=True, check=False)
     if done.returncode or len(done.stdout) != count:
         raise RuntimeError(
             f"ended with status {done.returncode} behind {len(done.stdout)} images: {done.stderr[:500]!r}"
         )
-    found = [(expected(one), other, one) for one, other in zip(made, done.stdout, strict=True)]
-    counts = Counter("refused" if one == _OUT_OF_RANGE else Verdict(one).name for one, _, _ in found)
-    return counts, [f"{one} in Python, {other} in C: {raw[:512].hex()}" for one, other, raw in found if one != other]
-
-
-_check: Final = partial(
-    checking.judge_image,
-    rules=checking.Rules(
+    given = checking.Rules(
         keys=key_list.decode(LIST, public_key(ROOT)),
         hardware=HARDWARE,
         fits=checking.fits_as(ONE),
         least_security_version=1,
-    ),
-    layout=LAYOUT,
-)
+    )
+    counts, different = Counter[str](), list[str]()
+    for one, in_c in zip(made, done.stdout, strict=True):
+        is_judged = 0 < len(one) <= SLOT_BYTES
+        verdict = checking.judge_image(one, given, layout=LAYOUT)[0] if is_judged else _OUT_OF_RANGE
+        counts[Verdict(verdict).name if is_judged else "refused"] += 1
+        if verdict != in_c:
+            different.append(f"{verdict} in Python, {in_c} in C: {one[:512].hex()}")
+    return counts, different

@@ -1,6 +1,7 @@
 """The store in C as a shared library, over a flash memory that is played, bound through cffi."""
 
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,60 +14,24 @@ from contract.release import controller_image, signing
 from contract.release.checks import dbc_sha256
 from contract.release.controller_image import HEADER, VEHICLE, ImageFacts, seal
 from export.to_c.loader_files import loader_sources
-from firmware_sim.in_c.compiler import compile_c, host_compiler
+from firmware_sim.in_c import compiler
 from tests.can_bridge.flashing.releases import RELEASE, ROOT, SECOND, STRANGER
 
 SECTOR: Final = 8192
-SLOT_SECTORS: Final = 2
-SLOT_BYTES: Final = SLOT_SECTORS * SECTOR
+SLOT_BYTES: Final = 2 * SECTOR
 WORD: Final = 32
-GEOMETRY: Final = (f"-DSW_FLASH_SECTOR={SECTOR}u", f"-DSW_SLOT_SECTORS={SLOT_SECTORS}u")
+GEOMETRY: Final = (f"-DSW_FLASH_SECTOR={SECTOR}u", "-DSW_SLOT_SECTORS=2u")
 NEVER: Final = 2**64 - 1
 HARDWARE: Final = "bench"
 TWIN: Final = "store_twin.c"
-OWN: Final = (
+MEASURED: Final = (
     "sw_boot.c", "sw_judge.c", "sw_keys.c", "sw_records.c", "sw_release.c", "sw_remembered.c", "sw_sha256.c",
-    "sw_sha512.c", "sw_signature.c", "sw_slots.c", "sw_state.c", "sw_store.c", "sw_store_report.c",
+    "sw_signature.c", "sw_slots.c", "sw_state.c", "sw_store.c", "sw_store_report.c",
 )  # fmt: skip
-_DECLARED: Final = """
-uint32_t twin_bytes(void);
-void twin_erased(void *, const uint8_t *);
-void twin_power_on(void *, uint64_t, uint64_t);
-void twin_wear(void *, uint64_t);
-void *twin_store(void *);
-const uint8_t *twin_memory(void *);
-const uint8_t *twin_unreadable(void *);
-uint64_t twin_operations(void *);
-uint32_t twin_twice(void *);
-uint8_t twin_is_off(void *);
-uint32_t twin_wanted(void *);
-uint8_t twin_verdict(void *);
-const uint8_t *twin_tail(void *, uint32_t);
-uint32_t twin_record(void *, uint32_t, uint8_t *);
-uint32_t twin_judge(const uint8_t *, uint32_t, const uint8_t *, uint32_t, const uint8_t *, uint32_t);
-uint32_t twin_keys_version(const uint8_t *, uint32_t, const uint8_t *);
-void twin_sha256(const uint8_t *, uint32_t, uint32_t, uint8_t *);
-int sw_signature_is_good(const uint8_t *, const uint8_t *, const uint8_t *, uint32_t);
-void sw_store_boot(void *);
-const uint8_t *sw_store_image(void *);
-int sw_store_announce(void *, uint32_t, const uint8_t *);
-int sw_store_append(void *, const uint8_t *, uint32_t);
-int sw_store_finish(void *);
-int sw_store_go_on(void *);
-void sw_store_drop(void *);
-int sw_store_activate(void *);
-int sw_store_confirm(void *);
-int sw_store_revert(void *);
-int sw_store_take_keys(void *, const uint8_t *, uint32_t);
-int sw_store_keep_calibration(void *, const uint8_t *, uint32_t);
-uint32_t sw_store_calibration(void *, uint8_t *);
-uint8_t sw_store_failed_attempts(void *, uint8_t);
-int sw_store_keep_failed_attempts(void *, uint8_t, uint32_t);
-uint32_t sw_store_faults(void *, uint8_t *, uint32_t);
-int sw_store_keep_faults(void *, const uint8_t *, uint32_t);
-uint32_t sw_store_report(void *, uint8_t *);
-uint32_t sw_store_received(void *);
-"""
+_FUNCTION: Final = re.compile(
+    r"^(?!static|typedef)\w[\w ]*?\*?(?:twin|sw_store|sw_signature)_\w+\([^)]*\)", re.MULTILINE
+)
+_STRUCTURE: Final = re.compile(r"(?:const )?(?:twin|sw_store|sw_flash|sw_rules) (?=\*)|sw_store_result(?= )")
 
 LAYOUT: Final = hashlib.sha256(b"layout").digest()
 FACTS: Final = ImageFacts(
@@ -78,7 +43,8 @@ FACTS: Final = ImageFacts(
 
 def sources() -> dict[str, bytes]:
     """The store's files, and the flash memory that it stands in."""
-    found = {name: content for name, content in loader_sources().items() if name.endswith(".h") or name in OWN}
+    compiled = (*MEASURED, "sw_sha512.c")
+    found = {name: content for name, content in loader_sources().items() if name.endswith(".h") or name in compiled}
     return found | {TWIN: Path(__file__).with_name("c").joinpath(TWIN).read_bytes()}
 
 
@@ -120,29 +86,24 @@ WRONG: Final = {
 assert controller_image.read(ONE).facts == FACTS
 
 
+def built(
+    output: Path, contents: Mapping[str, bytes] | None = None, flags: Sequence[str] = ("-O1", "-shared", "-fPIC")
+) -> Path:
+    """A library or program of these files, or of `sources`; raises LibraryError if the compiler refuses them."""
+    made_from = sources() if contents is None else contents
+    compiler.compile_c(made_from, output, compiler=compiler.host_compiler(), flags=(*flags, *GEOMETRY))
+    return output
+
+
 class Library:
-    """One library, compiled and loaded; raises LibraryError where the compiler does not take the files."""
+    """One that was built, loaded; its functions are those of the sources, with nameless structures."""
 
-    def __init__(
-        self, output: Path, contents: Mapping[str, bytes] | None = None, flags: Sequence[str] = ("-O1",)
-    ) -> None:
-        compile_c(
-            sources() if contents is None else contents, output, compiler=host_compiler(),
-            flags=(*flags, *GEOMETRY, "-shared", "-fPIC"),
-        )  # fmt: skip
-        self._load(output)
-
-    @classmethod
-    def loaded(cls, output: Path) -> "Library":
-        """One that is compiled already."""
-        made = cls.__new__(cls)
-        made._load(output)
-        return made
-
-    def _load(self, output: Path) -> None:
+    def __init__(self, path: Path) -> None:
+        text = b"".join(content for name, content in sources().items() if name in (TWIN, "sw_store.h", "sw_keys.h"))
         self.ffi: Any = cffi.FFI()
-        self.ffi.cdef(_DECLARED)
-        self.c = self.ffi.dlopen(str(output))
+        for found in _FUNCTION.findall(text.decode()):
+            self.ffi.cdef(_STRUCTURE.sub(lambda match: "int" if "result" in match[0] else "void ", found) + ";")
+        self.c = self.ffi.dlopen(str(path))
 
     def judge(self, found: bytes, keys: bytes, least: int = 1) -> int:
         """The verdict on an image by itself."""

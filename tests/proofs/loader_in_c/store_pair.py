@@ -13,7 +13,6 @@ from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Kind, Slot, Work, at_once
 from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.store import OutOfOrderError, Store
-from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError
 from contract.release.signing import public_key
 from tests.can_bridge.flashing.medium import PowerCut
@@ -33,9 +32,9 @@ from tests.proofs.loader_in_c.store_library import (
     rules,
 )
 
-DONE, MORE, OUT_OF_RANGE, OUT_OF_ORDER, BAD_KEYS, BAD_MEMORY = range(6)
-_RECORDS: Final = 2 * SECTOR
-_TAILS: Final = 2 * WORD
+DONE, MORE = range(2)
+_CODES: Final = {OutOfOrderError: 3, KeyFileError: 4, MediumError: 5, ConfigError: 2}
+"""How the C store answers what the Python store raises."""
 _RUNNABLE: Final = frozenset({*GOOD.values(), LONG, WRONG["any"], WRONG["full"]})
 
 
@@ -47,20 +46,27 @@ class MismatchError(AssertionError):
         self.kind = kind
 
 
+def _place(slot: Slot, at: int) -> int:
+    """Where a byte of a slot is in the memory, behind two sectors of records."""
+    return 2 * SECTOR + slot * SLOT_BYTES + at
+
+
 class Flash:
-    """The `Backing` of the Python store, as a flash memory behaves: an image goes on where its words are blank."""
+    """The `Backing` of the Python store, as a flash memory behaves: an image goes on where its words are blank.
+
+    Its bytes are its own. Which words are blank, or cannot be read, is a fact of the memory below the C store.
+    """
 
     capacity = SLOT_BYTES
 
-    def __init__(self, is_dirty: Callable[[Slot, int, int], bool]) -> None:
+    def __init__(self, memory: Any, unreadable: Any) -> None:
         self.kept: dict[Kind, bytes] = {}
         self.passed: list[tuple[Kind, bytes]] = []
-        """Every record that was kept, in order."""
+        """Every record that was kept in the call under way, in order."""
         self.content = {slot: bytearray(b"\xff" * SLOT_BYTES) for slot in Slot}
-        self.unreadable: set[tuple[Slot, int]] = set()
         self.is_worn = False
         self._at = dict.fromkeys(Slot, 0)
-        self._is_dirty = is_dirty
+        self._memory, self._unreadable = memory, unreadable
 
     def records(self) -> dict[Kind, bytes]:
         return dict(self.kept)
@@ -73,12 +79,12 @@ class Flash:
         for at in range(behind, SLOT_BYTES, SECTOR):
             yield
             self.content[slot][at : at + SECTOR] = b"\xff" * SECTOR
-            self.unreadable -= {(slot, word) for word in range(at // WORD, (at + SECTOR) // WORD)}
         self._at[slot] = behind
 
     def begin_again(self, slot: Slot, length: int) -> int:
         whole = state.decode(self.kept[Kind.STATE]).slots[slot].length
-        if length < whole and self._is_dirty(slot, length // WORD * WORD, whole):
+        begin, end = _place(slot, length // WORD * WORD), _place(slot, -(-whole // WORD) * WORD)
+        if length < whole and (self._memory[begin:end].strip(b"\xff") or self._fails(begin, end)):
             length = length // SECTOR * SECTOR
             if not length:
                 raise MediumError("the first sector has words too many", 0)
@@ -93,9 +99,12 @@ class Flash:
         self._at[slot] += len(data)
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
-        if any((slot, word) in self.unreadable for word in range(offset // WORD, -(-(offset + length) // WORD))):
+        if self._fails(_place(slot, offset), _place(slot, offset + length)):
             raise MediumError("a word cannot be corrected", offset)
         return bytes(self.content[slot][offset : offset + length])
+
+    def _fails(self, begin: int, end: int) -> bool:
+        return any(self._unreadable[begin // WORD : -(-end // WORD)])
 
 
 class Pair:
@@ -109,103 +118,66 @@ class Pair:
     def __init__(self, library: Library, *, cut_at: int | None = None, seed: int = 0) -> None:
         self._ffi, self._c = library.ffi, library.c
         self._twin = self._ffi.new("uint64_t[]", self._c.twin_bytes() // 8 + 1)
-        self._buffer = self._ffi.new("uint8_t[]", 8192)
+        self._own = self._c.twin_store(self._twin)
         self._c.twin_erased(self._twin, rules(ONE))
+        length = _place(Slot.B, SLOT_BYTES)
+        self._memory = self._ffi.buffer(self._c.twin_memory(self._twin), length)
+        self._unreadable = self._ffi.buffer(self._c.twin_unreadable(self._twin), length // WORD)
+        self.flash = Flash(self._memory, self._unreadable)
         self._before, self.cut_at, self._seed = 0, cut_at, seed
-        self.flash = Flash(self._is_dirty)
         self._old: dict[Kind, bytes] = {}
         """Records before the call under way."""
         self._power_on()
-        self._made()
-
-    # What both do.
 
     def boot(self) -> None:
         """Off, on, and boot."""
-        self._made()
-        self.store.boot()
         self._power_on()
-        self._c.sw_store_boot(self._own)
-        self._compare("boot", None, None)
+        self._boot("boot")
 
-    def announce(self, whole: bytes, sha256: bytes, *, abandoned: bool = False) -> int | None:
-        """The offset that is wanted; None where the image is not taken."""
-        work = self.store.announce(len(whole), sha256)
-        python = self._python(lambda: next(work, None) if abandoned else at_once(work))
-        found = self._c.sw_store_announce(self._own, len(whole), sha256)
-        found = min(found, DONE) if abandoned and found == MORE else self._all(found)
-        if abandoned:
-            python = python[0], None
-        self._compare(
-            "announce", python, (found, self._c.twin_wanted(self._twin) if not (found or abandoned) else None)
-        )
-        return python[1]
-
-    def append(self, data: bytes) -> bool:
-        python = self._python(lambda: self.store.append(data))
-        self._compare("append", python, (self._c.sw_store_append(self._own, data, len(data)), None))
-        return python[0] == DONE
-
-    def finish(self) -> Verdict | None:
-        return self._judged("finish", self.store.finish(), self._c.sw_store_finish)
-
-    def revert(self) -> Verdict | None:
-        return self._judged("revert", self.store.revert(), self._c.sw_store_revert)
-
-    def activate(self) -> bool:
-        return self._plain("activate", self.store.activate)
-
-    def confirm(self) -> bool:
-        return self._plain("confirm", self.store.confirm)
-
-    def drop(self) -> bool:
-        return self._plain("drop", self.store.drop)
-
-    def take_keys(self, raw: bytes) -> bool:
-        return self._plain("take_keys", self.store.take_keys, raw, length=True)
-
-    def keep_calibration(self, blob: bytes) -> bool:
-        return self._plain("keep_calibration", lambda raw: self.store.keep_calibration(raw or None), blob, length=True)
-
-    def keep_faults(self, record: bytes) -> bool:
-        return self._plain("keep_faults", self.store.records.keep_faults, record, length=True)
-
-    def keep_failed_attempts(self, level: Level, count: int) -> bool:
-        return self._plain("keep_failed_attempts", self.store.records.keep_failed_attempts, level, count)
+    def call(self, name: str, *arguments: Any, is_abandoned: bool = False) -> tuple[int, Any]:
+        """The same call of both, of which only the first piece is done if it is abandoned: how it ended, by the codes
+        of C, and what it found."""
+        python = self._python(name, arguments, is_abandoned)
+        given = (*arguments, len(arguments[0])) if arguments and isinstance(arguments[0], bytes) else arguments
+        code = getattr(self._c, f"sw_store_{name}")(self._own, *given) or DONE
+        while code == MORE and not is_abandoned:
+            code = self._c.sw_store_go_on(self._own)
+        results = {"announce": self._c.twin_wanted, "finish": self._c.twin_verdict, "revert": self._c.twin_verdict}
+        if code == DONE and name in results and not is_abandoned:
+            self._compare(name, python, (code, results[name](self._twin)))
+        else:
+            self._compare(name, python, (DONE if code == MORE else code, None))
+        return python
 
     def spoil(self, slot: Slot, at: int, *, readable: bool) -> None:
         """A byte of a slot is another one, or its word cannot be read any more."""
-        begin = _RECORDS + slot * SLOT_BYTES
+        place = _place(slot, at)
         if readable:
-            self._ffi.cast("uint8_t *", self._c.twin_memory(self._twin))[begin + at] ^= 1
+            self._memory[place] = bytes([self._memory[place][0] ^ 1])
             self.flash.content[slot][at] ^= 1
         else:
-            self._ffi.cast("uint8_t *", self._c.twin_unreadable(self._twin))[(begin + at) // WORD] = 1
-            self.flash.unreadable.add((slot, at // WORD))
+            self._unreadable[place // WORD] = b"\1"
 
     def wear(self, after: int, *, in_slot: bool = False) -> None:
         """Wear the word that is written after so many operations; one in a slot fails in Python's memory, too."""
         self._c.twin_wear(self._twin, self.operations - self._before + after)
         self.flash.is_worn = in_slot
 
-    # After a cut.
-
     def go_on(self, cut_at: int | None = None) -> None:
         """Power on after a cut and boot, and judge what is there; the supply may go again, so many operations later."""
         if not self._c.twin_is_off(self._twin):
             raise ValueError("the supply did not go")
         self.cut_at = None if cut_at is None else self.operations + cut_at
-        active = self._active()
-        self._power_on()
-        self._take_over()
-        self._made()
-        self.store.boot()
-        self._c.sw_store_boot(self._own)
-        self._compare("boot after a cut", None, None)
-        if active is not None and self.store.running is None:
+        states = [state.decode(raw) for raw in self._may_be(Kind.STATE) if raw]
+        self._power_on(has_lost=True)
+        self._boot("boot after a cut")
+        if not states or any(one.active is None for one in states):
+            return
+        if self.store.running is None:
             raise MismatchError("bricked", f"no release runs: {self.store.last_boot}")
+        confirmed = {one.slots[one.active].digest for one in states if one.active is not None}
         now = self.store.state
-        if active is not None and (now.active is None or now.slots[now.active].digest not in active):
+        if now.active is None or now.slots[now.active].digest not in confirmed:
             raise MismatchError("confirmed_lost", f"{now}")
 
     @property
@@ -213,146 +185,89 @@ class Pair:
         """Of the flash memory so far."""
         return self._before + int(self._c.twin_operations(self._twin))
 
-    @property
-    def _own(self) -> Any:
-        return self._c.twin_store(self._twin)
-
-    def _made(self) -> None:
-        self.store = Store(
-            self.flash,
-            root=public_key(ROOT),
-            hardware=HARDWARE,
-            fits=checking.fits_as(ONE),
-            check=partial(checking.judge_image, layout=LAYOUT),
-        )
-
-    def _active(self) -> set[str] | None:
-        """Digests of the release that was confirmed before the call that was cut, and of those confirmed in it."""
-        passed = [state.decode(record) for record in self._states() if record]
-        if not passed or any(one.active is None for one in passed):
-            return None
-        return {one.slots[one.active].digest for one in passed if one.active is not None}
-
-    def _states(self) -> list[bytes]:
-        """Records of the state that may be found after a cut in the call under way."""
-        return [self._old.get(Kind.STATE, b""), *(raw for kind, raw in self.flash.passed if kind == Kind.STATE)]
-
-    def _take_over(self) -> None:
-        """Hold what is found against what may be, and give it to the Python store."""
-        for kind in Kind:
-            raw = self._record(kind)
-            if kind == Kind.STATE:
-                raw = raw[:-_TAILS]
-            may_be = [self._old.get(kind, b""), *(record for one, record in self.flash.passed if one == kind)]
-            if raw not in may_be:
-                raise MismatchError("mismatches", f"{kind.name} after a cut: {raw.hex()}, of {len(may_be)} that may be")
-            self.flash.kept.pop(kind, None)
-            if raw:
-                self.flash.kept[kind] = raw
-        received = self.flash.kept.get(Kind.STATE)
-        for slot in Slot:
-            begin = _RECORDS + slot * SLOT_BYTES
-            memory = self._ffi.buffer(self._c.twin_memory(self._twin) + begin, SLOT_BYTES)
-            self.flash.content[slot][:] = bytes(memory)
-            if received is not None and (at := state.decode(received).slots[slot].received % WORD):
-                whole = state.decode(received).slots[slot]
-                if whole.received < whole.length:
-                    tail = bytes(self._ffi.buffer(self._c.twin_tail(self._twin, slot), WORD))
-                    self.flash.content[slot][whole.received - at : whole.received] = tail[:at]
-            flags = self._ffi.buffer(self._c.twin_unreadable(self._twin) + begin // WORD, SLOT_BYTES // WORD)
-            self.flash.unreadable -= {one for one in self.flash.unreadable if one[0] == slot}
-            self.flash.unreadable |= {(slot, word) for word, flag in enumerate(bytes(flags)) if flag}
-
-    def _is_dirty(self, slot: Slot, begin: int, end: int) -> bool:
-        """Whether a word that is to be written is not blank, by the memory itself."""
-        at = _RECORDS + slot * SLOT_BYTES
-        end = -(-end // WORD) * WORD
-        words = bytes(self._ffi.buffer(self._c.twin_memory(self._twin) + at + begin, end - begin))
-        flags = bytes(
-            self._ffi.buffer(self._c.twin_unreadable(self._twin) + (at + begin) // WORD, (end - begin) // WORD)
-        )
-        return words != b"\xff" * len(words) or any(flags)
-
-    def _power_on(self) -> None:
+    def _power_on(self, *, has_lost: bool = False) -> None:
         self._before = self.operations
         at = NEVER if self.cut_at is None or self.cut_at < self._before else self.cut_at - self._before
         self._seed += 1
         self._c.twin_power_on(self._twin, at, self._seed)
         if self._c.twin_is_off(self._twin):
             raise PowerCut
+        if has_lost:
+            self._take_over()
+        check = partial(checking.judge_image, layout=LAYOUT)
+        fits = checking.fits_as(ONE)
+        self.store = Store(self.flash, root=public_key(ROOT), hardware=HARDWARE, fits=fits, check=check)
 
-    def _python(self, call: Callable[[], Any]) -> tuple[int, Any]:
+    def _boot(self, name: str) -> None:
+        self.store.boot()
+        self._c.sw_store_boot(self._own)
+        self._compare(name, None, None)
+
+    def _may_be(self, kind: Kind) -> list[bytes]:
+        """Records of a kind that may be found after a cut in the call under way."""
+        return [self._old.get(kind, b""), *(raw for one, raw in self.flash.passed if one == kind)]
+
+    def _take_over(self) -> None:
+        """Hold what is found against what may be, and give it to the Python store."""
+        self.flash.kept = {}
+        for kind in Kind:
+            raw = self._record(kind)
+            if raw not in self._may_be(kind):
+                raise MismatchError("mismatches", f"{kind.name} after a cut is none that may be: {raw.hex()}")
+            if raw:
+                self.flash.kept[kind] = raw
+        for slot, content in self.flash.content.items():
+            content[:] = self._memory[_place(slot, 0) : _place(slot, SLOT_BYTES)]
+            if Kind.STATE in self.flash.kept:
+                standing = state.decode(self.flash.kept[Kind.STATE]).slots[slot]
+                behind = standing.received % WORD if standing.received < standing.length else 0
+                tail = self._ffi.buffer(self._c.twin_tail(self._twin, slot), WORD)
+                content[standing.received - behind : standing.received] = tail[:behind]
+
+    def _python(self, name: str, arguments: tuple[Any, ...], is_abandoned: bool) -> tuple[int, Any]:
+        if name == "keep_calibration":
+            arguments = (arguments[0] or None,)
+        owner = self.store if hasattr(self.store, name) else self.store.records
         try:
-            return DONE, call()
-        except OutOfOrderError:
-            return OUT_OF_ORDER, None
-        except KeyFileError:
-            return BAD_KEYS, None
-        except MediumError:
-            return BAD_MEMORY, None
-        except ConfigError:
-            return OUT_OF_RANGE, None
-
-    def _all(self, found: int) -> int:
-        while found == MORE:
-            found = self._c.sw_store_go_on(self._own)
-        return found
-
-    def _judged(self, name: str, work: Generator[None, None, Verdict], call: Callable[[Any], int]) -> Verdict | None:
-        python = self._python(lambda: at_once(work))
-        found = self._all(call(self._own))
-        self._compare(name, python, (found, self._c.twin_verdict(self._twin) if found == DONE else None))
-        return python[1]
-
-    def _plain(self, name: str, call: Callable[..., None], *arguments: Any, length: bool = False) -> bool:
-        python = self._python(lambda: call(*arguments))
-        more = (len(arguments[0]),) if length else ()
-        found = getattr(self._c, f"sw_store_{name}")(self._own, *arguments, *more)
-        self._compare(name, python, (found or DONE, None))
-        return python[0] == DONE
+            work = getattr(owner, name)(*arguments)
+            if is_abandoned:
+                next(work, None)
+            return DONE, at_once(work) if isinstance(work, Generator) and not is_abandoned else None
+        except (OutOfOrderError, KeyFileError, MediumError, ConfigError) as error:
+            return next(code for kind, code in _CODES.items() if isinstance(error, kind)), None
 
     def _record(self, kind: Kind) -> bytes:
-        return self._text(lambda data: self._c.twin_record(self._twin, kind, data))
+        """A record; that of the state without the bytes behind each slot's last whole word, which Python has not."""
+        raw = self._text(self._c.twin_record, self._twin, kind)
+        return raw[: -2 * WORD] if kind == Kind.STATE else raw
 
-    def _text(self, call: Callable[[Any], int]) -> bytes:
-        length = call(self._buffer)
-        return bytes(self._ffi.buffer(self._buffer, length))
+    def _text(self, function: Callable[..., int], *arguments: Any) -> bytes:
+        buffer = self._ffi.new("uint8_t[]", 8192)
+        return bytes(self._ffi.buffer(buffer, function(*arguments, buffer)))
 
     def _compare(self, name: str, python: object, found: object) -> None:
         """Both answers, and all that can be seen of both stores; raises PowerCut if the supply went."""
         if self._c.twin_is_off(self._twin):
             raise PowerCut
-        store = self.store
-        received = 0xFFFFFFFF if store.received is None else store.received
+        store, c, own = self.store, self._c, self._own
         running = None if store.running is None else store.state.slots[store.running]
+        calibration = None if running is None else store.records.calibration(running.digest)
+        image = c.sw_store_image(own)
+        attempts = [(store.state.failed_attempts[level], c.sw_store_failed_attempts(own, level)) for level in Level]
         seen = {
             "answer": (python, found),
-            "report": (
-                report.encode(report.report_of(store)),
-                self._text(lambda to: self._c.sw_store_report(self._own, to)),
-            ),
-            "received": (received, self._c.sw_store_received(self._own)),
-            "state": (self.flash.kept.get(Kind.STATE, b""), self._record(Kind.STATE)[:-_TAILS]),
-            **{kind.name: (self.flash.kept.get(kind, b""), self._record(kind)) for kind in Kind if kind != Kind.STATE},
-            "calibration": (
-                b"" if running is None else store.records.calibration(running.digest) or b"",
-                self._text(lambda to: self._c.sw_store_calibration(self._own, to)),
-            ),
-            "attempts": (
-                [store.state.failed_attempts[level] for level in Level],
-                [self._c.sw_store_failed_attempts(self._own, level) for level in Level],
-            ),
-            "faults": (store.records.faults, self._text(lambda to: self._c.sw_store_faults(self._own, to, 8192))),
-            "words written twice": (0, self._c.twin_twice(self._twin)),
+            "report": (report.encode(report.report_of(store)), self._text(c.sw_store_report, own)),
+            "received": (0xFFFFFFFF if store.received is None else store.received, c.sw_store_received(own)),
+            **{kind.name: (self.flash.kept.get(kind, b""), self._record(kind)) for kind in Kind},
+            "calibration": (calibration or b"", self._text(c.sw_store_calibration, own)),
+            **{f"attempts {level}": both for level, both in zip(Level, attempts, strict=True)},
+            "faults": (store.records.faults, self._text(lambda to: c.sw_store_faults(own, to, 8192))),
+            "words written twice": (0, c.twin_twice(self._twin)),
+            "whether an image runs": (running is not None, image != self._ffi.NULL),
         }
-        different = [
-            f"{what}: {one!r} in Python, {other!r} in C" for what, (one, other) in seen.items() if one != other
-        ]
+        different = [f"{what}: {one!r} in Python, {two!r} in C" for what, (one, two) in seen.items() if one != two]
         if different:
             raise MismatchError("mismatches", f"{name}: {'; '.join(different)}")
-        image = self._c.sw_store_image(self._own)
-        if (image == self._ffi.NULL) != (running is None):
-            raise MismatchError("mismatches", f"{name}: an image runs in one of both")
         if running is not None and bytes(self._ffi.buffer(image, running.length)) not in _RUNNABLE:
             raise MismatchError("unsigned", f"{name}: {running.name} runs")
         self._old, self.flash.passed = dict(self.flash.kept), []

@@ -3,20 +3,20 @@
 import hashlib
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
-from functools import cache, partial
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Any, Final
 
 from can_bridge.flashing.access_level import Level
 from contract.release import signing
-from tests.proofs.command_line import in_parts, spread, track
-from tests.proofs.ecu_in_c.branch_coverage import is_possible
-from tests.proofs.loader_in_c import store_fuzz, store_planted
-from tests.proofs.loader_in_c.store_coverage import measured
-from tests.proofs.loader_in_c.store_library import GOOD, WRONG, Library
-from tests.proofs.loader_in_c.store_pair import Pair
+from tests.proofs.command_line import in_parts, track
+from tests.proofs.ecu_in_c.branch_coverage import branches, is_possible
+from tests.proofs.loader_in_c import node_library, store_planted
+from tests.proofs.loader_in_c.store_fuzz import SANITISED, fuzz
+from tests.proofs.loader_in_c.store_library import GEOMETRY, GOOD, MEASURED, WRONG, Library, built, sources
+from tests.proofs.loader_in_c.store_pair import DONE, Pair
 from tests.proofs.loader_in_c.store_stories import LISTS, Cuts, any_calls, flash, provision
 
 CALLS: Final = 200
@@ -34,50 +34,51 @@ def storage_figures(*, seed: int, processes: int, images: int, calls: int, secon
         calls: at random.
         seconds: second cuts in the recovery from each first one.
     """
-    cuts, findings = Counter[str](), list[str]()
-    for counts, found in track(
-        spread(partial(_cuts, seed=seed, seconds=seconds), range(8), processes), "cuts", "parts", 8
-    ):
-        cuts.update(counts)
-        findings += found
-    called = sum(in_parts(partial(_called, seed=seed), calls, CALLS, processes, "calls"))
-    verdicts, different = Counter[str](), list[str]()
-    for some, wrong in in_parts(partial(_judged, seed=seed), images, _IMAGES, processes, "images"):
-        verdicts.update(some)
-        different += wrong
-    with tempfile.TemporaryDirectory() as folder:
-        planted = store_planted.PLANTED
-        missed = [
-            one.what for one in track(planted, "planted", "faults") if not store_planted.is_found(one, Path(folder))
-        ]
+    cuts, findings, verdicts, different = Counter[str](), list[str](), Counter[str](), list[str]()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        store, program = built(folder / "store.so"), built(folder / "fuzz", flags=SANITISED)
+        for counts, found in in_parts(partial(_cuts, store, seed, seconds), 8, 1, processes, "cuts"):
+            cuts.update(counts)
+            findings += found
+        called = sum(in_parts(partial(_called, store, seed), calls, CALLS, processes, "calls"))
+        for counts, found in in_parts(partial(_judged, program, seed), images, _IMAGES, processes, "images"):
+            verdicts.update(counts)
+            different += found
+        planted = track(store_planted.PLANTED, "planted", "faults")
         figures: dict[str, Any] = {
             **cuts, "first_findings": findings[:10], "calls": called, "images": images,
-            "image_verdicts": dict(verdicts),
-            "image_mismatches": len(different), "planted": len(planted), "planted_missed": missed,
+            "image_verdicts": dict(verdicts), "image_mismatches": len(different),
+            "planted": len(store_planted.PLANTED),
+            "planted_missed": [one.what for one in planted if not store_planted.is_found(one, folder)],
         }  # fmt: skip
         if is_possible():
-            taken = measured(Path(folder), exercise)
-            figures |= {"branches": taken.branches, "branches_taken": taken.covered, "branches_missed": taken.missed}
+            taken = branches_taken(folder / "branches", exercise)
+            missed = sorted({at for at, count in taken if count == 0})
+            figures |= {"branches": len(taken), "branches_taken": sum(count > 0 for _, count in taken)}
+            figures["branches_missed"] = missed
     return figures
 
 
-def vectors() -> Iterator[tuple[bytes, bytes, bytes, str]]:
-    """Key, signature, message, and what is expected of published vectors of Ed25519."""
+def branches_taken(folder: Path, run: Callable[[Library], None]) -> list[tuple[str, int]]:
+    """How often each branch of the store's C is taken, with `file:line: text` of its place."""
+    flags = ("-O0", "--coverage", "-DTWIN_COVERAGE", *GEOMETRY)
+    library = Library(node_library.build(sources(), folder, "store.so", flags))
+    run(library)
+    library.c.twin_dump()
+    return [(f"{file}:{at}", count) for file, at, counts in branches(folder) if file in MEASURED for count in counts]
+
+
+def verdicts_on_vectors(library: Library) -> Counter[tuple[str, bool, bool]]:
+    """How many published vectors of Ed25519 are expected to be valid, are good to Python, and are good to C."""
+    found = Counter[tuple[str, bool, bool]]()
     for line in Path(__file__).with_name("vectors").joinpath("ed25519.txt").read_text().splitlines():
         if not line.startswith("#"):
             *parts, expected = line.split()
             key, signature, message = (bytes.fromhex(part.strip("-")) for part in parts)
-            yield key, signature, message, expected
-
-
-def verdicts_on_vectors(library: Library) -> Counter[tuple[str, bool, bool]]:
-    """How many are expected to be valid, are good to Python, and are good to C."""
-    found = Counter[tuple[str, bool, bool]]()
-    for key, signature, message, expected in vectors():
-        python = signing.is_good(signature, key, message)
-        # In C a signature has 64 bytes: there is no other place for it.
-        is_good = len(signature) == 64 and library.c.sw_signature_is_good(signature, key, message, len(message))
-        found[expected, python, bool(is_good)] += 1
+            # In C a signature has 64 bytes: there is no other place for it.
+            is_good = len(signature) == 64 and library.c.sw_signature_is_good(signature, key, message, len(message))
+            found[expected, signing.is_good(signature, key, message), bool(is_good)] += 1
     return found
 
 
@@ -85,7 +86,7 @@ def exercise(library: Library) -> None:
     """A bit of everything."""
     for seed in range(12):
         any_calls(Pair(library), f"branches {seed}", CALLS)
-    Cuts(library).all(1, every=3)
+    Cuts(library, 1, every=3)
     worn(library)
     verdicts_on_vectors(library)
     for one in (*GOOD.values(), *WRONG.values()):
@@ -100,43 +101,28 @@ def worn(library: Library) -> None:
         provision(pair)
         pair.wear(after)
         for count in range(1, 40):
-            pair.keep_failed_attempts(Level.PROGRAMMING, count)
+            pair.call("keep_failed_attempts", Level.PROGRAMMING, count)
         pair.boot()
     for after in range(12):
         pair = Pair(library, seed=after)
         provision(pair)
         whole = GOOD["two"]
-        pair.announce(whole, hashlib.sha256(whole).digest())
+        pair.call("announce", len(whole), hashlib.sha256(whole).digest())
         pair.wear(after, in_slot=True)
-        assert not pair.append(whole[: 13 * 32])
+        assert pair.call("append", whole[: 13 * 32])[0] != DONE
         flash(pair, whole)
         assert pair.store.state.active == 1
 
 
-@cache
-def _library() -> Library:
-    """One for each process."""
-    with tempfile.TemporaryDirectory() as folder:
-        return Library(Path(folder) / "store.so")
-
-
-@cache
-def _program() -> tuple[Any, Path]:
-    folder = tempfile.TemporaryDirectory()
-    store_fuzz.program(Path(folder.name) / "fuzz")
-    return folder, Path(folder.name) / "fuzz"
-
-
-def _cuts(part: int, *, seed: int, seconds: int) -> tuple[Counter[str], list[str]]:
-    cuts = Cuts(_library())
-    cuts.all(seed + part, every=8, seconds=seconds)
+def _cuts(store: Path, seed: int, seconds: int, part: range) -> tuple[Counter[str], list[str]]:
+    cuts = Cuts(Library(store), seed + part.start, every=8, seconds=seconds)
     return cuts.counts, cuts.findings
 
 
-def _called(part: range, *, seed: int) -> int:
-    any_calls(Pair(_library()), f"{seed} {part.start}", len(part))
+def _called(store: Path, seed: int, part: range) -> int:
+    any_calls(Pair(Library(store)), f"{seed} {part.start}", len(part))
     return len(part)
 
 
-def _judged(part: range, *, seed: int) -> tuple[Counter[str], list[str]]:
-    return store_fuzz.fuzz(_program()[1], Random(f"{seed} {part.start}").randrange(2**32), len(part))
+def _judged(program: Path, seed: int, part: range) -> tuple[Counter[str], list[str]]:
+    return fuzz(program, Random(f"{seed} {part.start}").randrange(2**32), len(part))
