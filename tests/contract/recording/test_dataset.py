@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from contract import sensors
 from contract.errors import DatasetError
 from contract.recording import dataset
-from contract.recording.dataset import REQUIRED, UNITS, Dataset, Episode
+from contract.recording.dataset import REQUIRED, UNITS, Dataset
 from contract.recording.facts import PlantFacts
 from contract.sensor_layout import SensorLayout
 from tests.contract.recording.random_episodes import episode
@@ -73,24 +73,16 @@ def test_the_second_schema_is_still_read(written):
     read = dataset.read(written)
     assert read.layout is sensors.TRUCK
     assert [item.name for item in read.episodes] == ["b", "a"]
-    with h5py.File(written, "r+") as file:
-        del file["episodes/b/Uy_probe"]
-    with pytest.raises(DatasetError, match="episode b: field 'Uy_probe' is missing"):
-        dataset.read(written)
 
 
 TAPS = SensorLayout.of(("lid", "tail 1", "tail 2"), np.array([[0.2, 0.5], [1.0, 0.2], [1.0, -0.3]]), base=(1, 2))
 
 
-def of_another_body(name: str = "run 7", **changes: Any) -> Episode:
-    whole = episode(name).series
-    series = {field: whole[field] for field in REQUIRED} | {"Cp": whole["Cp"][:, :3]}
-    return Episode(name=name, role="train", series=series, initial_action=0.0, provenance={}, **changes)
-
-
 def test_another_body_s_layout_and_facts_come_back(tmp_path):
-    facts = PlantFacts(control_period=0.2, action_limit=0.4)
-    dataset.write(tmp_path / "a.h5", Dataset(episodes=(of_another_body(),), layout=TAPS, facts=facts))
+    facts, whole = PlantFacts(control_period=0.2, action_limit=0.4), episode()
+    series = {field: whole.series[field] for field in REQUIRED} | {"Cp": whole.series["Cp"][:, :3]}
+    one = replace(whole, series=series, provenance={})
+    dataset.write(tmp_path / "a.h5", Dataset(episodes=(one,), layout=TAPS, facts=facts))
     read = dataset.read(tmp_path / "a.h5")
     assert read.layout.difference(TAPS) is None
     assert read.layout.mirror is None
@@ -111,12 +103,9 @@ def test_a_survey_names_everything_that_is_wrong_at_once(written):
         for spoil in (no_field, without("episodes/a", "provenance"), wrong_units, nan_in_the_middle):
             spoil(file)
     rest, problems = dataset.survey(written)
-    assert rest is not None
-    assert [item.name for item in rest.episodes] == ["b"]
-    assert len(problems) == 4
+    assert rest is not None and [item.name for item in rest.episodes] == ["b"]
     for field, problem in zip(("'Cl'", "'Uy_probe'", "'provenance'", "'action'"), problems, strict=True):
-        assert problem.startswith("episode a: ")
-        assert field in problem
+        assert problem.startswith("episode a: ") and field in problem
 
 
 def test_episode_that_does_not_fit_is_refused_by_name():

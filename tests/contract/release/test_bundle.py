@@ -1,46 +1,23 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from contract.config.controller import CostWeights, MpcConfig
-from contract.config.operating_point import OperatingPoint
+from contract.config.controller import MpcConfig
 from contract.errors import BundleError
 from contract.release import bundle
 from contract.release.checks import CONTROLLER, SIGNATURE
-from contract.release.manifest import MANIFEST, Manifest, Scaling
+from contract.release.manifest import MANIFEST, Manifest
 from contract.shipped import BUNDLE
 
-GRAPH = (BUNDLE / CONTROLLER).read_bytes()
-"""Of the sizes that `manifest()` states."""
-CONTENTS = {CONTROLLER: GRAPH, "notes.txt": b"hello"}
+SHIPPED = bundle.load(BUNDLE)
+CONTENTS = {CONTROLLER: SHIPPED.files[CONTROLLER], "notes.txt": b"hello"}
 
 
 def manifest(**changes: Any) -> Manifest:
-    fields: dict[str, Any] = {
-        "name": "test",
-        "precision": "int8",
-        "sensors": ("upper_39", "lower_39", "base_0", "base_9"),
-        "window": 32,
-        "control_period": 0.2,
-        "action_limit": 0.075,
-        "operating_point": OperatingPoint(),
-        "mpc": MpcConfig(weights=CostWeights(lift_mean=0.2)),
-        "scaling": Scaling(
-            pressure_mean=(-0.1, -0.2, -0.3, -0.4),
-            pressure_std=(0.1, 0.2, 0.3, 0.4),
-            action_std=0.04,
-            force_mean=(1.0, 0.0),
-            force_std=(0.1, 1.0),
-        ),
-        "budget_ms": 20.0,
-        "compute_time_ms": 8.0,
-        "created": "2026-01-02",
-        **dict.fromkeys(("dataset_sha256", "weights_sha256", "program_sha256"), "0" * 64),
-        "provenance": {"seed": 1, "versions": {"numpy": "2.0"}},
-    }
-    return Manifest(**{**fields, **changes})
+    return replace(SHIPPED.manifest, sensor_estimator=None, **changes)
 
 
 @pytest.fixture(params=["bundle", "bundle.zip"])

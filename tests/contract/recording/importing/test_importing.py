@@ -1,10 +1,8 @@
 """Files of a user's own become a data set, whole and exact, or are refused by file and place."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 
@@ -73,68 +71,46 @@ def test_the_layout_is_the_file_s_with_mirror_images_by_the_places(layout, tmp_p
 HEADER = f"action,Cd,Cl,{','.join(NAMES)}"
 
 
-def table(*rows: str, header: str = HEADER) -> Callable[[Path], Path]:
-    def write(folder: Path) -> Path:
-        (folder / "a.csv").write_text("\n".join([header, *rows]) + "\n")
-        return folder / "a.csv"
-
-    return write
-
-
-def changed(**arrays: Any) -> Callable[[Path], Path]:
-    """An NPZ file with these arrays replaced; None leaves one out."""
-
-    def write(folder: Path) -> Path:
-        values = {k: v for k, v in (foreign_plant.series(20, 3) | arrays).items() if v is not None}
-        return foreign_plant.write_npz(folder / "a.npz", values)
-
-    return write
-
-
-def raw(name: str, content: bytes) -> Callable[[Path], Path]:
-    def write(folder: Path) -> Path:
-        (folder / name).write_bytes(content)
-        return folder / name
-
-    return write
-
-
-def hdf5_of_text(folder: Path) -> Path:
-    with h5py.File(folder / "a.h5", "w") as file:
-        file["action"] = ["a", "b"]
-    return folder / "a.h5"
-
-
 ROW = "0.1,1,0,1,2,3,4,5,6,7"
 T = PERIOD * np.arange(20)
 
 
 def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout):
-    for write, message in (
-        (lambda folder: folder / "none.csv", r"none\.csv: no such file"),
-        (raw("a.xlsx", b""), r"a\.xlsx: a data file must end in \.csv"),
-        (raw("a.h5", b"text"), r"a\.h5: damaged or not an HDF5"),
-        (raw("a.csv", b"\xff\xfe\x00"), r"a\.csv: is not a text file in UTF-8"),
-        (raw("a.csv", b"1,2\n3,4\n"), r"a\.csv: line 1 holds numbers; the first line must have the names"),
-        (raw("a.csv", b"action;Cd\n0,5;1\n"), r"line 2, column 'action': '0,5' is not a number: write 0\.5, with a"),
-        (table(ROW.replace("1,0", "1,")), r"line 2, column 'Cl': '' is not a number; fill the gap, or cut the file"),
-        (changed(initial_action=np.zeros(5)), r"'initial_action' has shape \(5,\), must be one number"),
-        (table(ROW, "0.1,1,0,1,2,3,4,5,6"), r"a\.csv: line 3: 9 values, the header has 10 columns"),
-        (table(ROW.replace("1,0", "1,nan")), r"a\.csv: line 2, column 'Cl': nan is not finite"),
-        (table(ROW, header=HEADER.replace("Cl", "Cd")), r"a\.csv: line 1: column 'Cd' is there twice"),
-        (table(ROW, header=HEADER.replace("Cl", "lift")), r"a\.csv: no column 'Cl'; .* use --map Cl=NAME"),
-        (hdf5_of_text, r"a\.h5: array 'action' holds object, must hold numbers"),
-        (changed(Cd=np.zeros(19)), r"'Cd' has shape \(19,\), must be \(20,\)"),
-        (changed(Cp=np.zeros((7, 20))), r"'Cp' has shape \(7, 20\), must be \(20, 7\) .*transpose it"),
-        (changed(Cp=500.0 * np.ones((20, 7))), "'Cp' reaches 500, .* if it is in Pa, use --dynamic-pressure"),
-        (changed(action=np.linspace(0, 0.4, 20)), r"action is 0\.4 at step 19, beyond the limit of 0\.2"),
-        (changed(t=T / 10), "t rises by 0.03, the control period is 0.3: 10 samples a period. Keep one row of 10"),
-        (changed(t=T[::-1]), "t does not rise from step 0 to 1"),
-        (changed(t=np.where(T > 3, T + 0.2, T)), "t rises by 0.5 from step 10 to 11"),
-    ):
+    cases: list[tuple[str, str | bytes | dict[str, Any], str]] = [
+        ("a.xlsx", "", r"a\.xlsx: a data file must end in \.csv"),
+        ("a.h5", "text", r"a\.h5: damaged or not an HDF5"),
+        ("a.csv", b"\xff\xfe\x00", r"a\.csv: is not a text file in UTF-8"),
+        ("a.csv", "1,2\n3,4\n", r"a\.csv: line 1 holds numbers; the first line must have the names"),
+        ("a.csv", "action;Cd\n0,5;1\n", r"line 2, column 'action': '0,5' is not a number: write 0\.5, with a"),
+        (
+            "a.csv",
+            f"{HEADER}\n{ROW.replace('1,0', '1,')}",
+            r"line 2, column 'Cl': '' is not a number; fill the gap",
+        ),
+        ("a.csv", f"{HEADER}\n{ROW}\n{ROW[:-2]}", r"a\.csv: line 3: 9 values, the header has 10 columns"),
+        ("a.csv", f"{HEADER}\n{ROW.replace('1,0', '1,nan')}", r"a\.csv: line 2, column 'Cl': nan is not finite"),
+        ("a.csv", f"{HEADER.replace('Cl', 'Cd')}\n{ROW}", r"a\.csv: line 1: column 'Cd' is there twice"),
+        ("a.csv", f"{HEADER.replace('Cl', 'lift')}\n{ROW}", r"a\.csv: no column 'Cl'; .* use --map Cl=NAME"),
+        ("a.npz", {"action": np.array(["a"] * 20)}, r"a\.npz: array 'action' holds .*, must hold numbers"),
+        ("a.npz", {"initial_action": np.zeros(5)}, r"'initial_action' has shape \(5,\), must be one number"),
+        ("a.npz", {"Cd": np.zeros(19)}, r"'Cd' has shape \(19,\), must be \(20,\)"),
+        ("a.npz", {"Cp": np.zeros((7, 20))}, r"'Cp' has shape \(7, 20\), must be \(20, 7\) .*transpose it"),
+        ("a.npz", {"Cp": 500.0 * np.ones((20, 7))}, "'Cp' reaches 500, .* if it is in Pa, use --dynamic-pressure"),
+        ("a.npz", {"action": np.linspace(0, 0.4, 20)}, r"action is 0\.4 at step 19, beyond the limit of 0\.2"),
+        ("a.npz", {"t": T / 10}, "t rises by 0.03, the control period is 0.3: 10 samples a period. Keep one row of 10"),
+        ("a.npz", {"t": T[::-1]}, "t does not rise from step 0 to 1"),
+        ("a.npz", {"t": np.where(T > 3, T + 0.2, T)}, "t rises by 0.5 from step 10 to 11"),
+    ]
+    for name, content, message in cases:
+        if isinstance(content, dict):
+            foreign_plant.write_npz(tmp_path / name, foreign_plant.series(20, 3) | content)
+        else:
+            (tmp_path / name).write_bytes(content.encode() if isinstance(content, str) else content)
         with pytest.raises(DatasetError, match=message) as caught:
-            imported(write(tmp_path), layout)
+            imported(tmp_path / name, layout)
         assert "\n" not in str(caught.value)
+    with pytest.raises(DatasetError, match=r"none\.csv: no such file"):
+        imported(tmp_path / "none.csv", layout)
 
 
 def test_comments_and_a_header_that_is_one_are_read(tmp_path, layout):
