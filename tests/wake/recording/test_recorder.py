@@ -53,8 +53,8 @@ def test_a_lead_passes_before_the_first_sample(tmp_path, oscillator):
 
 def test_provenance_holds_how_each_episode_was_made(tmp_path):
     first, second = (episode.provenance for episode in recorded(tmp_path / "a.h5").episodes)
-    assert (first["seed"], first["lead_steps"], first["forcing_signal"]) == (5, 2, "training")
-    assert (second["seed"], second["lead_steps"], second["forcing_signal"]) == (0, 0, "none")
+    for found, made in ((first, (5, 2, "training")), (second, (0, 0, "none"))):
+        assert (found["seed"], found["lead_steps"], found["forcing_signal"]) == made
     assert first["forcing"]["base_frequency"] == 0.2 and first["flow"]["reynolds"] == 500.0
     assert first["grid"] == list(truck_grid().shape) and len(first["start_sha256"]) == 64
     assert {"python", "numpy", "numba", "scipy", "stillwake"} <= first["versions"].keys()
