@@ -45,15 +45,11 @@ class Drive:
     Cp: Array
     action: Array
 
-    def __len__(self) -> int:
-        return len(self.action)
-
 
 def drive(kind: str, rows: int, seed: int) -> Drive:
     """Smooth pressures and actions, rounded to what the wire can carry; the jets begin shut."""
-    generator = np.random.default_rng(seed)
-    t = np.arange(rows)
-    raw = np.round(-60.0 / STEP[kind] + 40.0 / STEP[kind] * np.sin(t[:, None] / 4.0 + generator.uniform(0, 6, 4)))
+    phases, t = np.random.default_rng(seed).uniform(0, 6, 4), np.arange(rows)
+    raw = np.round((-60.0 + 40.0 * np.sin(t[:, None] / 4.0 + phases)) / STEP[kind])
     action = np.round(4.0 / 2e-4 * np.sin(t / 5.0)) * 2e-4 / FLOW
     return Drive(kind, raw * STEP[kind] / PRESSURE, action)
 
@@ -78,27 +74,15 @@ def pressure(
 
 
 def command(
-    one: Drive,
-    k: int,
-    time_s: float,
-    *,
-    echo: int | None = None,
-    enable: bool = True,
-    mode: str = "CONTROL",
-    action: float | None = None,
-    counter: int | None = None,
-    next_period: bool = False,
+    one: Drive, k: int, time_s: float, *, echo: int | None = None, action: float | None = None, **values: Any
 ) -> can.Message:
-    """The JetCommand that answers row k."""
-    values: dict[str, Any] = {
+    """The JetCommand that answers row k, with other values of signals."""
+    usual = {
         "Flow": (one.action[k] if action is None else action) * FLOW,
-        "Mode": mode,
-        "Enable": int(enable),
-        "PressureCounterValid": 1,
-        "NextPeriod": int(next_period),
         "PressureCounter": (k if echo is None else echo) % MODULUS[one.kind],
+        **{"Mode": "CONTROL", "Enable": 1, "PressureCounterValid": 1, "NextPeriod": 0},
     }
-    return framed(f"JetCommand{SUFFIX[one.kind]}", values, k + 7 if counter is None else counter, one.kind, time_s)
+    return framed(f"JetCommand{SUFFIX[one.kind]}", usual | values, k + 7, one.kind, time_s)
 
 
 def framed(name: str, values: dict[str, Any], counter: int, kind: str, time_s: float) -> can.Message:
@@ -136,11 +120,11 @@ def authentication_code(data_id: int, covered: bytes) -> bytes:
 
 def log_of(one: Drive, start_s: float = 1000.0, period_s: float = PERIOD) -> list[can.Message]:
     """Every frame of a drive in which nothing went wrong."""
-    messages = []
-    for k in range(len(one)):
-        messages.append(pressure(one, k, start_s + k * period_s))
-        messages.append(command(one, k, start_s + (k + LATENCY) * period_s))
-    return messages
+    return [
+        make(one, k, start_s + (k + late) * period_s)
+        for k in range(len(one.action))
+        for make, late in ((pressure, 0.0), (command, LATENCY))
+    ]
 
 
 def write(path: Path, messages: Sequence[can.Message]) -> Path:

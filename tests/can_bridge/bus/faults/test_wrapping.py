@@ -1,4 +1,4 @@
-"""What holds for every fault: without effect it is no fault, it invents nothing, it nests, its draws are its own."""
+"""What holds for every fault: without effect it is no fault, it acts and clears, it nests, its draws are its own."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -8,14 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.bus.faults.babble import Babble
-from can_bridge.bus.faults.clocks import ClockDrift
-from can_bridge.bus.faults.connection import Disconnect, SlowConsumer
-from can_bridge.bus.faults.content import FlipBits, StuckAt
+from can_bridge.bus.faults.content import FlipBits
 from can_bridge.bus.faults.fault import Fault
 from can_bridge.bus.faults.injector import Around, Arrivals
-from can_bridge.bus.faults.lateness import Delay, Reorder
-from can_bridge.bus.faults.loss import BurstLoss, Drop, Duplicate
+from can_bridge.bus.faults.lateness import Delay
+from can_bridge.bus.faults.loss import Drop, Duplicate
+from can_bridge.bus.faults.text import parse_fault
 from can_bridge.bus.faults.wire_errors import WireErrors
 from can_bridge.bus.faults.wrapping import wrap
 from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
@@ -23,60 +21,42 @@ from can_bridge.wire.frame import Frame
 from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, Link, number_of, numbered, numbers, simulated_link
 from tests.examples import examples
 
-NULL_FAULTS = (
-    Drop(probability=0.0),
-    Drop(probability=0.0, at="receive"),
-    BurstLoss(loss=0.0, mean_burst=3.0),
-    Duplicate(probability=0.0),
-    FlipBits(probability=0.0),
-    Delay(delay_s=0.0),
-    Reorder(window=1),
-    SlowConsumer(frames_per_call=100, queue=100),
-    ClockDrift(),
+
+def faults_of(texts: str) -> list[Fault]:
+    return [parse_fault(text) for text in texts.split()]
+
+
+NULL_FAULTS = faults_of(
+    "drop:probability=0 drop:probability=0,at=receive burst_loss:loss=0,mean_burst=3 duplicate:probability=0 "
+    "flip_bits:probability=0 delay:delay_s=0 reorder:window=1 slow_consumer:frames_per_call=100,queue=100 clock_drift"
 )
 """Faults whose parameters let nothing happen."""
-
-FAULTS = (
-    Drop(probability=0.4),
-    BurstLoss(loss=0.4, mean_burst=3.0, at="receive"),
-    Duplicate(probability=0.5),
-    FlipBits(probability=0.5, bits=2),
-    FlipBits(probability=0.5, before_crc=True),
-    StuckAt(at="receive"),
-    StuckAt(counter_runs=True),
-    Delay(delay_s=0.03, jitter_s=0.05),
-    Reorder(window=3),
-    Babble(rate_hz=300.0),
-    Disconnect(),
-    SlowConsumer(frames_per_call=1, queue=2),
-    ClockDrift(ppm=1000.0),
+RANDOM_FAULTS = faults_of(
+    "drop:probability=0.4 burst_loss:loss=0.4,mean_burst=3,at=receive duplicate:probability=0.5 "
+    "flip_bits:probability=0.5,bits=2 delay:delay_s=0.03,jitter_s=0.05 reorder:window=3 babble:rate_hz=300"
+)
+FAULTS = RANDOM_FAULTS + faults_of(
+    "flip_bits:probability=0.5,before_crc=true stuck_at:at=receive stuck_at:counter_runs=true disconnect "
+    "slow_consumer:frames_per_call=1,queue=2 clock_drift:ppm=1000"
 )
 SPAN = {"start_s": 9.5 * PERIOD_S, "end_s": 19.5 * PERIOD_S}
 
-FEW = examples(10)
-"""Each fault has its own tests; here every one is put to the same."""
 
-BURSTS = st.lists(st.integers(0, 4), max_size=12)
-
-
-def carried(link, ports: Sequence[Bus], bursts) -> list[list[Frame]]:
+def carried(link: Link, ports: Sequence[Bus], bursts: Sequence[int]) -> list[list[Frame]]:
     """What each side received, with frames in both directions; a rest after them lets everything come out."""
-    one, other = ports
     received: list[list[Frame]] = [[], []]
-    number = 0
     for burst in [*bursts, *[0] * 20]:
-        for _ in range(burst):
-            one.send(numbered(number, now_ns=link.now_ns))
-            other.send(numbered(number, frame_id=0x130, now_ns=link.now_ns))
-            number += 1
+        for number in range(burst):
+            for port, frame_id in zip(ports, (0x120, 0x130), strict=True):
+                port.send(numbered(100 * link.now_ns + number, frame_id=frame_id, now_ns=link.now_ns))
         link.advance()
-        received[0] += one.receive_all()
-        received[1] += other.receive_all()
+        for frames, port in zip(received, ports, strict=True):
+            frames += port.receive_all()
     return received
 
 
-@FEW
-@given(bursts=BURSTS, seed=st.integers(0, 3))
+@examples(10)
+@given(bursts=st.lists(st.integers(0, 4), max_size=12), seed=st.integers(0, 3))
 def test_a_fault_without_effect_or_outside_its_span_is_none(bursts, seed):
     plain = simulated_link()
     expected = carried(plain, (plain.one, plain.other), bursts)
@@ -115,10 +95,7 @@ def test_every_fault_acts_and_clears(config):
 
 
 def test_the_seed_decides():
-    for fault in (
-        *(Drop(probability=0.3), BurstLoss(loss=0.3, mean_burst=2.0), Duplicate(probability=0.3)),
-        *(FlipBits(), Delay(delay_s=0.0, jitter_s=0.05), Reorder(window=4), Babble(rate_hz=100.0)),
-    ):
+    for fault in RANDOM_FAULTS:
 
         def run(seed: int, fault: Fault = fault) -> str:
             link = simulated_link()
