@@ -12,7 +12,7 @@ Numbers are big-endian.
 
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import Enum
 from typing import Any, Final
 
@@ -52,6 +52,9 @@ class SlotReport:
     verdict: Verdict | None
 
 
+_STANDING: Final = tuple(one.name for one in fields(SlotReport) if one.name != "verdict")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Report:
     """The store.
@@ -87,16 +90,7 @@ def report_of(store: Store) -> Report:
     state, boot = store.state, store.last_boot
     verdicts = {} if boot is None else boot.verdicts
     first, second = (
-        SlotReport(
-            phase=standing.phase,
-            name=standing.name,
-            digest=standing.digest,
-            security_version=standing.security_version,
-            received=standing.received,
-            length=standing.length,
-            boots_left=standing.boots_left,
-            verdict=verdicts.get(slot),
-        )
+        SlotReport(**{name: getattr(standing, name) for name in _STANDING}, verdict=verdicts.get(slot))
         for slot, standing in zip(Slot, state.slots, strict=True)
     )
     return Report(
@@ -139,22 +133,23 @@ def _named(value: object) -> object:
 def decode(raw: bytes) -> Report:
     """A report that came over a bus; raises BusError if it is none."""
     try:
-        magic, running, active, next_boot, reason, least, version, *attempts = _HEAD.unpack_from(raw)
+        magic, *listed, reason, least, version, programming, calibration = _HEAD.unpack_from(raw)
         if magic != _MAGIC:
             raise ValueError(f"begins with {magic.hex()}, this version reads {_MAGIC.hex()}")
         first, at = _slot(raw, _HEAD.size)
         second, at = _slot(raw, at)
         if at != len(raw):
             raise ValueError(f"{len(raw)} bytes, must be {at}")
+        running, active, next_boot = (None if slot == _NONE else Slot(slot) for slot in listed)
         return Report(
             slots=(first, second),
-            running=None if running == _NONE else Slot(running),
-            active=None if active == _NONE else Slot(active),
-            next_boot=None if next_boot == _NONE else Slot(next_boot),
+            running=running,
+            active=active,
+            next_boot=next_boot,
             reason=None if reason == 0 else BootReason(reason),
             least_security_version=least,
             key_list_version=version or None,
-            failed_attempts=dict(zip(Level, attempts, strict=True)),
+            failed_attempts={Level.PROGRAMMING: programming, Level.CALIBRATION: calibration},
         )
     except (ValueError, struct.error) as error:
         raise BusError(f"the ECU's report of its store is damaged ({shown(error)}); read it again") from error

@@ -27,11 +27,7 @@ class Job:
         self._work = work
         self._is_quiet = is_quiet
         self._pending_ns = now_ns + _FIRST_NS
-        self._is_done = False
-
-    @property
-    def is_done(self) -> bool:
-        return self._is_done
+        self.is_done = False
 
     def go_on(self, now_ns: int) -> list[bytes]:
         """One piece; what is to be sent now."""
@@ -44,10 +40,10 @@ class Job:
         try:
             next(self._work)
         except StopIteration as end:
-            self._is_done = True
+            self.is_done = True
             if not self._is_quiet:
                 sent.append(bytes([self._service + _POSITIVE]) + end.value)
         except Refused as refusal:
-            self._is_done = True
+            self.is_done = True
             sent.append(negative(self._service, refusal.code))
         return sent

@@ -39,15 +39,19 @@ _FOUR_AND_FOUR: Final = 0x44
 """Bytes of length and of address in a download request."""
 _TWO_BYTES: Final = 0x20
 """Format of the block length in its answer."""
-_WITH_SUB_FUNCTION: Final[frozenset[int]] = frozenset(
-    {
-        *(Service.SESSION, Service.RESET, Service.REPORT_FAULTS, Service.SECURITY, Service.COMMUNICATION),
-        *(Service.ROUTINE, Service.TESTER_PRESENT, Service.FAULT_SETTING),
-    }
-)
-_SESSIONS: Final[frozenset[int]] = frozenset(Session)
+_SUB_FUNCTIONS: Final[Mapping[int, frozenset[int]]] = {
+    Service.SESSION: frozenset(Session),
+    Service.RESET: frozenset({_HARD_RESET}),
+    Service.REPORT_FAULTS: frozenset(Report),
+    # A level's seed has its number, the answer to the seed the next one.
+    Service.SECURITY: frozenset(level + is_answer for level in Level for is_answer in (0, 1)),
+    Service.COMMUNICATION: frozenset({_ENABLE, _DISABLE_SENDING}),
+    Service.ROUTINE: frozenset({_START}),
+    Service.TESTER_PRESENT: frozenset({0}),
+    Service.FAULT_SETTING: frozenset({_FAULTS_ON, _FAULTS_OFF}),
+}
+"""Of the services that have one: their first byte, without the bit that suppresses the answer."""
 _DIDS: Final[frozenset[int]] = frozenset(Did)
-_REPORTS: Final[frozenset[int]] = frozenset(Report)
 
 
 class UdsServer:
@@ -105,7 +109,7 @@ class UdsServer:
             if payload == bytes([Service.TESTER_PRESENT, _SUPPRESS]):
                 return []
             return [negative(payload[0], Nrc.BUSY_REPEAT_REQUEST)]
-        is_quiet = len(payload) > 1 and payload[0] in _WITH_SUB_FUNCTION and bool(payload[1] & _SUPPRESS)
+        is_quiet = len(payload) > 1 and payload[0] in _SUB_FUNCTIONS and bool(payload[1] & _SUPPRESS)
         self._job = Job(now_ns, payload[0], self._answer(payload), is_quiet=is_quiet)
         return self._go_on(now_ns)
 
@@ -161,47 +165,38 @@ class UdsServer:
         if self.session not in permission.sessions:
             raise Refused(Nrc.SERVICE_NOT_IN_SESSION)
         _check_length(len(payload) <= MAX_REQUEST)
-        if service in _WITH_SUB_FUNCTION:
+        if service in _SUB_FUNCTIONS:
             _check_length(len(body) >= 1)
             body = bytes([body[0] & ~_SUPPRESS]) + body[1:]
-        return (yield from _HANDLERS[service](self, body))
+            if body[0] not in _SUB_FUNCTIONS[service]:
+                raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+        answer = _HANDLERS[service](self, body)
+        return answer if isinstance(answer, bytes) else (yield from answer)
 
-    def _control_session(self, body: bytes) -> Long[bytes]:
-        if body[0] not in _SESSIONS:
-            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+    def _control_session(self, body: bytes) -> bytes:
         _check_length(len(body) == 1)
         session = Session(body[0])
         self._diagnostics.enter(session)
         self._change_session(self._now(), session)
-        yield from ()
         return body + timing_record()
 
-    def _reset(self, body: bytes) -> Long[bytes]:
-        if body[0] != _HARD_RESET:
-            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+    def _reset(self, body: bytes) -> bytes:
         _check_length(len(body) == 1)
         self._diagnostics.before_reset()
         self._reset_is_due = True
-        yield from ()
         return body
 
-    def _clear_faults(self, body: bytes) -> Long[bytes]:
+    def _clear_faults(self, body: bytes) -> bytes:
         _check_length(len(body) == CODE_BYTES)
         self._faults.clear(cleared(int.from_bytes(body, "big")))
-        yield from ()
         return b""
 
-    def _report_faults(self, body: bytes) -> Long[bytes]:
-        if body[0] not in _REPORTS:
-            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+    def _report_faults(self, body: bytes) -> bytes:
         kind = Report(body[0])
         _check_length(len(body) == 1 + LENGTHS[kind])
-        yield from ()
         return body[:1] + report(self._faults, kind, body[1:])
 
-    def _control_communication(self, body: bytes) -> Long[bytes]:
-        if body[0] not in (_ENABLE, _DISABLE_SENDING):
-            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+    def _control_communication(self, body: bytes) -> bytes:
         _check_length(len(body) == 2)
         if body[1] not in _NORMAL:
             raise Refused(Nrc.OUT_OF_RANGE)
@@ -209,25 +204,18 @@ class UdsServer:
             # Under the conditions of a reset: no control is interrupted.
             self._diagnostics.before_reset()
         self._is_silent = body[0] == _DISABLE_SENDING
-        yield from ()
         return body[:1]
 
-    def _set_faults(self, body: bytes) -> Long[bytes]:
-        if body[0] not in (_FAULTS_ON, _FAULTS_OFF):
-            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+    def _set_faults(self, body: bytes) -> bytes:
         _check_length(len(body) == 1)
         self._faults.is_on = body[0] == _FAULTS_ON
-        yield from ()
         return body
 
-    def _hear_tester(self, body: bytes) -> Long[bytes]:
-        if body[0] != 0:
-            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
+    def _hear_tester(self, body: bytes) -> bytes:
         _check_length(len(body) == 1)
-        yield from ()
         return body
 
-    def _read(self, body: bytes) -> Long[bytes]:
+    def _read(self, body: bytes) -> bytes:
         _check_length(len(body) > 0 and len(body) % 2 == 0 and len(body) <= 2 * MAX_DIDS)
         answer = b""
         for number in (body[i : i + 2] for i in range(0, len(body), 2)):
@@ -241,7 +229,6 @@ class UdsServer:
             raise Refused(Nrc.OUT_OF_RANGE)
         if 1 + len(answer) > MAX_REQUEST:
             raise Refused(Nrc.RESPONSE_TOO_LONG)
-        yield from ()
         return answer
 
     def _value(self, number: int) -> bytes:
@@ -251,16 +238,10 @@ class UdsServer:
             return bytes([self.session])
         return self._diagnostics.read(Did(number))
 
-    def _access(self, body: bytes) -> Long[bytes]:
-        # A level's seed has its number, the answer to the seed the next one.
-        number, is_answer = body[0] - (body[0] + 1) % 2, body[0] % 2 == 0
-        permission = LEVELS.get(number)
-        if permission is None:
-            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
-        if self.session not in permission.sessions:
+    def _access(self, body: bytes) -> bytes:
+        level, is_answer = Level(body[0] - (body[0] + 1) % 2), body[0] % 2 == 0
+        if self.session not in LEVELS[level].sessions:
             raise Refused(Nrc.SUB_FUNCTION_NOT_IN_SESSION)
-        level = Level(number)
-        yield from ()
         if not is_answer:
             _check_length(len(body) == 1)
             return body + self._security.seed(self._now(), level)
@@ -280,8 +261,6 @@ class UdsServer:
         return body[:2]
 
     def _routine(self, body: bytes) -> Long[bytes]:
-        if body[0] != _START:
-            raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
         _check_length(len(body) >= 3)
         number, option = int.from_bytes(body[1:3], "big"), body[3:]
         permission = ROUTINES.get(number)
@@ -294,7 +273,7 @@ class UdsServer:
             self._transfer = None
         return body[:3] + (yield from self._diagnostics.routine(routine, option))
 
-    def _download(self, body: bytes) -> Long[bytes]:
+    def _download(self, body: bytes) -> bytes:
         _check_length(len(body) >= 2)
         if body[0] != _PLAIN or body[1] != _FOUR_AND_FOUR:
             raise Refused(Nrc.OUT_OF_RANGE)
@@ -307,7 +286,6 @@ class UdsServer:
             self._transfer = Transfer(offset, length)
         elif under_way.has_begun or (under_way.offset, under_way.length) != (offset, length):
             raise Refused(Nrc.CONDITIONS_NOT_CORRECT)
-        yield from ()
         return bytes([_TWO_BYTES]) + MAX_BLOCK.to_bytes(2, "big")
 
     def _take_block(self, body: bytes) -> Long[bytes]:
@@ -332,7 +310,7 @@ class UdsServer:
         self._transfer.check_complete()
         if not self._transfer.is_closed:
             yield from self._diagnostics.exit()
-            self._transfer.close()
+            self._transfer.is_closed = True
         return b""
 
     def _check_unlocked(self, permission: Permission) -> None:
@@ -348,7 +326,7 @@ def _check_length(is_right: bool) -> None:
         raise Refused(Nrc.INCORRECT_LENGTH)
 
 
-_HANDLERS: Final[Mapping[int, Callable[[UdsServer, bytes], Long[bytes]]]] = {
+_HANDLERS: Final[Mapping[int, Callable[[UdsServer, bytes], bytes | Long[bytes]]]] = {
     Service.SESSION: lambda server, body: server._control_session(body),
     Service.RESET: lambda server, body: server._reset(body),
     Service.CLEAR_FAULTS: lambda server, body: server._clear_faults(body),

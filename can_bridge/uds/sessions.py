@@ -13,22 +13,18 @@ class SessionTimer:
     """Which session it is, and since when the tester has been silent."""
 
     def __init__(self) -> None:
-        self._session = Session.DEFAULT
+        self.session = Session.DEFAULT
         self._heard_ns = 0
 
-    @property
-    def session(self) -> Session:
-        return self._session
-
     def begin(self, now_ns: int, session: Session) -> None:
-        self._session, self._heard_ns = session, now_ns
+        self.session, self._heard_ns = session, now_ns
 
     def hear(self, now_ns: int) -> None:
         """A request was answered, or needs no answer."""
         self._heard_ns = now_ns
 
     def is_over(self, now_ns: int) -> bool:
-        return self._session is not Session.DEFAULT and now_ns - self._heard_ns >= _S3_NS
+        return self.session is not Session.DEFAULT and now_ns - self._heard_ns >= _S3_NS
 
 
 def timing_record() -> bytes:

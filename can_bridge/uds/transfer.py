@@ -14,6 +14,9 @@ class Transfer:
     Args:
         offset: of its first byte in the image.
         length: bytes that will come, in all its blocks.
+
+    Attributes:
+        is_closed: it was exited; only a repeated exit is still answered.
     """
 
     def __init__(self, offset: int, length: int) -> None:
@@ -22,23 +25,16 @@ class Transfer:
         self._missing = length
         self._expected = 1
         self._last: tuple[int, bytes] | None = None
-        self._is_closed = False
+        self.is_closed = False
 
     @property
     def has_begun(self) -> bool:
         return self._last is not None
 
-    @property
-    def is_closed(self) -> bool:
-        """It was exited; only a repeated exit is still answered."""
-        return self._is_closed
-
     def is_new(self, counter: int, data: bytes) -> bool:
         """Whether to write this block; False if it is the last one again. Raises Refused with the code of what is
         wrong with it."""
-        if self._is_closed:
-            raise Refused(Nrc.SEQUENCE_ERROR)
-        if self._last == (counter, data):
+        if self._last == (counter, data) and not self.is_closed:
             return False
         if self._missing == 0:
             raise Refused(Nrc.SEQUENCE_ERROR)
@@ -58,6 +54,3 @@ class Transfer:
         """Raises Refused if bytes are missing."""
         if self._missing:
             raise Refused(Nrc.SEQUENCE_ERROR)
-
-    def close(self) -> None:
-        self._is_closed = True

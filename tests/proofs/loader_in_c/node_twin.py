@@ -146,8 +146,8 @@ def checked(image: bytes, rules: Rules, *, of: World) -> tuple[Verdict, Bundle |
 
 
 class _Server(UdsServer):
-    def _read(self, body: bytes) -> Any:
-        answer = yield from super()._read(body)
+    def _read(self, body: bytes) -> bytes:
+        answer = super()._read(body)
         if 1 + len(answer) > LONGEST_ANSWER:
             raise Refused(Nrc.RESPONSE_TOO_LONG)
         return answer
