@@ -18,18 +18,11 @@ def to_message(frame: Frame) -> can.Message:
     )
 
 
-def classified(message: can.Message) -> Frame | Rejection:
-    """The frame in a python-can message, or why it is no data frame with an 11-bit identifier; never raises.
+def frame_of(message: can.Message) -> Frame | Rejection:
+    """The frame in a python-can message, its identifier of either length, or why it is no data frame; never raises.
 
     Whether an FD frame switched its bit rate is not kept.
     """
-    if message.is_extended_id and not (message.is_error_frame or message.is_remote_frame):
-        return Rejection.EXTENDED
-    return frame_of(message)
-
-
-def frame_of(message: can.Message) -> Frame | Rejection:
-    """The same for identifiers of either length."""
     if message.is_error_frame:
         return Rejection.ERROR_FRAME
     if message.is_remote_frame:

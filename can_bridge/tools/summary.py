@@ -1,15 +1,22 @@
 """The traffic of a log or a bus, message by message: what `stillwake can decode` and `can monitor` show."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import can
 
 from can_bridge.secoc.key import Key
 from can_bridge.tools.observed_traffic import Mac, Traffic
 from can_bridge.tools.raw_bus import frame_of, id_text
+from can_bridge.tools.signals import PROTECTION
 from can_bridge.wire.frame_bits import frame_ns
 from contract.config.vehicle import BusConfig
+
+MOST_MESSAGES: Final = 1000
+"""That are listed: more than a vehicle's bus has, and a bound where someone sends random identifiers of 29 bits."""
+
+Cell = tuple[str, str, str]
+"""A signal, its value and its unit."""
 
 
 @dataclass(kw_only=True)
@@ -118,3 +125,26 @@ class Summary:
         traffic = self.messages.setdefault(place, Traffic(self.config.e2e, self.key))
         traffic.add(frame)
         return traffic
+
+
+def rows(summary: Summary, *, matching: str = "") -> list[tuple[Traffic, list[Cell]]]:
+    """The messages with their signals, ordered by identifier; of one that is not known, or not readable, its bytes.
+
+    Args:
+        matching: words that message, identifier or signal must contain, all of them; case does not count.
+    """
+    words = matching.lower().split()
+    shown = []
+    for _, traffic in sorted(summary.messages.items()):
+        head = f"{traffic.name or 'unknown'} {id_text(traffic.latest)}"
+        cells = [one for one in _cells(traffic) if all(word in f"{head} {one[0]}".lower() for word in words)]
+        if cells:
+            shown.append((traffic, cells))
+    return shown
+
+
+def _cells(traffic: Traffic) -> list[Cell]:
+    signals = () if traffic.decoded is None else traffic.decoded.signals
+    cells = [(one.name, one.shown, one.unit) for one in signals if one.name not in PROTECTION]
+    what = "data" if traffic.decoded is None else "not readable"
+    return cells or [(what, traffic.latest.data.hex(" ") or "empty", "")]

@@ -16,7 +16,7 @@ from can_bridge.bus.backends import kernel_queue
 from can_bridge.bus.backends.connection import Connection
 from can_bridge.bus.backends.error_frames import health_after, lost_frames
 from can_bridge.bus.backends.opening import QUEUE_SIZE, SETTLE_S, open_backend
-from can_bridge.bus.conversion import classified, to_message
+from can_bridge.bus.conversion import frame_of, to_message
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
@@ -176,7 +176,7 @@ class PythonCanBus(Connection):
         return frame
 
     def _judged(self, message: can.Message) -> Frame | Rejection:
-        frame = classified(message)
+        frame = frame_of(message)
         if isinstance(frame, Rejection):
             # An error frame need not have an identifier of its type.
             is_report = frame is Rejection.ERROR_FRAME and isinstance(message.arbitration_id, int)
@@ -185,6 +185,8 @@ class PythonCanBus(Connection):
                 self._reported = health_after(self._reported, message.arbitration_id, data)
                 self._overflow_reports += lost_frames(message.arbitration_id, data)
             return frame
+        if frame.is_extended:
+            return Rejection.EXTENDED
         if self._accept is not None and frame.frame_id not in self._accept:
             return Rejection.OTHER_ID
         if (frame.is_fd and self._is_classic) or _IS_FD.get(frame.frame_id, frame.is_fd) != frame.is_fd:

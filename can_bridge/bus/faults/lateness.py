@@ -21,25 +21,20 @@ class _Delaying(Injector["Delay"]):
         """What is due, in the order of the times at which it became so."""
         now_ns = self._clock()
         for arrived_ns, frame in self._arrivals.of(self._bus.receive_all(), now_ns):
-            self._put(frame, arrived_ns)
+            due_ns = arrived_ns
+            if self._fault.concerns(frame):
+                if self._fault.is_active(arrived_ns):
+                    due_ns += round((self._fault.delay_s + self._random.random() * self._fault.jitter_s) * NS)
+                # A queue: no frame overtakes another, the frames after the fault's end included.
+                due_ns = self._last_due_ns = max(due_ns, self._last_due_ns)
+            self.acted += due_ns > arrived_ns
+            self._serial += 1
+            stamp_ns = frame.timestamp_ns + (due_ns - arrived_ns if self._fault.restamp else 0)
+            heapq.heappush(self._waiting, (due_ns, self._serial, replace(frame, timestamp_ns=stamp_ns)))
         due: list[Frame] = []
         while self._waiting and self._waiting[0][0] <= now_ns:
             due.append(heapq.heappop(self._waiting)[2])
         return due
-
-    def _put(self, frame: Frame, arrived_ns: int) -> None:
-        due_ns = arrived_ns
-        if self._fault.concerns(frame):
-            if self._fault.is_active(arrived_ns):
-                due_ns += round((self._fault.delay_s + self._random.random() * self._fault.jitter_s) * NS)
-            # A queue: no frame overtakes another, the frames after the fault's end included.
-            due_ns = self._last_due_ns = max(due_ns, self._last_due_ns)
-        late_ns = due_ns - arrived_ns
-        self.acted += late_ns > 0
-        if self._fault.restamp and late_ns > 0:
-            frame = replace(frame, timestamp_ns=frame.timestamp_ns + late_ns)
-        self._serial += 1
-        heapq.heappush(self._waiting, (due_ns, self._serial, frame))
 
 
 @dataclass(frozen=True, kw_only=True)

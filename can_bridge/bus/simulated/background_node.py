@@ -5,6 +5,7 @@ a run. With one clock for all, a run would meet one set of phases, lucky or not,
 """
 
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import partial
 from random import Random
 from typing import Final
@@ -54,7 +55,5 @@ class BackgroundNode:
         self._bus.call_at(next_ns, partial(self._plan, message, random, period_ns, next_ns))
 
     def _send(self, message: PeriodicMessage, random: Random) -> None:
-        try:
+        with suppress(BusError):
             self._port.send(message.frame(random.randbytes(message.length)))
-        except BusError:
-            return

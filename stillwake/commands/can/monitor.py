@@ -49,8 +49,7 @@ def monitor(
     --set bus.key=FILE the MAC and freshness of secured messages are checked
     first. Of other messages it shows the bytes; `cantools monitor` decodes them.
     """
-    from can_bridge.tools.monitor import MOST_MESSAGES
-    from can_bridge.tools.summary import Summary
+    from can_bridge.tools.summary import MOST_MESSAGES, Summary
     from stillwake.commands.can.monitor_screen import screen
 
     uses = ("bus.e2e", "bus.key") if log is not None else (*BUS, "bus.e2e", "bus.key")

@@ -5,9 +5,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from can_bridge.tools.monitor import rows
 from can_bridge.tools.raw_bus import id_text
-from can_bridge.tools.summary import Summary
+from can_bridge.tools.summary import Summary, rows
 
 OTHER_COLUMNS = 70
 """Columns of the screen that are not the value: what the widest names and numbers take."""

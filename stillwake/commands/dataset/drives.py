@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from can_bridge.drives.log_frames import Verify
     from can_bridge.drives.log_periods import Scales
     from can_bridge.drives.log_to_series import LogReport, LogSeries
-    from can_bridge.wire.message_sets import MessageSet
     from contract.recording.episode import Role
     from contract.recording.facts import ForcesClock
     from contract.recording.importing.assemble import Source
@@ -130,6 +129,7 @@ def read_drive(
     `progress` is called with what is being read, and how many frames of it so far."""
     from can_bridge.drives.log_to_series import series_of
     from can_bridge.logs.log_reader import read_messages
+    from can_bridge.wire.message_sets import message_set
     from can_bridge.wire.messages import SENSORS
     from contract.recording.findings import STEP_TOLERANCE
     from contract.recording.importing.assemble import Made, Source
@@ -146,7 +146,7 @@ def read_drive(
         fill=options.fill,
         split=options.split,
         sensors=layout.names,
-        only=_asked_set(loaded),
+        only=message_set(loaded.config.bus) if loaded.given & {"bus.frames", "bus.key"} else None,
         verify=_verifier(loaded),
     )
     forces_found = _forces(forces, series, scales, options, loaded.config.operating_point.convective_time)
@@ -218,12 +218,6 @@ def notes_on(drive: Drive) -> list[str]:
     if report.checked is False:
         lines.append(f"{drive.path}: its authentication codes were not checked: give the key with --set bus.key=FILE")
     return lines + list(report.gaps)
-
-
-def _asked_set(loaded: Loaded) -> "MessageSet | None":
-    from can_bridge.wire.message_sets import message_set
-
-    return message_set(loaded.config.bus) if loaded.given & {"bus.frames", "bus.key"} else None
 
 
 def _verifier(loaded: Loaded) -> "Verify | None":

@@ -6,8 +6,7 @@ import can
 import pytest
 
 from can_bridge.bus.conversion import to_message
-from can_bridge.tools.monitor import rows
-from can_bridge.tools.summary import Summary
+from can_bridge.tools.summary import Summary, rows
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from contract.config.vehicle import BusConfig
