@@ -117,15 +117,9 @@ def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tup
 def mean_ns(message: PeriodicMessage, bus: BusConfig) -> float:
     """Average length of its frame over random contents, always the same ones."""
     random = Random(message.frame_id)
-    lengths = (
-        frame_ns(
-            message.frame(random.randbytes(message.length)),
-            nominal_bitrate=bus.nominal_bitrate,
-            data_bitrate=bus.data_bitrate,
-        )
-        for _ in range(_CONTENTS)
-    )
-    return sum(lengths) / _CONTENTS
+    rates = {"nominal_bitrate": bus.nominal_bitrate, "data_bitrate": bus.data_bitrate}
+    frames = (message.frame(random.randbytes(message.length)) for _ in range(_CONTENTS))
+    return sum(frame_ns(frame, **rates) for frame in frames) / _CONTENTS
 
 
 def _periodic(spec: MessageSpec, period_ns: int) -> PeriodicMessage:

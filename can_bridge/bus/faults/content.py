@@ -4,7 +4,6 @@ CAN's own CRC does not see these faults: they happen before the sender's CAN con
 Errors on the wire itself are `wire_errors.py`.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from random import Random
 from typing import Final
@@ -38,15 +37,15 @@ class FlipBits(SidedFault, section="flip_bits"):
         return lambda frame: [self._flipped(frame, random) if random.random() < self.probability else frame]
 
     def _flipped(self, frame: Frame, random: Random) -> Frame:
-        if not self.before_crc:
-            return replace(frame, data=_with_flips(frame.data, self._drawn(range(8 * len(frame.data)), random)))
-        spec = _spec_of(frame)
-        if spec is None:
+        spec = _spec_of(frame) if self.before_crc else None
+        if self.before_crc and spec is None:
             return frame
-        return _reprotected(frame, _with_flips(frame.data, self._drawn(payload_bits(spec), random)), spec)
-
-    def _drawn(self, places: range, random: Random) -> list[int]:
-        return random.sample(places, min(self.bits, len(places)))
+        places = range(8 * len(frame.data)) if spec is None else payload_bits(spec)
+        changed = bytearray(frame.data)
+        for place in random.sample(places, min(self.bits, len(places))):
+            changed[place // 8] ^= 1 << place % 8
+        data = bytes(changed)
+        return replace(frame, data=data) if spec is None else _reprotected(frame, data, spec)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,14 +69,6 @@ class StuckAt(SidedFault, section="stuck_at"):
             return [frame if spec is None else _reprotected(frame, data, spec)]
 
         return change
-
-
-def _with_flips(data: bytes, places: Iterable[int]) -> bytes:
-    """The least significant bit of the first byte is place 0."""
-    changed = bytearray(data)
-    for place in places:
-        changed[place // 8] ^= 1 << place % 8
-    return bytes(changed)
 
 
 def _spec_of(frame: Frame) -> MessageSpec | None:
