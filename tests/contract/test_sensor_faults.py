@@ -13,20 +13,20 @@ UNIT = np.array([2.0, 3.0])
 STEPS = 4000
 READINGS = np.random.default_rng(1).standard_normal((STEPS, 2))
 
-FAULTS: dict[str, Callable[[], SensorFault]] = {
-    "noise": lambda: Noise(0.5, UNIT, seed=2),
-    "bias": lambda: Bias(0.5, UNIT, 1),
-    "drift": lambda: Drift(0.5, UNIT, 0, steps=STEPS),
-    "stuck": lambda: Stuck(0),
-    "dead": lambda: Dead(1),
-    "swapped": lambda: Swapped(0, 1),
-    "quantised": lambda: Quantised(0.5),
-}
+FAULTS: list[Callable[[], SensorFault]] = [
+    lambda: Noise(0.5, UNIT, seed=2),
+    lambda: Bias(0.5, UNIT, 1),
+    lambda: Drift(0.5, UNIT, 0, steps=STEPS),
+    lambda: Stuck(0),
+    lambda: Dead(1),
+    lambda: Swapped(0, 1),
+    lambda: Quantised(0.5),
+]
 
 
 def test_frame_by_frame_is_as_at_once_and_the_argument_stays():
     kinds: list[Any] = [READINGS[:50].astype(np.float32), READINGS[:50]]
-    for start in FAULTS.values():
+    for start in FAULTS:
         for readings in kinds:
             before = readings.copy()
             at_once = start()(readings)
@@ -57,8 +57,6 @@ def test_noise_drift_and_quantisation_have_their_sizes():
     found = Quantised(0.25)(READINGS)
     np.testing.assert_array_equal(found * 4, np.rint(found * 4))
     assert np.abs(found - READINGS).max() <= 0.125
-    with pytest.raises(ConfigError, match=r"quantisation step 0\.0"):
-        Quantised(0.0)
 
 
 def test_a_fault_changes_its_own_sensors_alone():

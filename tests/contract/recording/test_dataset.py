@@ -207,14 +207,10 @@ def test_spoilt_file_is_refused_by_name(written):
         assert str(caught.value).startswith(f"{written}: ")
 
 
-def test_missing_file_and_wrong_kind_of_file_are_named(tmp_path):
-    with pytest.raises(DatasetError, match=r"none\.h5: no such dataset"):
-        dataset.read(tmp_path / "none.h5")
-    with pytest.raises(DatasetError, match="no such dataset"):
-        dataset.read(tmp_path)
-    (tmp_path / "text.h5").write_text("not HDF5")
-    with pytest.raises(DatasetError, match=r"text\.h5: damaged or not an HDF5 dataset"):
-        dataset.read(tmp_path / "text.h5")
+def test_a_missing_file_is_named(tmp_path):
+    for path in (tmp_path / "none.h5", tmp_path):
+        with pytest.raises(DatasetError, match=f"{path}: no such dataset"):
+            dataset.read(path)
 
 
 @examples(60, suppress_health_check=[HealthCheck.function_scoped_fixture])
