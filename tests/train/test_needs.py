@@ -44,13 +44,10 @@ def test_the_stream(make_episode, config):
     assert need.steps == 12 - 1 + 64
     student = WakeModel(90, config.model).encoder
 
-    def fit(steps: int) -> None:
-        rows = rows_of(make_episode, steps)
-        fit_stream(student, encode_all(student, rows).detach(), rows, config)
-
-    fit(need.steps)
+    enough, short = (rows_of(make_episode, steps) for steps in (need.steps, need.steps - 1))
+    fit_stream(student, encode_all(student, enough).detach(), enough, config)
     with pytest.raises(DatasetError, match="too short"):
-        fit(need.steps - 1)
+        fit_stream(student, encode_all(student, short).detach(), short, config)
 
 
 def test_the_judging_and_the_windows_of_an_episode(make_episode, config):

@@ -31,17 +31,12 @@ def recording(small_recording, tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def trained_once(recording, small_config, tmp_path_factory) -> Path:
+def stored(recording, small_config, tmp_path_factory) -> Path:
+    """Never written to."""
     path = tmp_path_factory.mktemp("trained") / "model"
     train_all(recording, small_config, path)
     assert [item.name for item in path.parent.iterdir()] == ["model"], "checkpoints are left"
     return path
-
-
-@pytest.fixture
-def stored(trained_once, tmp_path) -> Path:
-    """A copy that a test may change."""
-    return Path(shutil.copytree(trained_once, tmp_path / "model"))
 
 
 def test_the_stored_model_is_the_trained_one(stored, recording, small_config):
@@ -117,12 +112,13 @@ def test_what_cannot_be_trained_is_refused_before_training(recording, small_conf
         assert not (tmp_path / "model").exists()
 
 
-def test_a_model_whose_networks_do_not_fit_its_settings_is_refused(stored):
-    text = (stored / "model.json").read_text()
+def test_a_model_whose_networks_do_not_fit_its_settings_is_refused(stored, tmp_path):
+    altered = Path(shutil.copytree(stored, tmp_path / "model"))
+    text = (altered / "model.json").read_text()
     for old, new, message in (
         ('"latent": 8', '"latent": 6', r"has shape .*, the configuration needs"),
         ('"ranking"', '"rating"', "lacks 'ranking'"),
     ):
-        (stored / "model.json").write_text(text.replace(old, new))
+        (altered / "model.json").write_text(text.replace(old, new))
         with pytest.raises(ModelError, match=message):
-            model_store.load(stored)
+            model_store.load(altered)
