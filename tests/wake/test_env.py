@@ -107,20 +107,20 @@ def test_what_does_not_fit_is_refused_by_its_value(env):
         with pytest.raises(PlantError, match=message):
             env.step(value)
     inside = dataclasses.replace(developed_state(), substep=11)
-    options: list[tuple[dict[str, Any], str]] = [
+    wrong: list[tuple[dict[str, Any], str]] = [
         ({"phase": 1}, r"reset options \['phase'\]: must be one of 'start' and 'phase_steps'"),
         ({"phase_steps": 4}, "phase_steps = 4: must be a whole number from 0 to max_phase_steps = 3"),
         ({"start": "file.npz"}, "start is a str: must be a wake.truck.state.State"),
         ({"start": inside}, "11 substeps inside a control period"),
     ]
-    for given, message in options:
+    for given, message in wrong:
         with pytest.raises((ConfigError, PlantError), match=message):
             env.reset(options=given)
-    settings: list[tuple[dict[str, Any], str]] = [
+    wrong = [
         ({"sensor_names": "upper_39"}, r"= 'upper_39': must be a sequence of names, such as \['upper_39'\]"),
         ({"render_mode": "human"}, "render_mode = 'human'"),
     ]
-    for given, message in settings:
+    for given, message in wrong:
         with pytest.raises(ConfigError, match=message):
             TruckWakeEnv(**given)
     fresh = TruckWakeEnv(render_mode="rgb_array")

@@ -121,12 +121,11 @@ def test_the_written_cells_are_closed_and_their_faces_look_outwards(written, coa
 
 
 def test_faces_and_patches_are_in_the_order_that_openfoam_wants(written):
-    _, _, faces, owner, neighbour = written
+    folder, _, faces, owner, neighbour = written
     assert (owner[: len(neighbour)] < neighbour).all()
     keys = list(zip(owner[: len(neighbour)], neighbour, strict=True))
     assert keys == sorted(keys)
     assert len(np.unique(np.sort(faces, axis=1), axis=0)) == len(faces)
-    folder, _, faces, _, neighbour = written
     text = (folder / "boundary").read_text(encoding="ascii")
     entries = re.findall(r"(\w+)\s*\{\s*type (\w+);\s*nFaces (\d+);\s*startFace (\d+);", text)
     at = len(neighbour)

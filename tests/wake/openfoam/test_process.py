@@ -58,8 +58,7 @@ def _wait_gone(pid: int) -> bool:
 def test_a_missing_program_is_one_line(tmp_path):
     with pytest.raises(PlantError, match="install the Debian package `openfoam`") as caught:
         IcoFoam(tmp_path, ("icoFoam-that-is-not-there",))
-    assert "\n" not in str(caught.value)
-    assert not list(tmp_path.iterdir())
+    assert "\n" not in str(caught.value) and not list(tmp_path.iterdir())
 
 
 def test_steps_reach_the_program_upper_jet_first(case, coarse_mesh):
