@@ -151,7 +151,8 @@ def controlled(rng: Random, of: World) -> Plan:
     yield from unlocking(Level.PROGRAMMING)
     yield lambda program: program.control(14, False)
     yield lambda program: program.control(14, True)
-    yield from each(routine(Routine.ERASE, b"\0\0\x10\0" + bytes(32)), b"\x11\x01", b"\x10\x02", b"\x10\x01")
+    yield from each(routine(Routine.ERASE, b"\0\0\x10\0" + bytes(32)), routine(Routine.REVERT))
+    yield from each(*(write(Did.KEY_LIST, one) for one in of.pool.key_lists), b"\x11\x01", b"\x10\x02", b"\x10\x01")
     yield lambda program: program.control(60, None)
 
 

@@ -259,7 +259,7 @@ class Pair:
             "report": (report.encode(report.report_of(store)), self._text(c.sw_store_report, own)),
             "received": (0xFFFFFFFF if store.received is None else store.received, c.sw_store_received(own)),
             **{kind.name: (self.flash.kept.get(kind, b""), self._record(kind)) for kind in Kind},
-            "calibration": (calibration or b"", self._text(c.sw_store_calibration, own)),
+            "calibration": (calibration or b"", self._text(lambda to: c.sw_store_calibration(own, to, 1024))),
             **{f"attempts {level}": both for level, both in zip(Level, attempts, strict=True)},
             "faults": (store.records.faults, self._text(lambda to: c.sw_store_faults(own, to, 8192))),
             "words written twice": (0, c.twin_twice(self._twin)),

@@ -4,22 +4,22 @@
 /* The image on trial, if it may be booted once more and is in order; otherwise it is given up. */
 static int boot_trial(sw_store *store, uint32_t slot)
 {
-    sw_slot_state standing = store->state.slots[slot];
-    sw_release_facts facts;
-    if (standing.boots_left > 0u) {
+    sw_store_state *next = sw_state_draft(store);
+    if (next->slots[slot].boots_left > 0u) {
         /* Counted first: whatever the image does to the ECU, the boots end. A trial that cannot be counted would never
          * end, so the image does not run.
          */
-        standing.boots_left--;
-        if (sw_state_keep_slot(store, slot, &standing) != 0) {
+        next->slots[slot].boots_left--;
+        if (sw_state_keep(store, next) != 0) {
             store->verdicts[slot] = SW_VERDICT_UNREADABLE;
             return 0;
         }
-        store->verdicts[slot] = (uint8_t)sw_judge_slot(store, slot, &facts);
+        store->verdicts[slot] = (uint8_t)sw_judge_slot(store, slot);
         if (store->verdicts[slot] == SW_VERDICT_GOOD) return 1;
     }
-    sw_state_give_up(&standing);
-    if (sw_state_keep_slot(store, slot, &standing) != 0 && store->verdicts[slot] == SW_VERDICT_NONE) {
+    next = sw_state_draft(store);
+    sw_state_give_up(&next->slots[slot]);
+    if (sw_state_keep(store, next) != 0 && store->verdicts[slot] == SW_VERDICT_NONE) {
         store->verdicts[slot] = SW_VERDICT_UNREADABLE;
     }
     return 0;
@@ -35,9 +35,8 @@ static void boot_confirmed(sw_store *store, int is_reverted)
     if (active == SW_NO_SLOT) return;
     for (uint32_t i = 0; i < 2u && store->running == SW_NO_SLOT; i++) {
         const uint32_t slot = active ^ i;
-        sw_release_facts facts;
         if (store->state.slots[slot].phase != SW_PHASE_CONFIRMED) continue;
-        store->verdicts[slot] = (uint8_t)sw_judge_slot(store, slot, &facts);
+        store->verdicts[slot] = (uint8_t)sw_judge_slot(store, slot);
         if (store->verdicts[slot] == SW_VERDICT_GOOD) {
             store->running = (uint8_t)slot;
             store->reason = is_reverted ? SW_BOOT_REVERTED : SW_BOOT_CONFIRMED;

@@ -53,10 +53,10 @@ static int set(sw_node *node, const uint8_t *value)
 
 void sw_calibrating_restore(sw_node *node)
 {
-    uint8_t kept[SW_MAX_CALIBRATION];
+    uint8_t kept[sizeof(sw_calibration)];
     node->calibrating.release = node->ecu.calibration;
     node->calibrating.working = node->ecu.calibration;
-    const uint32_t length = sw_store_calibration(&node->store, kept);
+    const uint32_t length = sw_store_calibration(&node->store, kept, sizeof kept);
     node->calibrating.is_kept = length > 0u;
     if (length == sizeof(sw_calibration)) (void)set(node, kept);
 }

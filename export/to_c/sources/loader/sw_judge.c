@@ -8,19 +8,19 @@ void sw_judge_begin(sw_store *store, uint32_t slot)
     store->slot = (uint8_t)slot;
     store->at = 0;
     store->verdict = SW_VERDICT_GOOD;
-    sw_sha256_begin(&store->whole);
-    sw_sha256_begin(&store->payload);
-    sw_bytes_fill(store->header, 0, SW_HEADER_BYTES);
+    sw_sha256_begin(&store->scratch.image.whole);
+    sw_sha256_begin(&store->scratch.image.payload);
+    sw_bytes_fill(store->scratch.image.header, 0, SW_HEADER_BYTES);
 }
 
 static void take(sw_store *store, const uint8_t *data, uint32_t length)
 {
-    sw_sha256_add(&store->whole, data, length);
+    sw_sha256_add(&store->scratch.image.whole, data, length);
     /* READ divides the header. */
     if (store->at < SW_HEADER_BYTES) {
-        sw_bytes_copy(&store->header[store->at], data, length);
+        sw_bytes_copy(&store->scratch.image.header[store->at], data, length);
     } else {
-        sw_sha256_add(&store->payload, data, length);
+        sw_sha256_add(&store->scratch.image.payload, data, length);
     }
     store->at += length;
 }
@@ -42,23 +42,23 @@ int sw_judge_go_on(sw_store *store)
     return store->at < length;
 }
 
-sw_verdict sw_judge_end(sw_store *store, sw_release_facts *facts)
+sw_verdict sw_judge_end(sw_store *store)
 {
     const sw_slot_state *standing = &store->state.slots[store->slot];
     uint8_t whole[32], payload[32];
     if (store->verdict != SW_VERDICT_GOOD) return SW_VERDICT_UNREADABLE;
-    sw_sha256_end(&store->whole, whole);
-    sw_sha256_end(&store->payload, payload);
+    sw_sha256_end(&store->scratch.image.whole, whole);
+    sw_sha256_end(&store->scratch.image.payload, payload);
     if (!sw_bytes_equal(whole, standing->sha256, 32)) return SW_VERDICT_WRONG_HASH;
-    return sw_release_judge(store->header, standing->length, payload, &store->keys, store->rules,
-                            store->state.least_security_version, facts);
+    return sw_release_judge(store->scratch.image.header, standing->length, payload, store->keys, store->rules,
+                            store->state.least_security_version);
 }
 
-sw_verdict sw_judge_slot(sw_store *store, uint32_t slot, sw_release_facts *facts)
+sw_verdict sw_judge_slot(sw_store *store, uint32_t slot)
 {
     sw_judge_begin(store, slot);
     while (sw_judge_go_on(store)) {
         /* At once. */
     }
-    return sw_judge_end(store, facts);
+    return sw_judge_end(store);
 }

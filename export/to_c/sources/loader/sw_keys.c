@@ -42,7 +42,9 @@ static int are_in_order(const uint8_t *keys, uint32_t allowed, uint32_t revoked)
     return 1;
 }
 
-int sw_key_list_decode(const uint8_t *data, uint32_t length, const uint8_t root[32], sw_key_list *list)
+uint32_t sw_key_list_version(const uint8_t *list) { return sw_big_u32(&list[VERSION]); }
+
+int sw_key_list_is_good(const uint8_t *data, uint32_t length, const uint8_t root[32])
 {
     static const uint8_t magic[MAGIC] = {'S', 'W', 'K', 'E', 'Y', 'S', '0', '1'};
     if (length < KEYS + SIGNATURE || length > SW_KEY_LIST_BYTES || !sw_bytes_equal(data, magic, MAGIC)) return 0;
@@ -50,27 +52,15 @@ int sw_key_list_decode(const uint8_t *data, uint32_t length, const uint8_t root[
     if (!sw_signature_is_good(&data[length - SIGNATURE], root, data, length - SIGNATURE)) return 0;
     const uint32_t allowed = data[ALLOWED];
     const uint32_t revoked = data[REVOKED];
-    const uint32_t version = ((uint32_t)data[VERSION] << 24) | ((uint32_t)data[VERSION + 1u] << 16)
-                             | ((uint32_t)data[VERSION + 2u] << 8) | (uint32_t)data[VERSION + 3u];
-    if (version == 0u || allowed == 0u || allowed > SW_MOST_KEYS || revoked > SW_MOST_KEYS) return 0;
+    if (sw_key_list_version(data) == 0u || allowed == 0u || allowed > SW_MOST_KEYS || revoked > SW_MOST_KEYS) return 0;
     if (data[RESERVED] != 0u || data[RESERVED + 1u] != 0u) return 0;
     if (length != KEYS + (allowed + revoked) * KEY + SIGNATURE) return 0;
-    if (!are_in_order(&data[KEYS], allowed, revoked)) return 0;
-    list->version = version;
-    list->allowed = (uint8_t)allowed;
-    list->revoked = (uint8_t)revoked;
-    for (uint32_t i = 0; i < allowed + revoked; i++) {
-        for (uint32_t k = 0; k < KEY; k++) list->keys[i][k] = data[KEYS + i * KEY + k];
-    }
-    return 1;
+    return are_in_order(&data[KEYS], allowed, revoked);
 }
 
-int sw_key_is_allowed(const sw_key_list *list, const uint8_t key[32])
-{
-    return is_among(list->keys[0], list->allowed, key);
-}
+int sw_key_is_allowed(const uint8_t *list, const uint8_t key[32]) { return is_among(&list[KEYS], list[ALLOWED], key); }
 
-int sw_key_is_revoked(const sw_key_list *list, const uint8_t key[32])
+int sw_key_is_revoked(const uint8_t *list, const uint8_t key[32])
 {
-    return is_among(list->keys[0] + KEY * list->allowed, list->revoked, key);
+    return is_among(&list[KEYS + KEY * list[ALLOWED]], list[REVOKED], key);
 }

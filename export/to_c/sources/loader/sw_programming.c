@@ -82,7 +82,7 @@ uint8_t sw_programming_read(sw_node *node, uint32_t number, sw_answer *answer)
         sw_answer_number(answer, SW_SLOT_BYTES, 4);
         break;
     case SW_DID_KEY_LIST:
-        sw_answer_number(answer, node->store.keys.version, 4);
+        sw_answer_number(answer, sw_key_list_version(node->store.keys), 4);
         break;
     case SW_DID_STORE:
         put_report(&node->store, answer);
@@ -107,7 +107,9 @@ static uint8_t take_keys(sw_node *node, const uint8_t *value, uint32_t length)
     sw_programming_digest(value, length, digest);
     for (uint32_t i = 0; i < sizeof digest; i++) is_again &= digest[i] == programming->keys_digest[i];
     if (is_again) return SW_UDS_DONE;
-    const uint8_t code = sw_programming_refusal(sw_store_take_keys(&node->store, value, length));
+    /* To verify a signature, here and before a way back, takes a good part of a control period. */
+    uint8_t code = sw_node_refusal(node);
+    if (code == 0u) code = sw_programming_refusal(sw_store_take_keys(&node->store, value, length));
     if (code == SW_UDS_DONE) {
         programming->has_keys = 1;
         for (uint32_t i = 0; i < sizeof digest; i++) programming->keys_digest[i] = digest[i];
@@ -200,7 +202,8 @@ uint8_t sw_programming_routine(sw_node *node, uint32_t number, const uint8_t *op
         code = confirm(node);
         break;
     default: /* SW_ROUTINE_REVERT: the table of routines has no other */
-        code = begun(node, sw_store_revert(&node->store), answer);
+        code = sw_node_refusal(node);
+        if (code == 0u) code = begun(node, sw_store_revert(&node->store), answer);
         break;
     }
     return code;

@@ -1,5 +1,7 @@
 #include "sw_records.h"
 
+#include <stddef.h>
+
 #include "sw_bytes.h"
 
 #define WORD SW_FLASH_WORD
@@ -179,23 +181,58 @@ int sw_records_read(const sw_records *records, sw_record_kind kind, uint32_t off
     return 0;
 }
 
-static int write_record(const sw_records *records, uint32_t sector, uint32_t word, sw_record_kind kind,
-                        const uint8_t *data, uint32_t length)
+/* A record to be written. */
+typedef struct {
+    sw_record_kind kind;
+    const sw_part *parts;
+    uint32_t count, length;
+} record;
+
+/* Bytes of it from `offset` on; 1: what is kept cannot be read. */
+static int gathered(const sw_records *records, const record *of, uint32_t offset, uint8_t *data, uint32_t length)
 {
-    const uint32_t crc = sw_crc32(crc_begun(kind, length), data, length);
+    uint32_t begin = 0; /* of a part */
+    for (uint32_t i = 0; i < of->count; i++) {
+        const sw_part *part = &of->parts[i];
+        const uint32_t from = begin > offset ? begin : offset;
+        const uint32_t to = lesser(begin + part->length, offset + length);
+        if (from < to && part->data != NULL) {
+            sw_bytes_copy(&data[from - offset], &part->data[from - begin], to - from);
+        } else if (from < to
+                   && sw_records_read(records, of->kind, part->place + from - begin, &data[from - offset], to - from) != 0) {
+            return 1;
+        } else {
+            /* Nothing of this part. */
+        }
+        begin += part->length;
+    }
+    return 0;
+}
+
+static int write_record(const sw_records *records, uint32_t sector, uint32_t word, const record *of)
+{
+    const uint32_t length = of->length;
+    uint8_t found[WORD];
+    uint32_t crc = crc_begun(of->kind, length);
+    for (uint32_t at = 0; at < length; at += WORD) {
+        const uint32_t count = lesser(length - at, WORD);
+        if (gathered(records, of, at, found, count) != 0) return 1;
+        crc = sw_crc32(crc, found, count);
+    }
     for (uint32_t i = 0; i < words_of(length); i++) {
         const uint32_t begin = offset_of(i);
-        uint8_t found[WORD];
         sw_bytes_fill(found, 0, WORD);
         found[0] = i == 0u ? IS_FIRST : IS_FURTHER;
         if (i == 0u) {
-            found[KIND] = (uint8_t)kind;
+            found[KIND] = (uint8_t)of->kind;
             found[LENGTH] = (uint8_t)(length >> 8);
             found[LENGTH + 1u] = (uint8_t)length;
             sw_put_big_u32(&found[CRC], crc);
         }
-        sw_bytes_copy(&found[begin_in(i)], &data[begin], lesser(length - begin, WORD - begin_in(i)));
-        if (write_word(records, sector, word + i, found) != 0) return 1;
+        if (gathered(records, of, begin, &found[begin_in(i)], lesser(length - begin, WORD - begin_in(i))) != 0
+            || write_word(records, sector, word + i, found) != 0) {
+            return 1;
+        }
     }
     return 0;
 }
@@ -212,8 +249,9 @@ static int copied(const sw_records *records, uint32_t from, uint32_t sector, uin
 }
 
 /* The newest records, with this one in place of an older, into the other sector, which is valid from its last word on. */
-static int moved(sw_records *records, sw_record_kind kind, const uint8_t *data, uint32_t length)
+static int moved(sw_records *records, const record *of)
 {
+    const uint32_t own = (uint32_t)of->kind - 1u;
     sw_records next = *records;
     uint8_t head[WORD];
     next.sector = records->sector == 0u ? 1u : 0u;
@@ -223,7 +261,7 @@ static int moved(sw_records *records, sw_record_kind kind, const uint8_t *data, 
     for (uint32_t i = 0; i < SW_RECORD_KINDS; i++) {
         const uint32_t count = words_of(records->lengths[i]);
         next.words[i] = 0;
-        if (records->words[i] == 0u || i + 1u == (uint32_t)kind) continue;
+        if (records->words[i] == 0u || i == own) continue;
         const int failed = copied(records, records->words[i], next.sector, next.end, count);
         if (failed == 2) return 1;
         if (failed == 0) {
@@ -233,10 +271,10 @@ static int moved(sw_records *records, sw_record_kind kind, const uint8_t *data, 
         }
         next.end += count;
     }
-    if (write_record(records, next.sector, next.end, kind, data, length) != 0) return 1;
-    next.words[(uint32_t)kind - 1u] = next.end;
-    next.lengths[(uint32_t)kind - 1u] = length;
-    next.end += words_of(length);
+    if (write_record(records, next.sector, next.end, of) != 0) return 1;
+    next.words[own] = next.end;
+    next.lengths[own] = of->length;
+    next.end += words_of(of->length);
     sw_bytes_fill(head, 0, WORD);
     sw_bytes_copy(head, sector_magic, SEQUENCE);
     sw_put_big_u32(&head[SEQUENCE], next.sequence);
@@ -248,17 +286,25 @@ static int moved(sw_records *records, sw_record_kind kind, const uint8_t *data, 
 
 int sw_records_keep(sw_records *records, sw_record_kind kind, const uint8_t *data, uint32_t length)
 {
-    const uint32_t count = words_of(length);
-    if (length > SW_MAX_RECORD) return 1;
+    const sw_part part = {data, 0, length};
+    return sw_records_keep_parts(records, kind, &part, 1);
+}
+
+int sw_records_keep_parts(sw_records *records, sw_record_kind kind, const sw_part *parts, uint32_t count)
+{
+    record of = {kind, parts, count, 0};
+    for (uint32_t i = 0; i < count; i++) of.length += parts[i].length;
+    const uint32_t words = words_of(of.length);
+    if (of.length > SW_MAX_RECORD) return 1;
     for (uint32_t i = 0; i < TRIES; i++) {
-        if (records->sector == SW_RECORD_SECTORS || count > WORDS - records->end) {
-            if (moved(records, kind, data, length) == 0) return 0;
+        if (records->sector == SW_RECORD_SECTORS || words > WORDS - records->end) {
+            if (moved(records, &of) == 0) return 0;
         } else {
             const uint32_t word = records->end;
-            records->end += count; /* what failed there stays */
-            if (write_record(records, records->sector, word, kind, data, length) == 0) {
+            records->end += words; /* what failed there stays */
+            if (write_record(records, records->sector, word, &of) == 0) {
                 records->words[(uint32_t)kind - 1u] = word;
-                records->lengths[(uint32_t)kind - 1u] = length;
+                records->lengths[(uint32_t)kind - 1u] = of.length;
                 return 0;
             }
         }

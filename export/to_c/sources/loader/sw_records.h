@@ -53,6 +53,15 @@ uint32_t sw_records_length(const sw_records *records, sw_record_kind kind);
  */
 int sw_records_keep(sw_records *records, sw_record_kind kind, const uint8_t *data, uint32_t length);
 
+/* Bytes of a record: given ones, or, where `data` is NULL, those from `place` on of the record of its kind as it is kept. */
+typedef struct {
+    const uint8_t *data;
+    uint32_t place, length;
+} sw_part;
+
+/* The same, of a record of several parts. */
+int sw_records_keep_parts(sw_records *records, sw_record_kind kind, const sw_part *parts, uint32_t count);
+
 #ifdef __cplusplus
 }
 #endif

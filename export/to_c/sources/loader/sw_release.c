@@ -38,7 +38,7 @@ static uint32_t name_length(const uint8_t *field)
     return all_zero(&field[length], SW_NAME_BYTES - length) ? length : 0u;
 }
 
-static sw_verdict signer_verdict(const uint8_t *header, const sw_key_list *keys)
+static sw_verdict signer_verdict(const uint8_t *header, const uint8_t *keys)
 {
     if (all_zero(&header[SIGNER], SW_HEADER_BYTES - SIGNER)) return SW_VERDICT_UNSIGNED;
     if (!sw_signature_is_good(&header[SIGNATURE], &header[SIGNER], header, SIGNATURE)) return SW_VERDICT_BAD_SIGNATURE;
@@ -69,23 +69,24 @@ static sw_verdict fit_verdict(const uint8_t *header, const sw_rules *rules, uint
 }
 
 sw_verdict sw_release_judge(const uint8_t header[SW_HEADER_BYTES], uint32_t length, const uint8_t payload_sha256[32],
-                            const sw_key_list *keys, const sw_rules *rules, uint32_t least_security_version,
-                            sw_release_facts *facts)
+                            const uint8_t *keys, const sw_rules *rules, uint32_t least_security_version)
 {
     static const uint8_t magic[MAGIC] = {'S', 'W', 'C', 'T', 'R', 'L', '0', '1'};
     if (length < SW_HEADER_BYTES || !sw_bytes_equal(header, magic, MAGIC) || sw_little_u32(&header[LENGTH]) != length
         || sw_little_u32(&header[HEADER_LENGTH]) != SW_HEADER_BYTES) {
         return SW_VERDICT_DAMAGED;
     }
-    sw_verdict verdict = signer_verdict(header, keys);
+    const sw_verdict verdict = signer_verdict(header, keys);
     if (verdict != SW_VERDICT_GOOD) return verdict;
     if (!content_is_in_order(header, payload_sha256)) return SW_VERDICT_DAMAGED;
-    verdict = fit_verdict(header, rules, least_security_version);
-    if (verdict != SW_VERDICT_GOOD) return verdict;
+    return fit_verdict(header, rules, least_security_version);
+}
+
+void sw_release_read(const uint8_t header[SW_HEADER_BYTES], sw_release_facts *facts)
+{
     facts->security_version = sw_little_u32(&header[SECURITY_VERSION]);
     sw_bytes_copy(facts->digest, &header[DIGEST], SHA256);
     facts->name_length = (uint8_t)name_length(&header[NAME]);
     sw_bytes_copy(facts->name, &header[NAME], SW_NAME_BYTES);
     sw_bytes_copy(facts->signer, &header[SIGNER], 32);
-    return SW_VERDICT_GOOD;
 }

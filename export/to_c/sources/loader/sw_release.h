@@ -53,12 +53,14 @@ typedef struct {
     uint8_t signer[32];
 } sw_release_facts;
 
-/* Judge the header of an image of `length` bytes, its payload's SHA-256 being as given; facts are written where the
- * verdict is GOOD. WRONG_HASH, INCOMPLETE, UNREADABLE and EMPTY are for the caller to find.
+/* Judge the header of an image of `length` bytes, its payload's SHA-256 being as given, by a key list. WRONG_HASH,
+ * INCOMPLETE, UNREADABLE and EMPTY are for the caller to find.
  */
 sw_verdict sw_release_judge(const uint8_t header[SW_HEADER_BYTES], uint32_t length, const uint8_t payload_sha256[32],
-                            const sw_key_list *keys, const sw_rules *rules, uint32_t least_security_version,
-                            sw_release_facts *facts);
+                            const uint8_t *keys, const sw_rules *rules, uint32_t least_security_version);
+
+/* Of a header that is GOOD. */
+void sw_release_read(const uint8_t header[SW_HEADER_BYTES], sw_release_facts *facts);
 
 #ifdef __cplusplus
 }

@@ -6,13 +6,11 @@
 #define HEAD 5u
 #define ENTRY 34u
 #define DIGEST 32u
-#define MOST_BYTES (HEAD + 2u * (ENTRY + SW_MAX_CALIBRATION))
 
 static const uint8_t magic[MAGIC] = {'S', 'W', 'C', '1'};
 
 void sw_store_open(sw_store *store, const sw_flash *flash, const sw_rules *rules)
 {
-    uint8_t data[SW_KEY_LIST_BYTES];
     store->flash = flash;
     store->rules = rules;
     store->reason = SW_BOOT_NONE;
@@ -28,28 +26,25 @@ void sw_store_open(sw_store *store, const sw_flash *flash, const sw_rules *rules
     sw_records_open(&store->records, flash);
     sw_records_tidy(&store->records);
     sw_state_open(store);
-    store->keys.version = 0;
-    store->keys.allowed = 0;
-    store->keys.revoked = 0;
     const uint32_t length = sw_records_length(&store->records, SW_RECORD_KEYS);
-    if (length <= SW_KEY_LIST_BYTES && sw_records_read(&store->records, SW_RECORD_KEYS, 0, data, length) == 0) {
-        (void)sw_key_list_decode(data, length, rules->root, &store->keys);
+    if (length > SW_KEY_LIST_BYTES || sw_records_read(&store->records, SW_RECORD_KEYS, 0, store->keys, length) != 0
+        || !sw_key_list_is_good(store->keys, length, rules->root)) {
+        sw_bytes_fill(store->keys, 0, SW_KEY_LIST_BYTES);
     }
 }
 
 sw_store_result sw_store_take_keys(sw_store *store, const uint8_t *data, uint32_t length)
 {
-    sw_key_list list = {0};
     const uint32_t needed[2] = {store->state.active, store->running};
-    if (!sw_key_list_decode(data, length, store->rules->root, &list)) return SW_STORE_BAD_KEYS;
-    if (list.version <= store->keys.version) return SW_STORE_BAD_KEYS;
+    if (!sw_key_list_is_good(data, length, store->rules->root)) return SW_STORE_BAD_KEYS;
+    if (sw_key_list_version(data) <= sw_key_list_version(store->keys)) return SW_STORE_BAD_KEYS;
     for (uint32_t i = 0; i < 2u; i++) {
         if (needed[i] == SW_NO_SLOT || store->state.slots[needed[i]].phase != SW_PHASE_CONFIRMED) continue;
         const uint8_t *signer = store->state.slots[needed[i]].facts.signer;
-        if (sw_key_is_allowed(&store->keys, signer) && !sw_key_is_allowed(&list, signer)) return SW_STORE_BAD_KEYS;
+        if (sw_key_is_allowed(store->keys, signer) && !sw_key_is_allowed(data, signer)) return SW_STORE_BAD_KEYS;
     }
     if (sw_records_keep(&store->records, SW_RECORD_KEYS, data, length) != 0) return SW_STORE_BAD_MEMORY;
-    store->keys = list;
+    sw_bytes_copy(store->keys, data, length);
     return SW_STORE_DONE;
 }
 
@@ -75,27 +70,32 @@ static uint32_t found(const sw_store *store, const uint8_t digest[DIGEST], uint3
     return 0;
 }
 
-static uint32_t calibration_of(const sw_store *store, const uint8_t digest[DIGEST], uint8_t *data)
+/* As `found`, 0 also where it cannot be read. */
+static uint32_t readable(const sw_store *store, const uint8_t digest[DIGEST], uint32_t *place)
+{
+    uint8_t data[DIGEST];
+    const uint32_t length = found(store, digest, place);
+    for (uint32_t at = 0; at < length; at += DIGEST) {
+        const uint32_t count = length - at < DIGEST ? length - at : DIGEST;
+        if (sw_records_read(&store->records, SW_RECORD_CALIBRATION, *place + at, data, count) != 0) return 0;
+    }
+    return length;
+}
+
+uint32_t sw_store_calibration(const sw_store *store, uint8_t *data, uint32_t room)
 {
     uint32_t place = 0;
-    const uint32_t length = found(store, digest, &place);
+    if (store->running == SW_NO_SLOT) return 0;
+    const uint32_t length = readable(store, store->state.slots[store->running].facts.digest, &place);
+    if (length > room) return length;
     return sw_records_read(&store->records, SW_RECORD_CALIBRATION, place, data, length) == 0 ? length : 0u;
 }
 
-uint32_t sw_store_calibration(const sw_store *store, uint8_t *data)
+static void fill_head(uint8_t head[ENTRY], const uint8_t digest[DIGEST], uint32_t length)
 {
-    return store->running == SW_NO_SLOT
-               ? 0u
-               : calibration_of(store, store->state.slots[store->running].facts.digest, data);
-}
-
-static uint32_t with_entry(uint8_t *record, uint32_t at, const uint8_t digest[DIGEST], uint32_t length)
-{
-    record[4]++;
-    sw_bytes_copy(&record[at], digest, DIGEST);
-    record[at + DIGEST] = (uint8_t)(length >> 8);
-    record[at + DIGEST + 1u] = (uint8_t)length;
-    return at + ENTRY + length;
+    sw_bytes_copy(head, digest, DIGEST);
+    head[DIGEST] = (uint8_t)(length >> 8);
+    head[DIGEST + 1u] = (uint8_t)length;
 }
 
 static int is_before(const uint8_t one[DIGEST], const uint8_t other[DIGEST])
@@ -108,28 +108,35 @@ static int is_before(const uint8_t one[DIGEST], const uint8_t other[DIGEST])
 /* In the record stand the calibrations of the releases that are here, by their digests. */
 sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, uint32_t length)
 {
-    uint8_t record[MOST_BYTES];
-    uint32_t at = HEAD;
+    uint8_t head[HEAD], own_head[ENTRY], other_head[ENTRY];
+    uint32_t place = 0;
     if (store->running == SW_NO_SLOT) return SW_STORE_OUT_OF_ORDER;
     if (length > SW_MAX_CALIBRATION) return SW_STORE_OUT_OF_RANGE;
     const uint8_t *own = store->state.slots[store->running].facts.digest;
     const uint8_t *other = store->state.slots[1u - store->running].facts.digest;
-    const int is_first = is_before(own, other);
-    sw_bytes_copy(record, magic, MAGIC);
-    record[MAGIC] = 0;
-    for (uint32_t i = 0; i < 2u; i++) {
-        if ((i == 0u) == (is_first != 0)) {
-            if (length == 0u) continue;
-            sw_bytes_copy(&record[at + ENTRY], data, length);
-            at = with_entry(record, at, own, length);
-        } else if (!sw_bytes_equal(own, other, DIGEST)) {
-            const uint32_t kept = calibration_of(store, other, &record[at + ENTRY]);
-            if (kept > 0u) at = with_entry(record, at, other, kept);
-        } else {
-            /* One release in both slots has one calibration. */
-        }
+    /* One release in both slots has one calibration. */
+    const uint32_t kept = sw_bytes_equal(own, other, DIGEST) ? 0u : readable(store, other, &place);
+    const uint32_t first = is_before(own, other) ? 1u : 3u;
+    sw_part parts[5] = {0};
+    parts[0].data = head;
+    parts[0].length = HEAD;
+    if (length > 0u) {
+        parts[first].data = own_head;
+        parts[first].length = ENTRY;
+        parts[first + 1u].data = data;
+        parts[first + 1u].length = length;
     }
-    if (sw_records_keep(&store->records, SW_RECORD_CALIBRATION, record, at) != 0) return SW_STORE_BAD_MEMORY;
+    if (kept > 0u) {
+        parts[4u - first].data = other_head;
+        parts[4u - first].length = ENTRY;
+        parts[5u - first].place = place;
+        parts[5u - first].length = kept;
+    }
+    sw_bytes_copy(head, magic, MAGIC);
+    head[MAGIC] = (uint8_t)((length > 0u ? 1u : 0u) + (kept > 0u ? 1u : 0u));
+    fill_head(own_head, own, length);
+    fill_head(other_head, other, kept);
+    if (sw_records_keep_parts(&store->records, SW_RECORD_CALIBRATION, parts, 5) != 0) return SW_STORE_BAD_MEMORY;
     return SW_STORE_DONE;
 }
 
@@ -143,12 +150,16 @@ uint8_t sw_store_failed_attempts(const sw_store *store, uint8_t level)
 
 sw_store_result sw_store_keep_failed_attempts(sw_store *store, uint8_t level, uint32_t count)
 {
-    sw_store_state next = store->state;
     const uint32_t place = place_of(level);
+    const uint8_t attempts = (uint8_t)(count < SW_MOST_ATTEMPTS ? count : SW_MOST_ATTEMPTS);
     if (place > 1u) return SW_STORE_OUT_OF_RANGE;
-    next.attempts[place] = (uint8_t)(count < SW_MOST_ATTEMPTS ? count : SW_MOST_ATTEMPTS);
-    if (next.attempts[place] == store->state.attempts[place]) return SW_STORE_DONE;
-    return sw_state_keep(store, &next) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
+    const uint8_t before = store->state.attempts[place];
+    if (attempts == before) return SW_STORE_DONE;
+    /* Amid other work, whose scratch memory stays as it is. */
+    store->state.attempts[place] = attempts;
+    if (sw_state_keep(store, &store->state) == 0) return SW_STORE_DONE;
+    store->state.attempts[place] = before;
+    return SW_STORE_BAD_MEMORY;
 }
 
 uint32_t sw_store_faults(const sw_store *store, uint8_t *data, uint32_t room)

@@ -107,19 +107,18 @@ void sw_state_open(sw_store *store)
     }
 }
 
+sw_store_state *sw_state_draft(sw_store *store)
+{
+    store->scratch.next.state = store->state;
+    return &store->scratch.next.state;
+}
+
 int sw_state_keep(sw_store *store, const sw_store_state *next)
 {
     uint8_t data[MOST_BYTES];
     if (sw_records_keep(&store->records, SW_RECORD_STATE, data, encoded(next, data)) != 0) return 1;
-    store->state = *next;
+    if (next != &store->state) store->state = *next;
     return 0;
-}
-
-int sw_state_keep_slot(sw_store *store, uint32_t slot, const sw_slot_state *next)
-{
-    sw_store_state state = store->state;
-    state.slots[slot] = *next;
-    return sw_state_keep(store, &state);
 }
 
 int sw_state_slots_equal(const sw_slot_state *one, const sw_slot_state *other)

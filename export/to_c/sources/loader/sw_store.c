@@ -24,11 +24,12 @@ static uint32_t writable_slot(const sw_store *store)
 }
 
 /* The state with an empty slot; a confirmed release in the other one is active then. */
-static void without(const sw_store *store, uint32_t slot, sw_store_state *next)
+static sw_store_state *without(sw_store *store, uint32_t slot)
 {
-    *next = store->state;
+    sw_store_state *next = sw_state_draft(store);
     sw_state_empty_slot(&next->slots[slot]);
     next->active = (uint8_t)(next->slots[1u - slot].phase == SW_PHASE_CONFIRMED ? 1u - slot : SW_NO_SLOT);
+    return next;
 }
 
 static int holds(const sw_slot_state *slot, const sw_slot_state *other)
@@ -46,21 +47,21 @@ void sw_store_drop(sw_store *store)
 /* The slot is announced, and the memory stands exactly behind what was received. */
 static sw_store_result announced(sw_store *store)
 {
+    const sw_slot_state *announced_slot = &store->scratch.next.slot;
     store->work = SW_WORK_NONE;
-    if (!sw_state_slots_equal(&store->next, &store->state.slots[store->slot])) {
-        sw_store_state next;
-        without(store, store->slot, &next);
-        next.slots[store->slot] = store->next;
-        if (sw_state_keep(store, &next) != 0) return SW_STORE_BAD_MEMORY;
+    if (!sw_state_slots_equal(announced_slot, &store->state.slots[store->slot])) {
+        sw_store_state *next = without(store, store->slot);
+        next->slots[store->slot] = *announced_slot;
+        if (sw_state_keep(store, next) != 0) return SW_STORE_BAD_MEMORY;
     }
-    store->wanted = store->next.received;
+    store->wanted = announced_slot->received;
     store->announced = store->slot;
     return SW_STORE_DONE;
 }
 
 sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_t sha256[32])
 {
-    sw_store_state next;
+    sw_slot_state *next = &store->scratch.next.slot;
     store->work = SW_WORK_NONE;
     if (length == 0u || length > SW_SLOT_BYTES) return SW_STORE_OUT_OF_RANGE;
     const uint32_t slot = writable_slot(store);
@@ -69,24 +70,24 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
     store->announced = SW_NO_SLOT;
     if (store->running == slot) store->running = SW_NO_SLOT;
     store->slot = (uint8_t)slot;
-    sw_state_empty_slot(&store->next);
-    store->next.phase = SW_PHASE_FILLING;
-    store->next.length = length;
-    sw_bytes_copy(store->next.sha256, sha256, 32);
+    sw_state_empty_slot(next);
+    next->phase = SW_PHASE_FILLING;
+    next->length = length;
+    sw_bytes_copy(next->sha256, sha256, 32);
     uint32_t wanted = SW_NO_OFFSET;
-    if (holds(standing, &store->next) && !is_known_bad(store, slot)) wanted = sw_slots_begin_again(store, slot);
+    if (holds(standing, next) && !is_known_bad(store, slot)) wanted = sw_slots_begin_again(store, slot);
     if (wanted == standing->received) {
-        store->next.received = wanted;
+        next->received = wanted;
         return announced(store);
     }
     /* Until it is announced, what a cut leaves behind these bytes does not count. */
-    without(store, slot, &next);
+    sw_store_state *state = without(store, slot);
     if (wanted != SW_NO_OFFSET) {
-        store->next.received = wanted;
-        next.slots[slot] = store->next;
+        next->received = wanted;
+        state->slots[slot] = *next;
     }
-    if (sw_state_keep(store, &next) != 0) return SW_STORE_BAD_MEMORY;
-    store->at = store->next.received / SW_FLASH_SECTOR;
+    if (sw_state_keep(store, state) != 0) return SW_STORE_BAD_MEMORY;
+    store->at = next->received / SW_FLASH_SECTOR;
     store->work = SW_WORK_CLEAR;
     return SW_STORE_MORE;
 }
@@ -100,11 +101,11 @@ sw_store_result sw_store_append(sw_store *store, const uint8_t *data, uint32_t l
     if (standing->phase != SW_PHASE_FILLING || length > standing->length - standing->received) {
         return SW_STORE_OUT_OF_ORDER;
     }
-    sw_store_state next = store->state;
+    sw_store_state *next = sw_state_draft(store);
     store->announced = SW_NO_SLOT;
-    if (sw_slots_append(store, slot, next.tail[slot], data, length) != 0) return SW_STORE_BAD_MEMORY;
-    next.slots[slot].received += length;
-    if (sw_state_keep(store, &next) != 0) return SW_STORE_BAD_MEMORY;
+    if (sw_slots_append(store, slot, next->tail[slot], data, length) != 0) return SW_STORE_BAD_MEMORY;
+    next->slots[slot].received += length;
+    if (sw_state_keep(store, next) != 0) return SW_STORE_BAD_MEMORY;
     store->announced = (uint8_t)slot;
     return SW_STORE_DONE;
 }
@@ -126,25 +127,31 @@ sw_store_result sw_store_finish(sw_store *store)
 static sw_store_result finished(sw_store *store)
 {
     const sw_slot_state *standing = &store->state.slots[store->slot];
-    sw_slot_state checked;
-    sw_state_empty_slot(&checked);
-    checked.length = standing->length;
-    checked.received = standing->received;
-    sw_bytes_copy(checked.sha256, standing->sha256, 32);
-    store->verdict = (uint8_t)sw_judge_end(store, &checked.facts);
-    checked.phase = store->verdict == SW_VERDICT_GOOD ? SW_PHASE_CHECKED : SW_PHASE_BAD;
-    if (sw_state_slots_equal(&checked, standing)) return SW_STORE_DONE;
-    return sw_state_keep_slot(store, store->slot, &checked) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
+    sw_release_facts facts;
+    store->verdict = (uint8_t)sw_judge_end(store);
+    if (store->verdict == SW_VERDICT_GOOD) sw_release_read(store->scratch.image.header, &facts);
+    sw_store_state *next = sw_state_draft(store);
+    sw_slot_state *checked = &next->slots[store->slot];
+    sw_state_empty_slot(checked);
+    checked->phase = SW_PHASE_BAD;
+    checked->length = standing->length;
+    checked->received = standing->received;
+    sw_bytes_copy(checked->sha256, standing->sha256, 32);
+    if (store->verdict == SW_VERDICT_GOOD) {
+        checked->phase = SW_PHASE_CHECKED;
+        checked->facts = facts;
+    }
+    if (sw_state_slots_equal(checked, standing)) return SW_STORE_DONE;
+    return sw_state_keep(store, next) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
 }
 
 static sw_store_result reverted(sw_store *store)
 {
-    sw_store_state next = store->state;
-    sw_release_facts facts;
-    store->verdict = (uint8_t)sw_judge_end(store, &facts);
-    next.active = store->slot;
+    store->verdict = (uint8_t)sw_judge_end(store);
     if (store->verdict != SW_VERDICT_GOOD || store->state.active == store->slot) return SW_STORE_DONE;
-    return sw_state_keep(store, &next) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
+    sw_store_state *next = sw_state_draft(store);
+    next->active = store->slot;
+    return sw_state_keep(store, next) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
 }
 
 static sw_store_result cleared(sw_store *store)
@@ -169,40 +176,40 @@ sw_store_result sw_store_go_on(sw_store *store)
 
 sw_store_result sw_store_activate(sw_store *store)
 {
-    sw_store_state next = store->state;
-    const uint32_t slot = sw_state_in_phase(&next, SW_PHASE_CHECKED);
-    const uint32_t trial = sw_state_in_phase(&next, SW_PHASE_TRIAL);
+    const uint32_t slot = sw_state_in_phase(&store->state, SW_PHASE_CHECKED);
+    const uint32_t trial = sw_state_in_phase(&store->state, SW_PHASE_TRIAL);
     store->work = SW_WORK_NONE;
     if (slot == SW_NO_SLOT) {
         return trial != SW_NO_SLOT && trial != store->running ? SW_STORE_DONE : SW_STORE_OUT_OF_ORDER;
     }
-    if (trial != SW_NO_SLOT) sw_state_give_up(&next.slots[trial]);
-    next.slots[slot].phase = SW_PHASE_TRIAL;
-    next.slots[slot].boots_left = SW_TRIAL_BOOTS;
-    if (sw_state_keep(store, &next) != 0) return SW_STORE_BAD_MEMORY;
+    sw_store_state *next = sw_state_draft(store);
+    if (trial != SW_NO_SLOT) sw_state_give_up(&next->slots[trial]);
+    next->slots[slot].phase = SW_PHASE_TRIAL;
+    next->slots[slot].boots_left = SW_TRIAL_BOOTS;
+    if (sw_state_keep(store, next) != 0) return SW_STORE_BAD_MEMORY;
     store->announced = SW_NO_SLOT;
     return SW_STORE_DONE;
 }
 
 sw_store_result sw_store_confirm(sw_store *store)
 {
-    sw_store_state next = store->state;
     const uint32_t slot = store->running;
     store->work = SW_WORK_NONE;
     if (slot == SW_NO_SLOT) return SW_STORE_OUT_OF_ORDER;
-    sw_slot_state *standing = &next.slots[slot];
+    sw_store_state *next = sw_state_draft(store);
+    sw_slot_state *standing = &next->slots[slot];
     if (standing->phase == SW_PHASE_CONFIRMED) return SW_STORE_DONE;
     /* By a key that was taken off the list it would not boot again, and the one before may be too old from now on. */
-    if (standing->phase != SW_PHASE_TRIAL || !sw_key_is_allowed(&store->keys, standing->facts.signer)) {
+    if (standing->phase != SW_PHASE_TRIAL || !sw_key_is_allowed(store->keys, standing->facts.signer)) {
         return SW_STORE_OUT_OF_ORDER;
     }
     standing->phase = SW_PHASE_CONFIRMED;
     standing->boots_left = 0;
-    next.active = (uint8_t)slot;
-    if (standing->facts.security_version > next.least_security_version) {
-        next.least_security_version = standing->facts.security_version;
+    next->active = (uint8_t)slot;
+    if (standing->facts.security_version > next->least_security_version) {
+        next->least_security_version = standing->facts.security_version;
     }
-    return sw_state_keep(store, &next) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
+    return sw_state_keep(store, next) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
 }
 
 sw_store_result sw_store_revert(sw_store *store)
@@ -212,10 +219,10 @@ sw_store_result sw_store_revert(sw_store *store)
     const uint32_t now = store->running != SW_NO_SLOT ? store->running : store->state.active;
     store->work = SW_WORK_NONE;
     if (trial != SW_NO_SLOT) {
-        sw_slot_state standing = store->state.slots[trial];
-        sw_state_give_up(&standing);
+        sw_store_state *next = sw_state_draft(store);
+        sw_state_give_up(&next->slots[trial]);
         store->verdict = SW_VERDICT_GOOD;
-        return sw_state_keep_slot(store, trial, &standing) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
+        return sw_state_keep(store, next) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
     }
     if (now == SW_NO_SLOT || store->state.slots[1u - now].phase != SW_PHASE_CONFIRMED) return SW_STORE_OUT_OF_ORDER;
     sw_judge_begin(store, 1u - now);

@@ -77,12 +77,24 @@ typedef struct {
 
 typedef enum { SW_WORK_NONE = 0, SW_WORK_CLEAR, SW_WORK_FINISH, SW_WORK_REVERT } sw_work;
 
+/* What takes turns: reading an image, and changing the state, which is kept before it counts. */
+typedef union {
+    struct {
+        sw_sha256 whole, payload;
+        uint8_t header[SW_HEADER_BYTES];
+    } image;
+    struct {
+        sw_store_state state;
+        sw_slot_state slot; /* of the announced one, once it is erased */
+    } next;
+} sw_scratch;
+
 typedef struct {
     const sw_flash *flash;
     const sw_rules *rules;
     sw_records records;
     sw_store_state state; /* as it is kept; read it, never write it */
-    sw_key_list keys;
+    uint8_t keys[SW_KEY_LIST_BYTES]; /* the key list, as it was signed; zeros: this ECU has none, and takes nothing */
     uint8_t reason;      /* sw_boot_reason of the last boot */
     uint8_t verdicts[2]; /* sw_verdict of the last boot; SW_VERDICT_NONE: it did not look at this slot */
     uint8_t running;     /* the slot that was booted, as long as the image is still in it; or SW_NO_SLOT */
@@ -92,9 +104,7 @@ typedef struct {
     /* Work in pieces. */
     uint8_t work, slot;  /* sw_work, and the slot that it is about */
     uint32_t at, until;  /* sectors to erase, or bytes to read */
-    sw_slot_state next;  /* of the slot, once it is erased */
-    sw_sha256 whole, payload;
-    uint8_t header[SW_HEADER_BYTES];
+    sw_scratch scratch;
 } sw_store;
 
 /* Find what is kept, after power-on. `flash` and `rules` stay in use. */
@@ -135,8 +145,8 @@ sw_store_result sw_store_take_keys(sw_store *store, const uint8_t *data, uint32_
 /* Keep a calibration for the release that runs; length 0: none. OUT_OF_ORDER, OUT_OF_RANGE, BAD_MEMORY. */
 sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, uint32_t length);
 
-/* The calibration that was kept for the release that runs, into SW_MAX_CALIBRATION bytes; its length, 0: none. */
-uint32_t sw_store_calibration(const sw_store *store, uint8_t *data);
+/* The calibration that was kept for the release that runs: its length, 0: none; copied if it has at most `room` bytes. */
+uint32_t sw_store_calibration(const sw_store *store, uint8_t *data, uint32_t room);
 
 /* Wrong keys in a row at a security level (0x01 programming, 0x03 calibration). OUT_OF_RANGE, BAD_MEMORY. */
 uint8_t sw_store_failed_attempts(const sw_store *store, uint8_t level);

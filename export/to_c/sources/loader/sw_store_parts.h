@@ -11,9 +11,10 @@
 void sw_state_empty(sw_store_state *state);
 void sw_state_empty_slot(sw_slot_state *slot);
 void sw_state_open(sw_store *store);
-/* 1: it cannot be kept, and nothing has changed. */
+/* A copy of the state in the scratch memory, to be changed and kept. */
+sw_store_state *sw_state_draft(sw_store *store);
+/* 1: it cannot be kept, and the one before counts. */
 int sw_state_keep(sw_store *store, const sw_store_state *next);
-int sw_state_keep_slot(sw_store *store, uint32_t slot, const sw_slot_state *next);
 int sw_state_slots_equal(const sw_slot_state *one, const sw_slot_state *other);
 uint32_t sw_state_in_phase(const sw_store_state *state, sw_phase phase); /* SW_NO_SLOT: none is */
 uint32_t sw_state_next_boot(const sw_store_state *state);
@@ -32,8 +33,8 @@ void sw_judge_begin(sw_store *store, uint32_t slot);
 /* One piece; 1: there is more to do. */
 int sw_judge_go_on(sw_store *store);
 /* All of it at once. */
-sw_verdict sw_judge_slot(sw_store *store, uint32_t slot, sw_release_facts *facts);
-/* Once it is done. */
-sw_verdict sw_judge_end(sw_store *store, sw_release_facts *facts);
+sw_verdict sw_judge_slot(sw_store *store, uint32_t slot);
+/* Once it is done; the header of a good one stands in the scratch memory. */
+sw_verdict sw_judge_end(sw_store *store);
 
 #endif

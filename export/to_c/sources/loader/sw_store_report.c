@@ -15,7 +15,7 @@ uint32_t sw_store_report(const sw_store *store, uint8_t *data)
     data[6] = (uint8_t)sw_state_next_boot(state);
     data[7] = store->reason;
     sw_put_big_u32(&data[8], state->least_security_version);
-    sw_put_big_u32(&data[12], store->keys.version);
+    sw_put_big_u32(&data[12], sw_key_list_version(store->keys));
     sw_bytes_copy(&data[16], state->attempts, 2);
     for (uint32_t i = 0; i < 2u; i++) {
         const sw_slot_state *slot = &state->slots[i];

@@ -61,9 +61,9 @@ static void look(void)
         counted.activated_unsigned += !found;
     }
     counted.releases_lost += store->state.active == SW_NO_SLOT;
-    counted.went_back += store->state.least_security_version < least_version || store->keys.version < least_keys;
+    counted.went_back += store->state.least_security_version < least_version || sw_key_list_version(store->keys) < least_keys;
     least_version = store->state.least_security_version;
-    least_keys = store->keys.version;
+    least_keys = sw_key_list_version(store->keys);
 }
 
 static void power_on(void)

@@ -91,6 +91,7 @@ void host_init(host *of, const sw_rules *rules, const uint8_t *access_key, const
                const char *software)
 {
     memset(of, 0, sizeof *of);
+    plan_fails = 0; /* whatever failed in the world before */
     memset(host_memory(of), 0xff, SW_FLASH_BYTES);
     of->rules = *rules;
     memcpy(of->access_key, access_key, sizeof of->access_key);

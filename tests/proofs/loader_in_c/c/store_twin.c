@@ -154,23 +154,21 @@ uint32_t twin_judge(const uint8_t *image, uint32_t length, const uint8_t *keys, 
                     const uint8_t *rules, uint32_t least)
 {
     sw_rules own;
-    sw_key_list list = {0};
-    sw_release_facts facts;
     sw_sha256 hash;
     uint8_t header[SW_HEADER_BYTES] = {0}, payload[32];
     sw_bytes_copy((uint8_t *)&own, rules, (uint32_t)sizeof(own));
-    (void)sw_key_list_decode(keys, keys_length, own.root, &list);
+    const uint8_t none[SW_KEY_LIST_BYTES] = {0};
+    const uint8_t *list = sw_key_list_is_good(keys, keys_length, own.root) ? keys : none;
     sw_bytes_copy(header, image, length < SW_HEADER_BYTES ? length : SW_HEADER_BYTES);
     sw_sha256_begin(&hash);
     if (length > SW_HEADER_BYTES) sw_sha256_add(&hash, &image[SW_HEADER_BYTES], length - SW_HEADER_BYTES);
     sw_sha256_end(&hash, payload);
-    return (uint32_t)sw_release_judge(header, length, payload, &list, &own, least, &facts);
+    return (uint32_t)sw_release_judge(header, length, payload, list, &own, least);
 }
 
 uint32_t twin_keys_version(const uint8_t *data, uint32_t length, const uint8_t *root)
 {
-    sw_key_list list = {0};
-    return sw_key_list_decode(data, length, root, &list) ? list.version : 0u;
+    return sw_key_list_is_good(data, length, root) ? sw_key_list_version(data) : 0u;
 }
 
 #ifdef TWIN_COVERAGE
