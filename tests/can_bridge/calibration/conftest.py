@@ -5,16 +5,14 @@ from itertools import count
 from typing import Any
 
 import pytest
-from cryptography.hazmat.primitives.ciphers.algorithms import AES
-from cryptography.hazmat.primitives.cmac import CMAC
 
 from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.xcp_slave import XcpSlave
-from can_bridge.flashing.access_level import Level
+from can_bridge.uds.access_key import AccessKey
 from contract.config.controller import CostWeights
 from contract.controller.calibration import WEIGHTS, Calibration, CalibrationLimits
+from tests.can_bridge.flashing.store_ecu import KEY
 
-SECRET = bytes(range(16))
 REFERENCE = Calibration(
     weights=CostWeights(drag_mean=1.0, drag_fluctuation=0.1, lift=0.01, smoothness=8.0),
     action_limit=0.075,
@@ -42,18 +40,9 @@ def segment() -> Segment:
     return Segment(REFERENCE, LIMITS)
 
 
-class CmacAccess:
-    """The key to a seed, as the vehicle's key makes it."""
-
-    def answer(self, level: Level, seed: bytes) -> bytes:
-        made = CMAC(AES(SECRET))
-        made.update(bytes([level]) + seed)
-        return made.finalize()
-
-
 @pytest.fixture
-def access() -> CmacAccess:
-    return CmacAccess()
+def access() -> AccessKey:
+    return KEY
 
 
 @pytest.fixture

@@ -11,7 +11,9 @@ from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.xcp import Command
 from can_bridge.calibration.xcp_slave import IDLE_NS, XcpSlave
 from can_bridge.flashing.access_level import Level
-from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, CmacAccess, changed
+from can_bridge.uds.access_key import AccessKey
+from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, changed
+from tests.can_bridge.flashing.store_ecu import KEY
 from tests.examples import examples
 
 CONNECT = "FF 00"
@@ -42,7 +44,7 @@ def talk(slave: XcpSlave, text: str) -> None:
         assert ask(slave, *each) == names.get(answer, answer), line
 
 
-def unlock(slave: XcpSlave, access: CmacAccess, *, flip: int = 0) -> str:
+def unlock(slave: XcpSlave, access: AccessKey, *, flip: int = 0) -> str:
     """Fetch the seed, send the key in pieces; the last answer."""
     seed, left = b"", 12
     for mode in (0, 1):
@@ -266,11 +268,10 @@ def test_a_request_to_store_means_the_values_of_its_moment_and_ends_with_its_con
 @pytest.mark.slow
 def test_whatever_comes_over_the_wire_nothing_is_raised_and_the_limits_hold(unlocks, packets):
     segment = Segment(REFERENCE, LIMITS)
-    access = CmacAccess()
-    slave = XcpSlave(segment, access, lambda length: b"\x07" * length)
+    slave = XcpSlave(segment, KEY, lambda length: b"\x07" * length)
     ask(slave, CONNECT)
     if unlocks:
-        unlock(slave, access)
+        unlock(slave, KEY)
     for packet in packets:
         answers = slave.command(0, packet)
         assert len(answers) <= 1

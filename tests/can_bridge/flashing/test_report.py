@@ -58,15 +58,12 @@ def test_it_has_what_the_store_holds():
     store, _ = booted(backing)
     transfer(store, image("two"), until=BLOCK)
     filling = report_of(store).slots[Slot.B]
-    assert (filling.phase, filling.received, filling.length) == (Phase.FILLING, BLOCK, len(image("two")))
-    assert (filling.name, filling.digest, filling.verdict) == ("", "", None)
+    assert (filling.phase, filling.received, filling.name, filling.verdict) == (Phase.FILLING, BLOCK, "", None)
     flash(store, image("two"))
     assert (report_of(store).next_boot, report_of(store).running) == (Slot.B, Slot.A)
     store, boot = booted(backing)
-    assert report_of(store).running_slot == SlotReport(
-        phase=Phase.TRIAL, name="two", digest=digest_of(boot), security_version=1, received=len(image("two")),
-        length=len(image("two")), boots_left=2, verdict=Verdict.GOOD,
-    )  # fmt: skip
+    tried = report_of(store).running_slot
+    assert tried is not None and (tried.digest, tried.boots_left, tried.verdict) == (digest_of(boot), 2, Verdict.GOOD)
     flash(store, image("three", key=SECOND))
     assert report_of(store).running_slot is None
     assert report.decode(report.encode(report_of(store))) == report_of(store)

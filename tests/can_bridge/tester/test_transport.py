@@ -14,7 +14,6 @@ from can_bridge.tester.sequence import End, flash
 from can_bridge.tester.transport import PADDING, open_client
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID, Did
 from contract.config.vehicle import BusConfig
-from contract.errors import BusError
 from tests.can_bridge.flashing.releases import image
 from tests.can_bridge.flashing.store_ecu import KEY
 from tests.can_bridge.tester.ecu_to_flash import EcuToFlash
@@ -101,12 +100,6 @@ def test_silence_is_an_error_and_no_warning_of_a_library_reaches_the_terminal(
     with pytest.raises(NoAnswerError):
         flashed(config)
     assert capfd.readouterr().err == ""
-
-
-def test_a_bus_that_cannot_be_opened() -> None:
-    config = BusConfig(interface="socketcan", channel="no-such0")
-    with pytest.raises(BusError, match="CAN bus socketcan 'no-such0'"), open_client(config):
-        pass
 
 
 def test_a_bus_without_an_ecu_is_reported_after_a_few_requests(

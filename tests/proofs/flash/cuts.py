@@ -1,11 +1,9 @@
 """Flash an ECU with the supply cut in one operation, and in another during the recovery, and judge what comes of it.
 
-Each case has a name, by which it can be played again: `folder-0123` is the cut in call 123 to the folder's files in the
-whole sequence, `folder-0123+0045` has a second one in call 45 after that power-on; `.3` behind `folder` is the seed,
-where it is not 0.
+Each case has a name, by which it can be played again: 0.123 is the cut in call 123 to the folder's files in the whole
+sequence, with seed 0 of what it leaves behind; 0.123.45 has a second one in call 45 after that power-on.
 """
 
-import re
 import tempfile
 from collections import Counter
 from collections.abc import Callable
@@ -33,7 +31,6 @@ OLD, NEW = 1, 2
 """Security versions of the two releases."""
 KINDS: Final = ("bricked", "wrong_release", "confirmed_lost", "counter_moved", "checkpoint_lost", "reflash_failed")
 """What can go wrong in a case."""
-_NAME: Final = re.compile(r"folder(?:\.(\d+))?-(\d+)(?:\+(\d+))?")
 
 
 class Case(NamedTuple):
@@ -50,17 +47,15 @@ class Case(NamedTuple):
     second: int | None = None
 
     def __str__(self) -> str:
-        folder = f"folder.{self.seed}" if self.seed else "folder"
-        return f"{folder}-{self.first:04}" + ("" if self.second is None else f"+{self.second:04}")
+        return ".".join(str(number) for number in self if number is not None)
 
     @classmethod
     def parse(cls, name: str) -> "Case":
         """Raises StillwakeError for what is no case's name."""
-        match = _NAME.fullmatch(name)
-        if match is None:
-            raise StillwakeError(f"case {name!r}: must be such as folder-0123, folder-0123+0045, folder.2-0012")
-        seed, first, second = match.groups()
-        return cls(int(seed or 0), int(first), None if second is None else int(second))
+        try:
+            return cls(*map(int, name.split(".")))
+        except (ValueError, TypeError):
+            raise StillwakeError(f"case {name!r}: must be such as 0.123 or 0.123.45") from None
 
 
 @dataclass

@@ -1,7 +1,7 @@
 """The supply cut at every write of flashing a release: whether the ECU ever stands without a controller it can trust.
 
     python -m tests.proofs.flash --json results/flash.json
-    python -m tests.proofs.flash --replay folder-0123+0045
+    python -m tests.proofs.flash --replay 0.123.45
 
 The tester's own steps drive the UDS server, the store and a simulated memory, with the shipped release. Each operation
 of the memory is torn in its middle once; in the recovery from each, some are torn again. After every power-on the image
@@ -39,7 +39,7 @@ class Piece(NamedTuple):
 
 def main(
     json_file: JsonFile = None,
-    replay: Annotated[str, typer.Option(help="Play one case again, such as folder-0123+0045.")] = "",
+    replay: Annotated[str, typer.Option(help="Play one case again, such as 0.123.45.")] = "",
     every: Annotated[int, typer.Option(help="Cut in every so manieth operation; 1: in each.", min=1)] = 1,
     seeds: Annotated[int, typer.Option(help="Ways in which each call to the folder is torn.", min=1)] = 4,
     second_cuts: Annotated[
