@@ -63,9 +63,7 @@ def test_positions_in_the_bundle_count_where_there_are_some(bundle_of):
         check_sensors(built_for_it, TRUCK)
 
 
-def test_a_policy_shows_what_the_ecu_would_and_keeps_nothing_but_its_memory(
-    bundle_of, recording_controller
-):
+def test_a_policy_shows_what_the_ecu_would_and_keeps_nothing_but_its_memory(bundle_of, recording_controller):
     bundle = bundle_of()
     controller = recording_controller(lambda i: 0.01 * (i + 1))
     window, horizon = bundle.manifest.window, bundle.manifest.mpc.horizon
