@@ -1,6 +1,5 @@
 """A release on the real wake, for a few periods: what the run folder holds, over each kind of frames."""
 
-import errno
 import json
 import secrets
 from typing import Any
@@ -12,8 +11,7 @@ import pytest
 from can_bridge.secoc.key import write_key
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
-from contract.config.vehicle import BackgroundConfig, BusConfig
-from contract.errors import StillwakeError
+from contract.config.vehicle import BusConfig
 from contract.release import bundle
 from contract.release.checks import Bundle
 from examples.random_programs import random_program
@@ -104,70 +102,19 @@ def test_the_summary_is_of_this_run(run):
     assert 0.0 < summary["mpc_ms_p50"] <= summary["mpc_ms_p99"] <= summary["mpc_ms_max"]
 
 
-def short_run(release, coarse, folder, *, lead_in=1.0, controlled=1.0, progress=lambda *_: None, report=str, **bus):
-    spans: dict[str, Any] = {"lead_in": lead_in, "controlled": controlled, "settle": 0.0, "averages": False}
-    config = Config(flow=coarse.flow, bus=BusConfig(**bus))
-    log = run_closed_loop(folder, release, config, plant=coarse.plant(), progress=progress, report=report, **spans)
-    return log, (folder / "frames.log").read_bytes(), json.loads((folder / "summary.json").read_text())
-
-
-def test_a_stopped_run_leaves_nothing_behind_and_an_old_one_alone(release, coarse, tmp_path):
-    class Stopped(BaseException):
-        """Stands for a signal."""
-
-    def stop(row, done, total) -> None:
-        if done == 2:
-            assert len(list(tmp_path.iterdir())) == 1 + folder.exists()
-            raise Stopped
-
-    def full(_folder: RunFolder) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    folder = tmp_path / "run"
-    for old in ([], ["run", "series.npz"]):
-        if old:
-            folder.mkdir()
-            (folder / "series.npz").write_text("old")
-        # Nor does one stay whose page could not be written.
-        with pytest.raises((Stopped, StillwakeError), match="No space left" if old else None):
-            short_run(release, coarse, folder, **({"report": full} if old else {"progress": stop}))
-        assert [path.name for path in tmp_path.rglob("*")] == old
-    assert (folder / "series.npz").read_text() == "old"
-
-
-def test_the_same_run_has_the_same_frames_to_the_byte_also_with_other_traffic(release, coarse, tmp_path):
-    busy = BackgroundConfig(load=0.5, seed=1)
-    first, frames, summary = short_run(release, coarse, tmp_path / "a", background=busy)
-    again, same, _ = short_run(release, coarse, tmp_path / "b", background=busy)
-    assert frames == same
-    for name, values in first.series.items():
-        if name != "step_ms":
-            np.testing.assert_array_equal(values, again.series[name])
-    assert 0.3 < summary["bus"]["load"] < 0.55
-    assert {name: node["state"] for name, node in summary["bus"]["nodes"].items()} == dict.fromkeys(
-        ("vehicle", "ECU", "background"), "ERROR_ACTIVE"
-    )
-    waits = summary["bus"]["longest_wait_ms"]
-    assert set(waits) == {"Pressure", "VehicleSpeed", "JetCommand", "EcuStatus"}
-    assert max(waits.values()) > 0.1
-    quiet, _, _ = short_run(release, coarse, tmp_path / "c")
-    # Alone on the bus only the speed waits, for the pressures, and the status, for the command.
-    assert quiet.traffic.longest_wait_ms["Pressure"] == quiet.traffic.longest_wait_ms["JetCommand"] == 0.0
-    assert 0.01 < quiet.traffic.load < 0.04
-    assert np.nanmax(first.series["age_ms"]) > np.nanmax(quiet.series["age_ms"]) + 0.1
-
-
 def test_one_setting_authenticates_both_nodes_and_the_key_stays_where_it_is(short_release, coarse, tmp_path):
     secret = secrets.token_bytes(16)
     write_key(tmp_path / "key", secret)
     folder = tmp_path / "run"
     release = bundle.load(short_release)
-    log, _, summary = short_run(release, coarse, folder, key=str(tmp_path / "key"), lead_in=2.0, controlled=2.0)
+    config = Config(flow=coarse.flow, bus=BusConfig(key=str(tmp_path / "key")))
+    spans: dict[str, Any] = {"lead_in": 2.0, "controlled": 2.0, "settle": 0.0, "averages": False}
+    log = run_closed_loop(folder, release, config, plant=coarse.plant(), **spans)
     write_report(RunFolder(folder))
     assert set(log.series["mode"][-5:]) == {Mode.CONTROL}
     assert (log.bus.lost, log.bus.rejected, log.metadata.status.not_authentic) == (0, 0, 0)
     assert [message.arbitration_id for message in logged(folder)] == [0x122, 0x12A, 0x132, 0x142] * 20
-    assert summary["settings"]["bus"]["key"] == str(tmp_path / "key")
+    assert json.loads((folder / "summary.json").read_text())["settings"]["bus"]["key"] == str(tmp_path / "key")
     for path in folder.iterdir():
         content = path.read_bytes()
         assert secret not in content and secret.hex().encode() not in content.lower(), path

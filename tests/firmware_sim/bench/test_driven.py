@@ -45,7 +45,7 @@ class DrivenOscillator(LiveOscillator):
         vars(self).update(state, asked=[], seen=[])
 
 
-def driven(*texts: str, drive: Drive | None = UP, density: float = 1.2) -> tuple[RunLog, list, DrivenOscillator]:
+def driven(*texts: str, drive: Drive = UP) -> tuple[RunLog, list, DrivenOscillator]:
     """The log, the vehicle's speeds by cantools, and the plant."""
     frames, plant = list[Frame](), DrivenOscillator(CONFIG)
     made = Simulation(
@@ -73,14 +73,6 @@ def test_the_speed_is_on_the_bus_in_the_series_and_in_the_stream():
         assert log.series["without_Cl"][k] == still.sample().Cl
         still.advance_to(30, 0.0)
     assert np.abs(log.series["Cl"] - log.series["without_Cl"]).max() > 0.01
-
-
-def test_without_a_drive_the_speed_is_the_operating_points():
-    log, sent, _ = driven(drive=None)
-    assert {one["Speed"] for one in sent} == {25.0}
-    assert set(log.series["speed"]) == {25.0}
-    assert len(sent) == 60
-    assert not set(WITHOUT) & set(log.series)
 
 
 def test_a_speed_that_lies_is_late_frozen_or_missing_is_so_on_the_bus_alone():
@@ -137,6 +129,8 @@ def test_a_drive_at_the_design_speed_is_the_run_without_one_to_the_bit(random_re
     for name in (*COLUMNS, WALL):
         if name != "step_ms":
             assert np.array_equal(plain.series[name], steady.series[name], equal_nan=True), name
+    assert set(plain.series["speed"]) == {25.0}
+    assert not set(WITHOUT) & set(plain.series)
     assert np.abs(plain.series["action"]).max() > 0.0
     # Until the jets move, both flows are one.
     assert np.array_equal(steady.series["without_Cd"][:45], steady.series["Cd"][:45])

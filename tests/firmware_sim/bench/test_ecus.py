@@ -42,7 +42,7 @@ def host(sources) -> LoopEcu:
     return LoopEcu(ecu=CEcu(sources, compiler=zig_compiler(), flags=ZIG), kind=C, computed_by="a test")
 
 
-@pytest.mark.proofs  # test_ecu_machine.py has every frame of a shorter one
+@pytest.mark.proofs  # test_board.py has every frame of a shorter one
 @pytest.mark.mcu
 def test_the_core_drives_the_loop_in_its_own_time_and_as_the_host_would(release, sources):
     """Every frame and every number of the state, after every step."""
@@ -59,10 +59,6 @@ def test_the_core_drives_the_loop_in_its_own_time_and_as_the_host_would(release,
     assert ecu.modelled_ms is not None and ecu.modelled_ms_max is not None
     assert 0.0 < ecu.modelled_ms <= ecu.modelled_ms_max < CONFIG.ecu.compute_time_ms
     assert summary(log)["ecu"]["modelled_ms"] == ecu.modelled_ms
-    rows = dict(service_rows(log))
-    assert rows["ECU"] == "in C, on an emulated Cortex-M7 at 480 MHz"
-    assert f"{ecu.modelled_ms:.2f} / {ecu.modelled_ms_max:.2f} ms" in rows["virtual compute time"]
-    assert rows["virtual compute time"].endswith("fits")
     # The setting is 8 ms; a step of this small program takes less, so its commands are on the bus sooner.
     earlier = [late.timestamp_ns - soon.timestamp_ns for soon, late in zip(sooner, sent, strict=True)]
     charged = round((CONFIG.ecu.compute_time_ms - ecu.modelled_ms) * 1e6)

@@ -141,9 +141,7 @@ def test_errors_in_what_the_ecu_sends_take_it_off_the_bus_until_it_recovers():
     assert run.modes[-1] == Mode.CONTROL
     # What one receiver hears wrong, its error flag destroys for all, and it is sent again.
     run = Run("wire_errors:bit_error_rate=0.001,node=ecu,at=receive")
-    assert run.acted[0] == run.log.traffic.error_frames > 0
-    assert run.log.traffic.nodes["ECU"].rx_errors + run.log.traffic.nodes["vehicle"].tx_errors > 0
-    assert len(run.of(PRESSURE)) == 60
+    assert (run.acted[0], len(run.of(PRESSURE))) == (run.log.traffic.error_frames, 60)
 
 
 def test_lost_pressures_hold_decay_and_latch_until_a_new_request():
@@ -198,13 +196,10 @@ def test_a_plant_that_cannot_be_disturbed_is_refused_and_one_that_fails_is_given
 
     class Breaks(LiveOscillator):
         def advance_to(self, substep, action=None):
-            if self.period == 5:
-                raise ArithmeticError
-            super().advance_to(substep, action)
+            raise ArithmeticError
 
     with pytest.raises(ConfigError, match="the flow of this plant cannot be disturbed"):
         Run("reynolds=700", plant=Bare(CONFIG.flow.substeps))
-    assert Run("noise:level=0.1", plant=Bare(CONFIG.flow.substeps)).acted == [60]
     plant = Breaks(CONFIG)
     with pytest.raises(ArithmeticError):
         Run("reynolds=700", "gust:amplitude=0.1,period=1", plant=plant)

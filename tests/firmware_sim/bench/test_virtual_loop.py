@@ -18,17 +18,20 @@ from tests.each import each
 from tests.firmware_sim.bench.harness import INTERMISSION_NS, WARM
 
 
-@each("compute_ms", [0.0, 8.0, 19.0])
-def test_the_command_is_the_target_of_the_period_it_is_computed_in(harness, compute_ms):
-    h = harness(compute_ms)
+@each("ahead, compute_ms", [(ahead, ms) for ahead in (0, 1) for ms in (0.0, 8.0, 19.0)])
+def test_the_command_is_the_target_of_the_period_it_is_computed_in_or_planned_ahead_of_the_next(
+    harness, ahead, compute_ms
+):
+    h = harness(compute_ms, plan_ahead=bool(ahead))
     rows = h.run(20)
     commands = [row.command for row in rows]
-    assert h.targets()[WARM:] == commands[WARM:]
+    assert h.targets()[WARM + ahead :] == commands[WARM : 20 - ahead]
     assert len(set(commands[WARM:])) == 20 - WARM
     # Sample k shows the action commanded at k - 1: the timing convention of the recordings.
-    assert [row.sample.action for row in rows[WARM + 1 :]] == commands[WARM:-1]
+    assert [row.sample.action for row in rows[WARM + 1 + ahead :]] == commands[WARM : 19 - ahead]
     assert [row.sample.t for row in rows] == pytest.approx(0.2 * np.arange(20))
     assert {row.mode for row in rows[WARM:]} == {Mode.CONTROL}
+    assert not ahead or set(h.starts().values()) == {0}
 
 
 @each("compute_ms", [0.0, 0.5, 8.0, 19.0, 19.5])
@@ -96,17 +99,6 @@ def test_bit_rates_that_cannot_carry_the_pressures_are_refused(harness):
 
 
 # Planned ahead.
-
-
-@each("compute_ms", [0.0, 8.0, 19.0])
-def test_each_command_is_the_target_of_the_next_period_from_its_start(harness, compute_ms):
-    h = harness(compute_ms, plan_ahead=True)
-    rows = h.run(20)
-    commands = [row.command for row in rows]
-    assert h.targets()[WARM + 1 :] == commands[WARM:-1]
-    assert len(set(commands[WARM:])) == 20 - WARM
-    assert set(h.starts().values()) == {0}
-    assert {row.mode for row in rows[WARM:]} == {Mode.CONTROL}
 
 
 def test_a_command_that_misses_its_boundary_leaves_the_jets_for_a_period(harness):

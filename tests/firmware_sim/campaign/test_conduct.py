@@ -44,54 +44,35 @@ def test_every_scenario_runs_from_every_phase(campaign, worker, tmp_path) -> Non
 
 
 @pytest.mark.slow
-def test_a_campaign_that_is_stopped_goes_on_and_a_whole_one_runs_nothing(campaign, worker, tmp_path) -> None:
-    folder = CampaignFolder(tmp_path / "c")
-    worker.stop_after = 0
-    with pytest.raises(KeyboardInterrupt):
-        conduct(campaign, folder, workers=1)
-    assert list(tmp_path.iterdir()) == []
-    worker.stop_after = 5
-    with pytest.raises(KeyboardInterrupt):
-        conduct(campaign, folder, workers=1)
-    assert folder.finished == 5
-    worker.stop_after = 10**6
-    first = conduct(campaign, folder, workers=1)
-    assert len(worker.ran) == len(set(worker.ran)) == 10
-    assert (first.made, first.kept) == (5, 5)
-    worker.ran.clear()
-    second = conduct(campaign, folder, workers=1)
-    assert worker.ran == []
-    assert (second.rows, second.kept) == (first.rows, 10)
-
-
-def test_only_what_changed_or_did_not_finish_is_run_again(campaign, worker, tmp_path) -> None:
-    folder = CampaignFolder(tmp_path / "c")
-    worker.failing = "noise_0.5.phase1"
-    result = conduct(campaign, folder, workers=1)
-    assert not result.safe
-    assert result.rows[1].broken == ["phase 1: did not finish: it fell over"]
-    worker.failing = ""
-    worker.ran.clear()
-    assert conduct(campaign, folder, workers=1).safe
-    assert worker.ran == ["noise_0.5.phase1"]
-    worker.ran.clear()
-    louder = replace(SCENARIOS[1], disturb=("noise:level=0.6",))
-    conduct(replace(campaign, scenarios=(SCENARIOS[0], louder, SCENARIOS[2])), folder, workers=1)
-    assert worker.ran == ["noise_0.5.phase0", "noise_0.5.phase1"]
-
-
-def test_a_campaign_that_replaces_another_keeps_the_runs_they_share(campaign, worker, tmp_path) -> None:
+def test_a_stopped_campaign_goes_on_and_runs_again_what_changed_or_did_not_finish(campaign, worker, tmp_path) -> None:
     folder, seen = CampaignFolder(tmp_path / "c"), []
-    conduct(campaign, folder, workers=1, progress=lambda *of: seen.append(of))
-    assert (seen[0], seen[-1]) == ((0, 10, ""), (10, 10, "gust.phase1"))
-    assert [done for done, _, _ in seen] == sorted(done for done, _, _ in seen)
-    worker.ran.clear()
-    fewer = replace(campaign, phases=1)
+    for worker.stop_after, finished in ((0, 0), (5, 5)):
+        with pytest.raises(KeyboardInterrupt):
+            conduct(campaign, folder, workers=1)
+        assert (folder.finished, folder.path.exists()) == (finished, finished > 0)
+    worker.stop_after, worker.failing = 10**6, "noise_0.5.phase1"
+    failed = conduct(campaign, folder, workers=1, progress=lambda *of: seen.append(of))
+    assert len(worker.ran) == len(set(worker.ran)) == 10
+    assert (failed.made, failed.kept, failed.safe) == (5, 5, False)
+    assert failed.rows[1].broken == ["phase 1: did not finish: it fell over"]
+    assert (seen[0], seen[-1]) == ((5, 10, ""), (10, 10, "gust.phase1"))
+    worker.failing = ""
+    louder = replace(SCENARIOS[1], disturb=("noise:level=0.6",))
+    for changed, again in (
+        (campaign, ["noise_0.5.phase1"]),
+        (campaign, []),
+        (replace(campaign, scenarios=(SCENARIOS[0], louder)), ["noise_0.5.phase0", "noise_0.5.phase1"]),
+    ):
+        worker.ran.clear()
+        assert conduct(changed, folder, workers=1).safe
+        assert worker.ran == again
+    # A campaign that replaces another keeps the runs that they share.
+    fewer = replace(campaign, phases=1, scenarios=SCENARIOS[::2])
     folder.check(fewer.label(), overwrite=True)
-    assert conduct(fewer, folder, workers=1).kept == 5
-    assert worker.ran == []
+    assert conduct(fewer, folder, workers=1).kept == 4
+    assert worker.ran == again
     folder.check(fewer.label(), overwrite=False)
-    assert folder.finished == 5
+    assert folder.finished == 4
 
 
 def test_what_no_run_could_have_is_refused_before_any(campaign, short_release) -> None:

@@ -91,10 +91,7 @@ def test_a_wrong_file_is_one_line_that_names_file_and_field(written, place) -> N
         line = str(raised.value)
         assert "plan.toml: " in line, text
         assert "\n" not in line, text
-
-
-def test_a_missing_file_is_named_and_a_text_that_needs_a_sensor_on_the_base(tmp_path, written, place) -> None:
     with pytest.raises(ConfigError, match=r"nowhere\.toml: No such file"):
-        read_plan(tmp_path / "nowhere.toml", place)
+        read_plan(written(OWN).with_name("nowhere.toml"), place)
     with pytest.raises(ConfigError, match=r"\{base_sensor\}"):
         read_plan(written(OWN), replace(place, base_sensor=None))

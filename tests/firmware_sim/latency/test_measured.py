@@ -86,8 +86,6 @@ def test_the_baseline_is_of_the_same_time_and_of_every_period():
     steps = np.diff(rows[:, IdleStage.SCHEDULED])
     np.testing.assert_array_equal(steps, 2 * MS * np.diff(rows[:, IdleStage.PERIOD]))
     assert (rows[:, IdleStage.WOKE] >= rows[:, IdleStage.SCHEDULED]).all()
-    asked = iter([False, False, True])
-    assert len(idle_loop.run(MS, lambda: next(asked), longest=10).rows()) == 2
 
 
 def test_figures_are_strict_json_with_every_stage():
@@ -117,6 +115,4 @@ def test_the_page_begins_with_the_verdict_and_has_its_picture(tmp_path):
     for row in ("misses_ours | 0 | 1 | NO", "misses_ours | 0 | 0 | yes", "plan.max_ms | 9 | 8 | yes", "never"):
         assert f"| {row} |" in page, row
     assert "(histogram.png)" in page and (tmp_path / "histogram.png").read_bytes().startswith(b"\x89PNG")
-    rows = list(stage_rows(runs[1]))
-    assert rows[0] == ("sample", "0.30", "0.30", "0.30", "0.30", "")
-    assert rows[-1][0].startswith("idle loop")
+    assert next(stage_rows(runs[1])) == ("sample", "0.30", "0.30", "0.30", "0.30", "")

@@ -9,9 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
-from pathlib import Path
 from queue import Queue
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,7 +20,6 @@ from firmware_sim.ecu.state_machine import OperatingMode
 from firmware_sim.live.loop.messages import FieldPicture, pack_field
 from firmware_sim.live.serving.server import serve
 from firmware_sim.live.settings import WEIGHT, LiveSettings
-from stillwake.parts.live_parts import controllers, plants
 from tests.browser import PHONE, Visit, chromium, visit
 from tests.firmware_sim.bench.harness import NAMES
 from tests.firmware_sim.live.harness import CONFIG, MakeShown
@@ -47,15 +44,6 @@ _PAINTED = """() => [...document.querySelectorAll('canvas')].every((canvas) => {
     const {data} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
     return data.some((value) => value > 0);
 })"""
-_CUT = """(labels) => [...document.querySelectorAll('#controls select')].filter((select) => {
-    const options = labels.map((label) => select.appendChild(new Option(label)));
-    select.style.maxWidth = 'none';
-    const {offsetWidth} = select;
-    select.style.maxWidth = '';
-    options.forEach((option) => option.remove());
-    return offsetWidth > select.parentElement.clientWidth;
-}).length"""
-"""Selects that are narrower than the longest label."""
 
 
 @pytest.fixture(scope="module")
@@ -212,19 +200,6 @@ def test_every_viewer_can_use_it_on_a_phone_too(live, opened):
 @pytest.mark.proofs  # as the phone's page, in the other colours
 def test_every_viewer_can_use_it_in_a_wide_window(live):
     assert not live.violations()
-
-
-@pytest.mark.proofs  # looks at the page at every width
-def test_nothing_is_cut_or_wraps_at_any_width(live):
-    release: Any = SimpleNamespace(manifest=SimpleNamespace(is_linear=False, precision="float32"), digest="")
-    labels = [choice["label"] for choice in (*controllers(release, Path("any")), *plants())]
-    for width in (800, 1024, 1120, 1360, 1440, 2300):
-        live.page.set_viewport_size({"width": width, "height": 900})
-        assert not live.is_wider_than_its_window, width
-        assert live.page.evaluate(_CUT, labels) == 0, width
-        assert live.page.locator(".panel.controls").evaluate("({scrollHeight: a, clientHeight: b}) => a <= b"), width
-        tops = live.page.locator("#wake .sensors li").evaluate_all("(all) => all.map((item) => item.offsetTop)")
-        assert len(set(tops)) == 1, width
 
 
 def test_page_and_loop_mean_the_same_numbers(live):

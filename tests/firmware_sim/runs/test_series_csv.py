@@ -10,8 +10,7 @@ from firmware_sim.runs.series_csv import UNITS, write_csv
 
 
 def rows_of(path) -> list[dict[str, str]]:
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
 
 
 def test_every_series_has_a_column_with_its_unit(shedding, tmp_path):

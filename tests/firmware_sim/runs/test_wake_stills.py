@@ -9,7 +9,6 @@ import pytest
 from PIL import Image
 
 from contract.errors import StillwakeError
-from firmware_sim.runs import wake_stills
 from firmware_sim.runs.wake_stills import MOST_STILLS, Scene, WakeRecorder, WakeStills, load, save
 
 SCENE = Scene(view=(4.5, 16.5, -2.25, 2.25), size=(96, 36), sensors={"base_0": (7.5, 0.1), "base_1": (7.5, -0.1)})
@@ -77,7 +76,7 @@ WRONG = {
 }
 
 
-def test_a_damaged_file_or_one_that_contradicts_the_run_is_refused(log_of, tmp_path, monkeypatch):
+def test_a_damaged_file_or_one_that_contradicts_the_run_is_refused(log_of, tmp_path):
     log = log_of()
     path, wake = tmp_path / "wake.npz", recorded(log.series["t"])
     for message, change in WRONG.items():
@@ -91,8 +90,3 @@ def test_a_damaged_file_or_one_that_contradicts_the_run_is_refused(log_of, tmp_p
         path.write_bytes(damaged)
         with pytest.raises(StillwakeError, match="not the recorded wake of this run"):
             load(path, log)
-    monkeypatch.setattr(wake_stills, "SCHEMA", "stillwake-wake/9")
-    save(path, wake)
-    monkeypatch.undo()
-    with pytest.raises(StillwakeError, match=r"schema 'stillwake-wake/9', must be 'stillwake-wake/1'"):
-        load(path, log)

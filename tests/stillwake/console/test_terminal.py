@@ -104,21 +104,6 @@ def test_a_log_has_a_line_at_the_start_every_half_minute_at_the_end_and_at_a_sto
     assert last == "closed loop: 1000/1000 periods (100 %), done in 2 min 5 s; Cd 1.03 [base]"
 
 
-def test_of_many_tasks_those_that_move_have_lines():
-    console, clock = log(), Clock()
-    with progress_bar("steps", console=console, clock=clock) as bar:
-        bar.add_task("recorded before", total=5, completed=5, note="")
-        tasks = [bar.add_task(f"episode {number}", total=2_000_000, note="") for number in range(4)]
-        for clock.now, moving in ((0.0, 0), (40.0, 1), (80.0, 1)):
-            for number, task in enumerate(tasks):
-                bar.update(task, completed=1_500_000 * (clock.now / 80.0) if number == moving else 0)
-    assert [line.partition(" (")[0] for line in text(console).splitlines()] == [
-        "episode 0: 0/2000000 steps",
-        "episode 1: 750000/2000000 steps",
-        "episode 1: 1500000/2000000 steps",
-    ]
-
-
 def test_one_long_step_is_no_silence():
     for is_begun in (True, False):
         console = log()

@@ -71,16 +71,3 @@ def test_a_process_that_dies_or_fails_is_an_error_here(start: Path, tmp_path: Pa
             for _ in range(2):
                 live.drive(0.0)
                 live.sampled()
-
-
-def test_without_a_start_the_shipped_one_settles_and_a_stop_ends_that() -> None:
-    seen = []
-
-    def stop(t: float, total: float) -> None:
-        seen.append((t, total))
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        LiveWake(COARSE, None, stop)
-    ((t, total),) = seen
-    assert (t, total) == pytest.approx((0.2, 60.0))
