@@ -47,7 +47,7 @@ def test_load_of_known_frames():
 
 def test_times_and_other_frames_of_a_log_that_runs_backwards():
     frames = [can.Message(timestamp=t, data=bytes(8)) for t in (9.0, 1.0, 5.0)]
-    frames += [can.Message(timestamp=5.0, is_error_frame=True), can.Message(timestamp=5.0, is_remote_frame=True, dlc=8)]
+    frames += [can.Message(timestamp=5.0, **odd) for odd in ({"is_error_frame": True}, {"is_remote_frame": True})]
     frames += [can.Message(timestamp=5.0, data=bytes(9))]
     found = summary_of(*frames)
     assert (found.first_s, found.last_s, found.span_s) == (1.0, 9.0, 8.0)

@@ -7,6 +7,7 @@ import pytest
 
 from can_bridge.bus.backends.opening import open_backend
 from can_bridge.bus.backends.python_can import PythonCanBus
+from can_bridge.bus.backends.slcan import SlcanBus
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
@@ -47,24 +48,13 @@ def test_drivers_are_given_format_and_bit_rates(monkeypatch):
         assert asked == {"interface": "kvaser", "channel": "0", "ignore_config": True, **expected}, frames
 
 
-# python-can's own configuration
-
-
-@pytest.fixture
-def can_conf(tmp_path, monkeypatch):
-    """The one configuration file that python-can finds."""
+def test_can_conf_chooses_the_bus_and_our_backend_and_is_refused_without_a_bus(tmp_path, monkeypatch):
     path = tmp_path / "can.conf"
     monkeypatch.setattr(can.util, "CONFIG_FILES", [str(path)])
     for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE", "CAN_CONFIG"):
         monkeypatch.delenv(name, raising=False)
-    return path
-
-
-def test_section_of_can_conf_chooses_the_bus_and_our_backend(can_conf):
-    from can_bridge.bus.backends.slcan import SlcanBus
-
     with adapter() as line:
-        can_conf.write_text(
+        path.write_text(
             "[default]\ninterface = udp_multicast\n"
             f"[bench]\ninterface = slcan\nchannel = {line.port}\nsleep_after_open = 0\nbitrate = 250000\n"
         )
@@ -73,11 +63,8 @@ def test_section_of_can_conf_chooses_the_bus_and_our_backend(can_conf):
             assert b"S5\r" in line.read(b"O\r", 2)
             bus.send(Frame(frame_id=0x120, data=b"12"))
             assert line.read(b"\r") == b"b12023132\r"
-
-
-def test_configuration_without_a_bus_is_refused(can_conf):
     for text in ["", "[default]\ninterface = no-such\n", "[default]\nchannel = can0\n", "no section\n"]:
-        can_conf.write_text(text)
+        path.write_text(text)
         with refused(BusError, r"CAN bus python-can 'stillwake': .") as caught:
             PythonCanBus.open(BusConfig(interface="python-can"))
         assert str(caught.value).isprintable(), text

@@ -81,11 +81,6 @@ class ScriptedBus(can.BusABC):
         raise NotImplementedError
 
 
-def caused_by(error: Exception, cause: Exception) -> Exception:
-    error.__cause__ = cause
-    return error
-
-
 SOUND = to_message(Frame(frame_id=0x120, data=bytes(16)))
 
 
@@ -93,32 +88,35 @@ def message(arbitration_id: Any, data: bytes = b"", **fields: Any) -> can.Messag
     return can.Message(**{"arbitration_id": arbitration_id, "is_extended_id": False, "data": data, **fields})
 
 
-def refused_receptions() -> dict[Rejection, list[can.Message | Exception]]:
-    """As the backends of python-can are known to give them."""
-    unpack = can.CanOperationError("could not unpack received message")
-    not_text = can.CanOperationError("Could not read")
-    return {
-        Rejection.GARBAGE: [
-            *(caused_by(unpack, ValueError()), ValueError("invalid literal for int() with base 16: 'zz'")),
-            *(IndexError("string index out of range"), struct.error("unpack requires a buffer of 4 bytes")),
-            caused_by(not_text, UnicodeDecodeError("utf-8", b"\xff", 0, 1, "")),
-            *(message(0x800), message("1"), message(1.5), message(1, timestamp=float("nan"))),
-        ],
-        Rejection.ADAPTER: [UnusableReceptionError(Rejection.ADAPTER)],
-        Rejection.ERROR_FRAME: [can.Message(is_error_frame=True)],
-        Rejection.REMOTE: [message(0x120, is_remote_frame=True, dlc=8)],
-        Rejection.EXTENDED: [message(0x120, bytes(8), is_extended_id=True)],
-        # Cut off, and lengths that classic CAN and CAN FD do not have.
-        Rejection.WRONG_LENGTH: [
-            *(message(0x120, bytes(3), dlc=8), message(0x120, bytes(12)), message(0x120, bytes(9), is_fd=True)),
-        ],
-        # Our CAN FD message as a classic one, and the reverse.
-        Rejection.WRONG_FORMAT: [message(0x120, bytes(8)), message(0x121, bytes(8), is_fd=True)],
-    }
+class CausedError(can.CanOperationError):
+    """As python-can wraps what went wrong."""
+
+    def __init__(self, cause: Exception) -> None:
+        super().__init__("could not unpack received message")
+        self.__cause__ = cause
+
+
+REFUSED: dict[Rejection, list[can.Message | Exception]] = {
+    Rejection.GARBAGE: [
+        *(CausedError(ValueError()), ValueError("invalid literal for int() with base 16: 'zz'")),
+        *(IndexError("string index out of range"), struct.error("unpack requires a buffer of 4 bytes")),
+        CausedError(UnicodeDecodeError("utf-8", b"\xff", 0, 1, "")),
+        *(message(0x800), message("1"), message(1.5), message(1, timestamp=float("nan"))),
+    ],
+    Rejection.ADAPTER: [UnusableReceptionError(Rejection.ADAPTER)],
+    Rejection.ERROR_FRAME: [can.Message(is_error_frame=True)],
+    Rejection.REMOTE: [message(0x120, is_remote_frame=True, dlc=8)],
+    Rejection.EXTENDED: [message(0x120, bytes(8), is_extended_id=True)],
+    # Cut off, and lengths that classic CAN and CAN FD do not have.
+    Rejection.WRONG_LENGTH: [message(1, bytes(3), dlc=8), message(1, bytes(12)), message(1, bytes(9), is_fd=True)],
+    # Our CAN FD message as a classic one, and the reverse.
+    Rejection.WRONG_FORMAT: [message(0x120, bytes(8)), message(0x121, bytes(8), is_fd=True)],
+}
+"""As the backends of python-can are known to give them."""
 
 
 def test_what_is_refused_is_counted_by_reason_and_what_follows_is_received():
-    for reason, receptions in refused_receptions().items():
+    for reason, receptions in REFUSED.items():
         for one in receptions:
             bus = PythonCanBus(ScriptedBus([one, SOUND, one, one, SOUND]))
             assert bus.receive(1.0) is not None, one
@@ -131,10 +129,10 @@ def test_what_is_refused_is_counted_by_reason_and_what_follows_is_received():
 def test_what_is_no_garbage_is_raised():
     for fault in [
         OSError(19, "No such device"),
-        caused_by(can.CanOperationError("Failed to wait for IP/UDP socket"), OSError(100, "Network is down")),
+        CausedError(OSError(100, "Network is down")),
         can.CanOperationError("Cannot operate on a closed bus"),
         # An error of ours, also where python-can would wrap it.
-        caused_by(can.CanOperationError("could not unpack"), AttributeError("update")),
+        CausedError(AttributeError("update")),
         *(AttributeError("update"), TypeError("'NoneType'"), KeyError("x")),
     ]:
         bus = PythonCanBus(ScriptedBus([SOUND, fault]))

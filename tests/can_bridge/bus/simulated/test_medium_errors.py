@@ -188,7 +188,7 @@ def test_a_node_that_is_bus_off_neither_hears_nor_acknowledges():
     assert [frame.frame_id for frame in sender.receive_all()] == [0x155]
 
 
-def test_a_receiver_alone_with_its_error_is_blamed_for_it():
+def test_a_receiver_alone_with_its_error_is_blamed_for_it_until_it_no_longer_disturbs_the_others():
     """Rules 1 and 2: it signals before the others, which answer."""
     nodes = ("sender", "sound", "faulty")
     bus, _, sender, sound, faulty = bus_of(*nodes, mishears=script(40, only="faulty"))
@@ -204,11 +204,8 @@ def test_a_receiver_alone_with_its_error_is_blamed_for_it():
         sender.send(SENT)
         bus.advance_to(41 * BIT)
         assert counts(sender, one, two) == expected, second
-
-
-def test_a_receiver_that_is_always_wrong_becomes_passive_and_stops_disturbing_the_others():
-    """9 up for every frame it destroys; once passive its flag is recessive."""
-    bus, _, sender, sound, faulty = bus_of("sender", "sound", "faulty", mishears=script(*[40] * 99, only="faulty"))
+    # One that is always wrong: 9 up for every frame it destroys; once passive its flag is recessive.
+    bus, _, sender, sound, faulty = bus_of(*nodes, mishears=script(*[40] * 99, only="faulty"))
     for _ in range(10):
         sender.send(SENT)
     bus.advance_to(10**8)
