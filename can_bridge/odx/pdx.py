@@ -34,7 +34,7 @@ def pdx(bus: BusConfig, because: Mapping[Reason, str]) -> bytes:
     packed = io.BytesIO()
     listed = {file.name: file.read_text(encoding="utf-8") for file in files(__package__).joinpath("files").iterdir()}
     with zipfile.ZipFile(packed, "w") as archive:
-        for name, text in (("index.xml", _catalogue(sorted(listed))), *sorted(listed.items())):
+        for name, text in sorted(listed.items()):
             # Equal descriptions are equal bytes: the time of every file is that of the format's beginning.
             filled = Template(text).substitute(_filling(bus, because)) if name.endswith(".odx-d") else text
             archive.writestr(zipfile.ZipInfo(name), filled, zipfile.ZIP_DEFLATED)
@@ -109,13 +109,3 @@ def _level(level: Level) -> str:
 
 def _words(name: str) -> str:
     return name.lower().replace("_", " ")
-
-
-def _catalogue(names: list[str]) -> str:
-    blocks = "".join(
-        f'<ABLOCK UPD="UNCHANGED"><SHORT-NAME>{name.translate(str.maketrans(".-", "__"))}</SHORT-NAME><FILES>'
-        f'<FILE MIME-TYPE="application/x-asam.odx.{name.rpartition(".")[2]}">{name}</FILE></FILES></ABLOCK>'
-        for name in names
-    )
-    head = '<?xml version="1.0" encoding="UTF-8"?>\n<CATALOG F-DTD-VERSION="ODX-2.2.0">'
-    return f"{head}<SHORT-NAME>stillwake</SHORT-NAME><ABLOCKS>{blocks}</ABLOCKS></CATALOG>"
