@@ -185,3 +185,19 @@ def test_forcing_at_one_frequency_is_noted():
     ):
         found = texts(forced_by(*waves, steps=steps), stops=None)
         assert any("are of one frequency, 0.2 U_inf / W" in text for text in found) == noted, name
+
+
+def test_slips_of_units_are_noted(sound):
+    """Places in millimetres, a limit in percent, times in seconds (W / U_inf = 5 ms): each note names the remedy."""
+    places = replace(sound.layout, positions=100.0 * sound.layout.positions)
+    assert any("divide lengths by the width" in text for text in texts(replace(sound, layout=places), stops=None))
+    percent = replace(sound, facts=replace(sound.facts, action_limit=20.0))
+    assert any("--limit should be about" in text for text in texts(percent, stops=None))
+    period = 0.005 * sound.facts.control_period
+    seconds = replace(
+        sound,
+        episodes=tuple(replace(item, series={**item.series, "t": 0.005 * item.series["t"]}) for item in sound.episodes),
+        facts=replace(sound.facts, control_period=period),
+    )
+    config = replace(CONFIG, flow=replace(CONFIG.flow, control_period=period))
+    assert any("divide seconds by that" in text for text in texts(seconds, config, stops=None))
