@@ -30,21 +30,13 @@ class Segment:
 
     def __init__(self, reference: Calibration, limits: CalibrationLimits) -> None:
         limits.check(reference)
-        self._reference = reference
-        self._limits = limits
+        self.reference = reference
+        self.limits = limits
         self._working = reference
         self._page = Page.WORKING
         self._taken = reference
         self._begun_at = 0
         self._begun = b""
-
-    @property
-    def reference(self) -> Calibration:
-        return self._reference
-
-    @property
-    def limits(self) -> CalibrationLimits:
-        return self._limits
 
     @property
     def working(self) -> Calibration:
@@ -59,7 +51,7 @@ class Segment:
     @property
     def in_force(self) -> Calibration:
         """The values of that page, from the next control period on."""
-        return self._working if self._page is Page.WORKING else self._reference
+        return self._working if self._page is Page.WORKING else self.reference
 
     def select(self, page: Page) -> None:
         """Put a page in force."""
@@ -68,7 +60,7 @@ class Segment:
     def read(self, page: Page, offset: int, length: int) -> bytes:
         """Bytes of a page, with those of a value that has not come whole. Raises ConfigError for what lies outside."""
         _check_range(offset, length)
-        raw = bytearray((self._working if page is Page.WORKING else self._reference).pack())
+        raw = bytearray((self._working if page is Page.WORKING else self.reference).pack())
         if page is Page.WORKING:
             raw[self._begun_at : self._begun_at + len(self._begun)] = self._begun
         return bytes(raw[offset : offset + length])
@@ -94,13 +86,13 @@ class Segment:
             raw = bytearray(self._working.pack())
             raw[offset : offset + whole] = data[:whole]
             calibration = Calibration.unpack(bytes(raw))
-            self._limits.check(calibration)
+            self.limits.check(calibration)
             self._working = calibration
         self._begun_at, self._begun = offset + whole, data[whole:]
 
     def set(self, calibration: Calibration) -> None:
         """Write the whole working page and put it in force. Raises ConfigError for a value that is not allowed."""
-        self._limits.check(calibration)
+        self.limits.check(calibration)
         self._working = calibration
         self._begun = b""
         self._page = Page.WORKING
@@ -112,7 +104,7 @@ class Segment:
 
     def copy_reference(self) -> None:
         """The release's own values to the working page."""
-        self._working = self._reference
+        self._working = self.reference
         self._begun = b""
 
     def take(self) -> Calibration | None:

@@ -39,17 +39,13 @@ class XcpAccess:
         self.lock()
 
     @property
-    def is_unlocked(self) -> bool:
-        return self._is_unlocked
-
-    @property
     def protected(self) -> int:
         """The resources that are locked."""
-        return 0 if self._is_unlocked else CAL_PAG
+        return 0 if self.is_unlocked else CAL_PAG
 
     def lock(self) -> None:
         """At the beginning and at the end of a connection."""
-        self._is_unlocked = False
+        self.is_unlocked = False
         self._forget()
 
     def seed(self, mode: int, resource: int) -> bytes:
@@ -59,7 +55,7 @@ class XcpAccess:
             self._forget()
             if resource != CAL_PAG:
                 raise Denied(Error.OUT_OF_RANGE)
-            if self._is_unlocked:
+            if self.is_unlocked:
                 return bytes([0])
             self._seed = self._unsent = self._random_bytes(SEED_LENGTH)
         elif mode != 1:
@@ -85,7 +81,7 @@ class XcpAccess:
             self._forget()
             if not right:
                 raise WrongKey
-            self._is_unlocked = True
+            self.is_unlocked = True
 
     def _forget(self) -> None:
         self._seed = self._unsent = self._key = b""

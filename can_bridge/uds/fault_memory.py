@@ -99,6 +99,7 @@ class FaultMemory:
         refusal: why nothing may be written now; None if it may.
 
     Attributes:
+        faults: all of them, in the order of `CODES`.
         is_on: whether what is noted is taken (service 0x85).
     """
 
@@ -110,15 +111,10 @@ class FaultMemory:
         refusal: Callable[[], Nrc | None] = lambda: None,
     ) -> None:
         self._kept, self._keep, self._refusal = record, keep, refusal
-        self._faults = {reason: fault.next_cycle() for reason, fault in decode(record).items()}
+        self.faults = {reason: fault.next_cycle() for reason, fault in decode(record).items()}
         self._noted: deque[tuple[Reason | None, bytes]] = deque(maxlen=_MOST_NOTED)
         self._is_changed = False
         self.is_on = True
-
-    @property
-    def faults(self) -> Mapping[Reason, Fault]:
-        """All of them, in the order of `CODES`."""
-        return self._faults
 
     def note(self, reason: Reason | None, snapshot: bytes = b"") -> None:
         """The test of this reason failed just now; None: all tests passed."""
@@ -132,9 +128,9 @@ class FaultMemory:
             if not self.is_on:
                 continue
             if reason is None:
-                self._faults = {each: fault.passed() for each, fault in self._faults.items()}
+                self.faults = {each: fault.passed() for each, fault in self.faults.items()}
             else:
-                self._faults[reason] = self._faults[reason].failed(snapshot)
+                self.faults[reason] = self.faults[reason].failed(snapshot)
             self._is_changed = True
         if self._is_changed and self._refusal() is None:
             self._is_changed = False
@@ -144,14 +140,14 @@ class FaultMemory:
         """Forget faults; raises Refused while nothing may be written, or where the memory fails."""
         if (code := self._refusal()) is not None:
             raise Refused(code)
-        self._faults |= dict.fromkeys(reasons, Fault())
+        self.faults |= dict.fromkeys(reasons, Fault())
         try:
             self._keep_if_different()
         except MediumError as error:
             raise Refused(Nrc.PROGRAMMING_FAILURE, str(error)) from error
 
     def _keep_if_different(self) -> None:
-        if (record := encode(self._faults)) != self._kept:
+        if (record := encode(self.faults)) != self._kept:
             self._keep(record)
             self._kept = record
 

@@ -48,6 +48,9 @@ class Programming:
         report: what identifier STORE reads.
         on_routine: called with each routine that was run, and its status record.
         resets_when_left: whether the end of a session after an announcement resets the ECU.
+
+    Attributes:
+        is_updating: whether an image was announced since power-on: the jets stay shut until a reset.
     """
 
     def __init__(
@@ -67,14 +70,9 @@ class Programming:
         self._on_routine = on_routine
         self._resets_when_left = resets_when_left
         self._announced_length = 0
-        self._is_updating = False
+        self.is_updating = False
         self._has_confirmed = False
         self._taken_keys = b""
-
-    @property
-    def is_updating(self) -> bool:
-        """Whether an image was announced since power-on: the jets stay shut until a reset."""
-        return self._is_updating
 
     def enter(self, session: Session) -> None:
         if session is Session.PROGRAMMING:
@@ -82,7 +80,7 @@ class Programming:
 
     def leave(self) -> None:
         self._store.drop()
-        if self._resets_when_left and self._is_updating:
+        if self._resets_when_left and self.is_updating:
             self._inner.reset()
 
     def read(self, did: Did) -> bytes:
@@ -152,7 +150,7 @@ class Programming:
             self._store.records.keep_failed_attempts(level, count)
 
     def before_reset(self) -> None:
-        if not self._is_updating:
+        if not self.is_updating:
             self._check_preconditions()
 
     def reset(self) -> None:
@@ -164,7 +162,7 @@ class Programming:
 
     def _announce(self, length: int, sha256: bytes) -> Long[bytes]:
         self._check_preconditions()
-        self._is_updating, self._has_confirmed = True, False
+        self.is_updating, self._has_confirmed = True, False
         offset = yield from self._store.announce(length, sha256)
         self._announced_length = length
         return offset.to_bytes(4, "big")

@@ -39,13 +39,9 @@ class SecurityAccess:
         self._key = key
         self._random_bytes = random_bytes
         self._attempts = attempts
-        self._unlocked: Level | None = None
+        self.unlocked: Level | None = None
         self._asked: tuple[Level, bytes] | None = None
         self._closed_until_ns: dict[Level, int] = {}
-
-    @property
-    def unlocked(self) -> Level | None:
-        return self._unlocked
 
     def power_on(self, now_ns: int) -> None:
         """A level with too many wrong attempts before gets its delay again: how long the power was off is unknown."""
@@ -55,11 +51,11 @@ class SecurityAccess:
 
     def lock(self) -> None:
         """At the end of a session."""
-        self._unlocked = self._asked = None
+        self.unlocked = self._asked = None
 
     def seed(self, now_ns: int, level: Level) -> bytes:
         """A new seed; zeros if the level is unlocked already. Raises Refused during the delay."""
-        if self._unlocked is level:
+        if self.unlocked is level:
             return bytes(SEED_LENGTH)
         self._asked = None
         if now_ns < self._closed_until_ns.get(level, now_ns):
@@ -84,4 +80,4 @@ class SecurityAccess:
             self._closed_until_ns[level] = now_ns + DELAY_NS
             raise Refused(Nrc.EXCEEDED_ATTEMPTS)
         self._attempts.keep_failed_attempts(level, 0)
-        self._unlocked = level
+        self.unlocked = level

@@ -61,6 +61,9 @@ class UdsServer:
         diagnostics: the ECU around it.
         random_bytes: gives so many unpredictable bytes, for seeds.
         faults: the ECU's fault memory; None for one that outlives nothing.
+
+    Attributes:
+        is_silent: whether a tester wants JetCommand and EcuStatus not to be sent: while no jet can run, and no longer.
     """
 
     def __init__(
@@ -73,7 +76,7 @@ class UdsServer:
     ) -> None:
         self._diagnostics = diagnostics
         self._faults = FaultMemory() if faults is None else faults
-        self._is_silent = False
+        self.is_silent = False
         self._security = SecurityAccess(key, random_bytes, diagnostics)
         self._timer = SessionTimer()
         self._transfer: Transfer | None = None
@@ -88,11 +91,6 @@ class UdsServer:
     @property
     def unlocked(self) -> Level | None:
         return self._security.unlocked
-
-    @property
-    def is_silent(self) -> bool:
-        """Whether a tester wants JetCommand and EcuStatus not to be sent: while no jet can run, and no longer."""
-        return self._is_silent
 
     @property
     def is_busy(self) -> bool:
@@ -151,7 +149,7 @@ class UdsServer:
         if self._timer.session is not Session.DEFAULT:
             self._diagnostics.leave()
         if session is Session.DEFAULT:
-            self._is_silent, self._faults.is_on = False, True
+            self.is_silent, self._faults.is_on = False, True
         self._security.lock()
         self._transfer = None
         self._timer.begin(now_ns, session)
@@ -203,7 +201,7 @@ class UdsServer:
         if body[0] == _DISABLE_SENDING:
             # Under the conditions of a reset: no control is interrupted.
             self._diagnostics.before_reset()
-        self._is_silent = body[0] == _DISABLE_SENDING
+        self.is_silent = body[0] == _DISABLE_SENDING
         return body[:1]
 
     def _set_faults(self, body: bytes) -> bytes:
