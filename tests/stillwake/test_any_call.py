@@ -3,54 +3,67 @@
 The work itself is cut off where it begins: only what a command does before it, and how it ends, is looked at.
 """
 
-import io
 import os
 import shutil
-import sys
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import chdir, redirect_stderr, redirect_stdout
+from collections.abc import Callable
+from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from random import Random
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-import stillwake.__main__
+from contract.config.listing import sections
+from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.recording import dataset
 from contract.release import signing
 from docs import command_line
-from tests.conftest import kept_command
-from tests.stillwake.calls import calls
+from tests.conftest import Outcome
 
-ASKED = os.environ.get("STILLWAKE_CALLS")
-EXAMPLES, DERANDOMIZE = (3, True) if ASKED is None else (int(ASKED), False)
-"""Calls of each verb. They are the same in every test run; STILLWAKE_CALLS=500 looks at as many others."""
+ROUNDS = int(os.environ.get("STILLWAKE_CALLS", "3"))
+"""Calls of each verb. They are the same in every test run; STILLWAKE_CALLS=500 makes as many more."""
 RUNS = 12
 """Calls of the flow solver until the work counts as begun: a start from rest takes some of them."""
 CONTINUED = (".parts", ".checkpoints")
 """What a stopped command keeps, to go on from."""
 BEGINNINGS = (
-    "train.pipeline.fit_joint",
-    "export.release.pipeline.rounded_on",
-    "export.release.pipeline.lower",
-    "firmware_sim.mcu.measure.compile_for_cortex_m7",
-    "wake.recording.parallel.run_parallel",
-    "firmware_sim.campaign.conduct.execute",
-    "train.refinement.pipeline.refine",
-    "wake.pictures.drawing.save_figure",
-    "can_bridge.tools.raw_bus.open_bus",
-    "can_bridge.tester.transport.open_client",
-    "firmware_sim.ecu.daemon.service.serve",
-    "firmware_sim.ecu.daemon.store_service.serve_store",
-    "firmware_sim.latency.running.recorded",
+    *("train.pipeline.fit_joint", "train.refinement.pipeline.refine", "export.release.pipeline.rounded_on"),
+    *("export.release.pipeline.lower", "firmware_sim.mcu.measure.compile_for_cortex_m7"),
+    *("wake.recording.parallel.run_parallel", "firmware_sim.campaign.conduct.execute"),
+    *("wake.pictures.drawing.save_figure", "can_bridge.tools.raw_bus.open_bus"),
+    *("can_bridge.tester.transport.open_client", "firmware_sim.ecu.daemon.service.serve"),
+    *("firmware_sim.ecu.daemon.store_service.serve_store", "firmware_sim.latency.running.recorded"),
     "firmware_sim.live.serving.server.serve",
 )
 """Where the work of a command begins."""
+NUMBERS = (
+    *("nan", "inf", "-inf", "1e400", "1e308", "-1e308", "1e-300", "0", "-0.0", "-1", "0.2", "1", "3", "1.5", "1e3"),
+    *("9" * 30, "9" * 5000, "2147483648", "9223372036854775808", "1_000", " 1", "0x10", "", "one", "\u0663", "1\n"),
+)
+WORDS = (
+    *("", " ", "[/x]", "[red]x[/red]", ":smile:", "a\x1b[2Jb", "a\nb", "\udcff", "Zürich", "x" * 5000, "0", "-1"),
+    *("none", "project", "%s", "{}", "a,b", ",", "../x", "tcp://", "cuda", "base_0", "train", "openfoam"),
+)
+# No device and no absolute path but of /proc, where nothing can be made: what writes files may replace what is there.
+PATHS = (
+    *("missing", "missing/deeper/x", "folder", "empty-folder", "file", "file/x", "empty", "bundle", "release.key"),
+    *("release.pub", "settings.toml", "frames.log", "link-to-nowhere", "loop", "[/x]", "[red]", ":smile:.npz"),
+    *("a\x1b[2Jb", "a\nb", "\udcff", "Zürich", "x" * 300, "x" * 5000, "x/" * 300 + "x", "", " ", ".", "./", "a\\b"),
+    *("out.h5", "out.npz", "out.png", "out.gif", "out.mp4", "out.zip", "out.xyz", "/proc/nowhere/x", "-", "~", "file."),
+)
+SETTINGS = tuple(one.name for section in sections(Config()) for one in section.settings)
+USUAL = {
+    ("animate", "output"): "out.gif",
+    ("picture", "output"): "out.png",
+    ("develop", "duration"): "1",
+    ("can", "output"): "out.log",
+    ("can", "file"): "frames.log",
+}
+"""What a call needs to get past the first check, by verb and parameter."""
 
 
 class WorkBeganError(StillwakeError):
@@ -61,8 +74,8 @@ def begins(*_arguments: object, **_named: object) -> None:
     raise WorkBeganError("work began")
 
 
-@pytest.fixture(scope="module")
-def no_work() -> Iterator[Callable[[], None]]:
+@pytest.fixture
+def no_work(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     """Let no command get to its work; returns what sets the count of solver runs back."""
     count = [0]
 
@@ -72,36 +85,21 @@ def no_work() -> Iterator[Callable[[], None]]:
         if count[0] > RUNS:
             begins()
 
-    with pytest.MonkeyPatch.context() as patch:
-        for name in BEGINNINGS:
-            # By the module itself: another test may have imported its package again.
-            module, _, function = name.rpartition(".")
-            patch.setattr(import_module(module), function, begins)
-        patch.setattr("wake.solver.navier_stokes.FlowSolver.run", run)
-        patch.setattr("contract.recording.dataset.read", _remembered(dataset.read))
-        patch.setenv("PATH", "")
-        patch.setattr("typer.main.get_command", kept_command)
-        yield lambda: count.__setitem__(0, 0)
-
-
-def _remembered(read: Callable[[Path], Any]) -> Callable[[Path], Any]:
-    """Reads each recording that lies outside the temporary folders once: it takes a second."""
-    known: dict[Path, Any] = {}
-
-    def remembered(path: Path) -> Any:
-        if not path.is_absolute():
-            return read(path)
-        if path not in known:
-            known[path] = read(path)
-        return known[path]
-
-    return remembered
+    for name in BEGINNINGS:
+        # By the module itself: another test may have imported its package again.
+        module, _, function = name.rpartition(".")
+        monkeypatch.setattr(import_module(module), function, begins)
+    read, shipped = dataset.read, cache(dataset.read)
+    monkeypatch.setattr(dataset, "read", lambda path: (shipped if path.is_absolute() else read)(path))
+    monkeypatch.setattr("wake.solver.navier_stokes.FlowSolver.run", run)
+    monkeypatch.setenv("PATH", "")
+    return lambda: count.__setitem__(0, 0)
 
 
 def prepare(folder: Path, release: Path) -> None:
     """Files of each kind that a path may lead to."""
     for name in ("folder", "empty-folder"):
-        (folder / name).mkdir()
+        (folder / name).mkdir(parents=True)
     for name in ("file", "folder/inside"):
         (folder / name).write_text("text\n")
     (folder / "empty").touch()
@@ -110,11 +108,7 @@ def prepare(folder: Path, release: Path) -> None:
     (folder / "link-to-nowhere").symlink_to("nowhere")
     (folder / "loop").symlink_to("loop")
     shutil.copytree(release, folder / "bundle")
-    keys = signing.write_key_pair(folder / "keys", Ed25519PrivateKey.from_private_bytes(bytes(32)))
-    assert keys is not None
-    for path in (folder / "keys").iterdir():
-        path.rename(folder / path.name)
-    (folder / "keys").rmdir()
+    signing.write_key_pair(folder, Ed25519PrivateKey.from_private_bytes(bytes(32)))
 
 
 def listing(folder: Path) -> dict[str, bytes | None]:
@@ -126,46 +120,58 @@ def listing(folder: Path) -> dict[str, bytes | None]:
     }
 
 
-def call(words: list[str]) -> tuple[int, str, str]:
-    """Exit status, stdout and stderr of `stillwake` with these words, in this process."""
-    out, err, before = io.StringIO(), io.StringIO(), sys.argv
-    sys.argv = ["stillwake", *words]
-    try:
-        with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as stop:
-            stillwake.__main__.main()
-    finally:
-        sys.argv = before
-    assert isinstance(stop.value.code, int)
-    return stop.value.code, out.getvalue(), err.getvalue()
+def call_of(random: Random, verb: str, command: Any) -> list[str]:
+    """The words behind `stillwake` for one of `docs.command_line.commands()`: usual ones, but for one to three."""
+    kinds, arguments, options = get_type_hints(command.callback), list[str](), list[str]()
+    names = [one.name for one in command.params]
+    odd = random.sample(names, min(len(names), random.randint(1, 3)))
+    for one in command.params:
+        if one.name not in odd and not one.required:
+            continue
+        if kinds[one.name] is bool:
+            options.append(one.opts[0])
+            continue
+        usual = USUAL.get((verb.split()[0], one.name), "out")
+        value = odd_value(random, one.name, kinds[one.name]) if one.name in odd else usual
+        # Behind `=`, so that a leading dash is a value; "--" does it for arguments.
+        is_option = one.param_type_name == "option"
+        (options if is_option else arguments).append(f"{one.opts[0]}={value}" if is_option else value)
+    return [*verb.split(), *options, *(["--", *arguments] if arguments else [])]
+
+
+def odd_value(random: Random, name: str, kind: Any) -> str:
+    if name == "overrides" and random.random() < 0.5:
+        return f"{random.choice(SETTINGS)}={random.choice((*NUMBERS, *WORDS))}"
+    if get_origin(kind) is Literal:
+        return str(random.choice((*get_args(kind), *WORDS)))
+    # Of a list and of what may be left out, the inner kind.
+    kind = next((inner for inner in get_args(kind) if inner is not NoneType), kind)
+    values_of: dict[Any, tuple[str, ...]] = {Path: PATHS, int: NUMBERS, float: NUMBERS}
+    return random.choice(values_of.get(kind, (*WORDS, *PATHS)))
 
 
 @pytest.mark.proofs  # long; refusals by name stay
 @pytest.mark.slow  # some calls of every verb
-def test_any_call_ends_well(random_release, no_work) -> None:
-    @settings(
-        max_examples=EXAMPLES,
-        deadline=None,
-        database=None,
-        derandomize=DERANDOMIZE,
-        suppress_health_check=list(HealthCheck),
-    )
-    @given(data=st.data())
-    def check(verb: str, command: Any, data: st.DataObject) -> None:
-        words = data.draw(calls(verb, command), label="stillwake")
-        with tempfile.TemporaryDirectory() as name, chdir(name):
-            folder = Path(name).resolve()
-            prepare(folder, random_release)
-            before = listing(folder)
-            no_work()
-            status, out, err = call(words)
-            after = listing(folder)
-        assert status in {0, 1, 2, 3, 4}, (words, status, err)
-        assert "Traceback" not in err, words
-        assert "\x1b[2J" not in out + err, words
-        if status == 1:
-            assert err.startswith("error: ") and err.count("\n") == 1, (words, err)
-        if status != 0:
-            assert after == before, (words, set(after) ^ set(before))
-
+def test_any_call_ends_well(
+    random_release: Path,
+    no_work: Callable[[], None],
+    cli: Callable[..., Outcome],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     for verb, command in command_line.commands().items():
-        check(verb, command)
+        random = Random(verb)
+        for _ in range(ROUNDS):
+            words = call_of(random, verb, command)
+            prepare(tmp_path / "place", random_release)
+            monkeypatch.chdir(tmp_path / "place")
+            before = listing(tmp_path / "place")
+            no_work()
+            done = cli(*words)
+            after = listing(tmp_path / "place")
+            shutil.rmtree(tmp_path / "place")
+            assert done.code in {0, 1, 2, 3, 4}, (words, done)
+            assert "Traceback" not in done.err, words
+            assert "\x1b[2J" not in done.out + done.err, words
+            assert done.code != 1 or (done.err.startswith("error: ") and done.err.count("\n") == 1), (words, done.err)
+            assert done.code == 0 or after == before, (words, set(after) ^ set(before))

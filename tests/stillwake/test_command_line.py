@@ -12,16 +12,6 @@ from docs import command_line
 VERBS = list(command_line.commands())
 
 
-@pytest.mark.slow  # every command of the app
-def test_every_verb_explains_itself(cli):
-    assert {"record", "train", "export", "run", "report", "bundle verify", "picture mean"} <= set(VERBS)
-    for verb in (*VERBS, *{verb.split()[0] for verb in VERBS}):
-        outcome = cli(*verb.split(), "--help")
-        assert (outcome.code, outcome.err) == (0, ""), verb
-        assert f"stillwake {verb}" in outcome.out
-    assert cli("run", "-h").out == cli("run", "--help").out
-
-
 def test_without_a_verb_it_lists_them_and_the_version_is_the_installed_one(cli):
     outcome = cli()
     assert outcome.code != 0

@@ -1,10 +1,8 @@
 """Release bundles as a user meets them: keys, signatures, key lists, and what `bundle` prints."""
 
-import hashlib
 import json
 import stat
 
-import onnx
 import pytest
 from cryptography.hazmat.primitives import serialization as ser
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -67,14 +65,11 @@ def test_inspect_shows_what_the_manifest_ties_together(cli, signed, monkeypatch)
     monkeypatch.setattr(console, "_width", 200)
     out = cli("bundle", "inspect", signed).out
     manifest = json.loads((signed / MANIFEST).read_text())
-    hashes = [manifest[f"{name}_sha256"] for name in ("dataset", "weights", "program", "dbc", "manifest")]
-    size = (signed / CONTROLLER).stat().st_size
-    weights = [f"{name} {value:g}" for name, value in manifest["mpc"]["weights"].items()]
-    point = ["W 2.5 m", "U_inf 25 m/s", "rho 1.2 kg/m3"]
-    timing = ["0.2 t_c, 20 ms", "8 ms for the control step"]
-    facts = [manifest["name"], manifest["created"], "int8", *manifest["sensors"], "horizon 8", "5 iterations", "0.075"]
-    for text in [*hashes, *weights, *point, *timing, *facts, f"{size} bytes", signing.public_key(KEY).fingerprint]:
-        assert text in out, text
+    facts = [manifest[f"{name}_sha256"] for name in ("dataset", "weights", "program", "dbc", "manifest")]
+    facts += [f"{name} {value:g}" for name, value in manifest["mpc"]["weights"].items()]
+    facts += [manifest["name"], manifest["created"], "int8", *manifest["sensors"], "W 2.5 m", "20 ms", "horizon 8"]
+    facts += [f"{(signed / CONTROLLER).stat().st_size} bytes", signing.public_key(KEY).fingerprint]
+    assert [text for text in facts if text not in out] == []
     assert "position" not in out
     resealed(signed, KEY, sensor_positions=[[0.25 * k, -0.5] for k in range(len(manifest["sensors"]))])
     out = cli("bundle", "inspect", signed).out
@@ -126,32 +121,12 @@ def test_a_name_is_printed_as_it_is_unless_a_terminal_would_obey_it(cli, signed,
         outcome = cli("bundle", verb, signed, *more)
         assert (outcome.code, outcome.err, name in outcome.out) == (0, "", True), verb
     assert "[red]a, b[/], c, d" in outcome.out
-    for name in ("\x1b[2J\x1b]0;title\x07", "\ud800", "a\nb", "x" * 10_000):
-        resealed(signed, name=name)
-        (signed / SIGNATURE).unlink(missing_ok=True)
-        for verb, *more in (["verify"], ["inspect"], ["sign", "--key", keys]):
-            outcome = cli("bundle", verb, signed, *more)
-            assert outcome.code == 1, (verb, name)
-            assert all(line.isprintable() for line in (outcome.out + outcome.err).splitlines()), (verb, name)
-            assert len(outcome.err.splitlines()) == 1, (verb, name)
-
-
-def test_a_graph_that_reads_other_files_is_neither_signed_nor_loaded(cli, signed, keys):
-    """Its own hash is right, and so could a signature be: what it computes would lie in the working directory."""
-    model = onnx.load_from_string((signed / CONTROLLER).read_bytes())
-    tensor = next(item for item in model.graph.initializer if item.data_type == onnx.TensorProto.FLOAT)
-    tensor.data_location = onnx.TensorProto.EXTERNAL
-    tensor.external_data.add(key="location", value="weights.bin")
-    tensor.ClearField("raw_data")
-    content = model.SerializeToString()
-    (signed / CONTROLLER).write_bytes(content)
-    resealed(signed, KEY, files={CONTROLLER: hashlib.sha256(content).hexdigest()})
-    expected = "a constant is kept in another file"
-    assert expected in cli("bundle", "sign", signed, "--key", keys).err
-    assert expected in cli("bundle", "inspect", signed).err
-    verified = cli("bundle", "verify", signed)
-    assert "checks failed: graph" in verified.err
-    assert expected in verified.out
+    resealed(signed, name="\x1b[2J\x1b]0;title\x07")
+    (signed / SIGNATURE).unlink()
+    for verb, *more in (["verify"], ["inspect"], ["sign", "--key", keys]):
+        outcome = cli("bundle", verb, signed, *more)
+        assert (outcome.code, len(outcome.err.splitlines())) == (1, 1), verb
+        assert all(line.isprintable() for line in (outcome.out + outcome.err).splitlines()), verb
 
 
 def test_a_key_list_is_made_that_the_root_key_signed_and_shown(cli, all_refused, tmp_path, monkeypatch):

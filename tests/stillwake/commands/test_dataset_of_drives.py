@@ -138,23 +138,6 @@ def test_every_format_of_logs_gives_the_drive(place: Place) -> None:
             assert (checked.code, unchecked in checked.out) == (0, False), checked.err
 
 
-def test_a_gap_makes_two_episodes_by_name_or_is_filled(place: Place) -> None:
-    one = drive("fd", 200, 4)
-    write(place.folder / "drive.log", [m for i, m in enumerate(log_of(one)) if not 200 <= i < 210])
-    words = ("--forces", place.folder / "forces.csv")
-    outcome = place.call(*words, "--split")
-    assert outcome.code == 0, outcome.err
-    assert "no pressures for 5 control periods at 2.000 s: cut there" in outcome.out
-    first, second = place.read.episodes
-    assert (first.name, second.name, first.role, second.role) == ("drive 1", "drive 2", "train", "train")
-    assert (len(first), len(second)) == (100, 94)
-    same_forces(first)
-    same_forces(second, first=106)
-    assert place.call(*words, "--fill", 5, "--overwrite").code == 0
-    (whole,) = place.read.episodes
-    assert len(whole) == 200
-
-
 def test_what_is_missing_or_contradicts_itself_is_refused(all_refused: Callable[..., None], place: Place) -> None:
     gap = [m for i, m in enumerate(log_of(drive("fd", 200, 4))) if not 200 <= i < 210]
     write(place.folder / "gap.log", gap)

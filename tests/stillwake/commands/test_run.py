@@ -9,17 +9,15 @@ from pathlib import Path
 import pytest
 import typer
 
-from can_bridge.bus.faults.text import KINDS
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.controller import CostWeights
 from contract.config.loading import load
 from contract.errors import ConfigError
 from contract.release import bundle, signing
 from contract.release.checks import Bundle
-from firmware_sim.bench.disturbances import KINDS as DISTURBANCES
 from firmware_sim.runs import run_log
 from firmware_sim.runs.run_folder import RunFolder
-from stillwake.commands.run import cost_weights, exit_with, run
+from stillwake.commands.run import cost_weights, exit_with
 from tests.conftest import SIGNING_KEY
 from tests.firmware_sim.runs.conftest import shedding_log
 
@@ -187,10 +185,6 @@ def test_a_drive_of_a_file_lasts_as_long_as_the_file_and_ends_with_its_energy(cl
     page = (tmp_path / "run" / "report.html").read_text()
     assert "Energy of the drive" in page
     assert "drive mine.csv" in page
-
-
-def test_the_help_names_every_fault():
-    assert all(kind in (run.__doc__ or "") for kind in (*KINDS, *DISTURBANCES))
 
 
 @pytest.mark.slow
