@@ -1,6 +1,6 @@
 """Logs of drives whose content is known: encoded by cantools, protected by autosar-e2e, nothing of it by ourselves."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -118,11 +118,13 @@ def authentication_code(data_id: int, covered: bytes) -> bytes:
     return code.finalize()[:8]
 
 
-def log_of(one: Drive, start_s: float = 1000.0, period_s: float = PERIOD) -> list[can.Message]:
-    """Every frame of a drive in which nothing went wrong."""
+def log_of(
+    one: Drive, start_s: float = 1000.0, period_s: float = PERIOD, rows: Iterable[int] | None = None
+) -> list[can.Message]:
+    """Every frame of a drive in which nothing went wrong, or those of some rows."""
     return [
         make(one, k, start_s + (k + late) * period_s)
-        for k in range(len(one.action))
+        for k in (range(len(one.action)) if rows is None else rows)
         for make, late in ((pressure, 0.0), (command, LATENCY))
     ]
 

@@ -5,9 +5,6 @@ from itertools import groupby
 from math import sqrt
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
-
 from can_bridge.bus.faults.lateness import Delay, Reorder
 from can_bridge.bus.faults.loss import BurstLoss, Drop, Duplicate
 from can_bridge.e2e.receiver import Check, StreamState
@@ -86,22 +83,6 @@ def test_the_stamp_shows_a_queue_behind_it_only():
         (late,) = faulty.receive_all()
         assert late.timestamp_ns - plain.timestamp_ns == (3 * PERIOD_NS if restamp else 0), restamp
         assert late.data == plain.data, restamp
-
-
-@given(st.lists(st.integers(0, 5), max_size=20), st.integers(0, 100), st.integers(0, 100), st.integers(0, 9))
-def test_delayed_frames_come_once_and_in_order(bursts, delay_ms, jitter_ms, seed):
-    link = simulated_link()
-    faulty = link.wrapped(link.other, Delay(delay_s=delay_ms / 1e3, jitter_s=jitter_ms / 1e3), seed=seed)
-    sent, received = 0, []
-    for burst in bursts:
-        for _ in range(burst):
-            link.one.send(numbered(sent))
-            sent += 1
-        link.advance()
-        received += faulty.receive_all()
-    link.advance(10**9)
-    received += faulty.receive_all()
-    assert [number_of(frame) for frame in received] == list(range(sent))
 
 
 def test_the_queue_empties_when_the_delay_ends(link):

@@ -43,17 +43,12 @@ class Hoard:
 def test_a_bus_that_takes_no_more_ends_the_babble_and_not_the_node(link):
     full = Hoard(16)
     faulty = link.wrapped(full, Babble())
-    link.advance()
-    assert faulty.receive_all() == []
-    assert faulty.injectors[0].acted == full.taken == 16
-    # What was not taken is not made up for once there is room again.
-    full.room = 10**6
-    faulty.receive_all()
-    assert full.taken == 16
-    # A long pause does not end in an endless burst.
-    link.advance(3600 * 10**9)
-    faulty.receive_all()
-    assert full.taken == 16 + MOST_AT_ONCE
+    # What was not taken is not made up for once there is room again; a long pause does not end in an endless burst.
+    for room, pause_ns, taken in ((16, PERIOD_NS, 16), (10**6, 0, 16), (10**6, 3600 * NS, 16 + MOST_AT_ONCE)):
+        full.room = room
+        link.advance(pause_ns)
+        assert faulty.receive_all() == []
+        assert faulty.injectors[0].acted == full.taken == taken
     # Its own frame meets the full queue as any other would.
     full.room = full.taken
     with pytest.raises(BusError, match="full"):

@@ -100,11 +100,11 @@ def test_the_seed_decides():
         def run(seed: int, fault: Fault = fault) -> str:
             link = simulated_link()
             wrapped = [link.wrapped(port, fault, seed=seed) for port in (link.one, link.other)]
-            received = link.stream(wrapped[0], wrapped[1], 100)
+            received = link.stream(wrapped[0], wrapped[1], 40)
             return repr([[frame.data for frame in frames] for frames in (*received, link.listener.receive_all())])
 
         assert run(1) == run(1), fault
-        assert len({run(seed) for seed in range(4)}) == 4, fault
+        assert len({run(seed) for seed in range(3)}) == 3, fault
     hooks = [WireErrors(bit_error_rate=0.01).hook(seed) for seed in (1, 1, 2)]
     hit = [[hook(numbered(0), "any", 0) for _ in range(100)] for hook in hooks]
     assert hit[0] == hit[1] != hit[2]

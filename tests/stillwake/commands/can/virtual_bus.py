@@ -1,10 +1,8 @@
 """A virtual bus in this process, and a log of stillwake's own messages with what else a bus carries."""
 
-import time
 from pathlib import Path
 
 import can
-from can.interfaces.virtual import channels
 
 from can_bridge.bus.conversion import to_message
 from can_bridge.e2e.sender import E2eSender
@@ -44,12 +42,3 @@ def taken(peer: can.BusABC) -> list[can.Message]:
 
 def flat(text: str) -> str:
     return " ".join(text.split())
-
-
-def send_when_heard(peer: can.BusABC, messages: list[can.Message]) -> None:
-    """A virtual bus keeps nothing for those who come later."""
-    deadline = time.monotonic() + 30.0
-    while len(channels.get("test-can", [])) < 2 and time.monotonic() < deadline:
-        time.sleep(0.01)
-    for message in messages:
-        peer.send(message)
