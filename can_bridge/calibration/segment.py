@@ -7,15 +7,13 @@ come and it is in its limits, and then with the next control period.
 from enum import IntEnum
 from typing import Final
 
-from contract.controller.calibration import NAMES, PACKED_BYTES, Calibration, CalibrationLimits
+from contract.controller.calibration import PACKED_BYTES, Calibration, CalibrationLimits
 from contract.errors import ConfigError
 
 ADDRESS: Final = 0x2000_0000
 """Where the segment lies for a tool: the working memory of a Cortex-M."""
 VALUE_BYTES: Final = 4
 """Bytes of each value."""
-DELAY_STEPS: Final = NAMES[-1]
-"""The one value that is an integer."""
 
 
 class Page(IntEnum):

@@ -113,7 +113,10 @@ def test_the_segment_and_how_a_tool_reaches_it(module, slave, segment):
     (connected,) = slave.command(0, b"\xff\x00")
     assert [int(word) for word in protocol[8:10]] == [connected[3], int.from_bytes(connected[4:6], "little")]
     assert "BYTE_ORDER_MSB_LAST" in protocol
-    for command in (Command[protocol[i + 1]] for i, word in enumerate(protocol) if word == "OPTIONAL_CMD"):
+    listed = [Command[protocol[i + 1]] for i, word in enumerate(protocol) if word == "OPTIONAL_CMD"]
+    mandatory = "CONNECT DISCONNECT GET_STATUS SYNCH DOWNLOAD SET_CAL_PAGE GET_CAL_PAGE"
+    assert {command.name for command in set(Command).difference(listed)} == set(mandatory.split())
+    for command in listed:
         assert slave.command(0, bytes([command]) + bytes(7)) != [b"\xfe\x20"]
     classic = read(a2l_text(segment, release="r", data_bitrate=None)).one("PROJECT").one("MODULE")
     assert classic.one("IF_DATA").one("XCP_ON_CAN").blocks == []
