@@ -71,11 +71,11 @@ class Clock(NamedTuple):
 def samples_of(stretch: Stretch, messages: MessageSet, period_s: float) -> Samples:
     """The frames' contents; what cannot be parsed is NaN."""
     parsed = [messages.pressure.parse(frame.data) for frame in stretch.frames]
-    none = (np.nan,) * SENSORS
-    pressure = np.array([none if one is None else np.where(one.valid, one.pressure_pa, np.nan) for one in parsed])
+    pressure = np.array([(np.nan,) * SENSORS if one is None else one.pressure_pa for one in parsed])
+    valid = np.array([(False,) * SENSORS if one is None else one.valid for one in parsed])
     age_s = np.array([0.0 if one is None else one.age_ns * 1e-9 for one in parsed])
     fresh = age_s < period_s
-    pressure[~fresh] = np.nan
+    pressure[~(valid & fresh[:, None])] = np.nan
     return Samples(pressure, stretch.time_s - np.where(fresh, age_s, 0.0), int((~fresh).sum()))
 
 
