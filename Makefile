@@ -38,7 +38,7 @@ everything:
 # depend on chance.
 coverage: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m "not hypothesis" tests/can_bridge/test_command_gate.py tests/can_bridge/e2e \
-		tests/can_bridge/wire/test_codec.py tests/can_bridge/wire/test_classic_codec.py \
+		tests/can_bridge/wire/test_codec.py \
 		tests/firmware_sim/ecu/test_state_machine.py tests/firmware_sim/ecu/test_transitions.py \
 		tests/firmware_sim/ecu/test_timing.py \
 		tests/can_bridge/flashing/test_store.py \
@@ -156,6 +156,7 @@ full: test docs
 	$(BIN)/python -m benchmarks ecu-loop --lead-in 10 --controlled 70 --settle 30 \
 		--json results/ecu_loop.json
 	$(BIN)/python -m tests.proofs.flash --json results/flash.json
+	$(BIN)/python -m tests.proofs.loader_in_c --json results/flash_c.json
 	$(BIN)/python -m tests.proofs.release --json results/bundle_fuzz.json
 	$(BIN)/python -m tests.proofs.bus bus --json results/bus.json
 	$(BIN)/stillwake run runs/classic --overwrite --set bus.frames=classic --json results/bus_classic.json
