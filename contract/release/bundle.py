@@ -129,12 +129,9 @@ def renew(
         manifest = replace(manifest, operating_point=point, budget_ms=point.period_ns(manifest.control_period) / 1e6)
     if weights:
         manifest = replace(manifest, mpc=replace(manifest.mpc, weights=replace(manifest.mpc.weights, **weights)))
-    if security_version is not None:
-        manifest = replace(manifest, security_version=security_version)
-    if hardware is not None:
-        manifest = replace(manifest, hardware=hardware)
-    if speeds is not None:
-        manifest = replace(manifest, speeds=_within(speeds, manifest.speeds))
+    served = None if speeds is None else _within(speeds, manifest.speeds)
+    changed: dict[str, Any] = {"security_version": security_version, "hardware": hardware, "speeds": served}
+    manifest = replace(manifest, **{name: value for name, value in changed.items() if value is not None})
     if estimator is not None:
         manifest = with_estimator(manifest, contents, estimator(old.manifest))
     if judge is not None:

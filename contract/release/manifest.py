@@ -1,7 +1,7 @@
 """The manifest of a release bundle: what a controller assumes about the vehicle, where it is from, and all hashes."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import date
 from math import ceil, isfinite
@@ -165,77 +165,65 @@ class Manifest:
         return self.provenance.get("kind") == LINEAR
 
     def __post_init__(self) -> None:
+        wrong = next(self._wrong(), None)
+        if wrong is not None:
+            raise BundleManifestError(wrong)
+
+    def _wrong(self) -> Iterator[str]:
+        """What makes no sense, in words."""
         for what, name in (("name", self.name), ("hardware", self.hardware)):
             if name is not None and not is_name(name):
-                raise BundleManifestError(f"{what} {quoted(name)}: must be 1 to {MAX_NAME} printable characters")
+                yield f"{what} {quoted(name)}: must be 1 to {MAX_NAME} printable characters"
         if not 0 <= self.security_version <= LARGEST_SECURITY_VERSION:
-            raise BundleManifestError(
-                f"security_version = {self.security_version!r}: must be in 0..{LARGEST_SECURITY_VERSION}"
-            )
-        self._check_sensors()
-        if self.sensor_estimator is not None:
-            self._check_estimator(self.sensor_estimator)
-        if self.speeds is not None and not 0.1 <= self.speeds.slowest <= 1.0 <= self.speeds.fastest <= 10.0:
-            raise BundleManifestError(
-                f"speeds = {self.speeds.slowest!r}..{self.speeds.fastest!r}: must hold 1 and lie in 0.1..10"
-            )
-        for name, values, count in (
-            ("pressure_mean", self.scaling.pressure_mean, len(self.sensors)),
-            ("pressure_std", self.scaling.pressure_std, len(self.sensors)),
-            ("force_mean", self.scaling.force_mean, 2),
-            ("force_std", self.scaling.force_std, 2),
-        ):
-            if len(values) != count:
-                raise BundleManifestError(f"scaling.{name} has {len(values)} values: must have {count}")
-        for value in (*self.scaling.pressure_mean, *self.scaling.force_mean):
-            if not isfinite(value):
-                raise BundleManifestError(f"scaling: mean {value!r} must be finite")
-        deviations = (*self.scaling.pressure_std, self.scaling.action_std, *self.scaling.force_std)
-        _check_positive("scaling: standard deviation", *deviations)
-        if self.precision not in PRECISIONS:
-            raise BundleManifestError(f"precision {quoted(self.precision)}: must be one of {PRECISIONS}")
-        for name in ("control_period", "action_limit", "budget_ms"):
-            _check_positive(f"{name} =", getattr(self, name))
-        for name, steps in (("window", self.window), ("mpc.horizon", self.mpc.horizon)):
-            if not 0 < steps <= MAX_STEPS:
-                raise BundleManifestError(f"{name} = {steps!r}: must be positive and at most {MAX_STEPS}")
-        if not 0 <= self.compute_time_ms <= self.budget_ms:
-            raise BundleManifestError(
-                f"compute_time_ms = {self.compute_time_ms!r}: must be in 0..budget_ms, which is {self.budget_ms!r}"
-            )
-        for name in ("dataset_sha256", "weights_sha256", "program_sha256"):
-            if not is_sha256(getattr(self, name)):
-                raise BundleManifestError(f"{name} = {quoted(getattr(self, name))}: must be a SHA-256 in 64 hex digits")
-        try:
-            if not _DATE.fullmatch(self.created):
-                raise ValueError(self.created)
-            date.fromisoformat(self.created)
-        except ValueError as error:
-            raise BundleManifestError(f"created = {quoted(self.created)}: must be a date, YYYY-MM-DD") from error
-
-    def _check_estimator(self, estimator: SensorEstimator) -> None:
-        count = len(self.sensors)
-        for name in ("fast", "slow"):
-            table = getattr(estimator, name)
-            if len(table) != count or any(len(row) != count for row in table):
-                raise BundleManifestError(f"sensor_estimator.{name}: must have {count} rows of {count} values")
-            _check_positive(f"sensor_estimator.{name}:", *(value for row in table for value in row))
-
-    def _check_sensors(self) -> None:
-        positions, count = self.sensor_positions, len(self.sensors)
+            yield f"security_version = {self.security_version!r}: must be in 0..{LARGEST_SECURITY_VERSION}"
+        count, positions, scaling = len(self.sensors), self.sensor_positions, self.scaling
         if positions is not None and len(positions) != count:
-            raise BundleManifestError(f"sensor_positions has {len(positions)} places: must have {count}")
+            yield f"sensor_positions has {len(positions)} places: must have {count}"
         places = np.array([(i, 0) for i in range(count)] if positions is None else positions, dtype=np.float64)
         try:
             SensorLayout(names=self.sensors, positions=places, base=np.array([], dtype=np.intp), mirror=None)
         except ConfigError as error:
-            raise BundleManifestError(str(error)) from error
+            yield str(error)
+        for name in ("fast", "slow") if self.sensor_estimator is not None else ():
+            table = getattr(self.sensor_estimator, name)
+            if len(table) != count or any(len(row) != count for row in table):
+                yield f"sensor_estimator.{name}: must have {count} rows of {count} values"
+            yield from _not_positive(f"sensor_estimator.{name}:", *(value for row in table for value in row))
+        speeds = self.speeds
+        if speeds is not None and not 0.1 <= speeds.slowest <= 1.0 <= speeds.fastest <= 10.0:
+            yield f"speeds = {speeds.slowest!r}..{speeds.fastest!r}: must hold 1 and lie in 0.1..10"
+        for name, wanted in (("pressure_mean", count), ("pressure_std", count), ("force_mean", 2), ("force_std", 2)):
+            if len(getattr(scaling, name)) != wanted:
+                yield f"scaling.{name} has {len(getattr(scaling, name))} values: must have {wanted}"
+        for value in (*scaling.pressure_mean, *scaling.force_mean):
+            if not isfinite(value):
+                yield f"scaling: mean {value!r} must be finite"
+        deviations = (*scaling.pressure_std, scaling.action_std, *scaling.force_std)
+        yield from _not_positive("scaling: standard deviation", *deviations)
+        if self.precision not in PRECISIONS:
+            yield f"precision {quoted(self.precision)}: must be one of {PRECISIONS}"
+        for name in ("control_period", "action_limit", "budget_ms"):
+            yield from _not_positive(f"{name} =", getattr(self, name))
+        for name, steps in (("window", self.window), ("mpc.horizon", self.mpc.horizon)):
+            if not 0 < steps <= MAX_STEPS:
+                yield f"{name} = {steps!r}: must be positive and at most {MAX_STEPS}"
+        if not 0 <= self.compute_time_ms <= self.budget_ms:
+            yield f"compute_time_ms = {self.compute_time_ms!r}: must be in 0..budget_ms, which is {self.budget_ms!r}"
+        for name in ("dataset_sha256", "weights_sha256", "program_sha256"):
+            if not is_sha256(getattr(self, name)):
+                yield f"{name} = {quoted(getattr(self, name))}: must be a SHA-256 in 64 hex digits"
+        try:
+            is_date = bool(_DATE.fullmatch(self.created) and date.fromisoformat(self.created))
+        except ValueError:
+            is_date = False
+        if not is_date:
+            yield f"created = {quoted(self.created)}: must be a date, YYYY-MM-DD"
 
 
-def _check_positive(what: str, *values: float) -> None:
+def _not_positive(what: str, *values: float) -> Iterator[str]:
     for value in values:
         if not (value > 0 and isfinite(value)):
-            raise BundleManifestError(f"{what} {value!r}: must be positive and finite")
+            yield f"{what} {value!r}: must be positive and finite"
 
 
 class Opened(NamedTuple):

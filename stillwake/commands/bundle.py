@@ -8,7 +8,7 @@ from typing import Annotated, Final
 import typer
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column
 
 from contract.atomic import replacing
 from contract.config.loading import Loaded
@@ -26,7 +26,7 @@ from contract.release.signing import PublicKey
 from contract.shipped import BUNDLE
 from stillwake.console.outputs import Overwrite, check_output
 from stillwake.console.settings import settings
-from stillwake.console.terminal import Overrides, console, progress_bar
+from stillwake.console.terminal import Overrides, console, print_table, progress_bar
 from stillwake.parts.fitted_estimator import fitted_estimator
 from stillwake.parts.releases import Trust, describe, locate, open_release, signature
 
@@ -174,11 +174,7 @@ def inspect(path: BundlePath = None, trust: Trust = None) -> None:
         found = list(described(opened(*locate(path, trust))).items())
     else:
         found = rows(open_release(path, trust))
-    table = Table("bundle", "")
-    table.columns[1].overflow = "fold"
-    for name, value in found:
-        table.add_row(escape(name), escape(value))
-    console.print(table, markup=True)
+    print_table("bundle", _folded(""), rows=found)
 
 
 @bundle.command()
@@ -199,7 +195,7 @@ def sbom(
     content = release_bom(open_release(path, trust), read_files(BUNDLE if path is None else path))
     with replacing(output) as temporary:
         temporary.write_bytes(content)
-    console.print(f"wrote {output}", soft_wrap=True)
+    console.print(f"wrote {output}")
 
 
 @bundle.command()
@@ -221,12 +217,7 @@ def diff(
     if not found:
         console.print("no difference")
         return
-    table = Table("differs", escape(str(a)), escape(str(b)))
-    for column in table.columns:
-        column.overflow = "fold"
-    for row in found:
-        table.add_row(*map(escape, row))
-    console.print(table, markup=True)
+    print_table("differs", _folded(str(a)), _folded(str(b)), rows=found)
     raise typer.Exit(DIFFERENT)
 
 
@@ -283,12 +274,17 @@ def _opened_list(path: Path, root: PublicKey | None) -> tuple[KeyList, PublicKey
 
 
 def _show(listed: KeyList, root: PublicKey) -> None:
-    table = Table(f"key list {listed.version}", f"signed by {root.fingerprint}")
-    table.columns[1].overflow = "fold"
-    for what, found in (("may sign", listed.keys), ("revoked", listed.revoked)):
-        for fingerprint in sorted(one.fingerprint for one in found):
-            table.add_row(what, fingerprint)
-    console.print(table)
+    rows = (
+        (what, fingerprint)
+        for what, found in (("may sign", listed.keys), ("revoked", listed.revoked))
+        for fingerprint in sorted(one.fingerprint for one in found)
+    )
+    print_table(f"key list {listed.version}", _folded(f"signed by {root.fingerprint}"), rows=rows)
+
+
+def _folded(head: str) -> Column:
+    """A column whose texts are never cut."""
+    return Column(head, overflow="fold")
 
 
 def _controller(manifest: Manifest) -> list[tuple[str, str]]:

@@ -1,6 +1,5 @@
 """The command that runs a test plan: the loop under every disturbance, in parallel, and one report of it."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import date
@@ -15,6 +14,7 @@ from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release.checks import Bundle
 from contract.results import versions
+from stillwake.console.numbers import cores
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
@@ -106,7 +106,7 @@ def campaign(
     folder = CampaignFolder(output)
     folder.check(planned.label(), overwrite=overwrite)
     console.print(*describe(release), sep="\n")
-    result = _conducted(planned, folder, _cores() if workers is None else workers, scheduler)
+    result = _conducted(planned, folder, cores() if workers is None else workers, scheduler)
 
     from firmware_sim.campaign.report import write_report
 
@@ -199,7 +199,3 @@ def _print(result: "Result") -> None:
     for row in result.rows:
         for text in row.broken:
             console.print(f"{row.scenario.name}: {text}", style="bold red")
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
-from rich.table import Table
 from typer.core import TyperGroup
 
 from contract.config.tree import Config
@@ -16,10 +15,11 @@ from contract.errors import ConfigError
 from stillwake.commands.ecu_board import board
 from stillwake.commands.run import asked_calibration
 from stillwake.console.bus_option import BusName, with_bus
-from stillwake.console.settings import REAL_BUS, WEIGHTS, settings
+from stillwake.console.settings import REAL_BUS, TESTERS_BUS, WEIGHTS, settings
 from stillwake.console.stopping import until_stopped
-from stillwake.console.terminal import ConfigFile, Overrides, console, visible
-from stillwake.parts.releases import Trust, open_release, signature
+from stillwake.console.terminal import ConfigFile, Overrides, console, print_table, visible
+from stillwake.parts.conversation import asking
+from stillwake.parts.releases import Library, Trust, open_release, signature
 
 if TYPE_CHECKING:
     from can_bridge.flashing.report import Report
@@ -36,7 +36,6 @@ _USES: Final = (
     WEIGHTS,
 )
 _VEHICLE: Final = ("operating_point", "flow.control_period", "flow.action_limit", "ecu.delay_steps", "ecu.plan_ahead")
-_BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate", "bus.frames")
 _RUN: Final = "run"
 _FACTS: Final = {
     "serial_number": "serial number",
@@ -87,9 +86,7 @@ def run(
     hardware: Annotated[
         str | None, typer.Option(help="With --slots: name of the hardware, in place of the folder's.")
     ] = None,
-    library: Annotated[
-        Path | None, typer.Option(help="Run this C library of the bundle's (`export --c`) in place of ONNX Runtime.")
-    ] = None,
+    library: Library = None,
     periods: Annotated[
         int | None, typer.Option(help="End after so many control steps; default: run until stopped.", min=1)
     ] = None,
@@ -229,22 +226,20 @@ def info(
 
     stillwake ecu info --bus socketcan:can0
     """
-    config = settings("ecu info", config_file, with_bus(bus, overrides), uses=_BUS).config
+    config = settings("ecu info", config_file, with_bus(bus, overrides), uses=TESTERS_BUS).config
     found, report = _asked(config) if slots is None else _from_folder(slots, root)
     if as_json:
         from can_bridge.flashing.report import tree
 
         console.print_json(data={**found, "store": tree(report)})
         return
-    table = Table(show_header=False)
     if "period_ns" in found:
         found["period_ns"] = f"{int(found['period_ns']) / 1e6:g} ms"
     rows = dict(_rows(report))
     if slots is not None:
         rows["runs"] = "the folder does not hold it; --bus in place of --slots asks the ECU"
-    for name, value in (*((_FACTS[name], str(value)) for name, value in found.items()), *rows.items()):
-        table.add_row(name, visible(value))
-    console.print(table)
+    shown = {**{_FACTS[name]: str(value) for name, value in found.items()}, **rows}
+    print_table(rows=((name, visible(value)) for name, value in shown.items()), show_header=False)
 
 
 def _run_store(
@@ -278,23 +273,12 @@ def _refuse(why: str, **given: Any) -> None:
 
 def _asked(config: Config) -> "tuple[dict[str, str | int], Report]":
     """What the ECU on a bus says."""
-    from time import monotonic, sleep
-
-    from can_bridge.tester.asking import Asking
     from can_bridge.tester.facts import read_facts
-    from can_bridge.tester.transport import open_client
 
-    with open_client(config.bus) as client:
-        facts = read_facts(Asking(client, key=None, clock=monotonic, sleep=sleep))
-    found: dict[str, str | int] = {
-        "serial_number": facts.serial_number,
-        "hardware": facts.hardware,
-        "software_version": facts.software_version,
-        "dbc_sha256": facts.dbc_sha256,
-        "period_ns": facts.period_ns,
-        "capacity": facts.capacity,
-    }
-    return found, facts.store
+    with asking(config.bus) as ecu:
+        facts = read_facts(ecu)
+    names = ("serial_number", "hardware", "software_version", "dbc_sha256", "period_ns", "capacity")
+    return {name: getattr(facts, name) for name in names}, facts.store
 
 
 def _from_folder(slots: Path, root: Path | None) -> "tuple[dict[str, str | int], Report]":

@@ -11,7 +11,6 @@ from typing import Annotated, Any, Final
 
 import typer
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from rich.table import Table
 
 from can_bridge.wire.messages import SENSORS
 from contract.config.loading import from_tree, load
@@ -21,14 +20,14 @@ from contract.errors import ConfigError, ModelError, OutputError, StillwakeError
 from contract.model import linear_model_folder, model_folder
 from contract.model.linear_model_folder import is_linear
 from contract.release import bundle as bundles
+from contract.release.checks import Bundle
 from contract.release.container import read_files
 from contract.release.controller_image import SUFFIX
 from contract.release.signing import public_key, read_private_key
-from contract.results import write_result
 from contract.shipped import recording
-from stillwake.console.outputs import Overwrite, check_json, check_output
+from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
 from stillwake.console.settings import settings
-from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, Threads, console, progress_bar
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, Threads, console, phases_bar, print_table
 from stillwake.parts.fitted_estimator import fitted_estimator
 from stillwake.parts.releases import open_release
 
@@ -111,16 +110,14 @@ def export(
     from export.release.pipeline import PHASES, CLibrary, export_all, gate_figures
     from export.release.sbom import release_bom, write_bom
     from firmware_sim.in_c.host_library import CController
-    from stillwake.parts.c_release import ecu_files, write_fmu, write_image
+    from stillwake.parts.c_release import ecu_files
 
-    notice = partial(console.print, soft_wrap=True)
     used = recording() if dataset is None else dataset
     library = None
-    with _library_folder(c_folder) as folder, progress_bar("phases") as bar:
+    with _library_folder(c_folder) as folder, phases_bar("export", PHASES) as (bar, phase):
         if in_c:
-            ecu = partial(ecu_files, output, config=config, notice=notice)
+            ecu = partial(ecu_files, output, config=config, notice=console.print)
             library = CLibrary(folder=folder, compiled=CController, ecu=ecu)
-        task = bar.add_task("export", total=len(PHASES), note="")
         done = export_all(
             model,
             output,
@@ -134,39 +131,31 @@ def export(
             named=dataset is not None,
             estimator=partial(fitted_estimator, used, bar, threads=threads) if sensors else None,
             notice=console.print,
-            phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
+            phase=phase,
         )
-        bar.update(task, completed=len(PHASES), note="")
         release = bundles.load(output)
         bill = write_bom(output, release_bom(release, read_files(output)))
-        if fmu is not None:
-            write_fmu(fmu, folder, release, config)
-        if image is not None:
-            write_image(image, folder, release, config, signing_key)
-    _show_gates(gate_figures(done))
-    signed = _signed(signing_key)
+        _write_files(fmu, image, folder, release, config, signing_key)
+    print_table("check", "measured", rows=_measured(gate_figures(done)))
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
-    console.print(f"wrote {output}: {done.lowered.precision}, {size}, {signed}", soft_wrap=True)
-    console.print(f"wrote {bill}: bill of materials, CycloneDX 1.6", soft_wrap=True)
+    console.print(f"wrote {output}: {done.lowered.precision}, {size}, {_signed(signing_key)}")
+    console.print(f"wrote {bill}: bill of materials, CycloneDX 1.6")
     point = config.operating_point
     console.print(
         f"for a body {point.width:g} m wide at {point.speed:g} m/s, a control period of {config.period_ns / 1e6:g} ms: "
         f"--set operating_point.width and operating_point.speed make it another",
-        soft_wrap=True,
-        highlight=False,
     )
     count = len(done.lowered.effective.sensors)
     if count != SENSORS:
         console.print(
             f"{count} sensors: the ECU here takes {SENSORS}, as its Pressure message does (train.sensors={SENSORS}); "
             f"the control step in C and the ONNX graph work with any number",
-            soft_wrap=True,
         )
     if done.library is not None:
         workspace = f"{done.library.workspace_bytes / 1024:.0f} KiB of workspace"
         if c_folder is not None:
-            console.print(f"wrote {c_folder}: C99, {done.lowered.precision}, {workspace}", soft_wrap=True)
-        _print_files(fmu, image, signed)
+            console.print(f"wrote {c_folder}: C99, {done.lowered.precision}, {workspace}")
+        _print_files(fmu, image, signing_key)
 
 
 def _check_in_c(folder: Path | None, fmu: Path | None, image: Path | None, *, overwrite: bool) -> None:
@@ -187,13 +176,27 @@ def _library_folder(given: Path | None) -> Iterator[Path]:
         yield Path(scratch, "library") if given is None else given
 
 
-def _print_files(fmu: Path | None, image: Path | None, signed: str) -> None:
-    if image is not None:
-        console.print(f"wrote {image}: {image.stat().st_size / 1024:.1f} KiB, {signed}", soft_wrap=True)
+def _write_files(
+    fmu: Path | None,
+    image: Path | None,
+    library: Path,
+    release: Bundle,
+    config: Config,
+    key: Ed25519PrivateKey | None,
+) -> None:
+    from stillwake.parts.c_release import write_fmu, write_image
+
     if fmu is not None:
-        console.print(
-            f"wrote {fmu}: FMI 3.0 co-simulation, compiled for this machine, with its sources", soft_wrap=True
-        )
+        write_fmu(fmu, library, release, config)
+    if image is not None:
+        write_image(image, library, release, config, key)
+
+
+def _print_files(fmu: Path | None, image: Path | None, key: Ed25519PrivateKey | None) -> None:
+    if image is not None:
+        console.print(f"wrote {image}: {image.stat().st_size / 1024:.1f} KiB, {_signed(key)}")
+    if fmu is not None:
+        console.print(f"wrote {fmu}: FMI 3.0 co-simulation, compiled for this machine, with its sources")
 
 
 def _export_shipped(
@@ -208,38 +211,25 @@ def _export_shipped(
     config = settings("export --c", file, overrides, uses=USES_IN_C).config
 
     from export.release.pipeline import PHASES, gate_figures
-    from stillwake.parts.c_release import write_fmu, write_image, write_shipped_library
+    from stillwake.parts.c_release import write_shipped_library
 
     release = open_release(None, None)
-    with _library_folder(c_folder) as folder, progress_bar("phases") as bar:
-        task = bar.add_task("export", total=len(PHASES), note="")
-        done = write_shipped_library(
-            folder,
-            release,
-            config,
-            notice=partial(console.print, soft_wrap=True),
-            phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
-        )
-        bar.update(task, completed=len(PHASES), note="")
-        if fmu is not None:
-            write_fmu(fmu, folder, release, config)
-        if image is not None:
-            write_image(image, folder, release, config, key)
-    _show_gates(gate_figures(done))
+    with _library_folder(c_folder) as folder, phases_bar("export", PHASES) as (_, phase):
+        done = write_shipped_library(folder, release, config, notice=console.print, phase=phase)
+        _write_files(fmu, image, folder, release, config, key)
+    print_table("check", "measured", rows=_measured(gate_figures(done)))
     if c_folder is not None:
-        console.print(f"wrote {c_folder}: C99, {release.manifest.name}", soft_wrap=True)
-    _print_files(fmu, image, _signed(key))
+        console.print(f"wrote {c_folder}: C99, {release.manifest.name}")
+    _print_files(fmu, image, key)
 
 
 def _signed(key: Ed25519PrivateKey | None) -> str:
     return "unsigned" if key is None else f"signed by key {public_key(key).fingerprint}"
 
 
-def _show_gates(figures: Iterable[tuple[str, Any]]) -> None:
-    table = Table("check", "measured")
+def _measured(figures: Iterable[tuple[str, Any]]) -> Iterator[tuple[str, str]]:
     for title, value in figures:
-        table.add_row(title, f"{value:.3g}" if isinstance(value, float) else str(value))
-    console.print(table)
+        yield title, f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def _settings(model: Path, file: Path | None, overrides: list[str], *, uses: Sequence[str] = USES) -> Config:
@@ -289,21 +279,9 @@ def mcu(
     from firmware_sim.mcu.verdict import verdicts
     from stillwake.parts.c_release import library_folder
 
-    with progress_bar("phases") as bar:
-        task = bar.add_task("Cortex-M7", total=len(PHASES), note="")
-        with library_folder(library) as folder:
-            measured = measure_folder(
-                folder, phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun)
-            )
-        bar.update(task, completed=len(PHASES), note="")
-    table = Table("one control step on a Cortex-M7", "")
-    for name, value in (*measured.rows(), *verdicts(measured.modelled_ms, config.period_ns / 1e6)):
-        table.add_row(name, value)
-    console.print(table)
-    if json_file is not None:
-        write_result(
-            json_file,
-            figures=asdict(measured),
-            facts={"library": "shipped" if library is None else str(library), "period_ms": config.period_ns / 1e6},
-            on=date.today(),
-        )
+    with phases_bar("Cortex-M7", PHASES) as (_, phase), library_folder(library) as folder:
+        measured = measure_folder(folder, phase=phase)
+    rows = (*measured.rows(), *verdicts(measured.modelled_ms, config.period_ns / 1e6))
+    print_table("one control step on a Cortex-M7", "", rows=rows)
+    facts = {"library": "shipped" if library is None else str(library), "period_ms": config.period_ns / 1e6}
+    save_json(json_file, figures=asdict(measured), facts=facts)

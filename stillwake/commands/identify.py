@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
-from rich.table import Table
 
 from contract.config.loading import to_tree
 from contract.model.linear_model_folder import check_free
 from contract.shipped import recording as shipped_recording
 from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
 from stillwake.console.settings import settings
-from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, phases_bar, print_table
 
 if TYPE_CHECKING:
     # Loading scipy takes time, which the other commands need not wait for.
@@ -76,19 +75,9 @@ def identify(
         sensors=_names(sensors),
     )
     weights = Design(action=action_weight, differences=difference_weight, lift=lift_weight, probe=probe_weight)
-    with progress_bar("phases") as bar:
-        task = bar.add_task("identify", total=len(PHASES), note="")
-        done = identify_all(
-            recording,
-            output,
-            config,
-            how,
-            weights,
-            phase=lambda begun: bar.update(task, completed=PHASES.index(begun), note=begun),
-        )
-        bar.update(task, completed=len(PHASES), note="")
-    console.print(_accuracy(done))
-    console.print(_facts(done))
+    with phases_bar("identify", PHASES) as (_, phase):
+        done = identify_all(recording, output, config, how, weights, phase=phase)
+    _print(done)
     save_json(
         json_file,
         figures=done.as_metrics(),
@@ -107,20 +96,17 @@ def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def _accuracy(done: "Identified") -> Table:
+def _print(done: "Identified") -> None:
     ahead = (f"R2 {steps} ahead" for steps in done.r2)
-    table = Table("", *ahead, title="last parts of the episodes, by a model that was fitted to the first parts")
-    for row, name in enumerate(done.rows):
-        table.add_row(name, *(f"{values[row]:.3f}" for values in done.r2.values()))
-    return table
-
-
-def _facts(done: "Identified") -> Table:
-    table = Table("linear controller", "")
-    table.add_row("fitted to", f"{done.steps} steps of {len(done.episodes)} episodes: {', '.join(done.episodes)}")
-    table.add_row("spectral radius, open loop", f"{done.open_loop:.4f}")
-    table.add_row("spectral radius, closed loop", f"{done.closed_loop:.4f}")
+    rows = ((name, *(f"{values[row]:.3f}" for values in done.r2.values())) for row, name in enumerate(done.rows))
+    title = "last parts of the episodes, by a model that was fitted to the first parts"
+    print_table("", *ahead, rows=rows, title=title)
     growing = "; ".join(f"{growth:.3f} at {frequency:.3f}/t_c" for growth, frequency in done.growing)
-    table.add_row("growing modes, e-foldings in t_c", growing or "none")
-    table.add_row("sum of gains", f"{done.gain_sum:.3g}")
-    return table
+    facts = (
+        ("fitted to", f"{done.steps} steps of {len(done.episodes)} episodes: {', '.join(done.episodes)}"),
+        ("spectral radius, open loop", f"{done.open_loop:.4f}"),
+        ("spectral radius, closed loop", f"{done.closed_loop:.4f}"),
+        ("growing modes, e-foldings in t_c", growing or "none"),
+        ("sum of gains", f"{done.gain_sum:.3g}"),
+    )
+    print_table("linear controller", "", rows=facts)

@@ -16,6 +16,7 @@ from stillwake.console.settings import settings
 from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
 
 if TYPE_CHECKING:
+    from firmware_sim.runs.run_log import RunLog
     from wake.truck.truck_wake import TruckWake
 
 USUAL_DURATION: Final = 25.0
@@ -142,7 +143,7 @@ def animate(
     left_out = steps_of("--skip", skip, config.flow.control_period, least=0)
     actions = _actions(config, duration, forcing, amplitude, frequency, seed, run)
     wake = _start(config, state)
-    coloured = _run_sensors(run) if run is not None and not sensors else _names(sensors)
+    coloured = _run_log(run).metadata.sensors if run is not None and not sensors else _names(sensors)
     drawn = WakePicture(wake, field, coloured, width)
     with progress_bar("steps") as bar:
         task = bar.add_task("animation", total=len(actions), note="")
@@ -197,7 +198,8 @@ def _actions(
     if run is None:
         usual = round(USUAL_DURATION / config.flow.control_period)
         return _signal(config, usual if asked is None else asked, forcing, amplitude, frequency, seed)
-    recorded = _run_actions(run)
+    # Row k holds the action reached at t_k, and the plant is to ramp there from the one before.
+    recorded: npt.NDArray[np.float64] = _run_log(run).series["action"][1:]
     steps = len(recorded) if asked is None else asked
     if steps > len(recorded):
         raise ConfigError(f"--duration {duration}: the recording holds {_time(config, len(recorded)):g} t_c")
@@ -219,17 +221,8 @@ def _signal(
     return SIGNALS[forcing](steps, config.forcing, config.flow, np.random.default_rng(seed))
 
 
-def _run_actions(folder: Path) -> npt.NDArray[np.float64]:
+def _run_log(folder: Path) -> "RunLog":
     from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import load
 
-    # Row k holds the action reached at t_k, and the plant is to ramp there from the one before.
-    return load(RunFolder(folder).series).series["action"][1:]
-
-
-def _run_sensors(folder: Path) -> tuple[str, ...]:
-    """Those of the controller whose run is replayed."""
-    from firmware_sim.runs.run_folder import RunFolder
-    from firmware_sim.runs.run_log import load
-
-    return load(RunFolder(folder).series).metadata.sensors
+    return load(RunFolder(folder).series)

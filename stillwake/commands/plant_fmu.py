@@ -39,4 +39,4 @@ def plant_fmu(
     content = made(config, start)
     with replacing(output) as temporary:
         temporary.write_bytes(content)
-    console.print(f"wrote {output}: FMI 3.0 co-simulation, a step of {config.period_ns / 1e6:g} ms", soft_wrap=True)
+    console.print(f"wrote {output}: FMI 3.0 co-simulation, a step of {config.period_ns / 1e6:g} ms")

@@ -1,7 +1,6 @@
 """The command that records: forced episodes, the paper's data set, or a round under a release's controller or from the
 steady wake."""
 
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
@@ -16,6 +15,7 @@ from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release.checks import Bundle
+from stillwake.console.numbers import cores
 from stillwake.console.outputs import Overwrite, check_dataset_name, check_output
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
@@ -23,8 +23,6 @@ from stillwake.console.terminal import ConfigFile, Overrides, console, progress_
 from stillwake.parts.releases import describe, open_release
 
 if TYPE_CHECKING:
-    from wake.recording.calm_plan import CalmRound
-    from wake.recording.controlled_plan import ControlledRound
     from wake.recording.feedback import PolicyFactory
 
 
@@ -131,13 +129,15 @@ def record(
     of_controlled = {"controlled": controlled, "exploration": exploration}
     of_calm = {"calm": calm, "amplitudes": amplitudes}
     of_round: dict[str, Any] = {"episodes": episodes, "role": role}
-    recording = {"workers": _cores() if workers is None else workers, "scheduler": scheduler, "start": start}
+    how = {"workers": cores() if workers is None else workers, "scheduler": scheduler, "start": start}
     if from_steady is None:
         _refuse_given(of_calm, "is of episodes from the steady wake: give --from-steady FILE as well")
     if is_forced:
         _refuse_given(of_controlled, "needs a controller: give --under BUNDLE as well")
         _refuse_given(of_round, "needs a controller or the steady wake: give --under or --from-steady as well")
-        _record_forced(output, config, lengths, paper, seed, {**recording, "overwrite": overwrite})
+        if paper:
+            _refuse_given(lengths, "does not go with --paper, which has its own lengths")
+        _record_forced(output, config, None if paper else _given(lengths), seed, {**how, "overwrite": overwrite})
         return
     option, steps = ("--under", "--controlled") if from_steady is None else ("--from-steady", "--calm")
     if paper:
@@ -145,95 +145,88 @@ def record(
     if overwrite:
         raise StillwakeError(f"--overwrite does not go with {option}, which adds a round and replaces nothing")
     _refuse_given(lengths, f"does not go with {option}: give {steps} and --episodes instead")
-    of_round["seed"] = seed
+    of_plan = {**of_round, "seed": seed, "steps": controlled, "exploration": exploration}
     if from_steady is not None:
         _refuse_given(of_controlled, "does not go with --from-steady: give --calm and --amplitudes instead")
         _refuse_given({"start": start}, "does not go with --from-steady, which names where episodes begin")
         smallest, largest = (None, None) if amplitudes is None else amplitudes
-        of_plan = _given({**of_round, "steps": calm, "smallest": smallest, "largest": largest})
-        _record_calm(output, config, from_steady, under, of_plan, recording)
-    elif under is not None:
-        of_plan = _given({**of_round, "steps": controlled, "exploration": exploration})
-        _record_controlled(output, config, under, of_plan, recording)
+        of_plan |= {"steps": calm, "smallest": smallest, "largest": largest}
+    _record_round(output, config, from_steady, under, _given(of_plan), how)
 
 
 def _record_forced(
-    output: Path,
-    config: Config,
-    lengths: Mapping[str, int | None],
-    paper: bool,
-    seed: int,
-    recording: Mapping[str, Any],
+    output: Path, config: Config, lengths: Mapping[str, int] | None, seed: int, how: Mapping[str, Any]
 ) -> None:
-    if paper:
-        _refuse_given(lengths, "does not go with --paper, which has its own lengths")
-
+    """Episodes of these lengths, in control steps; None: the paper's."""
     from wake.recording.episode_plan import EpisodePlan, paper_plans
     from wake.recording.recorder import record as record_dataset
 
-    def steps(name: str, default: int) -> int:
-        given = lengths[name]
-        return default if given is None else given
-
-    plans = (
-        paper_plans(seed)
-        if paper
-        else (
-            EpisodePlan(forcing="training", steps=steps("training", 6000), seed=seed),
-            EpisodePlan(forcing="chirp", steps=steps("chirp", 1500), seed=0),
-            EpisodePlan(forcing="none", steps=steps("uncontrolled", 500), seed=0),
+    if lengths is None:
+        plans = paper_plans(seed)
+    else:
+        steps = {"training": 6000, "chirp": 1500, "uncontrolled": 500, **lengths}
+        plans = (
+            EpisodePlan(forcing="training", steps=steps["training"], seed=seed),
+            EpisodePlan(forcing="chirp", steps=steps["chirp"], seed=0),
+            EpisodePlan(forcing="none", steps=steps["uncontrolled"], seed=0),
         )
-    )
     plans = tuple(plan for plan in plans if plan.steps > 0)
     if not plans:
         raise StillwakeError("nothing to record: give at least one of --training, --chirp, --uncontrolled")
     with _continued(output), _progress(len(plans)) as shown:
-        written = record_dataset(output, plans, config, **recording, **shown)
+        written = record_dataset(output, plans, config, **how, **shown)
     total = sum(plan.steps for plan in plans)
     done = "wrote" if written else "already whole, nothing to record:"
     console.print(f"{done} {output}: {total} control steps, {output.stat().st_size / 1e6:.1f} MB")
 
 
-def _record_controlled(
-    output: Path, config: Config, bundle: Path, of_plan: Mapping[str, Any], recording: Mapping[str, Any]
-) -> None:
-    from wake.recording.controlled_plan import ControlledRound
-
-    release, policy = _policy(bundle, config)
-    planned = ControlledRound(**of_plan, bundle=release.manifest.name, bundle_digest=release.digest)
-    _record_round(output, config, planned, policy, recording, f"under the controller for {planned.role!r}")
-
-
-def _record_calm(
+def _record_round(
     output: Path,
     config: Config,
-    steady: Path,
+    steady: Path | None,
     bundle: Path | None,
     of_plan: Mapping[str, Any],
-    recording: Mapping[str, Any],
+    how: Mapping[str, Any],
 ) -> None:
-    from stillwake.console.settling import settle_into
+    """Episodes under a controller, from the steady wake, or both."""
     from wake.recording.calm_plan import CalmRound
-    from wake.recording.episode_job import check_start
+    from wake.recording.controlled_plan import ControlledRound
+    from wake.recording.controlled_recording import record_round
     from wake.recording.feedback import NoFeedback
-    from wake.truck.state import load_state
-    from wake.truck.steady import check_steady
-    from wake.truck.truck_wake import TruckWake
 
     policy: PolicyFactory = NoFeedback
     if bundle is not None:
         release, policy = _policy(bundle, config)
         of_plan = {**of_plan, "bundle": release.manifest.name, "bundle_digest": release.digest}
-    planned = CalmRound(**of_plan)
+    planned: ControlledRound | CalmRound = ControlledRound(**of_plan) if steady is None else CalmRound(**of_plan)
+    acting = "under the controller"
+    if steady is not None:
+        _settled(steady, config)
+        how = {**how, "start": steady}
+        by = "" if planned.bundle is None else f" and the controller of {planned.bundle}"
+        acting = f"from the steady wake under random actions{by}"
+    with _continued(output), _progress(planned.episodes) as shown:
+        number = record_round(output, planned, config, policy, **how, **shown)
+    console.print(
+        f"wrote {output}: round {number}, {planned.episodes * planned.steps} control steps {acting} for "
+        f"{planned.role!r}, {output.stat().st_size / 1e6:.1f} MB in all"
+    )
+
+
+def _settled(steady: Path, config: Config) -> None:
+    """Compute the steady wake if it is not there, and check that it is one, of this plant."""
+    from stillwake.console.settling import settle_into
+    from wake.recording.episode_job import check_start
+    from wake.truck.state import load_state
+    from wake.truck.steady import check_steady
+    from wake.truck.truck_wake import TruckWake
+
     if not steady.exists():
         console.print(f"{steady} is not there: computing the steady wake")
         check_output(steady, overwrite=False)
         settle_into(steady, config)
     check_start(config, steady)
     check_steady(TruckWake(config.flow, body=config.body), load_state(steady))
-    by = "" if planned.bundle is None else f" and the controller of {planned.bundle}"
-    how = f"from the steady wake under random actions{by} for {planned.role!r}"
-    _record_round(output, config, planned, policy, {**recording, "start": steady}, how)
 
 
 def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
@@ -247,24 +240,6 @@ def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
     policy()
     console.print(*describe(release), sep="\n")
     return release, policy
-
-
-def _record_round(
-    output: Path,
-    config: Config,
-    planned: "ControlledRound | CalmRound",
-    policy: "PolicyFactory",
-    recording: Mapping[str, Any],
-    how: str,
-) -> None:
-    from wake.recording.controlled_recording import record_round
-
-    with _continued(output), _progress(planned.episodes) as shown:
-        number = record_round(output, planned, config, policy, **recording, **shown)
-    console.print(
-        f"wrote {output}: round {number}, {planned.episodes * planned.steps} control steps {how}, "
-        f"{output.stat().st_size / 1e6:.1f} MB in all"
-    )
 
 
 @contextmanager
@@ -312,7 +287,3 @@ def _refuse_given(options: Mapping[str, object], reason: str) -> None:
     for name, value in options.items():
         if value is not None:
             raise StillwakeError(f"--{name} {reason}")
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
-from rich.table import Table
 
 from contract.atomic import check_writable
 from contract.config.loading import to_tree
@@ -19,7 +18,7 @@ from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import REAL_BUS, settings
 from stillwake.console.stopping import until_stopped
-from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, print_table, progress_bar
 from stillwake.parts.releases import Trust, open_release
 
 if TYPE_CHECKING:
@@ -241,7 +240,6 @@ def _live(stack: ExitStack, config: Config, start: Path | None, drive: "Drive | 
 
 
 def _print_figures(figures: "Figures", pressures: str) -> None:
-    table = Table("vehicle", "")
     modes = ", ".join(f"{mode.name} {count}" for mode, count in sorted(figures.modes.items())) or "none"
 
     def quantiles(times: Any) -> str:
@@ -249,7 +247,7 @@ def _print_figures(figures: "Figures", pressures: str) -> None:
             return "none"
         return " / ".join(f"{times.quantile_ms(share):.2f}" for share in (0.5, 0.99, 1.0)) + " ms"
 
-    for label, value in (
+    rows = (
         ("pressures", pressures),
         ("periods", str(figures.periods)),
         ("of these left out: the vehicle itself was late", str(figures.left_out)),
@@ -262,6 +260,5 @@ def _print_figures(figures: "Figures", pressures: str) -> None:
         ("lateness of the sampling, p50 / p99 / max", quantiles(figures.lateness)),
         ("action, rms / largest", f"{figures.rms_action:.4f} / {figures.largest:.4f} U_inf W"),
         ("modes of the ECU in them", modes),
-    ):
-        table.add_row(label, value)
-    console.print(table)
+    )
+    print_table("vehicle", "", rows=rows)

@@ -1,5 +1,6 @@
 """Numbers as options take them: those that no later step could use are refused by the option's name."""
 
+import os
 from math import isfinite
 from typing import Final
 
@@ -24,3 +25,8 @@ def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> 
         plural = "period" if least == 1 else "periods"
         raise ConfigError(f"{option} {duration:g}: must be at least {least * period:g} t_c, {least} control {plural}")
     return steps
+
+
+def cores() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -9,14 +9,9 @@ from contract.config.tree import Config
 from contract.errors import ConfigError
 from stillwake.console.terminal import console
 
-REAL_BUS: Final = (
-    "bus.interface",
-    "bus.channel",
-    "bus.nominal_bitrate",
-    "bus.data_bitrate",
-    "bus.frames",
-    "bus.e2e",
-)
+TESTERS_BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate", "bus.frames")
+"""What a tester on a real bus reads of it."""
+REAL_BUS: Final = (*TESTERS_BUS, "bus.e2e")
 """What a node on a real bus reads of it, without the key."""
 WEIGHTS: Final = "mpc.weights"
 """The section that a released controller takes as an input."""

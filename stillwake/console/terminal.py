@@ -3,13 +3,15 @@
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
 from rich.console import Console
 from rich.progress import Progress
+from rich.table import Column, Table
 from rich.text import Text
 
 from stillwake.console.progress import ProgressBar, ProgressLines
@@ -31,7 +33,7 @@ class PlainConsole(Console):
 
     def print(self, *objects: Any, **options: Any) -> None:
         """As rich's, but lines of text are not broken: paths and commands stay whole."""
-        super().print(*objects, **{"soft_wrap": all(isinstance(one, str) for one in objects), **options})
+        super().print(*objects, **{"soft_wrap": all(isinstance(one, str | Text) for one in objects), **options})
 
     def render_str(self, text: str, **options: Any) -> Text:
         """As rich's."""
@@ -84,3 +86,20 @@ def progress_bar(
     """
     kind = ProgressBar if console.is_interactive else ProgressLines
     return kind(unit, console=console, estimate_over=estimate_over, clock=clock)
+
+
+@contextmanager
+def phases_bar(name: str, phases: Sequence[str]) -> Iterator[tuple[Progress, Callable[[str], None]]]:
+    """A bar over phases with names, and what is to be called as each of them begins."""
+    with progress_bar("phases") as bar:
+        task = bar.add_task(name, total=len(phases), note="")
+        yield bar, lambda begun: bar.update(task, completed=phases.index(begun), note=begun)
+        bar.update(task, completed=len(phases), note="")
+
+
+def print_table(*heads: str | Column, rows: Iterable[Iterable[str | Text]], **options: Any) -> None:
+    """Print rows of text under their heads; the options are those of rich's `Table`."""
+    table = Table(*heads, **options)
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)

@@ -23,6 +23,10 @@ Trust = Annotated[
     ),
 ]
 
+Library = Annotated[
+    Path | None, typer.Option(help="Run this C library of the bundle's (`export --c`) in place of ONNX Runtime.")
+]
+
 
 def open_release(path: Path | None, trust: str | None) -> Bundle:
     """Load a bundle, or the shipped one, which must be the project's unless another key is to be trusted. Raises

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
-from rich.table import Table
+from rich.table import Column
 
 from contract.atomic import replacing
 from contract.config.listing import as_toml, sections
@@ -20,7 +20,7 @@ from contract.release.checks import Bundle
 from contract.results import versions
 from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
 from stillwake.console.settings import REAL_BUS, settings
-from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, print_table, progress_bar
 from stillwake.parts.releases import Trust, locate, open_release
 
 if TYPE_CHECKING:
@@ -244,15 +244,7 @@ def _print(run: "Measured", verdicts: "Sequence[Verdict]") -> None:
     console.print(f"{run.name}: {run.verdict}", style="yellow" if run.is_too_noisy else "")
     for note in notes(run):
         console.print(note)
-    _print_table(HEAD, stage_rows(run), title=f"{run.name}: latency, ms", right=True)
+    heads = (Column(name, justify="right" if index else "left") for index, name in enumerate(HEAD))
+    print_table(*heads, rows=stage_rows(run), title=f"{run.name}: latency, ms")
     if verdicts:
-        _print_table(BUDGET_HEAD, budget_rows(verdicts), title=f"{run.name}: budget")
-
-
-def _print_table(head: Sequence[str], rows: Any, *, title: str, right: bool = False) -> None:
-    table = Table(title=title)
-    for index, name in enumerate(head):
-        table.add_column(name, justify="right" if right and index else "left")
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
+        print_table(*BUDGET_HEAD, rows=budget_rows(verdicts), title=f"{run.name}: budget")

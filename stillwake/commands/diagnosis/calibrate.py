@@ -1,8 +1,6 @@
 """`stillwake calibrate`: the goal and the limits of an ECU that runs, read and changed by diagnosis."""
 
-import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -13,21 +11,19 @@ from rich.text import Text
 
 from contract.atomic import check_writable, replacing
 from contract.config.tree import Config
-from contract.config.vehicle import BusConfig
-from contract.controller.calibration import NAMES, Calibration
+from contract.controller.calibration import NAMES
 from contract.errors import ConfigError
 from contract.results import versions
 from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.outputs import check_json, save_json
-from stillwake.console.settings import settings
+from stillwake.console.settings import TESTERS_BUS, settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console
+from stillwake.parts.conversation import asking
 from stillwake.parts.releases import Trust, open_release
 
 if TYPE_CHECKING:
-    from can_bridge.tester.asking import Asking
     from can_bridge.tester.calibration import Calibrated
 
-_BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate", "bus.frames")
 _OF_THE_VEHICLE: Final = (
     *("operating_point", "flow.control_period", "flow.action_limit"),
     *("ecu.command_step", "ecu.delay_steps", "ecu.plan_ahead"),
@@ -74,25 +70,25 @@ def calibrate(
     check_json(json_file)
     changes = parsed(values or [])
     _check_options(changes, access=access, store=store, revert=revert, a2l=a2l, bundle=bundle, bus=bus)
-    uses = (*_BUS, *_OF_THE_VEHICLE) if a2l is not None else _BUS
+    uses = (*TESTERS_BUS, *_OF_THE_VEHICLE) if a2l is not None else TESTERS_BUS
     config = settings("calibrate", config_file, with_bus(bus, overrides), uses=uses).config
     if a2l is not None:
         _write_a2l(a2l, bundle, trust, config)
         return
     from can_bridge.tester import calibration
 
-    with _asking(access, config.bus) as asking:
-        found = after = calibration.read(asking)
+    with asking(config.bus, access) as ecu:
+        found = after = calibration.read(ecu)
         wanted = calibration.changed(found, changes) if changes else None
         if wanted is not None or store or revert:
-            calibration.unlock(asking)
+            calibration.unlock(ecu)
             if revert:
-                calibration.revert(asking, found.release)
+                calibration.revert(ecu, found.release)
             if wanted is not None:
-                calibration.write(asking, wanted)
+                calibration.write(ecu, wanted)
             if store:
-                calibration.store(asking)
-            after = calibration.read(asking)
+                calibration.store(ecu)
+            after = calibration.read(ecu)
     console.print(table(found, after))
     console.print(after_power_on(after))
     facts = {"changed": changes, "store": store, "revert": revert, "versions": versions("stillwake")}
@@ -138,18 +134,10 @@ def after_power_on(after: "Calibrated") -> Text:
 
 def figures(before: "Calibrated", after: "Calibrated") -> dict[str, Any]:
     """All values by name."""
-    return {
-        "before": _by_name(before.in_force),
-        "after": _by_name(after.in_force),
-        "least": _by_name(after.limits.least),
-        "greatest": _by_name(after.limits.greatest),
-        "release": _by_name(after.release),
-        "stored": after.is_stored,
-    }
-
-
-def _by_name(calibration: Calibration) -> dict[str, float]:
-    return dict(zip(NAMES, calibration.values, strict=True))
+    shown = {"before": before.in_force, "after": after.in_force, "release": after.release}
+    shown |= {"least": after.limits.least, "greatest": after.limits.greatest}
+    values = {name: dict(zip(NAMES, one.values, strict=True)) for name, one in shown.items()}
+    return {**values, "stored": after.is_stored}
 
 
 def _check_options(changes: Mapping[str, float], *, store: bool, revert: bool, **places: object) -> None:
@@ -165,18 +153,6 @@ def _check_options(changes: Mapping[str, float], *, store: bool, revert: bool, *
         raise ConfigError("--revert: drops what is in force and stored; leave values and --store out")
     if (changes or store or revert) and places["access"] is None:
         raise ConfigError("--access: name the file of the ECU's access key; only reading does without")
-
-
-@contextmanager
-def _asking(access: Path | None, bus: BusConfig) -> Iterator["Asking"]:
-    """A conversation with the ECU on the bus."""
-    from can_bridge.tester.asking import Asking
-    from can_bridge.tester.transport import open_client
-    from can_bridge.uds.access_key import AccessKey
-
-    key = None if access is None else AccessKey.read(access).answer
-    with open_client(bus) as client:
-        yield Asking(client, key=key, clock=time.monotonic, sleep=time.sleep)
 
 
 def _write_a2l(path: Path, bundle: Path | None, trust: str | None, config: Config) -> None:

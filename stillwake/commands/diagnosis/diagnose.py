@@ -1,6 +1,5 @@
 """`stillwake diagnose`: the faults that an ECU remembers, and the description of its diagnosis for other testers."""
 
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,11 +9,11 @@ from rich.table import Table
 
 from contract.atomic import check_writable, replacing
 from contract.results import versions
-from stillwake.commands.diagnosis.flash import USES
 from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.outputs import check_json, save_json
-from stillwake.console.settings import settings
+from stillwake.console.settings import TESTERS_BUS, settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console
+from stillwake.parts.conversation import asking
 
 if TYPE_CHECKING:
     from can_bridge.tester.faults import StoredFault
@@ -40,16 +39,13 @@ def faults(
     stillwake diagnose faults --bus socketcan:can0
     """
     from can_bridge.tester import faults as remembered
-    from can_bridge.tester.asking import Asking
-    from can_bridge.tester.transport import open_client
 
     check_json(json_file)
-    config = settings("diagnose faults", config_file, with_bus(bus, overrides), uses=USES).config
-    with open_client(config.bus) as client:
-        asking = Asking(client, key=None, clock=time.monotonic, sleep=time.sleep)
-        found = remembered.read(asking)
+    config = settings("diagnose faults", config_file, with_bus(bus, overrides), uses=TESTERS_BUS).config
+    with asking(config.bus) as ecu:
+        found = remembered.read(ecu)
         if clear:
-            remembered.clear(asking)
+            remembered.clear(ecu)
     console.print(_table(found) if found else "no faults")
     if clear:
         console.print("the ECU's faults are cleared")
@@ -74,7 +70,7 @@ def pdx(
     from firmware_sim.runs.reasons import BECAUSE
 
     check_writable(output)
-    config = settings("diagnose pdx", config_file, overrides, uses=USES).config
+    config = settings("diagnose pdx", config_file, overrides, uses=TESTERS_BUS).config
     with replacing(output) as part:
         part.write_bytes(described(config.bus, BECAUSE))
     console.print(f"wrote {output}: the diagnosis of an ECU on {config.bus.frames} frames")

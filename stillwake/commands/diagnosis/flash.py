@@ -2,7 +2,7 @@
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import Progress, TaskID
@@ -12,7 +12,7 @@ from contract.errors import ConfigError
 from contract.release.checks import Bundle
 from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.progress import span
-from stillwake.console.settings import settings
+from stillwake.console.settings import TESTERS_BUS, settings
 from stillwake.console.stopping import go_on_with
 from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
 from stillwake.parts.releases import Trust, describe, open_release
@@ -20,9 +20,6 @@ from stillwake.parts.releases import Trust, describe, open_release
 if TYPE_CHECKING:
     from can_bridge.tester.facts import EcuFacts
     from can_bridge.tester.sequence import Flashed, Step
-
-USES: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate", "bus.frames")
-"""Settings that reach the bus."""
 
 
 def flash(
@@ -63,7 +60,7 @@ def flash(
     from contract.release.image import image_of
     from contract.release.image_contents import is_image, opened
 
-    config = settings("flash", config_file, with_bus(bus, overrides), uses=USES).config
+    config = settings("flash", config_file, with_bus(bus, overrides), uses=TESTERS_BUS).config
     if access is None and not dry_run:
         raise ConfigError("--access: must name the ECU's key file; --dry-run alone does without")
     key = None if access is None else AccessKey.read(access)

@@ -1,16 +1,15 @@
 """`stillwake flash-keys`: which keys may sign releases, into an ECU."""
 
-import time
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
 
 from contract.errors import KeyFileError
-from stillwake.commands.diagnosis.flash import USES
 from stillwake.console.bus_option import BusName, with_bus
-from stillwake.console.settings import settings
+from stillwake.console.settings import TESTERS_BUS, settings
 from stillwake.console.terminal import ConfigFile, Overrides, console
+from stillwake.parts.conversation import asking
 
 MAX_BYTES: Final = 4092
 """Longest list: what one UDS request carries with service and identifier."""
@@ -35,16 +34,12 @@ def flash_keys(
 
     stillwake flash-keys new.keys --bus socketcan:can0 --access access.key
     """
-    from can_bridge.tester.asking import Asking
     from can_bridge.tester.key_list import bring
-    from can_bridge.tester.transport import open_client
-    from can_bridge.uds.access_key import AccessKey
 
-    config = settings("flash-keys", config_file, with_bus(bus, overrides), uses=USES).config
-    key = AccessKey.read(access)
+    config = settings("flash-keys", config_file, with_bus(bus, overrides), uses=TESTERS_BUS).config
     raw = _read(keys)
-    with open_client(config.bus) as client:
-        before, after = bring(Asking(client, key=key.answer, clock=time.monotonic, sleep=time.sleep), raw)
+    with asking(config.bus, access) as ecu:
+        before, after = bring(ecu, raw)
     console.print(f"the ECU has key list {after}, and had {before or 'none'}")
 
 

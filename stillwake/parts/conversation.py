@@ -1,0 +1,29 @@
+"""What a tester has with the ECU on a bus."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from contract.config.vehicle import BusConfig
+
+if TYPE_CHECKING:
+    from can_bridge.tester.asking import Asking
+
+
+@contextmanager
+def asking(bus: BusConfig, access: Path | None = None) -> Iterator["Asking"]:
+    """A conversation with the ECU on the bus, by the access key in a file; reading needs none.
+
+    Raises:
+        BusError: the bus cannot be opened.
+        KeyFileError: there is no key in the file.
+    """
+    from can_bridge.tester.asking import Asking
+    from can_bridge.tester.transport import open_client
+    from can_bridge.uds.access_key import AccessKey
+
+    key = None if access is None else AccessKey.read(access).answer
+    with open_client(bus) as client:
+        yield Asking(client, key=key, clock=time.monotonic, sleep=time.sleep)
