@@ -80,11 +80,5 @@ def test_a_module_s_public_names_come_with_signatures_and_docstrings(tmp_path):
         ("property", "length", (":type: int",)),
         ("method", "empty", (":classmethod:",)),
     ]
+    assert api.restructured(["Where |Cd| is:", "", "    a | b"]) == ["Where \\|Cd\\| is:", "", "::", "", "    a | b"]
     assert (send.signature, send.docstring) == ("(frame: ~wake.a.Frame, times: int=LIMIT) -> None", "Send it.")
-
-
-def test_bars_are_no_substitutions_and_indented_blocks_stand_as_they_are():
-    lines = ["Where |Cd| is:", "", "    a | b", "    c", "", "Args:", "    x: |x|."]
-    assert api.restructured(lines) == [
-        *("Where \\|Cd\\| is:", "", "::", "", "    a | b", "    c", "", "Args:", "    x: \\|x\\|."),
-    ]
