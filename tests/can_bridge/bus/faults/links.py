@@ -6,13 +6,8 @@ from can_bridge.bus.faults.fault import Fault
 from can_bridge.bus.faults.wrapping import FaultyBus, wrap
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import SimulatedBus
-from can_bridge.e2e.receiver import E2eReceiver, Reception
-from can_bridge.e2e.sender import E2eSender
-from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import PRESSURE
-from can_bridge.wire.messages import Pressure
-from contract.config.vehicle import BusConfig, E2eConfig
+from contract.config.vehicle import BusConfig
 
 PERIOD_NS = 20_000_000
 PERIOD_S = 0.02
@@ -30,10 +25,6 @@ def number_of(frame: Frame) -> int:
 def numbers(received: Sequence[Sequence[Frame]]) -> list[int]:
     """Those of all periods in a row."""
     return [number_of(frame) for frames in received for frame in frames]
-
-
-def pressure(step: int) -> Pressure:
-    return Pressure(pressure_pa=(float(step % 1000), 0.0, -1.0, 2.5), valid=(True,) * 4, enable_request=True, age_ns=0)
 
 
 class Link:
@@ -63,16 +54,6 @@ class Link:
             self.advance()
             received.append(receiver.receive_all())
         return received
-
-    def protected(self, sender: Bus, receiver: Bus, periods: int) -> list[Reception]:
-        """A pressure a period, and what an E2E receiver makes of each period's frames."""
-        e2e_sender, e2e_receiver = E2eSender(PRESSURE), E2eReceiver(PRESSURE, E2eConfig())
-        receptions = []
-        for step in range(periods):
-            sender.send(e2e_sender.frame(codec.emit_pressure(pressure(step)), now_ns=self.now_ns))
-            self.advance()
-            receptions.append(e2e_receiver.tick(receiver.receive_all()))
-        return receptions
 
 
 def simulated_link() -> Link:
