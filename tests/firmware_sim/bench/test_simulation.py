@@ -141,7 +141,8 @@ def test_errors_in_what_the_ecu_sends_take_it_off_the_bus_until_it_recovers():
     assert run.modes[-1] == Mode.CONTROL
     # What one receiver hears wrong, its error flag destroys for all, and it is sent again.
     run = Run("wire_errors:bit_error_rate=0.001,node=ecu,at=receive")
-    assert (run.acted[0], len(run.of(PRESSURE))) == (run.log.traffic.error_frames, 60)
+    assert run.acted[0] == run.log.traffic.error_frames > 0
+    assert len(run.of(PRESSURE)) == 60
 
 
 def test_lost_pressures_hold_decay_and_latch_until_a_new_request():

@@ -10,7 +10,7 @@ from firmware_sim.ecu.real_time.stage_times import EcuStage
 from firmware_sim.latency import idle_loop
 from firmware_sim.latency.budget import verdicts
 from firmware_sim.latency.idle_loop import IdleStage, lateness
-from firmware_sim.latency.measured import Measured
+from firmware_sim.latency.measured import NEEDED_FOR_P99_9, Measured, Quantiles
 from firmware_sim.latency.report import PAGE, stage_rows, write_report
 from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Stage
@@ -28,6 +28,18 @@ def judged(run: Tables, name: str = "onnx") -> Measured:
         fault="FAULT, IMPLAUSIBLE",
     )
     return Measured.of(recorded, name=name, about="a release", period_ns=PERIOD, counter_period=COUNTERS)
+
+
+def test_percentiles_are_measured_values_by_nearest_rank():
+    values = np.random.default_rng(0).permutation(np.arange(1, 1001)) * 1e6
+    assert Quantiles.of(values) == (500.0, 990.0, 999.0, 1000.0, 1000)
+    # 0.999 * 3000 is more than 2997 in binary; a rank too high would show here.
+    assert Quantiles.of(np.arange(1.0, 3001.0) * 1e6).p99_9 == 2997.0
+    for number, p99_9 in ((NEEDED_FOR_P99_9 - 1, NEEDED_FOR_P99_9 - 1), (NEEDED_FOR_P99_9, NEEDED_FOR_P99_9 - 1)):
+        assert Quantiles.of(np.arange(1.0, number + 1.0) * 1e6).p99_9 == p99_9, number
+    # What never came counts, and what was not due does not.
+    assert Quantiles.of(np.array([1e6, np.nan, np.inf])) == (1.0, np.inf, np.inf, np.inf, 2)
+    assert Quantiles.of(np.full(3, np.nan)) == (None, None, None, None, 0)
 
 
 def with_two_misses(idle_late_ms: float) -> Tables:

@@ -1,7 +1,6 @@
 """A live session on a plant of two numbers with a controller that plans waves: everything else is the real thing."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from contract.config.tree import Config
 from contract.errors import LibraryError
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.stepped import LoopEcu
-from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Answer, Choice
+from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Answer
 from firmware_sim.live.session import LiveSession
 from tests.firmware_sim.bench.harness import LiveOscillator, Waves
 from tests.firmware_sim.conftest import make_bundle
@@ -20,15 +19,10 @@ from wake.plant.protocol import LoopPlant
 from wake.solver.grid import truck_grid
 
 CONFIG = Config()
-CONTROLLERS: tuple[Choice, ...] = (
-    {"name": "int8", "label": "int8", "missing": None},
-    {"name": "c", "label": "C", "missing": None},
-    {"name": "cortex-m7", "label": "Cortex-M7", "missing": "needs the extra mcu"},
-    {"name": "off", "label": "off", "missing": None},
-)
-PLANTS: tuple[Choice, ...] = (
-    {"name": "wake", "label": "wake", "missing": None},
-    {"name": "recording", "label": "recording", "missing": None},
+_LACKS = {"cortex-m7": "needs the extra mcu"}
+CONTROLLERS, PLANTS = (
+    tuple({"name": name, "label": name, "missing": _LACKS.get(name)} for name in names)
+    for names in (("int8", "c", "cortex-m7", "off"), ("wake", "recording"))
 )
 ENABLE_AFTER = 2.0
 """t_c: ten periods."""
@@ -124,9 +118,6 @@ class Live:
         return str(self.heard["now"]["state"])
 
 
-@dataclass(frozen=True)
-class MakeShown:
-    """Picklable maker of a session with a flow."""
-
-    def __call__(self, show: Callable[[str], None]) -> LiveSession:
-        return Live(wake=shown).session
+def make_shown(show: Callable[[str], None]) -> LiveSession:
+    """A session with a flow."""
+    return Live(wake=shown).session

@@ -2,14 +2,13 @@
 
 import json
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
 from contract.config.loading import load_config
 from contract.release import bundle
 from firmware_sim.ecu.calibrating import release_calibration
-from firmware_sim.runs.metadata import InjectedFault, RunEcu, RunMetadata, RunOrigin
+from firmware_sim.runs.metadata import InjectedFault, RunEcu, RunMetadata
 
 CORE = RunEcu.of("cortex-m7", 480.0, [10_000_000, 12_000_000, 11_000_000])
 
@@ -30,11 +29,9 @@ def test_the_bundle_gives_name_sensors_and_settings_and_other_weights_are_named(
     weights = release.manifest.mpc.weights
 
     def made(calibration) -> RunMetadata:
-        given: dict[str, Any] = {"settle": 1.5, "averages": False, "plant": "a", "computed_by": "b"}
-        origin, status = RunOrigin(day="2026-03-04"), run_metadata.status
-        return RunMetadata.of(
-            release, run_metadata.config, status=status, origin=origin, calibration=calibration, **given
-        )
+        names = ("settle", "averages", "plant", "computed_by", "status", "origin")
+        given = {name: getattr(run_metadata, name) for name in names}
+        return RunMetadata.of(release, run_metadata.config, calibration=calibration, **given)
 
     metadata = made(own)
     assert metadata.controller == f"random (int8, {release.digest[:12]})"

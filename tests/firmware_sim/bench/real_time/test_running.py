@@ -18,7 +18,7 @@ from can_bridge.wire.messages import Mode
 from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
-from contract.errors import BusError, ConfigError
+from contract.errors import ConfigError
 from firmware_sim.bench.real_time.pressures import Replay
 from firmware_sim.bench.real_time.running import Course, run_vehicle
 from firmware_sim.ecu.ecu import Ecu
@@ -115,15 +115,3 @@ def test_with_a_key_both_are_believed_and_the_power_cycles_are_counted(
         assert f'"trip": {trip}' in (tmp_path / "vehicle.json").read_text(encoding="utf-8")
     with PythonCanBus.open(config.bus) as bus, pytest.raises(ConfigError, match=r"bus\.key = .*: needs --freshness"):
         run_vehicle(bus, NAMES, replay, config, course())
-
-
-def test_a_bus_that_fails_is_an_error(replay) -> None:
-    class Broken(PythonCanBus):
-        """Fails as an interface that was pulled out does."""
-
-        def receive(self, timeout_s: float) -> Frame | None:
-            raise BusError("no such device")
-
-    bus = Broken.open(BUS)
-    with bus, pytest.raises(BusError, match="CAN reception ended: no such device"):
-        run_vehicle(bus, NAMES, replay, CONFIG, course())

@@ -24,11 +24,7 @@ def periods(*numbers: int, run: int = 1) -> Message:
 
 @dataclass(frozen=True, kw_only=True)
 class MakeFake:
-    """Picklable maker of one.
-
-    Attributes:
-        error: that its making raises.
-    """
+    """Picklable maker of one, or of an error."""
 
     error: str = ""
 
