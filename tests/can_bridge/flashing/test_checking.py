@@ -2,15 +2,17 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.flashing.checking import Rules, check
+from can_bridge.flashing.checking import Rules, check, fits_as, judge_image
 from can_bridge.flashing.verdicts import Verdict
 from contract.config.operating_point import OperatingPoint
 from contract.release import key_list, signing, strict_json
-from contract.release.checks import CONTROLLER, SIGNATURE
+from contract.release.checks import CONTROLLER, SIGNATURE, dbc_sha256
+from contract.release.controller_image import ImageFacts, seal
 from contract.release.image import files_of, image_of
 from contract.release.key_list import KeyList
 from contract.release.manifest import MANIFEST
@@ -83,6 +85,33 @@ def test_what_is_wrong_is_the_verdict():
         (image(version=2, control_period=0.1), Verdict.WRONG_PERIOD),
     ]):  # fmt: skip
         assert check(wrong, RULES) == (expected, None), number
+
+
+def for_controllers(version: int = 3, key: Any = RELEASE, **changes: Any) -> bytes:
+    own = {"layout": bytes(32), "dbc": bytes.fromhex(dbc_sha256()), "digest": bytes(32), "period_ns": 20_000_000,
+           "operating_point": (2.6, 25.0, 1.2), "action_limit": 0.075, "sensors": 4, "hardware": None}  # fmt: skip
+    return seal(b"payload", ImageFacts(**{"name": "one", "security_version": version, **own, **changes}), key)
+
+
+def test_an_image_for_microcontrollers_is_judged_by_its_header():
+    rules = replace(RULES, fits=fits_as(for_controllers()))
+    for wrong, expected in (
+        (for_controllers(hardware=HARDWARE), Verdict.GOOD),
+        (for_controllers()[:-1] + b"!", Verdict.DAMAGED),
+        (for_controllers(key=None), Verdict.UNSIGNED),
+        (for_controllers()[:500] + bytes(12) + b"payload", Verdict.BAD_SIGNATURE),
+        (for_controllers(key=STRANGER), Verdict.UNKNOWN_KEY),
+        (for_controllers(key=SECOND), Verdict.REVOKED_KEY),
+        (for_controllers(dbc=bytes(32), layout=b"x" * 32), Verdict.WRONG_DBC),
+        (for_controllers(layout=b"x" * 32, hardware="other"), Verdict.WRONG_BUILD),
+        (for_controllers(hardware="other"), Verdict.WRONG_HARDWARE),
+        (for_controllers(period_ns=1), Verdict.WRONG_PERIOD),
+        (for_controllers(sensors=5), Verdict.WRONG_VEHICLE),
+        (for_controllers(version=2), Verdict.TOO_OLD),
+    ):
+        verdict, found = judge_image(wrong, rules, layout=bytes(32))
+        assert (verdict, found is None) == (expected, expected is not Verdict.GOOD)
+    assert judge_image(for_controllers(), replace(rules, keys=None), layout=bytes(32))[0] is Verdict.UNKNOWN_KEY
 
 
 def test_a_key_of_the_list_must_have_signed():

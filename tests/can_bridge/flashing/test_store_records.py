@@ -198,16 +198,18 @@ def test_a_calibration_belongs_to_one_release_and_goes_with_it():
     assert store.records.calibration(one) is None
 
 
-def test_failed_attempts_outlive_a_reset():
+def test_failed_attempts_and_faults_outlive_a_reset():
     backing = provisioned()
     store, _ = booted(backing)
     store.records.keep_failed_attempts(Level.PROGRAMMING, 2)
     store.records.keep_failed_attempts(Level.CALIBRATION, 400)
+    store.records.keep_faults(b"faults")
     calls = backing.calls
     store.records.keep_failed_attempts(Level.PROGRAMMING, 2)
     assert backing.calls == calls, "the memory wears out by writing what is there"
     store = store_on(backing.after_power_on())
     for _ in range(2):
         assert [store.state.failed_attempts[level] for level in Level] == [2, 255]
+        assert store.records.faults == b"faults"
         store.boot()
         flash(store, TWO)
