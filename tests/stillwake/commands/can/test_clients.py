@@ -16,8 +16,8 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -113,65 +113,55 @@ def ended(process: subprocess.Popen[str], number: int) -> tuple[int, str, str]:
     return process.returncode, out, err
 
 
-def test_can_logger_keeps_all_that_send_sends(tmp_path: Path, bus: Bus) -> None:
-    output = tmp_path / "got.blf"
-    with running(sys.executable, "-m", "can.logger", *bus.theirs, "-f", str(output)) as logger:
+def test_can_logger_and_our_monitor_hear_all_that_send_and_can_player_send(tmp_path: Path, bus: Bus) -> None:
+    output, made = tmp_path / "got.blf", write(tmp_path / "sent.asc", PERIODS)
+    logging = (sys.executable, "-m", "can.logger", *bus.theirs, "-f", str(output))
+    with running(*logging) as logger, running(*bus.ours, "monitor", *BUS) as monitor:
         assert "Connected to" in first_line(logger)
-        sending = [*bus.ours, "send", "JetCommand", "Flow=1.5", "--count", "50", "--period", "0.002", *BUS]
-        subprocess.run(sending, check=True, capture_output=True, timeout=PATIENCE_S)
+        first_line(monitor)
+        for command in (
+            [*bus.ours, "send", "Pressure", "Age=1.5", "--count", "50", "--period", "0.002", *BUS],
+            [sys.executable, "-m", "can.player", *bus.theirs, "--", str(tmp_path / "sent.asc")],
+        ):
+            subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE_S)
         time.sleep(1.0)
         ended(logger, signal.SIGINT)
+        code, out, err = ended(monitor, signal.SIGINT)
+    assert (code, err) == (0, "")
+    assert f"{len(made) + 50} frames, " in out
     decoded = subprocess.run(
         [*bus.ours, "decode", str(output), "--summary"], check=True, capture_output=True, text=True, timeout=PATIENCE_S
     )
-    assert re.search(r"JetCommand +50 .* 0 OK 50\b", decoded.stdout), decoded.stdout
+    assert re.search(rf"Pressure +{PERIODS + 50} ", decoded.stdout), decoded.stdout
+    assert re.search(rf"JetCommand +{PERIODS} .* 0 OK {PERIODS}\b", decoded.stdout), decoded.stdout
 
 
-def test_monitor_hears_all_that_can_player_sends(tmp_path: Path, bus: Bus) -> None:
-    made = write(tmp_path / "sent.asc", PERIODS)
-    with running(*bus.ours, "monitor", *BUS) as monitor:
-        first_line(monitor)
-        player = [sys.executable, "-m", "can.player", *bus.theirs, "--", str(tmp_path / "sent.asc")]
-        subprocess.run(player, check=True, capture_output=True, timeout=PATIENCE_S)
-        time.sleep(1.0)
-        code, out, err = ended(monitor, signal.SIGINT)
-    assert (code, err) == (0, "")
-    assert f"{len(made)} frames, 0 lost, 0 refused" in out
-
-
-def screen_of(command: list[str], awaited: str, key: bytes) -> tuple[int, str]:
-    """Run on a terminal, and type the key when the text has come."""
-    child, terminal = pty.fork()
-    if child == 0:
-        # pytest's readline sets lines and columns behind os.environ's back; execve passes on what is there.
-        environment = {name: value for name, value in os.environ.items() if name not in ("LINES", "COLUMNS")}
-        os.execve(command[0], command, {**environment, "TERM": "xterm-256color", "PYTHONWARNINGS": "default"})
-    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 100, 0, 0))
-    written, is_typed = b"", False
-    deadline = time.monotonic() + PATIENCE_S
-    try:
-        while time.monotonic() < deadline:
-            if select.select([terminal], [], [], 0.1)[0]:
-                try:
-                    part = os.read(terminal, 65536)
-                except OSError:
-                    break
-                if not part:
-                    break
-                written += part
-            if not is_typed and awaited.encode() in written:
-                is_typed = os.write(terminal, key) > 0
-        else:
-            os.kill(child, signal.SIGKILL)
-    finally:
-        _, status = os.waitpid(child, 0)
-        os.close(terminal)
-    return os.waitstatus_to_exitcode(status), written.decode(errors="replace")
+def screen_of(command: Sequence[str], awaited: bytes) -> tuple[int, str]:
+    """Run on a terminal, and interrupt it when the text has come."""
+    controller, end = pty.openpty()
+    fcntl.ioctl(end, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 100, 0, 0))
+    # pytest's readline sets lines and columns.
+    environment = {name: value for name, value in os.environ.items() if name not in ("LINES", "COLUMNS")}
+    environment |= {"TERM": "xterm-256color", "PYTHONWARNINGS": "default"}
+    written, deadline = b"", time.monotonic() + PATIENCE_S
+    with subprocess.Popen(
+        command, stdin=end, stdout=end, stderr=end, env=environment, preexec_fn=_deaf_to_nothing
+    ) as process:
+        os.close(end)
+        with suppress(OSError):  # how a terminal ends
+            while time.monotonic() < deadline and select.select([controller], [], [], PATIENCE_S)[0]:
+                before, written = written, written + os.read(controller, 65536)
+                if awaited in written and awaited not in before:
+                    process.send_signal(signal.SIGINT)
+        if time.monotonic() >= deadline:
+            process.kill()
+    os.close(controller)
+    return process.returncode, written.decode(errors="replace")
 
 
 def test_monitor_on_a_terminal_shows_what_passes_its_filter_until_it_is_interrupted(bus: Bus) -> None:
     with running(*bus.ours, "send", "JetCommand", "Flow=1.5", "--count", "100000", *BUS):
-        code, out = screen_of([*bus.ours, "monitor", "--filter", "flow", *BUS], "1.5", b"\x03")
+        code, out = screen_of([*bus.ours, "monitor", "--filter", "flow", *BUS], b"1.5")
     assert code == 0, out
     assert "filter: flow" in out
     assert "Enable" not in out
