@@ -36,7 +36,7 @@ def sizes(folder: Path) -> dict[str, Any]:
     ram = next(item["st_size"] for item in table.iter_symbols() if item.name == "loader_memory")
     depth, chain = _deepest(image)
     return {
-        "loader_flash_kib": round(flash / 1024, 1), "loader_ram_kib": round(ram / 1024, 1), "stack_b": depth,
+        "loader_flash_kib": round(flash / 1024, 2), "loader_ram_kib": round(ram / 1024, 2), "stack_b": depth,
         "stack_of": chain,
     }  # fmt: skip
 

@@ -48,16 +48,17 @@ def main(
                 compared += calls_made
         fuzzed = _fuzzed(folder, seed, fuzz_requests)
         (folder / "sizes").mkdir()
+        different = storage["mismatches"] + storage["image_mismatches"] + len(differences)
         figures = storage | {
-            "programs": programs * len(CONFIGS), "calls_compared": compared, "mismatches": len(differences),
+            "programs": programs * len(CONFIGS), "calls_compared": compared, "mismatches": different,
             "fuzz_requests": fuzzed.pop("requests"), "fuzz": fuzzed, **sizes(folder / "sizes"),
         }  # fmt: skip
     report(
         json_file, "loader in C", figures, packages=("stillwake", "cryptography"), seed=seed, programs=programs,
         images=images, calls=calls, seconds=seconds,
     )  # fmt: skip
-    if differences or any(fuzzed[name] for name in VIOLATIONS):
-        raise StillwakeError(f"{len(differences)} programs differ, {fuzzed}: {(differences or [''])[0]}")
+    if different or storage["first_findings"] or any(fuzzed[name] for name in VIOLATIONS):
+        raise StillwakeError(f"{different} differ, {fuzzed}: {[*differences, *storage['first_findings']][:1]}")
 
 
 def _played(kind: str, folder: Path, seed: int, numbers: range) -> tuple[list[str], int]:

@@ -24,6 +24,7 @@ from tests.proofs.loader_in_c.node_fuzz import SANITISED, VIOLATIONS, corpus, fu
 from tests.proofs.loader_in_c.node_library import Library, build, sources
 from tests.proofs.loader_in_c.node_planted import PLANTED, noticed
 from tests.proofs.loader_in_c.node_program import play
+from tests.proofs.loader_in_c.node_sizes import sizes
 from tests.proofs.loader_in_c.node_twin import CONFIGS, World, world
 
 pytestmark = pytest.mark.compiler
@@ -110,6 +111,12 @@ def test_sanitisers_and_the_witness_find_nothing(requests: int, of: World, tmp_p
     counted = fuzz(program, tmp_path / "corpus", requests, requests)
     assert {name: counted[name] for name in VIOLATIONS} == dict.fromkeys(VIOLATIONS, 0)
     assert counted["requests"] == requests and min(counted[name] for name in ("trials", "positive", "pending")) > 0
+
+
+@pytest.mark.slow  # links it for a Cortex-M7
+def test_it_fits(tmp_path: Path) -> None:
+    found = sizes(tmp_path)
+    assert found["loader_flash_kib"] <= 48 and found["loader_ram_kib"] <= 8 and found["stack_b"] <= 2048, found
 
 
 @pytest.mark.proofs  # two libraries without optimisation, and gcovr
