@@ -74,12 +74,9 @@ def test_the_stamp_shows_a_queue_behind_it_only():
     for restamp in [True, False]:
         link = simulated_link()
         faulty = link.wrapped(link.other, Delay(delay_s=3 * PERIOD_S, restamp=restamp))
-        link.one.send(numbered(1))
-        link.advance()
-        assert faulty.receive_all() == [], restamp
-        (plain,) = link.listener.receive_all()
-        link.advance(3 * PERIOD_NS)
-        (late,) = faulty.receive_all()
+        received = link.stream(link.one, faulty, 4)
+        plain, late = link.listener.receive_all()[0], received[3][0]
+        assert [len(frames) for frames in received] == [0, 0, 0, 1], restamp
         assert late.timestamp_ns - plain.timestamp_ns == (3 * PERIOD_NS if restamp else 0), restamp
         assert late.data == plain.data, restamp
 

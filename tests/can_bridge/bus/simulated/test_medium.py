@@ -13,6 +13,7 @@ from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 from tests.examples import examples
+from tests.refused import refused
 
 RATES = BusConfig(nominal_bitrate=500_000, data_bitrate=2_000_000)
 BIT_NS = 2000
@@ -78,7 +79,7 @@ def test_full_queues_refuse_and_count(bench):
     assert ids(two.receive_all()) == [0x10F]
 
 
-def test_calls_come_in_their_order_and_before_arbitration(bench):
+def test_calls_come_in_their_order_before_arbitration_and_advancing_stops_at_what_was_waited_for(bench):
     bus = bench.bus
     one, two = bus.port(), bus.port()
     called: list[int] = []
@@ -89,29 +90,19 @@ def test_calls_come_in_their_order_and_before_arbitration(bench):
     assert called == [1]
     bus.advance_to(500)
     one.send(frame(0x700))
-    bus.advance_to(10**6)
-    assert called == [1, 2]
-    assert ids(bench.captured) == [0x001, 0x700]
-    with pytest.raises(ValueError, match="cannot call at 5 ns: the bus is at 1000000 ns"):
-        bus.call_at(5, lambda: None)
-
-
-def test_advancing_stops_at_the_event_that_was_waited_for(bench):
-    bus = bench.bus
-    one, two = bus.port(), bus.port()
-    one.send(frame(0x100))
     got: list[Frame] = []
 
     def arrived() -> bool:
         got.extend(two.receive_all())
         return bool(got)
 
-    assert bus.advance_until(10**7, arrived)
-    assert bus.now_ns == got[0].timestamp_ns == bus.frame_ns(frame(0x100)) - INTERMISSION_NS
-    assert not bus.advance_until(10**7, lambda: False)
-    assert bus.now_ns == 10**7
-    with pytest.raises(ValueError, match="cannot advance to 9 ns: the bus is at 10000000 ns"):
-        bus.advance_to(9)
+    assert bus.advance_until(10**6, arrived)
+    assert (called, ids(bench.captured)) == ([1, 2], [0x001, 0x700])
+    assert bus.now_ns == got[0].timestamp_ns == 500 + bus.frame_ns(frame(1)) + bus.frame_ns(got[0]) - INTERMISSION_NS
+    assert not bus.advance_until(10**6, lambda: False)
+    for late, words in ((lambda: bus.call_at(5, arrived), "call at 5"), (lambda: bus.advance_to(9), "advance to 9")):
+        with refused(ValueError, f"cannot {words} ns: the bus is at 1000000 ns"):
+            late()
 
 
 TRAFFIC = st.lists(
