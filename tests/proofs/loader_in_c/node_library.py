@@ -1,5 +1,6 @@
 """The node in C, with diagnosis and store, as a shared library: its networks and the layout of an image are stubs."""
 
+import re
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,18 +22,7 @@ SLOT_BYTES: Final = 3 * 16384
 QUICK: Final = ("-O0", *GEOMETRY)
 _STUBS: Final = ("node_host.c", "node_host.h", "node_fuzz.c", "sw_image.h")
 _OTHERS: Final = ("twin.c", "twin.h", "sw_image.c", "sw_own_ecu.c", "sw_own_layout.c")
-_DECLARED: Final = """
-size_t host_bytes(void);
-void host_init(void *, const uint8_t *, const uint8_t *, const char *, const char *, const char *);
-void host_power_on(void *);
-int host_provision(void *, const uint8_t *, uint32_t, const uint8_t *, uint32_t, const uint8_t *);
-int host_control(void *, int64_t, const sw_frame *, int, sw_frame *);
-int host_service(void *, int64_t, const sw_frame *, int, sw_frame *);
-uint32_t host_fact(const void *, int);
-void host_fail(void *, int);
-void host_dump(void);
-void sw_aes_cmac(const uint8_t *, const uint8_t *, uint32_t, uint8_t *);
-"""
+_DECLARED: Final = re.compile(r"^[\w ]+ \*?host_\w+\([^)]*\);", re.MULTILINE)
 BUSY, WANTS_RESET, NEEDS_RESET, SESSION, UNLOCKED, REASON, RUNNING, WORST_WRITES = range(8)
 """What `Host.fact` can be asked."""
 
@@ -83,7 +73,9 @@ class Library:
     def __init__(self, contents: Mapping[str, bytes], path: Path) -> None:
         self.structs = Structs(contents, host_compiler())
         self.ffi = self.structs.ffi
-        self.ffi.cdef(_DECLARED)
+        self.ffi.cdef("void sw_aes_cmac(const uint8_t *, const uint8_t *, uint32_t, uint8_t *);")
+        for found in _DECLARED.findall(contents["node_host.h"].decode()):
+            self.ffi.cdef(re.sub(r"(const )?host (?=\*)", "void ", found.replace("const sw_rules", "const uint8_t")))
         self.c = self.ffi.dlopen(str(path))
 
     def payload(self, bundle: Bundle, length: int) -> bytes:
