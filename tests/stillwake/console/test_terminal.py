@@ -20,8 +20,7 @@ TRAIN_NOTE = "total 0.4317  prediction 0.2416  force 0.1201  variance 0.9000  co
 class Clock:
     """Seconds that pass when a test says so."""
 
-    def __init__(self) -> None:
-        self.now = 0.0
+    now = 0.0
 
     def __call__(self) -> float:
         return self.now

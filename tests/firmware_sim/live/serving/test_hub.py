@@ -14,8 +14,7 @@ def rows_of(message: Message | bytes | None) -> list[float]:
     return [] if message is None else list(message["columns"]["k"])
 
 
-def now(k: int) -> Message:
-    return {"type": "now", "k": k}
+NOW: list[Message] = [{"type": "now", "k": k} for k in range(3)]
 
 
 @given(st.lists(st.integers(0, 3), max_size=30))
@@ -36,22 +35,22 @@ def test_no_period_is_missed_or_doubled(steps: list[int]):
 
 def test_a_viewer_who_is_late_gets_what_is_kept_in_parts_and_of_the_rest_the_newest_once():
     hub = Hub()
-    hub.put([hello(kept=2 * MOST_ROWS), periods(*range(3 * MOST_ROWS)), now(1), b"first", now(2), b"second"])
+    hub.put([hello(kept=2 * MOST_ROWS), periods(*range(3 * MOST_ROWS)), NOW[1], b"first", NOW[2], b"second"])
     for viewer in (Viewer(hub), Viewer(hub)):
         assert rows_of(viewer.take("periods")) == list(range(MOST_ROWS, 2 * MOST_ROWS))
         assert rows_of(viewer.take("periods")) == list(range(2 * MOST_ROWS, 3 * MOST_ROWS))
-        assert (viewer.take("now"), viewer.take("picture")) == (now(2), b"second")
+        assert (viewer.take("now"), viewer.take("picture")) == (NOW[2], b"second")
         assert {viewer.take(stream) for stream in ("periods", "now", "picture")} == {None}
 
 
 def test_a_new_run_begins_with_nothing_of_the_old_one():
     hub = Hub()
-    hub.put([hello(), periods(1, 2), now(2), b"old"])
+    hub.put([hello(), periods(1, 2), NOW[2], b"old"])
     late, early = Viewer(hub), Viewer(hub)
     early.take("hello")
-    hub.put([hello(run=2), periods(0, run=2), now(0)])
+    hub.put([hello(run=2), periods(0, run=2), NOW[0]])
     taken = {stream: message for stream in STREAMS if (message := late.take(stream)) is not None}
-    assert taken == {"hello": hello(run=2), "periods": periods(0, run=2), "now": now(0)}
+    assert taken == {"hello": hello(run=2), "periods": periods(0, run=2), "now": NOW[0]}
     # It may begin between two looks at the streams: with its `hello` a page begins again.
     for stream in ("periods", "now", "hello", "periods", "now"):
         assert early.take(stream) == taken[stream], stream
