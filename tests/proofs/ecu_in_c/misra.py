@@ -1,6 +1,6 @@
-"""Deviations of the ECU's C from MISRA C:2012, by cppcheck's addon: what it prints is read, not how it ends.
+"""Deviations of the ECU's C, and of the loader's, from MISRA C:2012, by cppcheck's addon: what it prints is read.
 
-`export/to_c/sources/ecu/misra.toml` lists those that stay, a rule and its files with the reason. The addon has the
+`misra.toml` in a folder of sources lists those that stay, a rule and its files with the reason. The addon has the
 rules' numbers, not their texts, which are sold; it checks most of those that a machine can check.
 """
 
@@ -44,8 +44,8 @@ def deviations(variants: Iterable[str] = tuple(CHECKED)) -> Deviations:
     return highest
 
 
-def deviations_of(contents: Mapping[str, bytes], chosen: list[str]) -> Deviations:
-    """Deviations of the chosen sources and of the ECU's headers that they include.
+def deviations_of(contents: Mapping[str, bytes], chosen: list[str], own: Iterable[str] = ()) -> Deviations:
+    """Deviations of the chosen sources and of the headers that they include, if they are the ECU's or of `own`.
 
     Raises:
         FileNotFoundError: without cppcheck.
@@ -62,19 +62,19 @@ def deviations_of(contents: Mapping[str, bytes], chosen: list[str]) -> Deviation
     ended = done.stdout.count("Checking ")
     if ended < len(chosen) or "internalError" in done.stderr or "Bailing out" in done.stderr:
         raise RuntimeError(f"cppcheck checked {ended} of {len(chosen)} files: {done.stderr.strip()[:200]}")
-    ours = ecu_files().keys() | set(chosen)
+    ours = ecu_files().keys() | {*chosen, *own}
     lines = (match for match in _LINE.finditer(done.stderr) if match["file"] in ours)
     return Deviations((match["file"], match["rule"]) for match in lines)
 
 
-def listed() -> set[tuple[str, str]]:
-    """The deviations that stay."""
-    text = files("export.to_c").joinpath("sources", "ecu", "misra.toml").read_text(encoding="utf-8")
+def listed(folder: str = "ecu") -> set[tuple[str, str]]:
+    """The deviations that stay, of a folder of sources."""
+    text = files("export.to_c").joinpath("sources", folder, "misra.toml").read_text(encoding="utf-8")
     return {(file, item["rule"]) for item in tomllib.loads(text)["deviation"] for file in item["files"]}
 
 
-def unlisted(occurring: Deviations) -> list[str]:
+def unlisted(occurring: Deviations, folder: str = "ecu") -> list[str]:
     """What occurs and is not listed, or is listed and does not occur."""
-    new = [f"{file}: rule {rule} is not listed" for file, rule in occurring.keys() - listed()]
-    gone = [f"{file}: rule {rule} is listed and does not occur" for file, rule in listed() - occurring.keys()]
+    new = [f"{file}: rule {rule} is not listed" for file, rule in occurring.keys() - listed(folder)]
+    gone = [f"{file}: rule {rule} is listed and does not occur" for file, rule in listed(folder) - occurring.keys()]
     return sorted(new + gone)

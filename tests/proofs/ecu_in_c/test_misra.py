@@ -2,9 +2,11 @@
 
 import pytest
 
+from export.to_c import loader_files
 from tests.proofs.ecu_in_c import misra
 from tests.proofs.ecu_in_c.library import sources
 from tests.proofs.ecu_in_c.variants import VARIANTS
+from tests.proofs.loader_in_c import node_library, node_twin
 
 pytestmark = [
     pytest.mark.compiler,
@@ -36,3 +38,11 @@ def test_each_deviation_is_listed_and_each_listed_one_occurs():
     first = next(iter(misra.listed()))
     del occurring[first]
     assert misra.unlisted(occurring) == [f"{first[0]}: rule {first[1]} is listed and does not occur"]
+
+
+def test_each_deviation_of_the_loader_is_listed_and_each_listed_one_occurs():
+    own = {name for name in loader_files.loader_sources() if name.startswith("sw_")}
+    chosen = sorted(name for name in own if name.endswith(".c"))
+    occurring = misra.deviations_of(node_library.sources(node_twin.CONFIGS["fd"]), chosen, own)
+    occurring = misra.Deviations({key: count for key, count in occurring.items() if key[0] in own})
+    assert misra.unlisted(occurring, "loader") == []
