@@ -1,7 +1,7 @@
 """The bus as a table: who sends what how often, what its receiver thinks of it, and how the nodes are."""
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Final
 
@@ -109,12 +109,8 @@ class BusTable:
             "count": row.count,
             "rate_hz": row.in_second / seconds if seconds else None,
             "age_ms": (now_ns - row.last_ns) / 1e6,
-            "e2e": "" if state is None else _last_check(state.window),
+            "e2e": "" if state is None else (state.window[-1] if state.window else Check.NO_NEW_DATA).name,
             "e2e_state": "" if state is None else state.stream.name,  # NODATA, INIT, VALID, INVALID
             "errors": 0 if state is None else sum(state.counts) - sum(map(state.count, GOOD)),
             "limit_ms": self._period_ns / 1e6 if ours else None,  # cycle time by the DBC
         }
-
-
-def _last_check(window: Sequence[Check]) -> str:
-    return window[-1].name if window else Check.NO_NEW_DATA.name

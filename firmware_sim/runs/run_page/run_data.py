@@ -24,7 +24,7 @@ _BINS: Final = 60
 def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
     """For `firmware_sim/runs/run_page/page`: JSON without NaN. `wake` are its stills; None where they were not
     recorded."""
-    config = log.metadata.config
+    config, means = log.metadata.config, averages(log)
     return {
         "name": name,
         "period": config.flow.control_period,
@@ -32,7 +32,7 @@ def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
         "action_limit": config.flow.action_limit,
         "drive": log.metadata.drive,
         "requested": log.enabled_at if log.enabled_at < len(log.series["t"]) else None,
-        "uncontrolled_Cd": _uncontrolled(log),
+        "uncontrolled_Cd": None if isinstance(means, NoAverages) else means.before.Cd,
         "columns": {column: _numbers(log.series[column]) for column in _COLUMNS},
         "spans": [[mode, first, after] for mode, first, after in mode_spans(log)],
         "events": [list(event) for event in events(log)],
@@ -62,11 +62,6 @@ def _stills(wake: WakeStills) -> dict[str, Any]:
     width, height = wake.scene.size
     stills = [base64.b64encode(still).decode("ascii") for still in wake.stills]
     return {"width": width, "height": height, "k": wake.k.tolist(), "stills": stills}
-
-
-def _uncontrolled(log: RunLog) -> float | None:
-    means = averages(log)
-    return None if isinstance(means, NoAverages) else means.before.Cd
 
 
 def _latency(log: RunLog) -> dict[str, Any]:

@@ -23,8 +23,6 @@ from contract import sensors
 from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig, VehicleConfig
-from contract.errors import ConfigError
-from contract.sensor_layout import SensorLayout
 from firmware_sim.bench.vehicle_node import VehicleNode
 from tests.each import each
 from tests.examples import examples
@@ -239,17 +237,6 @@ def test_a_command_for_this_period_after_one_for_the_next_does_not_leap():
     driven = [node.apply_commands([commands(action, next_period=ahead)]).action for action, ahead in wanted]
     # In the third last period 0.0 was to be reached, and -0.04 is wanted at once: both would be a step of 0.08.
     assert driven == pytest.approx([0.0] * 4 + [0.04, 0.04, 0.0, 0.0, -0.04], abs=2e-6)
-
-
-def test_columns_are_those_of_the_plant_s_own_sensors():
-    places = np.arange(10.0).reshape(5, 2)
-    layout = SensorLayout.of(("lid", "tail", "side", "nose", "keel"), places, symmetric=False)
-    own = VehicleNode(("keel", "lid", "nose", "tail"), CONFIG, layout)
-    message = parsed(own.sample(np.array([0.1, 0.2, 0.3, 0.4, 0.5]), enable_request=False, now_ns=0))
-    # A tenth of a pascal is the message's resolution.
-    np.testing.assert_allclose(message.pressure_pa, np.array([0.5, 0.1, 0.4, 0.2]) * Q, atol=0.05)
-    with pytest.raises(ConfigError, match="unknown sensor 'base_3': there are lid, tail, side, nose, keel"):
-        VehicleNode(NAMES, CONFIG, layout)
 
 
 def test_late_jets_follow_every_command_so_many_periods_later():
