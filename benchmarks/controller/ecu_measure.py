@@ -1,4 +1,4 @@
-"""What the whole ECU needs on the emulated core, in control: memory, and the work of its longest step."""
+"""What the whole ECU needs as a board's firmware, in control: memory, and the work of its longest step."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
 from contract.errors import McuError
-from firmware_sim.mcu.build import ECU, compile_for_cortex_m7
+from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.cores import CORTEX_M7
-from firmware_sim.mcu.ecu_machine import McuEcu
-from firmware_sim.mcu.elf import read_elf
 from firmware_sim.mcu.measure import flash_bytes, linked_ram
 
 Periods = Iterable[tuple[int, Sequence[Frame]]]
@@ -40,30 +38,27 @@ class EcuMeasurement:
 
 
 def measure_ecu(sources: Mapping[str, bytes], periods: Periods) -> EcuMeasurement:
-    """Step the ECU of a library on the emulated core. Raises LibraryError if the library has no ECU; McuError if it
+    """Step the ECU of a library as a board's firmware. Raises LibraryError if the library has no ECU; McuError if it
     does not compile or run, or it never came into control.
 
     Args:
         sources: the library's files by name, `sw_ecu_settings.h` among them.
         periods: enough of them that the window fills and the ECU comes into control.
     """
-    firmware = read_elf(compile_for_cortex_m7(sources, main=ECU))
-    ecu = McuEcu(sources)
-    instructions, cycles, planned, stack = [], [], [], 0
+    ecu = BoardEcu(sources)
+    instructions, cycles, planned = [], [], list[int]()
     for now_ns, frames in periods:
-        ecu.paint_stack()
         ecu.step(now_ns, frames)
-        stack = max(stack, ecu.stack_depth())
         instructions.append(ecu.instructions)
         cycles.append(ecu.cycles)
         if ecu.trace.mode is Mode.CONTROL:
             planned.append(ecu.instructions)
     if not planned:
         raise McuError(f"the ECU did not come into control in {len(instructions)} control periods")
-    longest = max(cycles)
+    longest, stack = max(cycles), ecu.board.stack_depth()
     return EcuMeasurement(
-        flash_bytes=flash_bytes(firmware),
-        ram_bytes=linked_ram(firmware) + stack,
+        flash_bytes=flash_bytes(ecu.firmware),
+        ram_bytes=linked_ram(ecu.firmware) + stack,
         stack_bytes=stack,
         instructions=max(instructions),
         cycles=longest,

@@ -93,7 +93,7 @@ def _release(windows: int) -> dict[str, Any]:
     """The shipped bundle's ECU, in control on its recorded pressures over and over."""
     config = load_config()
     with library_folder(None) as folder:
-        sources, rows = read_sources(folder), read_recorded(folder)
+        sources, rows = read_sources(folder, board=True), read_recorded(folder)
     found = measure_ecu(sources, _periods(config, rows, _PERIODS))
     spread = instruction_spread(sources, track(_windows(windows), "windows of the release", "windows"))
     return {

@@ -111,13 +111,13 @@ def mcu_release(path: Path) -> str:
     step = row["control_step"]
     alike = step["windows"] - step["unlike"]
     return table(
-        (f"{row['bundle']}, whole ECU, {found['facts']['horizon']} steps of horizon", ""),
+        (f"{row['bundle']}, whole firmware of a board, {found['facts']['horizon']} steps of horizon", ""),
         [
             ("longest step at 480 MHz, modelled", f"{row['modelled_ms_480']:.2f} ms"),
             ("longest step at 300 MHz, modelled", f"{row['modelled_ms_300']:.2f} ms"),
             ("instructions of the longest step", f"{row['instructions']:,}"),
             ("flash: code, weights, tables", f"{row['flash_kib']:.1f} KiB"),
-            ("RAM: state, workspace, hot weights, stack", f"{row['ram_kib']:.1f} KiB"),
+            ("RAM: state, workspace, hot weights, received frames, stack", f"{row['ram_kib']:.1f} KiB"),
             ("stack, deepest", f"{row['stack_b']} B"),
             ("instructions, longest less shortest step under control", f"{row['instruction_spread']:,}"),
             (

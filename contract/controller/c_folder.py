@@ -37,6 +37,8 @@ EXPECTED: Final = "expected.txt"
 """What the example program answers to those rows."""
 DOCUMENTS: Final = ("README.md", "CMakeLists.txt", "LICENSE")
 """What is not compiled: for people, for CMake, and for lawyers."""
+BOARD: Final = ("board", "loader")
+"""Folders with the firmware around the ECU: drivers, start and main loop of a board; flashing and diagnosis."""
 COMPILE_FLAGS: Final = "compile_flags.txt"
 """Flags for editors (clangd), one a line; only in sample folders."""
 
@@ -137,16 +139,19 @@ def library_sources(contents: Mapping[str, bytes]) -> dict[str, bytes]:
     }
 
 
-def read_sources(folder: Path) -> dict[str, bytes]:
-    """All sources and headers of a folder by name; raises LibraryError if it cannot be read or is too large."""
+def read_sources(folder: Path, *, board: bool = False) -> dict[str, bytes]:
+    """All sources and headers of a folder by name, with `board` those of `BOARD` by their paths as well. Raises
+    LibraryError if it cannot be read or is too large."""
     try:
         found = [item for item in folder.iterdir() if item.suffix in (".c", ".h")]
+        for part in BOARD if board else ():
+            found += [item for item in (folder / part).glob("*") if item.suffix in (".c", ".h", ".ld")]
         for item in found:
             if not item.is_file():
                 raise LibraryError(f"library {folder}: {quoted(item.name)} is not a plain file")
         if sum(item.stat().st_size for item in found) > MAX_BYTES:
             raise LibraryError(f"library {folder}: its sources have more than {MAX_BYTES} bytes")
-        return {item.name: item.read_bytes() for item in found}
+        return {item.relative_to(folder).as_posix(): item.read_bytes() for item in found}
     except OSError as error:
         raise LibraryError(f"library {folder}: {error.strerror or error}") from error
 

@@ -27,6 +27,7 @@ from export.reference.specification import AnyProgram
 from export.to_c.float32_arrays import LANES, Values, float_arrays, prior_settings
 from export.to_c.int8_arrays import int8_arrays
 from export.to_c.int8_format import c_constants
+from export.to_c.loader_files import loader_sources
 
 ALIGNMENTS: Final = {"int8": 16, "float32": 64}
 """Bytes at multiples of which the arrays begin: a word of Cortex-M or a vector register, and a cache line."""
@@ -105,11 +106,13 @@ def linear_sources() -> dict[str, bytes]:
 
 
 def ecu_sources() -> dict[str, bytes]:
-    """The sources of the ECU around a control step, the same for every program and vehicle.
+    """The sources of the ECU around a control step, the same for every program and vehicle; in `board/` and `loader/`
+    those of the firmware around it.
 
     What is generated for one of each is not among them: `sw_ecu_settings.h` (`firmware_sim.in_c.c_settings`).
     """
-    return _sources_in("ecu")
+    around = {"board": _sources_in("board"), "loader": loader_sources()}
+    return _sources_in("ecu") | {f"{part}/{name}": text for part in around for name, text in around[part].items()}
 
 
 def _sources_in(*folders: str) -> dict[str, bytes]:
@@ -118,7 +121,7 @@ def _sources_in(*folders: str) -> dict[str, bytes]:
         item.name: item.read_bytes()
         for folder in folders
         for item in root.joinpath(folder).iterdir()
-        if item.name.endswith((".c", ".h"))
+        if item.name.endswith((".c", ".h", ".ld"))
     }
 
 

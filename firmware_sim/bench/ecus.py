@@ -1,4 +1,4 @@
-"""The ECU in C of a run, by its name: on this machine, on an emulated Cortex-M7, or with a whole board around it."""
+"""The ECU in C of a run, by its name: on this machine, or as the firmware of an emulated board."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -13,6 +13,7 @@ from firmware_sim.in_c.compiler import host_compiler
 C: Final = "c"
 CORTEX_M7: Final = "cortex-m7"
 CORTEX_M7_BOARD: Final = "cortex-m7-board"
+"""The same: the whole firmware of a board with that core."""
 CLOCKS_MHZ: Final = (1.0, 10_000.0)
 """Range of clocks; a core at less takes seconds for a step, and none runs at more."""
 
@@ -31,7 +32,7 @@ def check_ecu(kind: str, clock_mhz: float) -> None:
     lowest, highest = CLOCKS_MHZ
     if not lowest <= clock_mhz <= highest:
         raise ConfigError(f"--clock-mhz {clock_mhz:g}: must be in {lowest:g}..{highest:g}")
-    import_module("firmware_sim.mcu.ecu_machine")
+    import_module("firmware_sim.mcu.board.board_ecu")
 
 
 def loop_ecu(kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.0) -> LoopEcu:
@@ -39,7 +40,7 @@ def loop_ecu(kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.
 
     Args:
         kind: C, CORTEX_M7 or CORTEX_M7_BOARD.
-        sources: `firmware_sim.in_c.c_ecu.ecu_sources`, and those of the board's firmware where it runs.
+        sources: `firmware_sim.in_c.c_ecu.ecu_sources`.
         clock_mhz: of the emulated core.
 
     Raises:
@@ -54,12 +55,11 @@ def loop_ecu(kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.
     check_ecu(kind, clock_mhz)
     # The emulator is of an extra.
     from firmware_sim.mcu.board.board_ecu import BoardEcu
-    from firmware_sim.mcu.ecu_machine import McuEcu
 
-    core = (BoardEcu if kind == CORTEX_M7_BOARD else McuEcu)(sources, clock_mhz=clock_mhz)
+    core = BoardEcu(sources, clock_mhz=clock_mhz)
     return LoopEcu(
         ecu=core,
-        kind=kind,
+        kind=CORTEX_M7,
         computed_by=f"C99 {precision}, {core.description}",
         step_ns=lambda: core.step_ns,
         clock_mhz=clock_mhz,

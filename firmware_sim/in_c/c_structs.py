@@ -62,7 +62,7 @@ class Structs:
         if HEADER not in sources:
             raise LibraryError(f"{HEADER} is missing: this library has the control step alone, and no ECU around it")
         self.ffi: Any = cffi.FFI()
-        headers = {name: content for name, content in sources.items() if name.endswith(".h")}
+        headers = {name: content for name, content in sources.items() if name.endswith(".h") and "/" not in name}
         with tempfile.TemporaryDirectory() as folder:
             for name, content in (headers | _STANDING_IN).items():
                 Path(folder, name).write_bytes(content)

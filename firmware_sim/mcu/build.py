@@ -6,7 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
-from contract.controller.c_folder import library_sources
+from contract.controller.c_folder import BOARD, library_sources
 from contract.errors import LibraryError, McuError, install
 from firmware_sim.in_c.compiler import compile_c, zig_compiler
 from firmware_sim.in_c.uds_settings import HEADER as UDS_SETTINGS
@@ -14,9 +14,6 @@ from firmware_sim.in_c.uds_settings import uds_settings
 from firmware_sim.mcu.cores import CORTEX_M7, Core
 
 LINKER_SCRIPT: Final = "cortex_m7.ld"
-CONTROL_STEP: Final = "mcu.c"
-ECU: Final = "mcu_ecu.c"
-"""Firmwares: what the core's memory holds besides the library, and the function that is called."""
 MISSING: Final = f"the compiler is missing: {install('mcu')}"
 # Contraction within an expression, as the language allows it, is the same for every target with fused operations.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
@@ -27,39 +24,48 @@ BARE: Final = (
     "-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections", "-T",
 )  # fmt: skip
 BOARD_SCRIPT: Final = "sw_board.ld"
+EQUIPMENT: Final = "sw_board_equipment.h"
+"""What a board gets at production; the one of every library has no loader."""
 
 
 def compile_for_cortex_m7(
     sources: Mapping[str, bytes],
     board: Mapping[str, bytes] | None = None,
     *,
-    main: str = CONTROL_STEP,
     core: Core = CORTEX_M7,
 ) -> bytes:
-    """The library with start-up and linker script as an ELF file. Raises McuError if the sources do not compile, or
-    `ziglang` is not installed.
+    """A library's control step with start-up and linker script as an ELF file. Raises McuError if the sources do not
+    compile, or `ziglang` is not installed.
 
     Args:
-        main: which firmware, CONTROL_STEP or ECU.
         core: another core with the same memories.
         board: files next to the firmware's, or in place of those of the same name.
     """
     folder = files("firmware_sim").joinpath("mcu/c")
-    left_out = {CONTROL_STEP, ECU} - {main}
-    firmware = {item.name: item.read_bytes() for item in folder.iterdir() if item.name not in left_out}
+    firmware = {item.name: item.read_bytes() for item in folder.iterdir()}
     with tempfile.TemporaryDirectory() as place:
         image = Path(place, "firmware.elf")
         _compile(library_sources(sources) | firmware | dict(board or {}), image, _flags(LINKER_SCRIPT, core))
         return image.read_bytes()
 
 
-def compile_board(sources: Mapping[str, bytes]) -> bytes:
-    """The whole firmware of a board, from its vector table on, as an ELF file. Raises McuError if they do not compile,
-    or `ziglang` is not installed. `sources` is a library's with its ECU, and those of the board, `sw_board.ld` among
-    them."""
+def compile_board(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None = None) -> bytes:
+    """The whole firmware of a board, from its vector table on, as an ELF file. Raises LibraryError for a library
+    without a board; McuError if they do not compile, or `ziglang` is not installed.
+
+    Args:
+        sources: a library's with its ECU, and those of the board by their paths in the library's folder.
+        own: files in place of those of the same name; a header of equipment in place of the one without a loader.
+    """
+    parts = {part: {n.split("/")[1]: sources[n] for n in sources if n.startswith(f"{part}/")} for part in BOARD}
+    board, loader = (parts[part] for part in BOARD)
+    if BOARD_SCRIPT not in board:
+        raise LibraryError(f"{BOARD[0]}/{BOARD_SCRIPT} is missing: this library has no board; export it again")
+    if own is None or EQUIPMENT not in own:
+        loader = {"sw_flash.h": loader["sw_flash.h"]}
     with tempfile.TemporaryDirectory() as place:
         image = Path(place, "firmware.elf")
-        contents = library_sources(sources) | {UDS_SETTINGS: uds_settings(), BOARD_SCRIPT: sources[BOARD_SCRIPT]}
+        contents = library_sources(sources) | loader | board | {UDS_SETTINGS: uds_settings()} | dict(own or {})
         _compile(contents, image, _flags(BOARD_SCRIPT, CORTEX_M7))
         return image.read_bytes()
 

@@ -125,7 +125,7 @@ def measure(
 
 def flash_bytes(firmware: Firmware) -> int:
     """Code and everything that is read from flash or copied out of it."""
-    return sum(firmware.sections.get(name, 0) for name in (".text", ".hot", ".rodata", ".data"))
+    return sum(firmware.sections.get(name, 0) for name in (".vectors", ".text", ".hot", ".rodata", ".data"))
 
 
 def linked_ram(firmware: Firmware) -> int:

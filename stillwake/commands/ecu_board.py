@@ -29,7 +29,7 @@ def board(
 
     A fresh board has no release: it keeps the jets shut, and takes a key list by `stillwake flash-keys` and an image
     (`export --image`) by `stillwake flash`. What its flash holds is kept in the file. The emulation of a control step
-    takes longer than a period: this is for diagnosis and flashing. `stillwake run --ecu cortex-m7-board` drives.
+    takes longer than a period: this is for diagnosis and flashing. `stillwake run --ecu cortex-m7` drives.
 
     stillwake ecu board flash.bin --library ecu_c --root root/release.pub --access access.key \\
         --bus udp_multicast:239.74.163.2
@@ -37,21 +37,21 @@ def board(
     from can_bridge.bus.backends.python_can import PythonCanBus
     from can_bridge.secoc.key import read_secret
     from contract.release import controller_image, signing
-    from export.to_c.board_files import board_sources
     from firmware_sim.in_c.c_ecu import ecu_sources
     from firmware_sim.in_c.c_image import controller_image as image_of
     from firmware_sim.in_c.c_image import read_packed
-    from firmware_sim.mcu.board import equipment
     from firmware_sim.mcu.board.board_ecu import BoardEcu
+    from firmware_sim.mcu.board.equipment import equipment_header
     from firmware_sim.mcu.board.on_a_bus import read_bank, serve
+    from firmware_sim.mcu.build import EQUIPMENT
 
     config = settings("ecu", config_file, with_bus(bus, overrides), uses=("operating_point", *REAL_BUS, "ecu")).config
     release, bank = open_release(bundle, None), read_bank(flash)
     sources = ecu_sources(library, release, config)
     vehicle = controller_image.read(image_of(sources | read_packed(library), release, config, None)).facts.vehicle
-    header = equipment.equipment_header(signing.read_public_key(root), read_secret(access), vehicle, hardware, serial)
+    header = equipment_header(signing.read_public_key(root), read_secret(access), vehicle, hardware, serial)
     console.print("building the firmware", soft_wrap=True)
-    ecu = BoardEcu(sources | board_sources(loader=True) | {equipment.HEADER: header}, bank=bank)
+    ecu = BoardEcu(sources, own={EQUIPMENT: header}, bank=bank)
     with PythonCanBus.open(config.bus) as port, until_stopped() as is_stopped:
         console.print(f"board {serial}: running, flash in {flash}; stop with Ctrl-C", soft_wrap=True, markup=False)
         serve(ecu, port, flash, clock_ns=time.monotonic_ns, wait=lambda: time.sleep(0.001), is_stopped=is_stopped)

@@ -59,7 +59,7 @@ def run(
     ] = None,
     ecu: Annotated[
         str,
-        typer.Option(help="ECU that runs: python, c (on this machine), cortex-m7 (emulated) or cortex-m7-board."),
+        typer.Option(help="ECU that runs: python, c (on this machine) or cortex-m7 (an emulated board)."),
     ] = PYTHON,
     clock_mhz: Annotated[float, typer.Option(help="Clock of the emulated core, MHz.")] = 480.0,
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.", min=0.2)] = 25.0,
@@ -108,10 +108,10 @@ def run(
     duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer and clock_drift; their parameters
     are in docs/reference/bus-faults.md.
 
-    --ecu c runs the whole ECU as its C sources, and --ecu cortex-m7 the same ones on an emulated microcontroller, whose
-    modelled cycles are charged as compute time. With --ecu cortex-m7-board the whole firmware runs, from its reset
-    vector on, and has frames through the registers of its CAN controller; docs/how-to/from-a-fresh-board.md has more.
-    All are of the folder that --library names, or of the shipped model.
+    --ecu c runs the whole ECU as its C sources. With --ecu cortex-m7, which cortex-m7-board names as well, they run as
+    the firmware of an emulated board, from its reset vector on: frames pass through its CAN controller's registers, and
+    modelled cycles are charged as compute time; docs/how-to/from-a-fresh-board.md has more. Both are of the folder that
+    --library names, or of the shipped model.
 
     --disturb takes the same texts, and what disturbs the run elsewhere: noise:level=0.5 at the transducers,
     reset@5 in the ECU, reynolds=700 in the flow. The kinds are noise, bias, drift, stuck, dead, swap, quantise,
@@ -242,8 +242,7 @@ def _ecu_in_c(kind: str, library: Path | None, release: Bundle, config: Config, 
     """The bundle's ECU in C, for the vehicle of this run. Raises LibraryError if no library was named, and the bundle
     is not the shipped one; or the library is not the bundle's; StillwakeError if it cannot be compiled, or the settings
     are not for an ECU in C."""
-    from export.to_c.board_files import board_sources
-    from firmware_sim.bench.ecus import CORTEX_M7_BOARD, check_ecu, loop_ecu
+    from firmware_sim.bench.ecus import check_ecu, loop_ecu
     from firmware_sim.in_c.c_ecu import ecu_sources
     from stillwake.parts.c_release import library_folder
 
@@ -257,8 +256,6 @@ def _ecu_in_c(kind: str, library: Path | None, release: Bundle, config: Config, 
         console.print("making the C library of the shipped model, as `stillwake export --c` does", soft_wrap=True)
     with library_folder(library) as folder:
         sources = ecu_sources(folder, release, config)
-    if kind == CORTEX_M7_BOARD:
-        sources |= board_sources()
     return loop_ecu(kind, sources, clock_mhz=clock_mhz)
 
 

@@ -35,6 +35,7 @@ def ecu_files(bundle: Path, rows: Array, *, config: Config, notice: Callable[[st
     """
     from export.to_c.estimator import estimator_files
     from export.to_c.library import ecu_sources, example_sources
+    from firmware_sim.in_c import uds_settings
     from firmware_sim.in_c.c_examples import PLAYED, played_pressures
     from firmware_sim.in_c.c_settings import ecu_settings
 
@@ -43,6 +44,7 @@ def ecu_files(bundle: Path, rows: Array, *, config: Config, notice: Callable[[st
         used = _without_check(release, config, notice)
         sources = ecu_sources() | example_sources() | {ECU_SETTINGS: ecu_settings(release, used)}
         sources |= estimator_files(release.files[ESTIMATOR]) if used.ecu.sensor_check.enabled else {}
+        sources[f"loader/{uds_settings.HEADER}"] = uds_settings.uds_settings()
         return sources | {PLAYED: played_pressures(rows, used)}
     except StillwakeError as error:
         notice(f"no ECU in C, the library has the control step alone: {error}")

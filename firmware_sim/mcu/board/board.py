@@ -8,21 +8,17 @@ to the next one. The memory map is an STM32H743's, with the registers of `flash_
 
 import struct
 from collections.abc import Callable
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
-import unicorn
 from unicorn import arm_const, unicorn_const
 
 from contract.errors import McuError
-from firmware_sim.mcu.block_counter import BlockCounter
 from firmware_sim.mcu.board.can_controller import CanController
 from firmware_sim.mcu.board.flash_controller import SECTOR, SECTORS, WORD, FlashBank, FlashController, PowerCut
 from firmware_sim.mcu.board.small_parts import CoreRegisters, Counter, RandomNumbers, SystemReset
 from firmware_sim.mcu.elf import Firmware
-from firmware_sim.mcu.pipeline import Pipeline
+from firmware_sim.mcu.emulator import FLASH, EmulatedCore
 
-PROGRAM: Final = 0x0800_0000
-PROGRAM_BYTES: Final = 1 << 20
 BANK: Final = 0x0810_0000
 BANK_BYTES: Final = SECTOR * SECTORS
 DTCM, DTCM_BYTES = 0x2000_0000, 128 * 1024
@@ -31,21 +27,14 @@ STACK_BYTES: Final = 16 * 1024
 _PAGE: Final = 4096
 _COUNTER, _RANDOM, _CAN, _FLASH, _CORE = 0x5C00_8000, 0x4802_1800, 0x4000_A000, 0x5200_2100, 0xE000_E000
 _READABLE: Final = unicorn_const.UC_PROT_READ
-_UNTOUCHED: Final = 0xA5
-_RETURN: Final = PROGRAM + PROGRAM_BYTES - 0x100
 _LONGEST_US: Final = 600_000_000
 """Wall time after which a core that does not sleep is given up."""
 
 
-class Part(Protocol):
-    """Registers of 32 bits by their offset in a block."""
-
-    def read(self, offset: int) -> int: ...
-
-    def write(self, offset: int, value: int) -> None: ...
+Part = Counter | RandomNumbers | CanController | FlashController | CoreRegisters
 
 
-class Board:
+class Board(EmulatedCore):
     """A board that is switched on; `run` has it execute.
 
     Args:
@@ -63,16 +52,8 @@ class Board:
     def __init__(
         self, firmware: Firmware, bank: FlashBank | None = None, *, now_ns: int = 0, cut_at: int = 0, seed: int = 0
     ) -> None:
-        self._symbols, self._raised = firmware.symbols, list[Exception]()
-        binding: Any = unicorn
-        mode = unicorn_const.UC_MODE_THUMB | unicorn_const.UC_MODE_MCLASS
-        self._failure: Any = binding.UcError
-        self._core: Any = binding.Uc(unicorn_const.UC_ARCH_ARM, mode)
-        self._core.ctl_set_cpu_model(arm_const.UC_CPU_ARM_CORTEX_M7)
-        for start, size in ((PROGRAM, PROGRAM_BYTES), (DTCM, DTCM_BYTES), (SRAM, SRAM_BYTES)):
-            self._core.mem_map(start, size)
-        for segment in firmware.segments:
-            self._core.mem_write(segment.address, segment.content)
+        super().__init__(firmware, ((DTCM, DTCM_BYTES), (SRAM, SRAM_BYTES)), (DTCM, STACK_BYTES))
+        self._raised = list[Exception]()
         self.counter, self.can, self._registers = Counter(now_ns), CanController(), CoreRegisters()
         self.flash = FlashController(bank or FlashBank(), self._flash_changed, cut_at=cut_at, seed=seed)
         self._bad_pages, self._bad_wanted = set[int](), set[int]()
@@ -88,63 +69,27 @@ class Board:
             (_CORE, 0x1000, self._registers),
         )
         for base, size, part in parts:
-            page, reads, writes = base & ~(_PAGE - 1), self._reader(part, base), self._writer(part, base)
-            self._core.mmio_map(page, size, reads, None, writes, None)
+            self._core.mmio_map(base & -_PAGE, size, *self._registers_of(part, base & _PAGE - 1))
         self._core.hook_add(unicorn_const.UC_HOOK_MEM_WRITE_PROT, self._stored)
-        program = bytes(self._core.mem_read(PROGRAM, PROGRAM_BYTES))
-        self.blocks = BlockCounter(self._core, PROGRAM, PROGRAM_BYTES, Pipeline(program, PROGRAM))
-        self._core.mem_write(DTCM, bytes([_UNTOUCHED]) * STACK_BYTES)
-        stack, start = struct.unpack_from("<II", program)
+        self.blocks = self.block_counter()
+        stack, self._at = struct.unpack("<II", self.peek(FLASH, 8))
         self._core.reg_write(arm_const.UC_ARM_REG_SP, stack)
-        self._at = start
 
     def run(self) -> None:
         """Execute until the firmware sleeps. Raises McuError if the core stopped, asked for what is not modelled, or
         does not come to sleep; PowerCut, SystemReset if the power cycle is over."""
         self.can.now_ns = self.counter.now_ns
-        self._execute(self._at | 1, 0xFFFF_FFFE)
+        self._execute("firmware", self._at, 0xFFFF_FFFE, _LONGEST_US)
         self._at = int(self._core.reg_read(arm_const.UC_ARM_REG_PC))
         if self._core.mem_read(self._at - 2, 2) != b"\x30\xbf":
             raise McuError(f"the core does not come to sleep: after {_LONGEST_US // 10**6} s it is at {self._at:#x}")
 
-    def call(self, function: str, *arguments: int) -> int:
-        """Have a function of the firmware run while it sleeps, as a debugger does; its result."""
-        kept = self._core.context_save()
-        for number, value in enumerate(arguments):
-            self._core.reg_write(arm_const.UC_ARM_REG_R0 + number, value)
-        self._core.reg_write(arm_const.UC_ARM_REG_LR, _RETURN | 1)
+    def _execute(self, what: str, start: int, end: int, longest_us: int = 0) -> None:
         try:
-            self._execute(self.symbol(function) | 1, _RETURN)
-            return int(self._core.reg_read(arm_const.UC_ARM_REG_R0))
-        finally:
-            self._core.context_restore(kept)
-
-    def symbol(self, name: str) -> int:
-        """Its address; raises McuError if the firmware has none."""
-        if name not in self._symbols:
-            raise McuError(f"the firmware has no symbol {name}")
-        return self._symbols[name]
-
-    def peek(self, address: int, size: int) -> bytes:
-        """Bytes of memory."""
-        return bytes(self._core.mem_read(address, size))
-
-    def poke(self, address: int, content: bytes) -> None:
-        """Change bytes of memory."""
-        self._core.mem_write(address, content)
-
-    def stack_depth(self) -> int:
-        """Bytes of stack touched since power-on."""
-        stack = self.peek(DTCM, STACK_BYTES)
-        return STACK_BYTES - next((i for i, byte in enumerate(stack) if byte != _UNTOUCHED), STACK_BYTES)
-
-    def _execute(self, start: int, end: int) -> None:
-        try:
-            self._core.emu_start(start, end, timeout=_LONGEST_US)
-        except self._failure as error:
+            super()._execute(what, start, end, longest_us)
+        except McuError:
             if not self._raised:
-                at = self._core.reg_read(arm_const.UC_ARM_REG_PC)
-                raise McuError(f"the core stopped at {at:#x} ({error})") from error
+                raise
         if self._raised:
             raise self._raised.pop()
 
@@ -161,25 +106,20 @@ class Board:
             self._core.emu_stop()
             return 0
 
-    def _reader(self, part: Part, base: int) -> Callable[..., int]:
-        shift = base & (_PAGE - 1)
+    def _registers_of(self, part: Part, shift: int) -> tuple[Any, ...]:
+        """What Unicorn calls for a page of registers, of which the first one stands `shift` behind its start."""
 
         def read(_core: Any, offset: int, size: int, _data: Any) -> int:
             if part is self.flash:
                 self._exchange_pages()
             return self._guarded(lambda: part.read(_whole(offset, size) - shift))
 
-        return read
-
-    def _writer(self, part: Part, base: int) -> Callable[..., None]:
-        shift = base & (_PAGE - 1)
-
         def write(_core: Any, offset: int, size: int, value: int, _data: Any) -> None:
             self._guarded(lambda: part.write(_whole(offset, size) - shift, value & 0xFFFF_FFFF))
             if part is self._registers and self._registers.has_floats:
                 self._core.reg_write(arm_const.UC_ARM_REG_FPEXC, 0x4000_0000)
 
-        return write
+        return read, None, write, None
 
     def _stored(self, _core: Any, _access: int, address: int, size: int, value: int, _data: Any) -> bool:
         if not BANK <= address < BANK + BANK_BYTES:

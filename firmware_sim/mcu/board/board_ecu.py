@@ -8,13 +8,12 @@ in its compare register, to which time then passes. What an observer sees is rea
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from hashlib import sha256
-from typing import Any, Final
+from typing import Any, Final, Unpack
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.messages import Reason
 from contract.errors import McuError
+from firmware_sim.ecu.ecu_state import Around
 from firmware_sim.in_c.c_ecu import CEcuState, bundle_hash_of
 from firmware_sim.in_c.c_structs import Structs, c_time
 from firmware_sim.in_c.compiler import zig_compiler
@@ -24,11 +23,8 @@ from firmware_sim.mcu.board.small_parts import SystemReset
 from firmware_sim.mcu.build import MISSING, compile_board
 from firmware_sim.mcu.elf import Firmware, read_elf
 
-_PIECE: Final = 4096
-_SCRATCH: Final = SRAM + SRAM_BYTES - _PIECE
+_SCRATCH: Final = SRAM + SRAM_BYTES - 16384
 """Of the debugger, behind everything that is linked."""
-_MORE: Final = 1
-"""What a call of the store answers that is to be gone on with."""
 
 
 class BoardEcu(CEcuState):
@@ -36,9 +32,10 @@ class BoardEcu(CEcuState):
     compiler is missing.
 
     Args:
-        sources: of a C library with its ECU, and of the board's firmware.
+        sources: `firmware_sim.in_c.c_ecu.ecu_sources`.
         clock_mhz: of the core.
         bank: the flash that is written in the field; erased if None.
+        own: files in place of the board's (`compile_board`).
         firmware: compiled from the sources before.
 
     Attributes:
@@ -55,6 +52,7 @@ class BoardEcu(CEcuState):
         *,
         clock_mhz: float = 480.0,
         bank: FlashBank | None = None,
+        own: Mapping[str, bytes] | None = None,
         firmware: Firmware | None = None,
         now_ns: int = 0,
         cut_at: int = 0,
@@ -63,13 +61,15 @@ class BoardEcu(CEcuState):
         if compiler is None:
             raise McuError(MISSING)
         structs = Structs(sources, compiler)
-        super().__init__(
-            structs, structs.ffi.new("sw_ecu *"), bundle_hash_of(sources), self._calibrated, self._restored
-        )
+        buffer, ecu = structs.ffi.buffer, structs.ffi.new("sw_ecu *")
+        super().__init__(structs, ecu, bundle_hash_of(sources),
+            lambda packed: self._asked("sw_ecu_calibrate", packed),
+            lambda state: self._asked("sw_ecu_restore", buffer(state)),
+        )  # fmt: skip
         self._clock_mhz = clock_mhz
-        self.firmware = firmware or read_elf(compile_board(sources))
+        self.firmware = firmware or read_elf(compile_board(sources, own))
         self.resets = self.waited_ns = self.instructions = self.cycles = 0
-        self.description = f"whole firmware on an emulated board, Cortex-M7 at {clock_mhz:g} MHz"
+        self.description = f"emulated board, Cortex-M7 at {clock_mhz:g} MHz"
         self.power_on(bank or FlashBank(), now_ns, cut_at=cut_at)
 
     def power_on(self, bank: FlashBank, now_ns: int, *, cut_at: int = 0) -> None:
@@ -85,17 +85,11 @@ class BoardEcu(CEcuState):
         return self.waited_ns + round(self.cycles * 1e3 / self._clock_mhz)
 
     def step(
-        self,
-        now_ns: int,
-        frames: Sequence[Frame],
-        health: BusHealth = HEALTHY,
-        *,
-        fault: Reason | None = None,
-        updating: bool = False,
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Around]
     ) -> list[Frame]:
-        """One control period; as `Ecu.step`, but for `fault` and `updating`, which the firmware finds by itself. Raises
-        McuError if the core stopped."""
-        if fault is not None or updating:
+        """One control period; as `Ecu.step`, but for `around`, which the firmware finds by itself. Raises McuError if
+        the core stopped."""
+        if any(around.values()):
             raise McuError("a fault or an update from outside: the board's firmware finds them by itself")
         self.board.blocks.start()
         self.board.counter.now_ns = c_time(now_ns)
@@ -119,30 +113,6 @@ class BoardEcu(CEcuState):
             self._run()
         self.board.counter.now_ns = max(until_ns, self.board.counter.now_ns)
         return self._taken()
-
-    def provision(self, keys: bytes, image: bytes) -> None:
-        """What is done at production, by a debugger: a key list, and a confirmed image. Raises McuError if the store
-        does not take one of them; the message has its answer."""
-        store = self._pointer("sw_board_store")
-
-        def call(name: str, data: bytes = b"", *others: int) -> None:
-            self.board.poke(_SCRATCH, data)
-            arguments = (store, _SCRATCH, len(data)) if data and not others else (store, *others, _SCRATCH)
-            answer = self.board.call(name, *(arguments if data else (store,)))
-            while answer == _MORE:
-                answer = self.board.call("sw_store_go_on", store)
-            if answer:
-                raise McuError(f"{name}: the board's store answers {answer}")
-
-        call("sw_store_take_keys", keys)
-        call("sw_store_announce", sha256(image).digest(), len(image))
-        for start in range(0, len(image), _PIECE):
-            call("sw_store_append", image[start : start + _PIECE])
-        call("sw_store_finish")
-        call("sw_store_activate")
-        self.power_on(self.board.flash.bank, self.board.counter.now_ns)
-        call("sw_store_confirm")
-        self.power_on(self.board.flash.bank, self.board.counter.now_ns)
 
     def _bring(self, frames: Sequence[Frame]) -> None:
         """As many as its FIFO takes; on a real bus the core, which sleeps, is quicker than frames come."""
@@ -178,22 +148,12 @@ class BoardEcu(CEcuState):
         (value,) = struct.unpack("<I", self.board.peek(self.board.symbol(symbol), 4))
         return int(value)
 
-    def _calibrated(self, packed: bytes) -> int:
-        """What `sw_ecu_calibrate` answers to an `sw_calibration`."""
-        self.board.poke(_SCRATCH, packed)
-        answer = self.board.call("sw_ecu_calibrate", self._place, _SCRATCH)
+    def _asked(self, function: str, packed: Any) -> int:
+        """What a function of the ECU answers to a struct; its state after that is mirrored."""
+        self.board.poke(_SCRATCH, bytes(packed))
+        answer = self.board.call(function, self._place, _SCRATCH)
         self._load()
         return answer
-
-    def _restored(self, place: Any) -> int:
-        """Into the board's memory; only the delay is judged."""
-        if place.memory.frozen != self._ecu.state.memory.frozen:
-            return 1
-        self._ecu.state = place[0]
-        self._ecu.trace.planned = self._ecu.trace.interventions = 0
-        self._ecu.trace.action = place.memory.under_way[place.memory.frozen]
-        self.board.poke(self._place, bytes(self.structs.ffi.buffer(self._ecu, self._mirrored)))
-        return 0
 
     def _load(self) -> None:
         """The ECU in the board's memory, but for its workspace, into the mirror of it."""

@@ -33,7 +33,6 @@ class CanController:
 
     Attributes:
         sent: frames that left, oldest first, with the time at which they did.
-        lost: received frames for which the FIFO had no room.
     """
 
     def __init__(self) -> None:
@@ -45,7 +44,6 @@ class CanController:
         self._health, self._went_off = HEALTHY, 0
         self.now_ns = 0
         self.sent: list[Frame] = []
-        self.lost = 0
 
     @property
     def bit_rates(self) -> tuple[float, float]:
@@ -60,11 +58,6 @@ class CanController:
         """Frames that FIFO 0 still takes."""
         return min(self._kept[_RXF0C] >> 16 & 127, 64) - self._level
 
-    @property
-    def wakes(self) -> bool:
-        """Whether its interrupt is pending."""
-        return bool(self._interrupts & self._kept[0x54] and self._kept[0x5C] & 1)
-
     def surround(self, health: BusHealth) -> None:
         """What the bus has made of its error counters; each time that it went bus-off since sets INIT."""
         self._went_off += max(health.bus_off - self._health.bus_off, 0)
@@ -74,12 +67,12 @@ class CanController:
 
     def receive(self, frame: Frame) -> None:
         """A frame from the bus; one that no filter names, or for which there is no room, is dropped."""
-        if self._control & _INIT or not self._accepts(frame):
+        # What the bus has brought came before the controller went off, or after that.
+        if (self._control & _INIT and not self._went_off) or not self._accepts(frame):
             return
         self._interrupts |= 1
         if self.room <= 0:
             self._interrupts |= 8
-            self.lost += 1
             return
         size = self._kept[_RXF0C] >> 16 & 127
         at = (self._kept[_RXF0C] & 0xFFFC) + (self._get + self._level) % size * 4 * _ELEMENT_WORDS

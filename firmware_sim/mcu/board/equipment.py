@@ -1,10 +1,6 @@
 """What a board gets at production, compiled into its firmware: `sw_board_equipment.h`."""
 
-from typing import Final
-
 from contract.release.signing import PublicKey
-
-HEADER: Final = "sw_board_equipment.h"
 
 
 def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardware: str, serial: str) -> bytes:

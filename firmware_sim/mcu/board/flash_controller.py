@@ -66,7 +66,6 @@ class FlashController:
 
     Attributes:
         operations: so far, erased sectors and programmed words.
-        erased, words: of them.
     """
 
     def __init__(self, bank: FlashBank, changed: Callable[[int, int], None], *, cut_at: int = 0, seed: int = 0) -> None:
@@ -74,11 +73,7 @@ class FlashController:
         self._random = random.Random(seed)
         self._keys, self._control, self._status, self._fault = 0, _LOCK, 0, 0
         self._buffer: dict[int, bytes] = {}
-        self.erased = self.words = 0
-
-    @property
-    def operations(self) -> int:
-        return self.erased + self.words
+        self.operations = 0
 
     def read(self, offset: int) -> int:
         """A register of the bank's block."""
@@ -133,27 +128,25 @@ class FlashController:
         self._fault = offset // WORD
 
     def _erase(self, sector: int) -> None:
-        bank, places = self.bank, slice(sector * SECTOR // WORD, (sector + 1) * SECTOR // WORD)
-        start, end = sector * SECTOR, (sector + 1) * SECTOR
-        self.erased += 1
-        is_cut = self.operations == self._cut_at
+        is_cut = self._begins()
         left = self._random.randbytes(SECTOR) if is_cut else b"\xff" * SECTOR
-        bank.content[start:end] = left
-        bank.programmed[places] = bytes([2 if is_cut else 0]) * (SECTOR // WORD)
-        self._changed(start, SECTOR)
-        if is_cut:
-            raise PowerCut
+        self._change(sector * SECTOR, left, bytes([2 if is_cut else 0]) * (SECTOR // WORD), is_cut=is_cut)
 
     def _program(self, at: int, data: bytes) -> None:
-        bank = self.bank
-        self.words += 1
-        is_cut = self.operations == self._cut_at
+        is_cut, bank = self._begins(), self.bank
         if is_cut:
-            done = self._random.randbytes(WORD)
-            data = bytes(byte | kept for byte, kept in zip(data, done, strict=True))
-        place = slice(at, at + WORD)
-        bank.content[place] = bytes(byte & old for byte, old in zip(data, bank.content[place], strict=True))
-        bank.programmed[at // WORD] = 2 if is_cut or bank.programmed[at // WORD] else 1
-        self._changed(at, WORD)
+            data = bytes(byte | kept for byte, kept in zip(data, self._random.randbytes(WORD), strict=True))
+        left = bytes(byte & old for byte, old in zip(data, bank.content[at : at + WORD], strict=True))
+        self._change(at, left, b"\2" if is_cut or bank.programmed[at // WORD] else b"\1", is_cut=is_cut)
+
+    def _begins(self) -> bool:
+        """Whether the supply fails in this operation."""
+        self.operations += 1
+        return self.operations == self._cut_at
+
+    def _change(self, at: int, content: bytes, programmed: bytes, *, is_cut: bool) -> None:
+        self.bank.content[at : at + len(content)] = content
+        self.bank.programmed[at // WORD : at // WORD + len(programmed)] = programmed
+        self._changed(at, len(content))
         if is_cut:
             raise PowerCut

@@ -7,17 +7,21 @@ from udsoncan.client import Client
 from udsoncan.exceptions import TimeoutException
 
 from can_bridge.isotp.endpoint import Endpoint
+from can_bridge.tester.asking import Asking
+from can_bridge.tester.key_list import bring
 from can_bridge.tester.matching import answers
 from can_bridge.tester.sequence import Flashed, flash
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from contract.release import controller_image, signing
-from export.to_c.board_files import board_sources
 from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
 from firmware_sim.in_c.c_ecu import ecu_sources
 from firmware_sim.in_c.c_image import controller_image as image_of
 from firmware_sim.in_c.c_image import read_packed
-from firmware_sim.mcu.board import equipment
 from firmware_sim.mcu.board.board_ecu import BoardEcu
+from firmware_sim.mcu.board.equipment import equipment_header
+from firmware_sim.mcu.board.flash_controller import FlashBank
+from firmware_sim.mcu.build import EQUIPMENT
+from firmware_sim.mcu.elf import Firmware
 from tests.can_bridge.flashing.releases import RELEASE, ROOT
 from tests.can_bridge.flashing.store_ecu import KEY, SECRET
 from tests.can_bridge.tester.direct_connection import DirectConnection
@@ -27,20 +31,29 @@ NS, TICK_NS = 1_000_000_000, 1_000_000
 
 
 class Built:
-    """Of one release: the firmware's sources, and images by name and security version."""
+    """Of one release: the firmware's sources, boards, and images by name and security version."""
 
     def __init__(self, release: Exported) -> None:
         library = ecu_sources(release.folder, release.bundle, CONFIG)
         self._bundle, self._files = release.bundle, library | read_packed(release.folder)
         vehicle = controller_image.read(self.image("one")).facts.vehicle
-        made = equipment.equipment_header(signing.public_key(ROOT), SECRET, vehicle, "bench", "0815")
-        self.sources = library | board_sources(loader=True) | {equipment.HEADER: made}
+        made = equipment_header(signing.public_key(ROOT), SECRET, vehicle, "bench", "0815")
+        self.sources, self.own = library, {EQUIPMENT: made}
+
+    def ecu(self, bank: FlashBank | None = None, firmware: Firmware | None = None) -> BoardEcu:
+        """A board just powered on."""
+        return BoardEcu(self.sources, own=self.own, bank=bank, firmware=firmware)
 
     def image(self, name: str, version: int = 1) -> bytes:
         """With a digest of its own."""
         manifest = replace(self._bundle.manifest, name=name, security_version=version)
-        bundle = replace(self._bundle, manifest=manifest, digest=f"{version:064x}")
+        bundle = replace(self._bundle, manifest=manifest, digest=self.digest(version).hex())
         return image_of(self._files, bundle, CONFIG, RELEASE)
+
+    @staticmethod
+    def digest(version: int) -> bytes:
+        """Of a release by its security version."""
+        return bytes([version]) * 32
 
 
 class BoardLine(DirectConnection):
@@ -80,6 +93,11 @@ class BoardLine(DirectConnection):
                     return payload
             self._tick(until_ns + 1)
         raise TimeoutException
+
+    def provision(self, keys: bytes, image: bytes) -> None:
+        """A key list and a first release for a fresh board."""
+        bring(Asking(Client(self), key=KEY.answer, clock=self.clock, sleep=self.sleep), keys)
+        self.flash(image)
 
     def flash(self, image: bytes) -> Flashed:
         """The tester's whole sequence."""

@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from contract.errors import McuError
-from export.to_c.board_files import board_sources
 from firmware_sim.mcu.board.board import BANK, Board
 from firmware_sim.mcu.board.flash_controller import SECTOR, WORD, FlashBank, PowerCut
 from firmware_sim.mcu.board.small_parts import SystemReset
@@ -15,14 +14,13 @@ from firmware_sim.mcu.elf import Firmware, read_elf
 pytestmark = pytest.mark.mcu
 WORDS = [bytes(range(k, k + WORD)) for k in (1, 60)]
 CALLED = Path(__file__).with_name("c").joinpath("flash_calls.c").read_bytes()
-KEPT = b"EXTERN(vectors sw_ecu_calibrate test_erase test_program test_read test_word test_random test_reset"
+KEPT = b"EXTERN(vectors test_erase test_program test_read test_word test_store test_byte test_random test_reset"
 
 
 @pytest.fixture(scope="module")
 def firmware(sources) -> Firmware:
-    sources = sources | board_sources() | {"sw_board_main.c": CALLED}
-    script = sources["sw_board.ld"].replace(b"EXTERN(vectors sw_board_ecu sw_board_steps sw_ecu_calibrate", KEPT)
-    return read_elf(compile_board(sources | {"sw_board.ld": script}))
+    script = sources["board/sw_board.ld"].replace(b"EXTERN(vectors sw_board_ecu sw_board_steps", KEPT)
+    return read_elf(compile_board(sources, {"sw_board_main.c": CALLED, "sw_board.ld": script}))
 
 
 class Driven:
@@ -65,7 +63,7 @@ def test_words_are_written_once_and_sectors_are_erased(firmware):
     assert driven.program(at, WORDS[1]) == 0
     assert driven.read(at) == (0, WORDS[1] + b"\xff" * WORD)
     assert driven.read(0) == (0, b"\xff" * 64)
-    assert (driven.board.flash.erased, driven.board.flash.words) == (1, 1)
+    assert driven.board.flash.operations == 2
 
 
 def test_what_the_driver_refuses_never_reaches_the_memory(firmware):
@@ -101,6 +99,21 @@ def test_a_supply_that_fails_leaves_what_is_torn(firmware, cut_at):
     # A bit that was to stay set is set; of the others some are.
     assert all(byte & kept == kept for byte, kept in zip(torn, WORDS[cut_at - 2], strict=False))
     assert torn != WORDS[cut_at - 2]
+
+
+@pytest.mark.parametrize(
+    ("function", "address", "complaint"),
+    [
+        ("test_store", 0x6000_0000, "the core stopped at 0x8"),
+        ("test_store", 0x4000_A010, "no register to write at 0x10"),
+        ("test_store", 0x5200_2164, "no register to write at 0x64"),
+        ("test_store", 0x4000_A01C, "without INIT and CCE"),
+        ("test_byte", 0x4000_A018, "accessed with 1 bytes"),
+    ],
+)
+def test_what_is_not_modelled_is_an_error_in_one_line(firmware, function, address, complaint):
+    with pytest.raises(McuError, match=complaint):
+        Driven(firmware).board.call(function, address)
 
 
 def test_random_numbers_and_the_reset(firmware):

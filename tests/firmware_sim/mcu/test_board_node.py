@@ -1,8 +1,7 @@
-"""Loader, diagnosis and ECU on the emulated board: flashed over CAN by a tester, and cut in every flash operation."""
+"""Loader, diagnosis and ECU on the emulated board: flashed over CAN by a tester, and the supply that fails."""
 
-import zlib
+from collections import Counter
 from itertools import count
-from typing import Any
 
 import pytest
 
@@ -15,13 +14,13 @@ from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND
 from can_bridge.wire.messages import Mode, Reason
 from contract.errors import McuError
 from firmware_sim.mcu.board.board_ecu import BoardEcu
-from firmware_sim.mcu.board.flash_controller import FlashBank, FlashController, PowerCut
+from firmware_sim.mcu.board.flash_controller import FlashBank
 from firmware_sim.mcu.board.on_a_bus import LONGEST_NS, read_bank, serve
 from tests.can_bridge.flashing.releases import keys
-from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Feed
+from tests.firmware_sim.ecu_in_c import WINDOW, Feed
 from tests.firmware_sim.mcu.board_node import BoardLine, Built
-from tests.firmware_sim.mcu.test_board import host_of
-from tests.firmware_sim.mcu.test_ecu_machine import fuses
+from tests.firmware_sim.mcu.test_board import fuses, host_of
+from tests.proofs.board_cuts import WRONG, Cuts
 
 pytestmark = pytest.mark.mcu
 
@@ -33,27 +32,25 @@ def built(release) -> Built:
 
 @pytest.fixture(scope="module")
 def fresh(built) -> BoardEcu:
-    return BoardEcu(built.sources)
+    return built.ecu()
 
 
 @pytest.fixture(scope="module")
 def provisioned(built, fresh) -> bytes:
     """The flash of a board that runs its first release."""
-    board = BoardEcu(built.sources, firmware=fresh.firmware)
-    board.provision(keys(), built.image("one"))
+    board = built.ecu(firmware=fresh.firmware)
+    BoardLine(board).provision(keys(), built.image("one"))
     return board.board.flash.bank.pack()
 
 
-def on(built: Built, fresh: BoardEcu, packed: bytes, **facts: int) -> BoardEcu:
-    return BoardEcu(built.sources, firmware=fresh.firmware, bank=FlashBank.unpack(packed), **facts)
+def on(built: Built, fresh: BoardEcu, packed: bytes) -> BoardEcu:
+    return built.ecu(FlashBank.unpack(packed), fresh.firmware)
 
 
 def test_a_fresh_board_keeps_its_jets_shut_and_says_why(built, fresh):
     for now_ns, frames in Feed().periods(3):
         assert [one.frame_id for one in fresh.step(now_ns, frames)] == [JET_COMMAND.frame_id, ECU_STATUS.frame_id]
     assert (fresh.trace.mode, fresh.state.fail_safe.reason) == (Mode.FAULT, Reason.NO_RELEASE)
-    with pytest.raises(McuError, match="sw_store_take_keys: the board's store answers"):
-        fresh.provision(keys()[:-1] + b"!", built.image("one"))
 
 
 @fuses
@@ -78,38 +75,14 @@ def test_a_release_that_was_flashed_over_can_controls_as_on_the_host(built, fres
 
 
 @pytest.mark.proofs
-def test_a_cut_in_any_operation_of_the_flash_leaves_a_board_that_runs(built, fresh, provisioned, monkeypatch):
-    """By the machine code of loader and driver; what each cut leaves torn is taken from one sequence without a cut."""
-    left: list[bytes] = []
-
-    def recorded(name: str) -> None:
-        operation = getattr(FlashController, name)
-
-        def cut_and_done(self: FlashController, *arguments: Any) -> None:
-            bank = FlashBank.unpack(self.bank.pack())
-            with pytest.raises(PowerCut):
-                operation(FlashController(bank, lambda *_: None, cut_at=1, seed=len(left)), *arguments)
-            left.append(zlib.compress(bank.pack(), 1))
-            operation(self, *arguments)
-
-        monkeypatch.setattr(FlashController, name, cut_and_done)
-
-    board = on(built, fresh, provisioned)
-    for name in ("_erase", "_program"):
-        recorded(name)
-    assert BoardLine(board).flash(built.image("two", 2)).end is End.CONFIRMED
-    monkeypatch.undo()
-    cuts, bricked, unfinished = 0, [], []
-    for packed in map(zlib.decompress, left):
-        cuts += 1
-        board = on(built, fresh, packed)
-        board.advance(CONFIG.period_ns)
-        if board.state.fail_safe.reason is Reason.NO_RELEASE:
-            bricked.append(cuts)
-        if cuts % 8 == 0 and BoardLine(board).flash(built.image("two", 2)).end not in (End.CONFIRMED, End.ALREADY):
-            unfinished.append(cuts)
-    assert (bricked, unfinished) == ([], []), cuts
-    assert cuts > 150
+def test_a_cut_in_any_operation_of_the_flash_leaves_a_board_that_runs(built, fresh):
+    """Some of those that `python -m tests.proofs.board_cuts` runs."""
+    cuts = Cuts(built, fresh.firmware)
+    left = cuts.left(built)
+    assert len(left) > 150
+    found = sum((cuts.after(left[k], k, flashes=k % 7 == 0) for k in range(0, len(left), 31)), Counter())
+    assert [found[name] for name in WRONG] == [0] * len(WRONG), found
+    assert found["ran_old"] > 0
 
 
 def test_a_board_on_a_bus_answers_and_its_flash_is_kept_in_a_file(built, fresh, tmp_path):

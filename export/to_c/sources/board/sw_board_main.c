@@ -134,7 +134,7 @@ static int is_due(const sw_board_period *period, int64_t now_ns)
 
 static void step(sw_board_period *period, int64_t now_ns)
 {
-    sw_frame answers[ANSWERS];
+    static sw_frame answers[ANSWERS];
     const int sent = control(now_ns, period->count, answers);
     for (int i = 0; i < sent; i++) (void)sw_board_can_send(&answers[i]);
     const int64_t next_ns = now_ns + (int64_t)SW_PERIOD_NS;

@@ -10,6 +10,10 @@ int test_program(uint32_t address) { return sw_board_flash.program(0, address, t
 int test_read(uint32_t address) { return sw_board_flash.read(0, address, test_data, 64); }
 int test_word(uint32_t address);
 int test_word(uint32_t address) { return *(const volatile int *)(uintptr_t)address; }
+int test_store(uint32_t address);
+int test_store(uint32_t address) { SW_BOARD_REGISTER(address) = 1u; return 0; }
+int test_byte(uint32_t address);
+int test_byte(uint32_t address) { return *(const volatile uint8_t *)(uintptr_t)address; }
 int test_random(void);
 int test_random(void) { uint8_t failed; return (int)sw_board_random(&failed) + failed; }
 int test_reset(void);

@@ -10,6 +10,7 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig, SensorCheckConfig
+from contract.controller.c_folder import BOARD
 from contract.controller.image_payload import with_layout
 from contract.release.bundle import load
 from examples.random_programs import random_program
@@ -49,5 +50,6 @@ def exported(built_for, random_release) -> dict[str, bytes]:
 @pytest.fixture(scope="session")
 def folder(exported) -> dict[str, bytes]:
     """The same flat and without documents: the tests' compiler takes no folders in folders."""
-    taken = {name: text for name, text in exported.items() if name.endswith((".c", ".h", ".ld"))}
+    names = [name for name in exported if name.endswith((".c", ".h", ".ld")) and name.split("/")[0] not in BOARD]
+    taken = {name: exported[name] for name in names}
     return without({Path(name).name: text for name, text in taken.items()}, "replay.c")
