@@ -35,9 +35,18 @@ def main(
     images: Annotated[int, typer.Option(help="Images that are altered.", min=1)] = 50_000,
     calls: Annotated[int, typer.Option(help="Calls of the store, at random.", min=1)] = 20_000,
     seconds: Annotated[int, typer.Option(help="Second cuts in the recovery from each first one.", min=0)] = 2,
+    eighths: Annotated[int, typer.Option(help="Of all operations, in which the supply is cut.", min=1, max=8)] = 8,
+    faults: Annotated[bool, typer.Option(help="Plant faults in the store, and count its branches, too.")] = True,
 ) -> None:
     """Compare, cut and fuzz; then print what was lost or differed, which must be nothing."""
-    storage = storage_figures(seed=seed, processes=processes, images=images, calls=calls, seconds=seconds)
+    sizes_of: dict[str, Any] = {
+        "images": images,
+        "calls": calls,
+        "seconds": seconds,
+        "eighths": eighths,
+        "faults": faults,
+    }
+    storage = storage_figures(seed=seed, processes=processes, **sizes_of)
     differences, compared = list[str](), 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -55,7 +64,7 @@ def main(
         }  # fmt: skip
     report(
         json_file, "loader in C", figures, packages=("stillwake", "cryptography"), seed=seed, programs=programs,
-        images=images, calls=calls, seconds=seconds,
+        **sizes_of,
     )  # fmt: skip
     if different or storage["first_findings"] or any(fuzzed[name] for name in VIOLATIONS):
         raise StillwakeError(f"{different} differ, {fuzzed}: {[*differences, *storage['first_findings']][:1]}")

@@ -24,7 +24,9 @@ CALLS: Final = 200
 _IMAGES: Final = 5_000
 
 
-def storage_figures(*, seed: int, processes: int, images: int, calls: int, seconds: int) -> dict[str, Any]:
+def storage_figures(
+    *, seed: int, processes: int, images: int, calls: int, seconds: int, eighths: int = 8, faults: bool = True
+) -> dict[str, Any]:
     """All figures.
 
     Args:
@@ -33,26 +35,28 @@ def storage_figures(*, seed: int, processes: int, images: int, calls: int, secon
         images: that are altered.
         calls: at random.
         seconds: second cuts in the recovery from each first one.
+        eighths: of the flash memory's operations, in which the supply is cut.
+        faults: whether faults are planted, and branches counted, too.
     """
     cuts, findings, verdicts, different = Counter[str](), list[str](), Counter[str](), list[str]()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         store, program = built(folder / "store.so"), built(folder / "fuzz", flags=SANITISED)
-        for counts, found in in_parts(partial(_cuts, store, seed, seconds), 8, 1, processes, "cuts"):
+        for counts, found in in_parts(partial(_cuts, store, seed, seconds), eighths, 1, processes, "cuts"):
             cuts.update(counts)
             findings += found
         called = sum(in_parts(partial(_called, store, seed), calls, CALLS, processes, "calls"))
         for counts, found in in_parts(partial(_judged, program, seed), images, _IMAGES, processes, "images"):
             verdicts.update(counts)
             different += found
-        planted = track(store_planted.PLANTED, "planted", "faults")
+        planted = track(store_planted.PLANTED if faults else (), "planted", "faults")
         figures: dict[str, Any] = {
             **cuts, "first_findings": findings[:10], "calls": called, "images": images,
             "image_verdicts": dict(verdicts), "image_mismatches": len(different),
-            "planted": len(store_planted.PLANTED),
+            "planted": len(store_planted.PLANTED) if faults else 0,
             "planted_missed": [one.what for one in planted if not store_planted.is_found(one, folder)],
         }  # fmt: skip
-        if is_possible():
+        if faults and is_possible():
             taken = branches_taken(folder / "branches", exercise)
             missed = sorted({at for at, count in taken if count == 0})
             figures |= {"branches": len(taken), "branches_taken": sum(count > 0 for _, count in taken)}
