@@ -106,6 +106,8 @@ def transfers(rng: Random, of: World) -> Plan:
     yield from each(head + bytes(3) + b"\1" + length, head + bytes(4) + bytes(4), head + bytes(4) + length)
     yield from each(head + bytes(4) + length, head + bytes(4) + bytes(4), head + b"\0\0\0\1" + length)
     yield b"\x36\x01" + image[:4078]
+    if rng.random() < 0.3:
+        yield routine(Routine.ERASE, length + bytes(31) + rng.randbytes(1))
     yield from each(*rng.choices((b"\x36\x01" + image[:4078], b"\x36\x02" + bytes(4000), b"\x36\x03a", b"\x37"), k=4))
     yield b"\x36\x02" + image[4078:]
     yield from each(
