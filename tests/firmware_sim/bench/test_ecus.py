@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.ecu.lockstep import Lockstep
 from contract.errors import ConfigError
-from firmware_sim.bench.ecus import CORTEX_M7, C, check_ecu, loop_ecu
+from firmware_sim.bench.ecus import CORTEX_M7, CORTEX_M7_BOARD, C, check_ecu, loop_ecu
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.ecu.stepped import LoopEcu
@@ -50,7 +50,7 @@ def test_the_core_sends_and_keeps_what_the_host_does_in_its_own_time(release, so
 @pytest.mark.mcu
 def test_a_core_that_is_too_slow_leaves_periods_out(release, sources):
     """At a clock at which a plan takes more than a period, every second period at least is left out."""
-    log = run(release, loop_ecu(CORTEX_M7, sources, clock_mhz=2.0))
+    log = run(release, loop_ecu(CORTEX_M7_BOARD, sources, clock_mhz=2.0))
     ecu, rows = log.metadata.ecu, dict(service_rows(log))
     assert ecu.modelled_ms is not None and ecu.modelled_ms > CONFIG.period_ns / 1e6
     assert rows["ECU"] == "in C, on an emulated Cortex-M7 at 2 MHz"
