@@ -71,6 +71,7 @@ def story(rng: Random, of: World, steps: int) -> Plan:
         # Others come amid the work, more than there is room for.
         report = 3 * b"\xfd\x01"
         yield lambda program: program.burst(wanted[0], b"\x3e\x80", b"\x3e\x00", b"\x3e", b"\x11\x01", b"\x3f\x80")
+        yield lambda program: program.wait(30 * MS)
         yield lambda program: program.burst(*(rng.choice((1, 10)) * [b"\x22" + report]))
     yield from each(*wanted[:steps])
     if steps > len(wanted):
