@@ -1,16 +1,14 @@
 """A board with the loader, images for it, and a tester that reaches it through its CAN controller, in virtual time."""
 
-from collections import deque
 from dataclasses import replace
+from typing import Any
 
 from udsoncan.client import Client
-from udsoncan.exceptions import TimeoutException
 
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.tester.asking import Asking
 from can_bridge.tester.key_list import bring
-from can_bridge.tester.matching import answers
-from can_bridge.tester.sequence import Flashed, flash
+from can_bridge.tester.sequence import Flashed
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from contract.release import controller_image, signing
 from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
@@ -24,10 +22,10 @@ from firmware_sim.mcu.build import EQUIPMENT
 from firmware_sim.mcu.elf import Firmware
 from tests.can_bridge.flashing.releases import RELEASE, ROOT
 from tests.can_bridge.flashing.store_ecu import KEY, SECRET
-from tests.can_bridge.tester.direct_connection import DirectConnection
+from tests.can_bridge.tester.line import Line, flash_over
 from tests.firmware_sim.ecu_in_c import CONFIG, Exported
 
-NS, TICK_NS = 1_000_000_000, 1_000_000
+TICK_NS = 1_000_000
 
 
 class Built:
@@ -56,59 +54,37 @@ class Built:
         return bytes([version]) * 32
 
 
-class BoardLine(DirectConnection):
-    """udsoncan's connection by ISO-TP through the board's registers.
+class BoardLine(Line):
+    """A tester's connection by ISO-TP through the board's registers; its time is the board's."""
 
-    Attributes:
-        frames: in both directions.
-    """
-
-    def __init__(self, ecu: BoardEcu) -> None:
-        super().__init__()
-        self.ecu, self.frames = ecu, 0
+    def __init__(self, board: BoardEcu) -> None:
+        super().__init__(self)
+        self.server: Any = self
+        self.is_dead = self.is_reset = False
+        self._board, self.time.now_ns = board, board.board.counter.now_ns
         self._end = Endpoint(isotp_settings(CONFIG.bus, receive_id=RESPONSE_ID, send_id=REQUEST_ID))
-        self._request, self._waiting = b"", deque[bytes]()
 
-    def clock(self) -> float:
-        return self.ecu.board.counter.now_ns / NS
+    def power_on(self) -> None:
+        """Nothing to be done: a reset is the firmware's own."""
 
-    def sleep(self, seconds: float) -> None:
-        until_ns = self.ecu.board.counter.now_ns + round(seconds * NS)
-        while self.ecu.board.counter.now_ns < until_ns:
-            self._tick(until_ns)
-
-    def empty_rxqueue(self) -> None:
-        self._waiting.clear()
-
-    def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
-        self._request = payload
+    def request(self, _now_ns: int, payload: bytes) -> list[bytes]:
+        """Begin to send it."""
         self._end.send(payload)
+        return []
 
-    def specific_wait_frame(self, timeout: float | None = None) -> bytes:
-        until_ns = self.ecu.board.counter.now_ns + round((timeout or 0.0) * NS)
-        while self.ecu.board.counter.now_ns <= until_ns:
-            while self._waiting:
-                payload = self._waiting.popleft()
-                if answers(self._request, payload):
-                    return payload
-            self._tick(until_ns + 1)
-        raise TimeoutException
+    def tick(self, until_ns: int) -> list[bytes]:
+        """What has come until then, a millisecond at a time."""
+        while (now_ns := self._board.board.counter.now_ns) < until_ns:
+            for frame in self._board.advance(min(until_ns, now_ns + TICK_NS), self._end.poll(now_ns)):
+                if frame.frame_id == RESPONSE_ID:
+                    self._end.receive(self._board.board.counter.now_ns, frame)
+        return self._end.take()
 
     def provision(self, keys: bytes, image: bytes) -> None:
         """A key list and a first release for a fresh board."""
-        bring(Asking(Client(self), key=KEY.answer, clock=self.clock, sleep=self.sleep), keys)
+        bring(Asking(Client(self), key=KEY.answer, clock=self.time.clock, sleep=self.time.sleep), keys)
         self.flash(image)
 
     def flash(self, image: bytes) -> Flashed:
         """The tester's whole sequence."""
-        return flash(Client(self), image, key=KEY.answer, clock=self.clock, sleep=self.sleep)
-
-    def _tick(self, until_ns: int) -> None:
-        now_ns = self.ecu.board.counter.now_ns
-        asked = self._end.poll(now_ns)
-        sent = self.ecu.advance(min(until_ns, now_ns + TICK_NS), asked)
-        heard = [frame for frame in sent if frame.frame_id == RESPONSE_ID]
-        for frame in heard:
-            self._end.receive(self.ecu.board.counter.now_ns, frame)
-        self.frames += len(asked) + len(heard)
-        self._waiting.extend(self._end.take())
+        return flash_over(self, image)
