@@ -50,8 +50,8 @@ def board(
     sources = ecu_sources(library, release, config)
     vehicle = controller_image.read(image_of(sources | read_packed(library), release, config, None)).facts.vehicle
     header = equipment_header(signing.read_public_key(root), read_secret(access), vehicle, hardware, serial)
-    console.print("building the firmware", soft_wrap=True)
+    console.print("building the firmware")
     ecu = BoardEcu(sources, own={EQUIPMENT: header}, bank=bank)
     with PythonCanBus.open(config.bus) as port, until_stopped() as is_stopped:
-        console.print(f"board {serial}: running, flash in {flash}; stop with Ctrl-C", soft_wrap=True, markup=False)
+        console.print(f"board {serial}: running, flash in {flash}; stop with Ctrl-C")
         serve(ecu, port, flash, clock_ns=time.monotonic_ns, wait=lambda: time.sleep(0.001), is_stopped=is_stopped)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 from rich.progress import Progress, TaskID
-from rich.table import Table
 
 from contract.config.controller import CostWeights
 from contract.config.loading import Loaded
@@ -19,11 +18,10 @@ from contract.config.tree import Config
 from contract.controller.calibration import Calibration
 from contract.errors import ConfigError, LibraryError, StillwakeError
 from contract.release.checks import Bundle
-from contract.results import write_result
-from stillwake.console.outputs import check_json
-from stillwake.console.settings import WEIGHTS, settings
-from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar, visible
-from stillwake.parts.releases import Trust, describe, open_release
+from stillwake.console.outputs import check_json, save_json
+from stillwake.console.settings import REAL_BUS, WEIGHTS, settings
+from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, print_table, progress_bar, visible
+from stillwake.parts.releases import Library, Trust, describe, open_release
 
 if TYPE_CHECKING:
     from firmware_sim.ecu.stepped import LoopEcu
@@ -34,15 +32,7 @@ NOT_IN_CONTROL: Final = 3
 BELOW_REQUIREMENT: Final = 4
 """Exit status of a run that is whole, but did not reach the reduction that was asked for."""
 
-_BUS: Final = (
-    "bus.interface",
-    "bus.nominal_bitrate",
-    "bus.data_bitrate",
-    "bus.frames",
-    "bus.key",
-    "bus.background",
-    "bus.e2e",
-)
+_BUS: Final = (*(name for name in REAL_BUS if name != "bus.channel"), "bus.key", "bus.background")
 """All but the channel: a bus in virtual time has none."""
 _USES: Final = ("body", "operating_point", "flow", *_BUS, "ecu", "vehicle")
 PYTHON: Final = "python"
@@ -54,9 +44,7 @@ def run(
     output: Annotated[Path, typer.Argument(help="Run folder to write.")],
     bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
     trust: Trust = None,
-    library: Annotated[
-        Path | None, typer.Option(help="Run this C library of the bundle's (`export --c`) in place of ONNX Runtime.")
-    ] = None,
+    library: Library = None,
     ecu: Annotated[
         str,
         typer.Option(help="ECU that runs: python, c (on this machine) or cortex-m7 (an emulated board)."),
@@ -161,48 +149,38 @@ def run(
         config = replace(config, flow=driven.substeps(config.flow, config.operating_point))
     if controlled is None:
         controlled = 100.0 if driven is None else driven.duration_s / config.operating_point.convective_time
-    console.print(*describe(release), sep="\n", soft_wrap=True)
+    console.print(*describe(release), sep="\n")
     if config.ecu.sensor_check.enabled and release.manifest.sensor_estimator is None:
-        console.print("sensor check: off, this bundle has no sensor estimator", soft_wrap=True)
+        console.print("sensor check: off, this bundle has no sensor estimator")
     controller, in_c = None, None
     if ecu != PYTHON:
         in_c = _ecu_in_c(ecu, library, release, config, clock_mhz=clock_mhz)
-        console.print(f"ECU {ecu}: {in_c.computed_by}", soft_wrap=True, markup=False)
+        console.print(f"ECU {ecu}: {in_c.computed_by}")
     elif library is not None:
         controller = open_library(library, release)
-        console.print(f"library {library}: {controller.description}", soft_wrap=True, markup=False)
+        console.print(f"library {library}: {controller.description}")
     waiting = ExitStack()
     bars: list[tuple[Progress, TaskID]] = []
 
-    def shown() -> tuple[Progress, TaskID]:
+    def show(
+        done: float, total: float, note: str = "", description: str = "closed loop", *, at_once: bool = True
+    ) -> None:
         # From when there is something to wait for: an error before that is one line, without an empty bar.
         if not bars:
             bar = waiting.enter_context(progress_bar("periods"))
-            bars.append((bar, bar.add_task("closed loop", total=None, note="")))
-        return bars[0]
+            bars.append((bar, bar.add_task(description, total=None, note="")))
+        bar, task = bars[0]
+        bar.update(task, description=description, completed=done, total=total, note=note, refresh=at_once)
 
-    def ready(total: int) -> None:
-        bar, task = shown()
-        bar.update(task, description="closed loop", completed=0, total=total, note=_STARTING, refresh=True)
-
-    def show(row: Row, done: int, total: int) -> None:
-        bar, task = shown()
-        bar.update(task, completed=done, total=total, note=f"{Mode(row.mode).name} Cd {row.sample.Cd:.3f}")
-
-    def show_without(done: int, total: int) -> None:
-        bar, task = shown()
-        bar.update(task, description="without control", completed=done, total=total, note="")
-
-    def show_start(t: float, total: float) -> None:
-        bar, task = shown()
-        bar.update(task, completed=round(t, 1), total=total, note="t_c of the wake's start", refresh=True)
+    def show_period(row: Row, done: int, total: int) -> None:
+        show(done, total, f"{Mode(row.mode).name} Cd {row.sample.Cd:.3f}", at_once=False)
 
     flow = open_plant(
         "openfoam" if plant == "openfoam" else "stillwake",
         output,
         config,
         lead_in + controlled,
-        show_start,
+        lambda t, total: show(round(t, 1), total, "t_c of the wake's start"),
         start=start,
     )
     with waiting:
@@ -215,15 +193,15 @@ def run(
             settle=settle,
             averages=not no_averages,
             drive=driven,
-            progress_without=show_without,
+            progress_without=lambda done, total: show(done, total, description="without control", at_once=False),
             calibration=calibration,
             origin=RunOrigin.on(
                 date.today(),
                 command=("stillwake", *(visible(shlex.quote(word)) for word in sys.argv[1:])),
                 start=None if start is None else visible(str(start)),
             ),
-            ready=ready,
-            progress=show,
+            ready=lambda total: show(0, total, _STARTING),
+            progress=show_period,
             plant=flow,
             controller=controller,
             faults=disturbances,
@@ -231,10 +209,9 @@ def run(
             ecu=in_c,
             report=write_report,
         )
-    if json_file is not None:
-        write_result(json_file, figures=summary(log), facts=log.metadata.to_tree(), on=date.today())
+    save_json(json_file, figures=summary(log), facts=log.metadata.to_tree())
     _print(log)
-    console.print(f"wrote {folder.report} and {folder.summary}", soft_wrap=True)
+    console.print(f"wrote {folder.report} and {folder.summary}")
     exit_with(log, require_reduction)
 
 
@@ -253,7 +230,7 @@ def _ecu_in_c(kind: str, library: Path | None, release: Bundle, config: Config, 
     if library is None:
         if release.digest != open_release(None, None).digest:
             raise LibraryError(f"--ecu {kind}: name the bundle's C library with --library (`stillwake export --c`)")
-        console.print("making the C library of the shipped model, as `stillwake export --c` does", soft_wrap=True)
+        console.print("making the C library of the shipped model, as `stillwake export --c` does")
     with library_folder(library) as folder:
         sources = ecu_sources(folder, release, config)
     return loop_ecu(kind, sources, clock_mhz=clock_mhz)
@@ -286,17 +263,17 @@ def report(
             raise ConfigError(f"{len(runs)} runs: name the page that compares them with --output FILE.html")
         if picture is not None or csv is not None:
             raise ConfigError("--picture and --csv are of one run: give one folder")
-        console.print(f"wrote {write_comparison(runs, output)}", soft_wrap=True, markup=False)
+        console.print(f"wrote {write_comparison(runs, output)}")
         return
     if picture is not None:
         check_suffix(picture)
-    console.print(f"wrote {write_report(runs[0], output)}", soft_wrap=True, markup=False)
+    console.print(f"wrote {write_report(runs[0], output)}")
     if picture is not None:
         write_picture(runs[0], picture)
-        console.print(f"wrote {picture}", soft_wrap=True)
+        console.print(f"wrote {picture}")
     if csv is not None:
         write_csv(csv, load(runs[0].series))
-        console.print(f"wrote {csv}", soft_wrap=True)
+        console.print(f"wrote {csv}")
 
 
 def asked_calibration(loaded: Loaded, release: Bundle) -> Calibration:
@@ -331,16 +308,10 @@ def _print(log: "RunLog") -> None:
 
     warning = trouble(log)
     if warning is not None:
-        console.print(warning, style="bold red", soft_wrap=True, markup=False, highlight=False)
-    table = Table("", "uncontrolled", "controlled", title=warning, title_style="bold red")
-    for label, before, under in drag_rows(log):
-        table.add_row(label, before, under)
-    service = Table("bus and ECU", "")
-    for label, value in service_rows(log):
-        service.add_row(label, value)
-    for item in (table, service):
-        console.print(item)
-    console.print(headline(log), soft_wrap=True, markup=False)
+        console.print(warning, style="bold red")
+    print_table("", "uncontrolled", "controlled", rows=drag_rows(log), title=warning, title_style="bold red")
+    print_table("bus and ECU", "", rows=service_rows(log))
+    console.print(headline(log))
 
 
 def exit_with(log: "RunLog", required: float | None) -> None:
@@ -354,7 +325,7 @@ def exit_with(log: "RunLog", required: float | None) -> None:
         reached = (figures["drive"] or figures)["reduction_percent"]
         if failed or reached is None or reached < required:
             measured = "no reduction can be claimed" if reached is None else f"it is {reached:.2f} %"
-            console.print(f"--require-reduction {required:g}: not reached, {measured}", soft_wrap=True)
+            console.print(f"--require-reduction {required:g}: not reached, {measured}")
             raise typer.Exit(BELOW_REQUIREMENT)
     if failed:
         raise typer.Exit(NOT_IN_CONTROL)
