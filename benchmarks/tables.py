@@ -37,7 +37,7 @@ SOURCES = {
     "adjoint": "adjoint", "authentication": "bus", "bus_faults": "bus_loss_05", "bus_runs": "bus_secured",
     "campaign_paper": "campaign", "can_load": "can_load_fd", "codec": "bus_studies", "controller": "controller",
     "controller_loop": "controller_loop", "controller_narrow": "controller_narrow", "environment": "roads",
-    "flips": "bus_studies", "limits": "limit_latency", "live": "live_speed",
+    "flash_c": "flash_c", "flips": "bus_studies", "limits": "limit_latency", "live": "live_speed",
     "mcu_release": "mcu", "monitor": "monitor", "roads": "roads",
     "release_distributions": "release_figures",
     "sensor_check_alarms": "sensor_check", "sensor_check_faults": "sensor_check", "square": "square",

@@ -20,6 +20,7 @@ def tables(results: Path) -> dict[str, str]:
     found = read(results / "flash.json")
     return {
         "flash_proof": proof(found, read(results / "flash_memory.json")["figures"]),
+        "flash_c": in_c(read(results / "flash_c.json")),
         "flash_times": times(read(results / "flash_times.json")),
     }
 
@@ -40,6 +41,27 @@ def proof(found: dict[str, Any], memory: dict[str, Any]) -> str:
 
 Folder: measured on {found["date"]} with {facts["versions"]["stillwake"]}; {which} is cut in {facts["seeds"]} ways. The
 second cuts are drawn by the seed. Flash memory: each is cut in one way; its power-ons and losses include a folder's."""
+
+
+def in_c(found: dict[str, Any]) -> str:
+    """The loader in C: what its proof counted, and what it takes."""
+    of = found["figures"]
+    texts = {
+        "cuts_depth_1": "first cuts of the supply",
+        "cuts_depth_2": "second cuts, in the recovery from a first one",
+        "bricked": "recoveries after which no release ran",
+        "confirmed_lost": "confirmed images that were lost or changed",
+        "images": "altered images that were judged in both languages",
+        "calls": "calls of the store at random, in both",
+        "calls_compared": "control periods and looks at diagnosis, in both",
+        "mismatches": "differences",
+        "fuzz_requests": "hostile requests under sanitisers, without a complaint",
+        "loader_flash_kib": "flash, KiB (-Os, Cortex-M7)",
+        "loader_ram_kib": "RAM without the ECU's and without stack, KiB",
+        "stack_b": "stack along the deepest chain of calls, bytes, without the drivers'",
+    }
+    cut = f"The supply was cut in {found['facts']['eighths']} of 8 operations of the flash memory."
+    return f"{table(('', 'figure'), [(text, of[name]) for name, text in texts.items()])}\n\n{cut}"
 
 
 def times(found: dict[str, Any]) -> str:
