@@ -55,6 +55,7 @@ from firmware_sim.mcu.emulator import Machine
 settings = Settings.of(sources)
 firmware = read_elf(compile_for_cortex_m7(sources))
 machine = Machine(firmware)
+counter = machine.block_counter(CORTEX_M7)
 machine.call("mcu_reset")
 window = settings.number("SW_WINDOW")
 for row in recorded[: window - 1]:
@@ -62,7 +63,8 @@ for row in recorded[: window - 1]:
     machine.call("mcu_push")
 machine.write("mcu_row", recorded[window - 1].astype("<f4").tobytes())
 machine.paint_stack()
-blocks = machine.call_counted("mcu_step")
+counter.start()
+machine.call("mcu_step")
 stack = machine.stack_depth()
 
 action = np.frombuffer(machine.read("mcu_output", 4), dtype="<f4")[0]
@@ -117,15 +119,13 @@ from collections import Counter
 
 from rich.table import Table
 
-pipeline = machine.pipeline(CORTEX_M7)
 starts = sorted((address & ~1, name) for name, address in firmware.symbols.items() if not name.startswith("$"))
 addresses = [address for address, _ in starts]
 cycles: Counter[str] = Counter()
 instructions = 0
-for (address, size), times in blocks.items():
-    block = pipeline.block(address, size)
-    cycles[starts[bisect_right(addresses, address) - 1][1]] += times * block.cycles
-    instructions += times * block.instructions
+for address, block_instructions, block_cycles in counter.blocks():
+    cycles[starts[bisect_right(addresses, address) - 1][1]] += block_cycles
+    instructions += block_instructions
 period_ms = config.period_ns / 1e6
 table = Table("one control step", "")
 table.add_row("multiply-accumulates", f"{settings.multiply_accumulates() / 1e6:.2f} M")

@@ -5,6 +5,7 @@ One in Python takes a hundred times as long as the emulation itself.
 
 import ctypes
 import tempfile
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -71,7 +72,11 @@ class BlockCounter:
 
     def total(self) -> tuple[int, int]:
         """Instructions and modelled cycles since then."""
-        instructions = cycles = 0
+        blocks = list(self.blocks())
+        return sum(instructions for _, instructions, _ in blocks), sum(cycles for _, _, cycles in blocks)
+
+    def blocks(self) -> Iterator[tuple[int, int, int]]:
+        """Address, instructions and modelled cycles of each block that ran since then, all its runs together."""
         places = np.flatnonzero(self._counts)
         found = zip(places.tolist(), self._counts[places].tolist(), self._sizes[places].tolist(), strict=True)
         for place, count, size in found:
@@ -79,7 +84,5 @@ class BlockCounter:
             if block not in self._modelled:
                 modelled = self._pipeline.block(self._origin + 2 * place, size)
                 self._modelled[block] = modelled.instructions, modelled.cycles
-            one = self._modelled[block]
-            instructions += count * one[0]
-            cycles += count * one[1]
-        return instructions, cycles
+            instructions, cycles = self._modelled[block]
+            yield self._origin + 2 * place, count * instructions, count * cycles

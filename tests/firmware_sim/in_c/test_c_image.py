@@ -49,6 +49,7 @@ def made(kind: str, seed: int):
         files = library_of(rounded_on(program, windows) if kind == "int8" else program, windows)
     bundle = load(BUNDLE)
     estimator, mpc = bundle.manifest.sensor_estimator, bundle.manifest.mpc
+    assert estimator is not None
     manifest = replace(
         bundle.manifest,
         program_sha256=Settings.of(files).text("SW_PROGRAM_SHA256"),

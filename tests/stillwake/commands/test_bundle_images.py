@@ -1,6 +1,7 @@
 """Controller images as people see them: what one holds, and in what two differ."""
 
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +27,9 @@ def image_of(*, first=1.5, scale=1, alignment=16, key=None, **changes):
         struct="sw_release", members={"fast": np.array([first, 2.0]), "base": np.arange(3, dtype=np.uint8)}
     )
     rows = scale * np.arange(10, dtype=np.int8).reshape(2, 5)
-    weights = Numbers(struct="sw_weights", members={"mean": np.float32([3, 4]), "rows": rows}, alignment=alignment)
+    weights = Numbers(
+        struct="sw_weights", members={"mean": np.array([3, 4], dtype=np.float32), "rows": rows}, alignment=alignment
+    )
     ecu = {**release.settings("SW_RELEASE"), "SW_PAST": 0, "SW_SENSOR_CHECK": 0, "SW_HOLD_PERIODS": 3}
     program = {"SW_PROGRAM_SHA256": f"{scale}", "SW_PRECISION": "int8", "SW_SENSOR_NAMES": "left right"}
     files = {
@@ -35,9 +38,10 @@ def image_of(*, first=1.5, scale=1, alignment=16, key=None, **changes):
         RELEASE: release.packed(),
         WEIGHTS: weights.packed(),
     }
-    facts = {"name": "small", "hardware": None, "security_version": 0, "action_limit": 0.075, "sensors": 2}
+    facts: dict[str, Any] = {"name": "small", "hardware": None, "security_version": 0, "action_limit": 0.075}
     facts |= {"layout": sha256_of(layout_of(files)), "dbc": bytes(32), "digest": bytes(32), "period_ns": 20_000_000}
-    return seal(payload_of(files), ImageFacts(**facts | {"operating_point": (2.5, 25.0, 1.2)} | changes), key)
+    facts |= {"sensors": 2, "operating_point": (2.5, 25.0, 1.2), **changes}
+    return seal(payload_of(files), ImageFacts(**facts), key)
 
 
 def test_what_two_images_differ_in_is_named(tmp_path, cli, refused, monkeypatch):

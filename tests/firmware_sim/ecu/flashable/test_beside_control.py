@@ -8,6 +8,7 @@ import pytest
 from can_bridge.uds.services import REQUEST_ID
 from can_bridge.wire.frame import FD_LENGTHS, Frame
 from can_bridge.wire.messages import Mode, Reason
+from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.flashable.diagnostic_link import MOST_FRAMES
@@ -47,7 +48,7 @@ def test_neither_a_tester_that_asks_nor_a_flood_changes_a_bit_of_the_commands(tm
     assert len({command.flow_m2_per_s for command in rig.commands}) > 10
     # What the ECU without a store answers to the same pressures at the same times.
     bundle = rig.ecu.boot.bundle
-    assert bundle is not None
+    assert isinstance(bundle, Bundle)
     plain = Ecu(bundle, OnnxController.of(bundle), UNCHECKED)
     assert [sent for _, _, sent in rig.controls] == [plain.step(now_ns, frames) for now_ns, frames, _ in rig.controls]
     # It still answers, too.

@@ -116,7 +116,7 @@ def test_the_end_of_the_session_leads_back_to_the_release_before(rig: Rig, end: 
         rig.run(200)
     assert rig.ecu.resets == 1
     assert rig.ecu.boot.bundle is not None
-    assert rig.ecu.boot.bundle.manifest.name == "first"
+    assert rig.ecu.boot.bundle.name == "first"
     assert rig.statuses[-1].reason is not Reason.UPDATING
     rig.programming()
     assert 0 < rig.announce(second) <= received

@@ -72,7 +72,7 @@ def test_a_release_that_fails_it_is_logged_and_can_be_given_up(tmp_path: Path) -
     rig.good(REVERT)
     rig.reset()
     assert rig.ecu.boot.bundle is not None
-    assert rig.ecu.boot.bundle.manifest.name == "first"
+    assert rig.ecu.boot.bundle.name == "first"
 
 
 @pytest.mark.slow
