@@ -14,6 +14,7 @@ from udsoncan.client import Client
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Nrc
 from can_bridge.wire.messages import Reason
+from stillwake.console.terminal import console
 from tests.can_bridge.tester.line import Line
 from tests.can_bridge.uds.scripted_ecu import Bench, ScriptedEcu
 from tests.can_bridge.uds.test_faults import Memory
@@ -40,7 +41,8 @@ def memory(monkeypatch) -> Memory:
     return made
 
 
-def test_faults_are_shown_and_cleared_while_the_jets_are_shut(cli, memory, tmp_path):
+def test_faults_are_shown_and_cleared_while_the_jets_are_shut(cli, memory, tmp_path, monkeypatch):
+    monkeypatch.setattr(console, "_width", 160)
     assert cli("diagnose", "faults", *BUS).out.strip() == "no faults"
     for reason in (Reason.STREAM_LOST, Reason.CLOCK):
         memory.note(reason)
