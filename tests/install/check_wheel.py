@@ -9,8 +9,8 @@ import sys
 import zipfile
 from pathlib import Path
 
-MOST_BYTES = 1_500_000
-"""Sources and the DBC have 0.85 MB, the shipped bundle 0.06. A recording or a flow state would burst it."""
+MOST_BYTES = 1_600_000
+"""Sources have 1.4 MB, with the loader in C, the shipped bundle 0.1. A recording or a flow state would burst it."""
 DATA = (".h5", ".npz", ".npy", ".hdf5")
 NEEDED = (
     "contract/stillwake.dbc",

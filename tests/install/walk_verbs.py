@@ -85,6 +85,10 @@ CALLS = (
     call("flash", BUNDLE, "--bus", "virtual:walk", "--access", "access.key", needs=["flash"]),
     call("flash-keys keys.list --bus virtual:walk --access access.key", needs=["flash"]),
     call("calibrate --bus virtual:walk --access access.key lift=0.2", needs=["flash"]),
+    call("diagnose faults --bus virtual:walk", needs=["flash"]),
+    call("diagnose pdx ecu.pdx"),
+    # It runs until it is stopped: here it refuses a library that is not there.
+    call("ecu board flash.bin --library none --root keys/release.pub --access access.key", *UDP, status=1),
     call("run run --lead-in 6 --controlled 1 --no-averages", needs=["sim"]),
     call("run run_in_c --ecu c", needs=["sim", "train"]),
     call("report run --picture run.png", needs=["sim"]),
