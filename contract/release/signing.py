@@ -28,8 +28,6 @@ from contract.errors import KeyFileError
 
 PRIVATE_KEY: Final = "release.key"
 PUBLIC_KEY: Final = "release.pub"
-SIGNATURE_LENGTH: Final = 230
-"""Bytes of the signature file."""
 
 _TEXT: Final = re.compile(rb"stillwake-signature/1\nkey ([0-9a-f]{64})\nsignature ([0-9a-f]{128})\n")
 _SMALL_ORDER: Final = frozenset(

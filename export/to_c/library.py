@@ -4,7 +4,6 @@ The generated text is numbers only: `sw_settings.h` and `sw_weights.c` (`contrac
 """
 
 from collections.abc import Mapping
-from importlib.resources import files
 from typing import Any, Final, overload
 
 import numpy as np
@@ -27,7 +26,7 @@ from export.reference.specification import AnyProgram
 from export.to_c.float32_arrays import LANES, Values, float_arrays, prior_settings
 from export.to_c.int8_arrays import int8_arrays
 from export.to_c.int8_format import c_constants
-from export.to_c.loader_files import loader_sources
+from export.to_c.source_folders import loader_sources, sources_in
 
 ALIGNMENTS: Final = {"int8": 16, "float32": 64}
 """Bytes at multiples of which the arrays begin: a word of Cortex-M or a vector register, and a cache line."""
@@ -97,12 +96,12 @@ def _in_c(name: str, values: Values) -> npt.NDArray[Any]:
 
 def static_sources(precision: Precision) -> dict[str, bytes]:
     """The control step's sources that are the same for every program."""
-    return _sources_in("common", "networks", precision)
+    return sources_in("common", "networks", precision)
 
 
 def linear_sources() -> dict[str, bytes]:
     """The same of a linear controller."""
-    return _sources_in("common", "linear")
+    return sources_in("common", "linear")
 
 
 def ecu_sources() -> dict[str, bytes]:
@@ -111,18 +110,8 @@ def ecu_sources() -> dict[str, bytes]:
 
     What is generated for one of each is not among them: `sw_ecu_settings.h` (`firmware_sim.in_c.c_settings`).
     """
-    around = {"board": _sources_in("board"), "loader": loader_sources()}
-    return _sources_in("ecu") | {f"{part}/{name}": text for part in around for name, text in around[part].items()}
-
-
-def _sources_in(*folders: str) -> dict[str, bytes]:
-    root = files("export.to_c").joinpath("sources")
-    return {
-        item.name: item.read_bytes()
-        for folder in folders
-        for item in root.joinpath(folder).iterdir()
-        if item.name.endswith((".c", ".h", ".ld"))
-    }
+    around = {"board": sources_in("board"), "loader": loader_sources()}
+    return sources_in("ecu") | {f"{part}/{name}": text for part in around for name, text in around[part].items()}
 
 
 def settings(program: ControllerProgram, precision: Precision) -> dict[str, int | str | np.float32]:
@@ -172,5 +161,4 @@ def example_sources() -> dict[str, bytes]:
 
     What one of them plays is generated: `examples/pressures.h` (`firmware_sim.in_c.c_examples`).
     """
-    root = files("export.to_c").joinpath("sources/examples")
-    return {f"examples/{item.name}": item.read_bytes() for item in root.iterdir() if item.name.endswith((".c", ".ld"))}
+    return {f"examples/{name}": content for name, content in sources_in("examples").items()}

@@ -87,7 +87,7 @@ def write_fmu(path: Path, library: Path, release: Bundle, config: Config) -> Non
         LibraryError: the library has the control step alone, or does not compile.
         StillwakeError: the file cannot be written.
     """
-    from export.to_c.fmu import fmu_sources
+    from export.to_c.source_folders import fmu_sources
     from firmware_sim.fmu.ecu_fmu import ecu_fmu
 
     sources = read_sources(library)

@@ -22,7 +22,7 @@ from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.controller.c_folder import read_sources
 from contract.release import bundle
-from export.to_c.fmu import fmu_sources
+from export.to_c.source_folders import fmu_sources
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.fmu.ecu_fmu import ecu_fmu
 from firmware_sim.fmu.plant_fmu import plant_fmu

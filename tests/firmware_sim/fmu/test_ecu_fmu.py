@@ -20,7 +20,7 @@ from can_bridge.wire.message_sets import MessageSet, message_set
 from can_bridge.wire.messages import Mode, Pressure, Reason, VehicleSpeed
 from contract.config.vehicle import BusConfig
 from contract.release.manifest import SpeedRange
-from export.to_c.fmu import fmu_sources
+from export.to_c.source_folders import fmu_sources
 from firmware_sim.fmu.ecu_fmu import FLAGS, ecu_fmu
 from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
 from firmware_sim.in_c.compiler import compile_c, host_compiler

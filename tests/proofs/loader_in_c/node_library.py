@@ -10,7 +10,7 @@ from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
 from contract.errors import LibraryError
 from contract.release.checks import Bundle
-from export.to_c.loader_files import loader_sources
+from export.to_c.source_folders import loader_sources
 from firmware_sim.in_c.c_structs import Structs
 from firmware_sim.in_c.compiler import STANDARD, host_compiler
 from firmware_sim.in_c.uds_settings import HEADER, uds_settings

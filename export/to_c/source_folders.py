@@ -1,0 +1,28 @@
+"""The hand-written sources in C, by the folders of `sources` that they stand in."""
+
+from importlib.resources import files
+
+
+def sources_in(*folders: str) -> dict[str, bytes]:
+    """Their sources, headers and linker scripts by name."""
+    root = files("export.to_c").joinpath("sources")
+    return {
+        item.name: item.read_bytes()
+        for folder in folders
+        for item in root.joinpath(folder).iterdir()
+        if item.name.endswith((".c", ".h", ".ld"))
+    }
+
+
+def loader_sources() -> dict[str, bytes]:
+    """The loader with diagnosis, the same for every program and vehicle, to be compiled with a library's sources.
+
+    Monocypher's sources are included by one of these and not compiled: their names end in `_c.h`.
+    """
+    foreign = sources_in("loader/vendor")
+    return sources_in("loader") | {name.replace(".c", "_c.h"): content for name, content in foreign.items()}
+
+
+def fmu_sources() -> dict[str, bytes]:
+    """The FMU around the ECU. Generated for a release: `sw_fmu_settings.h` (`firmware_sim.fmu.ecu_variables`)."""
+    return sources_in("fmu")
