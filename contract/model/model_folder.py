@@ -27,7 +27,7 @@ from contract.errors import ConfigError, ModelError
 from contract.model.tensor_folder import WEIGHTS as WEIGHTS
 from contract.model.tensor_folder import FolderKind
 from contract.model.tensor_folder import Tensors as Tensors
-from contract.release.manifest import Scaling
+from contract.release.manifest import RestingWake, Scaling
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from contract.typed import typed
@@ -40,6 +40,8 @@ TEACHER: Final = "encoder"
 SLIM: Final = "slim"
 PRIOR: Final = "prior"
 """What the controller's plan starts from, where a model was refined (`train.refinement`)."""
+RESTING: Final = "resting"
+"""The tensor of the prior that no network has: (K, 3) speeds, base and swing of the wake without jets."""
 PREDICTOR: Final = ("dynamics", "decoder")
 """Networks that a model may hold a second time, narrower, with `SLIM` in front of the name."""
 
@@ -128,6 +130,22 @@ class ModelFolder:
     def deployed(self, name: str) -> dict[str, npt.NDArray[Any]]:
         """The tensors of `dynamics` or `decoder` that go on the vehicle: the narrower ones where there are any."""
         return self.network(f"{SLIM}_{name}") or self.network(name)
+
+    @property
+    def prior(self) -> dict[str, npt.NDArray[Any]]:
+        """The tensors of the plan's prior; empty without one."""
+        return {name: value for name, value in self.network(PRIOR).items() if name != RESTING}
+
+    @property
+    def resting(self) -> RestingWake | None:
+        """The wake without jets by speed; None of a model for one speed. Raises ModelError for another shape."""
+        table = self.tensors.get(f"{PRIOR}.{RESTING}")
+        if table is None:
+            return None
+        if table.ndim != 2 or table.shape[1] != 3:
+            raise ModelError(f"{PRIOR}.{RESTING}: shape {table.shape}, must be (speeds, 3)")
+        speeds, base, swing = map(tuple, table.T.astype(np.float64).tolist())
+        return RestingWake(speeds=speeds, base=base, swing=swing)
 
     @property
     def provenance(self) -> Provenance:

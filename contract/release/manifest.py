@@ -4,13 +4,14 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import date
+from itertools import pairwise
 from math import ceil, isfinite
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
-from contract.arrays import Index
+from contract.arrays import Array, Index
 from contract.config.controller import MpcConfig
 from contract.config.operating_point import OperatingPoint
 from contract.controller.interface import Sizes
@@ -22,14 +23,16 @@ from contract.release.strict_json import digest_of
 from contract.sensor_layout import SensorLayout
 from contract.typed import typed
 
-SCHEMA: Final = "stillwake-bundle/7"
-"""The one that is read: older ones do not state for which speeds they are made."""
+SCHEMA: Final = "stillwake-bundle/8"
+"""The one that is read: older ones do not state what the wake is without jets at their speeds."""
 FIRST_SECURITY_VERSION: Final = 1
 """Security version of a release that nothing was raised for: the least that an ECU with a store takes."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
 MANIFEST: Final = "manifest.json"
 MAX_STEPS: Final = 10_000
 """Longest window and horizon: hundreds of times the release's, and still no burden to allocate."""
+MAX_RESTING: Final = 100
+"""Most speeds of the wake without jets: the ECU looks through them in every period."""
 Precision = Literal["float32", "int8"]
 """Type of the weights; arithmetic is float32 in either `controller.onnx`."""
 PRECISIONS: Final[tuple[Precision, ...]] = get_args(Precision)
@@ -96,6 +99,27 @@ class SpeedRange:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RestingWake:
+    """The wake without jets by the vehicle's speed: what the ECU's benefit check compares pressures with.
+
+    Attributes:
+        speeds: (K,) in design speeds, rising.
+        base: (K,) mean pressure of the release's sensors on the base, in Cp.
+        swing: (K,) mean magnitude of the differences of its mirrored sensors, in Cp.
+    """
+
+    speeds: tuple[float, ...]
+    base: tuple[float, ...]
+    swing: tuple[float, ...]
+
+    def shares(self) -> Array:
+        """(K, 3): speeds, and there base and swing as shares of what they are at the design speed."""
+        at = np.array([self.base, self.swing])
+        design = [np.interp(1.0, self.speeds, row) for row in at]
+        return np.column_stack([self.speeds, *(at / np.array(design)[:, None])])
+
+
+@dataclass(frozen=True, kw_only=True)
 class Manifest:
     """What the controller in a bundle assumes about the vehicle around it.
 
@@ -124,6 +148,7 @@ class Manifest:
         hardware: name of the ECU hardware that it may be flashed to; None for any.
         speeds: for which the ECU gives it a past at steps of the present speed; None for the operating point's alone,
             whatever the vehicle's is.
+        resting: of a release for a range of speeds; None takes the wake without jets to be the same at all speeds.
     """
 
     name: str
@@ -147,6 +172,7 @@ class Manifest:
     security_version: int = 0
     hardware: str | None = None
     speeds: SpeedRange | None = None
+    resting: RestingWake | None = None
 
     @property
     def past(self) -> int:
@@ -192,6 +218,8 @@ class Manifest:
         speeds = self.speeds
         if speeds is not None and not 0.1 <= speeds.slowest <= 1.0 <= speeds.fastest <= 10.0:
             yield f"speeds = {speeds.slowest!r}..{speeds.fastest!r}: must hold 1 and lie in 0.1..10"
+        if self.resting is not None:
+            yield from _unlike_a_wake(self.resting)
         for name, wanted in (("pressure_mean", count), ("pressure_std", count), ("force_mean", 2), ("force_std", 2)):
             if len(getattr(scaling, name)) != wanted:
                 yield f"scaling.{name} has {len(getattr(scaling, name))} values: must have {wanted}"
@@ -224,6 +252,19 @@ def _not_positive(what: str, *values: float) -> Iterator[str]:
     for value in values:
         if not (value > 0 and isfinite(value)):
             yield f"{what} {value!r}: must be positive and finite"
+
+
+def _unlike_a_wake(resting: RestingWake) -> Iterator[str]:
+    count = len(resting.speeds)
+    for name in ("base", "swing"):
+        if len(getattr(resting, name)) != count or not 0 < count <= MAX_RESTING:
+            yield f"resting.{name}: must have a value for each of 1 to {MAX_RESTING} speeds"
+    yield from _not_positive("resting.speeds:", *resting.speeds)
+    if any(after <= before for before, after in pairwise(resting.speeds)):
+        yield f"resting.speeds = {resting.speeds!r}: must rise"
+    yield from _not_positive("resting.swing:", *resting.swing)
+    # A share of the design speed's has no meaning across a change of sign.
+    yield from _not_positive("resting.base, of a wake's suction: minus", *(-value for value in resting.base))
 
 
 class Opened(NamedTuple):

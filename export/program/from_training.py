@@ -5,7 +5,7 @@ the wide dynamics and decoder where the model holds slim ones (`slim_dynamics.`,
 """
 
 from contract.config.controller import MpcConfig
-from contract.model.model_folder import PRIOR, SLIM, ModelFolder
+from contract.model.model_folder import SLIM, ModelFolder
 from export.program.controller_program import ControllerProgram
 
 
@@ -21,5 +21,5 @@ def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
         action_limit=about.config.flow.action_limit,
         sensors=about.sensors,
         encoder_rows=about.config.model.window,
-        prior=model.network(PRIOR),
+        prior=model.prior,
     )

@@ -13,7 +13,7 @@ from contract.model.model_folder import Provenance
 from contract.release import bundle
 from contract.release.bundle import MadeEstimator, with_estimator
 from contract.release.checks import CONTROLLER
-from contract.release.manifest import FIRST_SECURITY_VERSION, Manifest, SpeedRange
+from contract.release.manifest import FIRST_SECURITY_VERSION, Manifest, RestingWake, SpeedRange
 from export.release.gated import Gated
 
 
@@ -59,6 +59,7 @@ def write_release(
     vehicle: Vehicle,
     provenance: Provenance,
     positions: tuple[tuple[float, float], ...] | None = None,
+    resting: RestingWake | None = None,
     key: Ed25519PrivateKey | None = None,
     estimator: Callable[[Manifest], MadeEstimator] | None = None,
 ) -> None:
@@ -68,6 +69,7 @@ def write_release(
     Args:
         provenance: of the training; the gates' figures are added under `export`.
         positions: (x, y) of every sensor in the body's reference length, if they are known.
+        resting: the wake without jets by speed, if it is known.
         key: to sign the release with; unsigned if None.
         estimator: makes a sensor estimator for the manifest; the ECU does not check its sensors without one.
     """
@@ -93,6 +95,7 @@ def write_release(
         provenance={**provenance.training(), "export": asdict(gated.graph)},
         security_version=FIRST_SECURITY_VERSION,
         speeds=speeds_of(provenance),
+        resting=resting,
     )
     contents = {CONTROLLER: lowered.graph}
     if estimator is not None:

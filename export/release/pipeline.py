@@ -30,7 +30,7 @@ from contract.recording.needs import LEAST_CALIBRATION, windows_in
 from contract.release import bundle
 from contract.release.bundle import MadeEstimator
 from contract.release.checks import Bundle
-from contract.release.manifest import PRECISIONS, Manifest
+from contract.release.manifest import PRECISIONS, Manifest, RestingWake
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from export.int8.calibrate import rounded_on
@@ -71,6 +71,7 @@ class _Made:
     windows: list[Array]
     provenance: Provenance
     positions: tuple[tuple[float, float], ...] | None
+    resting: RestingWake | None = None
 
 
 def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
@@ -185,6 +186,7 @@ def export_all(
         vehicle=Vehicle.of(config),
         provenance=made.provenance,
         positions=made.positions,
+        resting=made.resting,
         key=key,
         estimator=estimator,
     )
@@ -256,7 +258,13 @@ def _of_networks(
     lowered, windows = _lowered(program, episodes, precision, with_library=with_library, phase=phase)
     chosen = about.layout.positions[about.layout.indices(about.sensors)]
     positions = tuple((float(x), float(y)) for x, y in chosen)
-    return _Made(lowered=lowered, windows=windows, provenance=trained.provenance, positions=positions)
+    return _Made(
+        lowered=lowered,
+        windows=windows,
+        provenance=trained.provenance,
+        positions=positions,
+        resting=trained.resting,
+    )
 
 
 def _of_linear(

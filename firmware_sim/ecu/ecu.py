@@ -204,7 +204,7 @@ class Ecu:
             received = received._replace(cp=None)
         memory = self._with_row(self._after_silence(state.memory, timing), received.cp, speed)
         sensors, memory, sensor_fault = self._checked(state.sensors, memory, received, timing.skipped)
-        benefit, no_benefit = self._judged(state, memory, usable=received.cp is not None)
+        benefit, no_benefit = self._judged(state, memory, speed, usable=received.cp is not None)
         bus_off = _bus_fault(state.health, health)
         inputs = PeriodInputs(
             usable=usable,
@@ -289,7 +289,7 @@ class Ecu:
             return memory.emptied()
         if cp is None:
             return memory.bridged(self._longest_gap)
-        return memory.observed(cp, 1.0 if speed.ratio is None else speed.ratio)
+        return memory.observed(cp, speed.present)
 
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
@@ -305,13 +305,14 @@ class Ecu:
         return after, memory, fault
 
     def _judged(
-        self, state: EcuState, memory: ControllerMemory, *, usable: bool
+        self, state: EcuState, memory: ControllerMemory, speed: SpeedState, *, usable: bool
     ) -> tuple[BenefitCheckState, Reason | None]:
         """The benefit check after this period, and why the jets must shut; a sensor set aside has its estimate."""
         if self._benefit_check is None:
             return state.benefit, None
         cp = memory.window[-1, :-1] if usable else None
-        return self._benefit_check.next(state.benefit, cp, drives=state.fail_safe.mode.drives_jets)
+        drives = state.fail_safe.mode.drives_jets
+        return self._benefit_check.next(state.benefit, cp, drives=drives, speed=speed.present)
 
     def _as_sent(self, flow_m2_per_s: float) -> float:
         """The action that a command leads to, in U_inf W: the nearest step of the wire."""

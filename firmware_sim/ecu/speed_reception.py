@@ -42,6 +42,11 @@ class SpeedState:
     verifier: VerifierState = field(default_factory=VerifierState)
     receiver: ReceiverState = field(default_factory=ReceiverState)
 
+    @property
+    def present(self) -> float:
+        """In design speeds; the design speed where no other one is known."""
+        return 1.0 if self.ratio is None else self.ratio
+
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedReception:

@@ -27,7 +27,7 @@ from contract.release import manifest as manifests
 from contract.release.checks import Bundle
 from contract.release.manifest import Manifest
 from firmware_sim.ecu import sensor_check
-from firmware_sim.ecu.benefit_check import BenefitCheck
+from firmware_sim.ecu.benefit_check import BenefitCheck, resting_of
 from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.fit import check_vehicle
 from firmware_sim.ecu.other_ecu import SILENCE_NS
@@ -155,6 +155,7 @@ def release_numbers(bundle: Bundle, config: Config) -> Numbers:
     members = {
         "fast_deviation": nothing if estimator is None else np.array(estimator.fast),
         "slow_deviation": nothing if estimator is None else np.array(estimator.slow),
+        "resting": np.array(resting_of(manifest)),
         "slowest": np.array(0.0 if speeds is None else speeds.slowest),
         "fastest": np.array(0.0 if speeds is None else speeds.fastest),
         "design_speed": np.array(float(point.speed)),
@@ -170,10 +171,11 @@ def release_numbers(bundle: Bundle, config: Config) -> Numbers:
 
 
 def _of_release(numbers: Numbers) -> dict[str, int | float | str]:
-    sizes = {name: len(numbers.members[name]) for name in ("base", "pairs", "reserved")}
+    sizes = {name: len(numbers.members[name]) for name in ("base", "pairs", "resting", "reserved")}
     return {
         "SW_BASES": sizes["base"],
         "SW_MIRRORED_PAIRS": sizes["pairs"],
+        "SW_RESTING_SPEEDS": sizes["resting"],
         "SW_RELEASE_RESERVED": sizes["reserved"],
         "SW_RELEASE": numbers.initialiser.replace("\n", " "),
         "SW_RELEASE_AS_PACKED": numbers.as_packed,

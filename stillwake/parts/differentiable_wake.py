@@ -27,6 +27,8 @@ from wake.truck.truck_wake import TruckWake
 MEMORY_MB: Final = 7000.0
 """Bound of the tape, in 10^6 bytes: 125 control periods take 2000 on the mesh of the refinement, 6900 on the default
 one; beyond it the tape computes again."""
+AT_REST: Final = 60.0
+"""Convective times in which the wake without jets settles at a speed, and as long an average: twelve cycles."""
 
 
 class DifferentiableWake:
@@ -65,6 +67,26 @@ class DifferentiableWake:
     def state(self) -> FlowState:
         """Where the flow is."""
         return FlowState(flat=self.plant.flow.flat.copy(), action=self.plant.action)
+
+    def at_rest(self, state: FlowState, speed: float, over: float = AT_REST) -> tuple[float, float] | None:
+        """Means of base pressure and of the differences' magnitude without jets; None without a sensor on the base.
+
+        Args:
+            over: for which the wake settles, and then is averaged, in convective times of the speed.
+        """
+        on_base = np.isin(self._columns, self.plant.layout.base)
+        if not on_base.any():
+            return None
+        periods = round(over / speed / self._config.control_period)
+        plant = TruckWake(self._config, body=self.plant.body)
+        plant.config = replace(self._config, substeps=ceil(self._config.substeps * max(1.0, speed)))
+        plant.reset(State(flat=state.flat, substep=0, action=0.0))
+        plant.scale(speed)
+        plant.wind = lambda t: speed - 1.0
+        for _ in range(periods):
+            plant.advance(0.0)
+        rows = np.array([plant.advance(0.0).Cp[self._columns] for _ in range(periods)]) / speed**2
+        return float(rows[:, on_base].mean()), float(np.abs(rows[:, ::2] - rows[:, 1::2]).mean())
 
     @property
     def _speed(self) -> float:

@@ -22,6 +22,7 @@ class Phase(StrEnum):
     LESSONS = "lessons", "roll out the teacher"
     PREDICTOR = "predictor", "distil predictor"
     REFINE = "refine", "through the flow"
+    REST = "rest", "wake without jets"
 
     def __new__(cls, value: str, label: str) -> "Phase":
         phase = str.__new__(cls, value)

@@ -68,6 +68,21 @@ class DifferentiableFlow(Protocol):
         """Where the flow is, for a later `begin`."""
         ...
 
+    def at_rest(self, state: FlowState, speed: float) -> tuple[float, float] | None:
+        """The mean pressure on the base and the mean magnitude of the differences, in Cp, of the wake without jets.
+
+        Args:
+            state: a developed wake of the design speed.
+            speed: steady, in design speeds.
+
+        Returns:
+            None where none of the sensors is on the base.
+
+        Raises:
+            PlantError: the flow diverged.
+        """
+        ...
+
 
 class Iterations(Protocol):
     """The controller's fixed iterations from a prior's plan: its control step."""

@@ -14,13 +14,14 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError
 from contract.model import model_folder
+from contract.model.model_folder import RESTING
 from contract.recording import dataset
 from contract.recording.findings import trainable
 from train import model_store
 from train.distillation.evaluate import evaluate_model
 from train.fitting import unfinished
 from train.fitting.fit import Checkpoints
-from train.fitting.progress import Progress, silent
+from train.fitting.progress import Phase, Progress, silent
 from train.fitting.threads import torch_threads
 from train.fitting.unfinished import Identity
 from train.linear.differences import Series, check_pairs
@@ -34,6 +35,7 @@ from train.refinement.stretches import SideBySide
 from train.samples.rows import prepare
 from train.selection.choice import GIVEN, SensorChoice
 
+SPEEDS_AT_REST: Final = 9
 RIDGE: Final = 1e-6
 """Of the regression that predicts the next differences, as part of the regressors' mean squares."""
 
@@ -113,14 +115,32 @@ def refine_model(
             progress=progress,
             checkpoints=checkpoints,
         )
-        prior = {
+        prior: dict[str, Array] = {
             **refined.feedback.as_prior(),
             "predictor": predictor(refined.stretches, settings.refine.memory),
         }
+        resting = resting_by_speed(plant, starts[0], settings, progress)
+        if resting is not None:
+            prior[RESTING] = resting
         model = replace(model, config=settings, prior=prior, versions={**model.versions, **versions()})
         model_store.save(output, model)
     shutil.rmtree(folder, ignore_errors=True)
     return model, refined.periods
+
+
+def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Config, progress: Progress) -> Array | None:
+    """(K, 3): speeds of a range that is trained for, and there base and swing of the wake without jets."""
+    slowest, fastest = settings.refine.slowest, settings.refine.fastest
+    if slowest == fastest:
+        return None
+    speeds, rows = np.union1d(np.linspace(slowest, fastest, SPEEDS_AT_REST).round(6), [1.0]), []
+    for done, speed in enumerate(speeds, 1):
+        seen = flow.at_rest(start, float(speed))
+        if seen is None:
+            return None
+        rows.append((speed, *seen))
+        progress(Phase.REST, done, len(speeds), {})
+    return np.array(rows)
 
 
 def _begun(settings: Config, pairs: int, prior: Mapping[str, Array] | None) -> Feedback:

@@ -16,7 +16,7 @@ from contract.model.model_folder import Provenance
 from contract.release import bundle, signing
 from contract.release.bundle import MadeEstimator
 from contract.release.checks import CONTROLLER
-from contract.release.manifest import Manifest, SensorEstimator, SpeedRange
+from contract.release.manifest import Manifest, RestingWake, SensorEstimator, SpeedRange
 from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits
@@ -61,8 +61,19 @@ def release(path, lowerings: Gated, config=None, **changes) -> None:
 
 def test_the_speeds_that_a_prior_was_trained_at_are_the_releases(tmp_path, program):
     config = {"refine": {"slowest": 0.6, "fastest": 1.4}}
-    release(tmp_path / "release", gated(program, "float32"), config=config)
+    resting = RestingWake(speeds=(0.6, 1.4), base=(-0.3, -0.5), swing=(0.1, 0.3))
+    release(tmp_path / "release", gated(program, "float32"), config=config, resting=resting)
     manifest = bundle.load(tmp_path / "release").manifest
+    assert manifest.resting == resting
+    assert manifest.resting.shares() == pytest.approx(np.array([[0.6, 0.75, 0.5], [1.4, 1.25, 1.5]]))
+    for changed, refused in (
+        ({"speeds": (1.4, 0.6)}, "must rise"),
+        ({"base": (-0.3,)}, "resting.base: must have a value for each"),
+        ({"base": (-0.3, 0.1)}, "resting.base, of a wake's suction: minus -0.1: must be positive"),
+        ({"swing": (0.1, float("nan"))}, "resting.swing: nan"),
+    ):
+        with pytest.raises(BundleManifestError, match=refused):
+            replace(manifest, resting=replace(resting, **changed))
     assert manifest.speeds == SpeedRange(slowest=0.6, fastest=1.4)
     # 5 steps of the design speed last as long as 9 periods at the slowest.
     assert manifest.past == 10

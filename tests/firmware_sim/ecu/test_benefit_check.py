@@ -65,6 +65,31 @@ def test_control_that_takes_no_suction_away_is_ended_after_a_cycle_of_doubt_and_
         assert reasons == ([None] * 60 if helps else ended), cp
 
 
+def test_means_are_shares_of_the_wake_without_jets_at_the_speed_of_each_period():
+    """A wake that is what it was, at a speed where it sheds more, is no reason to doubt; nor is less of it a gain."""
+    check = replace(CHECK, resting=((0.8, 0.5, 0.25), (1.0, 1.0, 1.0), (1.4, 1.2, 1.4)))
+
+    def judged(speed: float, cp: np.ndarray) -> Reason | None:
+        state, reason = BenefitCheckState(), None
+        for _ in range(30):
+            state, _ = check.next(state, shaped(WITHOUT, 0.5, 0.25), drives=False, speed=0.7)
+        for _ in range(60):
+            state, reason = check.next(state, cp, drives=True, speed=speed)
+        return reason
+
+    def shaped(cp: np.ndarray, base: float, swing: float) -> np.ndarray:
+        """With the base's mean and the differences so many times as large."""
+        mean = np.repeat(cp.reshape(2, 2).mean(axis=1), 2)
+        return mean * np.array([1.0, 1.0, base, base]) + swing * (cp - mean)
+
+    for speed, base, swing in ((0.7, 0.5, 0.25), (0.9, 0.75, 0.625), (1.0, 1.0, 1.0), (1.2, 1.1, 1.2), (1.5, 1.2, 1.4)):
+        assert judged(speed, shaped(WITHOUT, 0.89 * base, swing)) is None
+        assert judged(speed, shaped(WITHOUT, 0.91 * base, swing)) is Reason.NOT_HELPING
+        # The second bound: mirrored sensors differ more than without control.
+        assert judged(speed, shaped(WITHOUT, 0.5 * base, 1.14 * swing)) is None
+        assert judged(speed, shaped(WITHOUT, 0.5 * base, 1.16 * swing)) is Reason.NOT_HELPING
+
+
 def test_periods_without_pressures_judge_nothing_and_control_begins_anew_with_no_doubt():
     rested, _ = run(BenefitCheckState(), WITHOUT, 30, drives=False)
     doubted, _ = run(rested, WITHOUT, CONFIG.first_period + 2, drives=True)

@@ -7,7 +7,7 @@ from contract.config.tree import Config
 from contract.config.vehicle import BenefitCheckConfig, BusConfig, E2eConfig, EcuConfig, SensorCheckConfig, SpeedConfig
 from contract.controller.calibration import LARGEST_WEIGHT
 from contract.release.checks import Bundle
-from contract.release.manifest import SensorEstimator, SpeedRange
+from contract.release.manifest import RestingWake, SensorEstimator, SpeedRange
 from tests.proofs.ecu.hostile_world import small_bundle
 
 UNCHECKED: Final = SensorCheckConfig(enabled=False)
@@ -71,6 +71,8 @@ period and of as many as the state in C has room for; releases that serve a rang
 speed are not the default ones."""
 
 SPEEDS: Final = SpeedRange(slowest=0.6, fastest=1.4)
+RESTING: Final = RestingWake(speeds=(0.7, 0.9, 1.3), base=(-0.3, -0.5, -0.45), swing=(0.1, 0.3, 0.7))
+"""Narrower than the speeds, and not of the design speed."""
 
 DEVIATION: Final = 0.02
 """Deviation of sound sensors' residuals in Cp, which the traffic's estimates have."""
@@ -81,8 +83,10 @@ def bundle_of(config: Config) -> Bundle:
     bundle = small_bundle(config)
     rows = tuple(tuple(DEVIATION * (1.0 + 0.1 * (i + 2 * j)) for i in range(4)) for j in range(4))
     figures = SensorEstimator(fast=rows, slow=rows)
-    speeds = None if config.ecu.speed == SpeedConfig() else SPEEDS
+    is_driven = config.ecu.speed != SpeedConfig()
     # One kind of release has a weight of its own that no calibration of another could have.
     heavy = replace(bundle.manifest.mpc.weights, effort=2.0 * LARGEST_WEIGHT)
-    mpc = bundle.manifest.mpc if speeds is None else replace(bundle.manifest.mpc, weights=heavy)
-    return replace(bundle, manifest=replace(bundle.manifest, sensor_estimator=figures, speeds=speeds, mpc=mpc))
+    manifest = replace(bundle.manifest, sensor_estimator=figures)
+    if is_driven:
+        manifest = replace(manifest, speeds=SPEEDS, resting=RESTING, mpc=replace(manifest.mpc, weights=heavy))
+    return replace(bundle, manifest=manifest)

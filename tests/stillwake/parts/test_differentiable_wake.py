@@ -1,5 +1,7 @@
 """The truck's wake as the refinement takes it: its slopes are those of differences of whole runs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,3 +38,18 @@ def test_slopes_of_all_that_is_seen_are_those_of_differences(speeds):
         step = np.where(np.arange(len(ACTIONS)) == k, 1e-5, 0.0)
         # Differences of second order; the flow's own rounding is below that.
         assert slope == pytest.approx((value(ACTIONS + step) - value(ACTIONS - step)) / 2e-5, rel=1e-5)
+
+
+@pytest.mark.slow
+def test_a_wake_at_rest_at_another_speed_is_that_of_another_reynolds_number_in_other_units():
+    config, speed = FlowConfig(refinement=0.4, substeps=12), 0.5
+    plant = TruckWake(config)
+    for action in (0.06, 0.06, 0.0):
+        plant.advance(action)
+    start = FlowState(flat=plant.flow.flat.copy())
+    seen = DifferentiableWake(plant, plant.layout.indices(SENSORS)).at_rest(start, speed, over=1.0)
+    slower = TruckWake(replace(config, reynolds=speed * config.reynolds, control_period=speed * config.control_period))
+    slower.flow.flat[:] = start.flat
+    Cp = np.array([slower.advance(0.0).Cp[slower.layout.indices(SENSORS)] for _ in range(20)])[10:]
+    assert seen == pytest.approx((Cp[:, 2:].mean(), np.abs(Cp[:, ::2] - Cp[:, 1::2]).mean()), rel=1e-9)
+    assert DifferentiableWake(plant, plant.layout.indices(("upper_39", "lower_39"))).at_rest(start, speed) is None

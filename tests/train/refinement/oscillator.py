@@ -50,6 +50,10 @@ class Oscillator:
     def state(self) -> FlowState:
         return FlowState(flat=self._x.numpy().copy(), action=self._action)
 
+    def at_rest(self, state: FlowState, speed: float) -> tuple[float, float] | None:
+        del state
+        return -0.5 * speed, 0.2 * speed**2
+
     def _seen(self, x: Tensor) -> Seen:
         return Seen(Cp=(self._see @ x).numpy(), Cd=DRAG + float(x @ x), Cl=float(x[0]), Uy=float(x[1]))
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +10,15 @@ import pytest
 import torch
 
 from contract.config.learning import RefineConfig
+from contract.config.tree import Config
 from contract.errors import ConfigError
 from tests.train.refinement.oscillator import DRAG, START, Oscillator
 from train.fitting.fit import Checkpoints
-from train.fitting.progress import Phase
+from train.fitting.progress import Phase, silent
 from train.fitting.unfinished import Identity
 from train.refinement.feedback import Feedback
 from train.refinement.flow import Iterating
-from train.refinement.pipeline import predictor
+from train.refinement.pipeline import SPEEDS_AT_REST, predictor, resting_by_speed
 from train.refinement.refine import Refined, refine
 from train.refinement.stretches import side_by_side
 from train.refinement.windows import Price, Stream, differentiate
@@ -166,3 +168,11 @@ def test_the_predictor_finds_a_linear_system_and_needs_stretches_longer_than_its
     np.testing.assert_allclose(predictor(stretches, 2), [[[-0.5, 0.0], [0.9, 2.0]]], atol=1e-4)
     with pytest.raises(ConfigError, match=r"refine\.shortest = 60: must be more than memory"):
         RefineConfig(shortest=60)
+
+
+def test_the_wake_without_jets_is_measured_over_the_range_and_at_the_design_speed():
+    at = partial(resting_by_speed, Oscillator(), START, progress=silent)
+    assert at(Config()) is None
+    table = at(Config(refine=replace(SETTINGS, slowest=0.55, fastest=1.4)))
+    assert table is not None and table[0].tolist() == pytest.approx([0.55, -0.275, 0.2 * 0.55**2])
+    assert len(table) == SPEEDS_AT_REST + 1 and 1.0 in table[:, 0] and (np.diff(table[:, 0]) > 0.0).all()

@@ -17,22 +17,31 @@ typedef struct {
 
 static double newest(const sw_memory *memory) { return memory->under_way[memory->frozen]; }
 
+/* Of the vehicle, in design speeds; the design speed where no other one is known. */
+static double present_speed(const sw_ecu_state *state)
+{
+#if SW_PAST > 0
+    if (state->speed.known) return state->speed.ratio;
+#else
+    (void)state;
+#endif
+    return 1.0;
+}
+
 /* This period's row; none at a speed that the release does not serve, whose pressures say nothing about control at
  * others.
  */
 static void with_row(sw_ecu_state *state, const double *cp)
 {
     sw_memory *memory = &state->memory;
-    double ratio = 1.0;
 #if SW_PAST > 0
     if (state->speed.is_off) {
         sw_memory_emptied(memory);
         return;
     }
-    if (state->speed.known) ratio = state->speed.ratio;
 #endif
     if (cp != NULL) {
-        sw_memory_observed(memory, cp, ratio);
+        sw_memory_observed(memory, cp, present_speed(state));
     } else {
         sw_memory_bridged(memory);
     }
@@ -80,7 +89,7 @@ static uint8_t check_benefit(sw_ecu_state *state, const sw_release *release, int
     uint8_t fault = SW_REASON_NONE;
 #if SW_BENEFIT_CHECK
     const double *cp = usable ? state->memory.window[SW_WINDOW - 1] : NULL;
-    fault = sw_benefit_next(&state->benefit, release, cp, sw_drives_jets(state->fail_safe.mode));
+    fault = sw_benefit_next(&state->benefit, release, cp, present_speed(state), sw_drives_jets(state->fail_safe.mode));
 #else
     (void)state;
     (void)release;

@@ -227,6 +227,7 @@ typedef struct {
 typedef struct {
     double fast_deviation[SW_SENSORS][SW_SENSORS]; /* of sound sensors' residuals, in Cp: sensor i without sensor j */
     double slow_deviation[SW_SENSORS][SW_SENSORS]; /* the same, of their slow means */
+    double resting[SW_RESTING_SPEEDS][3]; /* the wake without jets: speed, base and swing in shares of the design speed's */
     double slowest; /* of the speeds that it serves, in design speeds */
     double fastest;
     double design_speed;     /* in m/s */

@@ -209,10 +209,11 @@ uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estim
 /* --- sw_benefit.c --- */
 
 #if SW_BENEFIT_CHECK
-/* After a period with these pressures; cp is NULL without any. Whether the jets could run up to now. Returns the
- * SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
+/* After a period with these pressures; cp is NULL without any. `speed` is the vehicle's in design speeds, `drives`
+ * whether the jets could run up to now. Returns the SW_REASON_ for which the ECU must switch itself off, or
+ * SW_REASON_NONE.
  */
-uint8_t sw_benefit_next(sw_benefit *benefit, const sw_release *release, const double *cp, int drives);
+uint8_t sw_benefit_next(sw_benefit *benefit, const sw_release *release, const double *cp, double speed, int drives);
 #endif
 
 /* --- sw_fail_safe.c --- */
