@@ -115,77 +115,12 @@ release: $(VENV)/dev.stamp
 	$(BIN)/stillwake bundle verify
 	@echo "in place; to check: stillwake run runs/demo --overwrite, stillwake mcu, make test"
 
-# Everything slow: all figures in results/, and the tables made of them.
+# Everything slow: all figures in results/, and the tables made of them. make full RESUME=1 goes on after a stop.
 full: test docs
 	$(BIN)/python -m pytest -m pages tests/docs/blocks
 	$(BIN)/python -m pytest -m "hypothesis and not proofs" --hypothesis-profile=drawn
 	$(BIN)/python -m pytest -m proofs
-	$(BIN)/stillwake run runs/demo --overwrite --json results/demo.json
-	$(BIN)/python -m benchmarks release-loop --json results/release_loop.json
-	$(BIN)/python -m benchmarks drive --quick --workers 2 --json results/drive.json
-	$(BIN)/python -m benchmarks roads --json results/roads.json
-	$(BIN)/python -m benchmarks weights --json results/weights.json
-	$(BIN)/stillwake campaign runs/robustness --overwrite --phases 1 --controlled 100 --settle 40 --only noise_0.9 \
-		--only delay_12 --only 'dead_*' --only frames_lost_0.2 --only undisturbed --json results/robustness.json
-	$(BIN)/stillwake campaign runs/robustness_starts --overwrite --phases 3 --controlled 100 --settle 40 \
-		--only noise_0.9 --only delay_12 --only frames_lost_0.2 --json results/robustness_starts.json
-	$(BIN)/stillwake campaign runs/benefit --overwrite --phases 1 --only undisturbed --only noise_0.9 --only delay_12 \
-		--only 'delay_*_uncompensated' --only dead_base_0 --only dead_upper_39 --only swapped --only drift \
-		--only frames_lost_0.2 --only frames_late --only 'reynolds_*' --only gust --only wrong_operating_point \
-		--only action_limit_halved --only jets_stuck --json results/monitor.json
-	$(BIN)/stillwake campaign runs/benefit_starts --overwrite --phases 3 --only undisturbed --only reynolds_1000 \
-		--json results/monitor_starts.json
-	$(BIN)/stillwake identify runs/linear --overwrite
-	$(BIN)/stillwake export runs/linear runs/linear_bundle --sensors --overwrite
-	$(BIN)/stillwake campaign runs/benefit_linear --overwrite --phases 1 --bundle runs/linear_bundle \
-		--set ecu.sensor_check.enabled=false --only undisturbed --only delay_8_uncompensated \
-		--only delay_12_uncompensated --only reynolds_300 --only reynolds_1000 --json results/monitor_linear.json
-	$(BIN)/stillwake export data/stillwake_data/model runs/float32 --precision float32 --sensors --overwrite
-	$(BIN)/python -m benchmarks release-loop --bundle runs/float32 --json results/release_loop_float32.json
-	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --json results/limit_late_start.json
-	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --set ecu.compute_time_ms=0.0 \
-		--json results/limit_latency.json
-	$(BIN)/stillwake export data/stillwake_data/model runs/long --set mpc.iterations=15 --precision float32 --overwrite
-	$(BIN)/stillwake run runs/limits --overwrite --set ecu.plan_ahead=false --bundle runs/long --json results/limit_iterations.json
-	$(BIN)/python -m benchmarks controller --json results/controller.json
-	$(BIN)/python -m benchmarks controller --dynamics-width 128 --decoder-width 64 --iterations 5 \
-		--json results/controller_narrow.json
-	$(BIN)/python -m benchmarks controller-loop --json results/controller_loop.json
-	$(BIN)/python -m benchmarks mcu --windows 10000 --json results/mcu.json
-	$(BIN)/python -m tests.proofs.ecu_in_c ecu-c --steps 1000000 --json results/ecu_c.json
-	$(BIN)/python -m benchmarks ecu-loop --lead-in 10 --controlled 70 --settle 30 \
-		--json results/ecu_loop.json
-	$(BIN)/python -m tests.proofs.flash --json results/flash.json
-	$(BIN)/python -m tests.proofs.loader_in_c --json results/flash_c.json
-	$(BIN)/python -m tests.proofs.release --json results/bundle_fuzz.json
-	$(BIN)/python -m tests.proofs.bus bus --json results/bus.json
-	$(BIN)/stillwake run runs/classic --overwrite --set bus.frames=classic --json results/bus_classic.json
-	test -f bus.key || $(BIN)/stillwake can keygen bus.key
-	$(BIN)/stillwake run runs/secured --overwrite --set bus.key=bus.key --json results/bus_secured.json
-	$(BIN)/stillwake run runs/busy_30 --overwrite --set bus.background.load=0.3 --json results/bus_busy_30.json
-	$(BIN)/stillwake run runs/busy_90 --overwrite --set bus.background.load=0.9 --json results/bus_busy_90.json
-	# These end with status 3, because control is not held throughout.
-	-for ms in 20 40 60; do $(BIN)/stillwake run runs/late_$$ms --overwrite --fault ecu:delay:delay_s=0.0$$ms \
-		--json results/bus_late_$$ms.json; done
-	-for share in 05 10 25 50; do $(BIN)/stillwake run runs/loss_$$share --overwrite \
-		--fault vehicle:drop:probability=0.$$share --json results/bus_loss_$$share.json; done
-	-$(BIN)/stillwake campaign runs/campaign --overwrite --controlled 50 --settle 25 --json results/campaign.json
-	$(BIN)/stillwake bench latency runs/latency --both --overwrite --json results/latency.json
-	$(BIN)/python -m tests.proofs.ecu hostile --steps 1000000 --json results/hostile.json
-	$(BIN)/python -m benchmarks sensor-check --json results/sensor_check.json
-	$(PIP) scapy
-	$(BIN)/python -m benchmarks attack-tools --json results/attack_tools.json
-	$(BIN)/stillwake can load --json results/can_load_fd.json
-	$(BIN)/stillwake can load --set bus.frames=classic --json results/can_load_classic.json
-	# Beside so much traffic a message of ours can be late: status 3 is a figure here, not a failure.
-	-$(BIN)/stillwake can load --set bus.background.load=0.9 --json results/can_load_fd_90.json
-	-$(BIN)/stillwake can load --set bus.frames=classic --set bus.background.load=0.9 \
-		--json results/can_load_classic_90.json
-	$(BIN)/python -m benchmarks release-figures --json results/release_figures.json
-	$(BIN)/python -m benchmarks wake-speed --json results/wake_speed.json
-	$(BIN)/python -m benchmarks adjoint --json results/adjoint.json
-	if command -v icoFoam; then $(MAKE) openfoam; fi
-	$(BIN)/stillwake steady runs/steady.npz --json results/steady.json
+	$(BIN)/python -m benchmarks full $(if $(RESUME),--resume)
 	$(MAKE) generated
 
 # The second plant: its tests, then half an hour of icoFoam; needs the Debian package openfoam.

@@ -57,6 +57,7 @@ MEASUREMENTS: Final = {
     "ecu-loop": Measurement("ecu.ecu_loop", "the wake driven by each ECU: Python, C, an emulated Cortex-M7", "minutes"),
 }
 PAGES: Final = {
+    "full": Measurement("full", "make every file in results/, or what of it is of an earlier release", "hours"),
     "tables": Measurement("tables", "fill the tables of README.md and docs/ from results/", "seconds"),
     "pictures": Measurement("pictures", "draw the pictures in docs/pictures that are made from results/", "seconds"),
 }

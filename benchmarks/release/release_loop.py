@@ -15,6 +15,8 @@ from typing import Annotated, Any, Final
 
 import typer
 from rich.table import Table
+from scipy.stats import sem
+from scipy.stats import t as student_t
 
 from benchmarks.common.command_line import JsonFile, Parts, console, save, track
 from benchmarks.common.commands import LOOP
@@ -98,12 +100,19 @@ def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def spread(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
-    """Mean, least and most over the phases, of every figure that all phases have."""
+    """Mean, least and most over the phases, of every figure that all phases have.
+
+    With several phases also the half width of the mean's 95 % confidence interval by Student's t, the starts taken as
+    independent: control moves a start by cycles, so that they soon are.
+    """
     found = {}
     for name in FIGURES:
         values = [row[name] for row in rows]
-        if None not in values:
-            found[name] = {"mean": sum(values) / len(values), "least": min(values), "most": max(values)}
+        if None in values:
+            continue
+        found[name] = {"mean": sum(values) / len(values), "least": min(values), "most": max(values)}
+        if len(values) > 1:
+            found[name]["half_width_95"] = float(sem(values) * student_t.ppf(0.975, len(values) - 1))
     return found
 
 
@@ -143,7 +152,8 @@ def _print(rows: Sequence[Mapping[str, Any]], over_phases: Mapping[str, Mapping[
     )
     shown = (*FIGURES[:5], "net_reduction_percent", "net_of_power_percent")
     named = [(str(number), row) for number, row in enumerate(rows)]
-    named += [(kind, {name: found[kind] for name, found in over_phases.items()}) for kind in ("mean", "least", "most")]
+    for kind in ("mean", "half_width_95", "least", "most"):
+        named.append((kind, {name: found.get(kind) for name, found in over_phases.items()}))
     for label, row in named:
         table.add_row(label, *("" if row.get(name) is None else f"{row[name]:.3f}" for name in shown))
     console.print(table)

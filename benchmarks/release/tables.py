@@ -130,9 +130,9 @@ def _from_phases(results: Path) -> tuple[object, ...]:
     Cd, *others = (spread[name]["mean"] for name in names)
     drag = spread["reduction_percent"]
     return (
-        f"the same from {len(figures['phases'])} starts, mean",
+        f"the same from {len(figures['phases'])} starts, mean and its 95 % confidence interval",
         *(Cd, None, *others),
-        f"{drag['mean']:.1f} % ({drag['least']:.1f} .. {drag['most']:.1f})",
+        f"{drag['mean']:.1f} +- {drag['half_width_95']:.1f} % ({drag['least']:.1f} .. {drag['most']:.1f})",
     )
 
 

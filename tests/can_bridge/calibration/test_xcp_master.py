@@ -91,7 +91,7 @@ def test_a_master_connects_reads_writes_and_stores(master, slave, segment):
     master.copyCalPage(0, 1, 0, 0)
     assert segment.in_force == REFERENCE
     master.setRequest(1, 0)
-    assert slave.wants_store
+    assert slave.to_store(0) == segment.in_force
     assert master.getStatus().sessionStatus.storeCalRequest
     slave.stored()
     master.disconnect()

@@ -1,0 +1,167 @@
+"""Every figure in `results/`, by the commands of `full.toml`: what `make full` runs after the tests.
+
+    python -m benchmarks full [--resume] [--only NAME] [--list]
+
+A file that a command has made gets a stamp: the release and the sources in C that its figures are of, the version, and
+how long it took. By these a test finds a file of an earlier release, and `--resume` what is still to be made.
+"""
+
+import hashlib
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatch
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Final, NoReturn
+
+import typer
+from rich.table import Table
+
+from benchmarks.common.command_line import console
+from benchmarks.common.commands import ROOT
+from contract.atomic import replacing
+from contract.errors import StillwakeError
+from contract.release import bundle
+from contract.results import versions
+from contract.shipped import BUNDLE
+from export.to_c.source_folders import sources_in
+
+RESULTS: Final = ROOT / "results"
+PLAN: Final = Path(__file__).with_suffix(".toml")
+RELEASE: Final = "release"
+STAMP: Final = "made"
+"""The fact that a file has by which it is known to be of the present release and sources."""
+_COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figures:
+    """A file in `results/` and what makes it: a table of `full.toml`, which explains the fields."""
+
+    name: str
+    run: str
+    before: tuple[str, ...] = ()
+    of: tuple[str, ...] = ()
+    status: int = 0
+    old: str = ""
+    needs: str = ""
+
+    @property
+    def file(self) -> Path:
+        return RESULTS / f"{self.name}.json"
+
+    def stamp(self) -> dict[str, Any]:
+        """What the file must name to be of the present release, sources and version."""
+        of = {name: release() if name == RELEASE else sources_hash(name) for name in self.of}
+        return {"version": versions("stillwake")["stillwake"], "of": of}
+
+    def is_current(self) -> bool:
+        """Whether the file was made for the present release and sources, whatever the version."""
+        return not self.of or made(self.file).get("of") == self.stamp()["of"]
+
+
+def plan(path: Path = PLAN) -> tuple[list[Figures], dict[str, str]]:
+    """What is made, in order, and the files of finished studies with what they are of."""
+    tree = tomllib.loads(path.read_text(encoding="utf-8"))
+    history = tree.pop("history")
+    return [Figures(name=name, **_tuples(fields)) for name, fields in tree.items()], history
+
+
+def _tuples(fields: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()}
+
+
+def made(file: Path) -> dict[str, Any]:
+    """A file's stamp; empty without one."""
+    if not file.is_file():
+        return {}
+    found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))["facts"].get(STAMP, {})
+    return found
+
+
+@cache
+def release() -> str:
+    """The shipped release, by the beginning of its digest."""
+    return bundle.load(BUNDLE).digest[:12]
+
+
+@cache
+def sources_hash(folder: str) -> str:
+    """Of the sources in C of one folder, without their comments."""
+    everything = hashlib.sha256()
+    for name, content in sorted(sources_in(folder).items()):
+        everything.update(name.encode() + _COMMENT.sub(b"", content))
+    return everything.hexdigest()[:12]
+
+
+def main(
+    resume: Annotated[bool, typer.Option("--resume", help="Only what is of an earlier release or version.")] = False,
+    only: Annotated[list[str], typer.Option(help="Files by their names, such as 'bus_*' (repeatable).")] = [],  # noqa: B006
+    show: Annotated[bool, typer.Option("--list", help="Print what there is, and run nothing.")] = False,
+    stamped: Annotated[bool, typer.Option("--stamp", help="Stamp files that --only names, which are there.")] = False,
+) -> None:
+    """Make the files in `results/`, one after the other; a stopped run goes on with --resume."""
+    figures, _ = plan()
+    chosen = [one for one in figures if not only or any(fnmatch(one.name, pattern) for pattern in only)]
+    if not chosen:
+        raise StillwakeError(f"--only {only[0]}: no such file; one of {', '.join(one.name for one in figures)}")
+    if show:
+        _list(chosen)
+        return
+    for number, one in enumerate(chosen, 1):
+        head = f"{number}/{len(chosen)} {one.name}"
+        if one.needs and shutil.which(one.needs) is None:
+            console.print(f"{head}: left out, there is no {one.needs}")
+        elif resume and one.is_current() and made(one.file).get("version") == one.stamp()["version"]:
+            console.print(f"{head}: there already")
+        elif stamped:
+            _stamp(one, made(one.file).get("minutes"))
+        else:
+            last = made(one.file).get("minutes")
+            console.print(f"{head}: {one.run}" + (f" ({last:.0f} min the last time)" if last else ""))
+            _make(one)
+
+
+def _make(one: Figures) -> None:
+    began = time.monotonic()
+    for command in one.before:
+        if _status(command) != 0:
+            _fail(one, command)
+    if _status(f"{one.run} --json {one.file}") not in (0, one.status):
+        _fail(one, one.run)
+    _stamp(one, round((time.monotonic() - began) / 60.0, 1))
+
+
+def _fail(one: Figures, command: str) -> NoReturn:
+    raise StillwakeError(f"{one.name}: {command!r} failed; `python -m benchmarks full --resume` goes on here")
+
+
+def _status(command: str) -> int:
+    """The exit status of a command in the environment of this Python."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
+    return subprocess.run(shlex.split(command), cwd=ROOT, env={**os.environ, "PATH": path}, check=False).returncode
+
+
+def _stamp(one: Figures, minutes: float | None) -> None:
+    content = json.loads(one.file.read_text(encoding="utf-8"))
+    content["facts"][STAMP] = {**one.stamp(), "minutes": minutes}
+    with replacing(one.file) as temporary:
+        temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def _list(chosen: list[Figures]) -> None:
+    table = Table("results/", "made by", "min", "of the present release and sources", box=None, pad_edge=False)
+    for one in chosen:
+        minutes = made(one.file).get("minutes")
+        state = "yes" if one.is_current() else one.old or "no"
+        table.add_row(one.name, " ".join(one.run.split()), "" if minutes is None else f"{minutes:g}", state)
+    console.print(table)
