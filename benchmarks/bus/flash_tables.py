@@ -21,6 +21,7 @@ def tables(results: Path) -> dict[str, str]:
     return {
         "flash_proof": proof(found, read(results / "flash_memory.json")["figures"]),
         "flash_c": in_c(read(results / "flash_c.json")),
+        "flash_pieces": pieces(read(results / "flash_pieces.json")),
         "flash_times": times(read(results / "flash_times.json")),
     }
 
@@ -60,8 +61,22 @@ def in_c(found: dict[str, Any]) -> str:
         "loader_ram_kib": "RAM without the ECU's and without stack, KiB",
         "stack_b": "stack along the deepest chain of calls, bytes, without the drivers'",
     }
+    rows = [(text, of[name]) for name, text in texts.items()]
+    if "branches" in of:
+        taken = f"{of['branches_taken']} of {of['branches']}; {of['branches_explained']} cannot be reached"
+        rows.append(("branches of the store that are taken", taken))
     cut = f"The supply was cut in {found['facts']['eighths']} of 8 operations of the flash memory."
-    return f"{table(('', 'figure'), [(text, of[name]) for name, text in texts.items()])}\n\n{cut}"
+    return f"{table(('', 'figure'), rows)}\n\n{cut}"
+
+
+def pieces(found: dict[str, Any]) -> str:
+    """What diagnosis takes from control on the emulated board."""
+    of, facts = found["figures"], found["facts"]
+    clocks = next(iter(of.values()))
+    rows = [(what, *(f"{ms:.2f}" for ms in at.values())) for what, at in of.items()]
+    return f"""{table(("longest, modelled ms", *clocks), rows)}
+
+Measured on {found["date"]}: {facts["bundle"]} ({facts["digest"][:12]}), control periods of {facts["period_ms"]:g} ms."""
 
 
 def times(found: dict[str, Any]) -> str:

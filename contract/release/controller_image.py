@@ -49,7 +49,7 @@ _UNSIGNED: Final = bytes(96)
 
 @dataclass(frozen=True, kw_only=True)
 class ImageFacts:
-    """What the header says of an image.
+    """What the header states of an image.
 
     Attributes:
         layout: SHA-256, 32 bytes, that names the build's layout of the payload.

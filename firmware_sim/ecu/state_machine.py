@@ -36,9 +36,9 @@ class OperatingMode(Enum):
     DECAY = auto()
     """They are missing for longer: the command is halved each period."""
     FAULT = auto()
-    """The jets are shut and stay so until good frames have come and the request rises anew."""
+    """The jets are shut and stay so until good frames have come and the request rises again."""
     UPDATE = auto()
-    """A new release is being written; a reset alone leads out. Whoever writes it says so (`Ecu.step`, `updating`)."""
+    """A new release is being written (`updating` of `Ecu.step`); a reset alone leads out."""
 
     @property
     def on_wire(self) -> Mode:

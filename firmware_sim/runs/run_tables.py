@@ -86,7 +86,7 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
         ("pressure frames and commands sent", str(log.bus.sent)),
         ("of these lost on the bus", str(log.bus.lost)),
         ("of these rejected end to end", str(log.bus.rejected)),
-        ("steps without usable pressures (the first frame is always one)", str(run.status.missed)),
+        ("steps without usable pressures (the first one or two always are)", str(run.status.missed)),
         ("CRC errors", str(run.status.crc_errors)),
         *[("pressure frames refused as not authentic", str(run.status.not_authentic))] * bool(run.config.bus.key),
         *_bus_rows(log),

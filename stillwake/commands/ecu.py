@@ -222,7 +222,7 @@ def info(
     config_file: ConfigFile = None,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Show what an ECU says of itself: over its bus, or from its folder.
+    """Show what an ECU reports of itself: over its bus, or from its folder.
 
     stillwake ecu info --bus socketcan:can0
     """
@@ -272,7 +272,7 @@ def _refuse(why: str, **given: Any) -> None:
 
 
 def _asked(config: Config) -> "tuple[dict[str, str | int], Report]":
-    """What the ECU on a bus says."""
+    """What the ECU on a bus reports."""
     from can_bridge.tester.facts import read_facts
 
     with asking(config.bus) as ecu:

@@ -14,7 +14,7 @@ File = Annotated[Path, typer.Argument(help="HDF5 data set.", show_default=False)
 
 
 def check(file: File, config_file: ConfigFile = None, overrides: Overrides = []) -> None:  # noqa: B006
-    """Say everything that training or export would refuse, and what else is worth knowing.
+    """Report everything that training or export would refuse, and what else is worth knowing.
 
     Ends with status 1 if something is wrong. The control period, the action
     limit and the Reynolds number are compared with the settings only where

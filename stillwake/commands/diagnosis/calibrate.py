@@ -65,7 +65,7 @@ def calibrate(
     Exit status: 1 a value out of its limits, or no release runs; 3 no answer from the ECU; 4 the access key is wrong;
     5 not stored, the jets are enabled; 7 the ECU refused something else.
 
-    stillwake calibrate --bus socketcan:can0 --access access.key lift=0.05 action_limit=0.05
+    stillwake calibrate --bus socketcan:can0 --access access.key lift=0.4 action_limit=0.05
     """
     check_json(json_file)
     changes = parsed(values or [])

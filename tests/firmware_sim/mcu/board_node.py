@@ -10,6 +10,7 @@ from can_bridge.tester.asking import Asking
 from can_bridge.tester.key_list import bring
 from can_bridge.tester.sequence import Flashed
 from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
+from contract.config.tree import Config
 from contract.release import controller_image, signing
 from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
 from firmware_sim.in_c.c_ecu import ecu_sources
@@ -31,8 +32,9 @@ TICK_NS = 1_000_000
 class Built:
     """Of one release: the firmware's sources, boards, and images by name and security version."""
 
-    def __init__(self, release: Exported) -> None:
-        library = ecu_sources(release.folder, release.bundle, CONFIG)
+    def __init__(self, release: Exported, config: Config = CONFIG) -> None:
+        self._config = config
+        library = ecu_sources(release.folder, release.bundle, config)
         self._bundle, self._files = release.bundle, library | read_packed(release.folder)
         vehicle = controller_image.read(self.image("one")).facts.vehicle
         made = equipment_header(signing.public_key(ROOT), SECRET, vehicle, "bench", "0815")
@@ -46,7 +48,7 @@ class Built:
         """With a digest of its own."""
         manifest = replace(self._bundle.manifest, name=name, security_version=version)
         bundle = replace(self._bundle, manifest=manifest, digest=self.digest(version).hex())
-        return image_of(self._files, bundle, CONFIG, RELEASE)
+        return image_of(self._files, bundle, self._config, RELEASE)
 
     @staticmethod
     def digest(version: int) -> bytes:

@@ -1,0 +1,142 @@
+"""What diagnosis takes from control on a board: the longest period under a flood of requests, and its own pieces.
+
+    python -m tests.proofs.board_times --json results/flash_pieces.json
+
+The shipped release as machine code on the emulated board, its cycles modelled. Control waits for one running piece of
+diagnosis at most, so both together have to fit into the period. The memory's own times are not in it.
+"""
+
+from collections.abc import Iterator
+from hashlib import sha256
+from typing import Any, Final
+
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.uds.services import REQUEST_ID
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.messages import Mode, Pressure, VehicleSpeed
+from contract.config.loading import load_config
+from contract.controller.c_folder import Rows, read_recorded
+from contract.errors import StillwakeError
+from contract.release import bundle
+from contract.shipped import BUNDLE
+from firmware_sim.mcu.board.board import SRAM, SRAM_BYTES
+from firmware_sim.mcu.board.flash_controller import FlashBank
+from firmware_sim.mcu.cores import CORTEX_M7
+from stillwake.parts.c_release import library_folder
+from tests.can_bridge.flashing.releases import keys
+from tests.firmware_sim.ecu_in_c import Exported
+from tests.firmware_sim.mcu.board_node import BoardLine, Built
+from tests.proofs import command_line
+from tests.proofs.command_line import JsonFile, report
+
+CONFIG: Final = load_config()
+PERIODS: Final = 120
+FLOODS: Final = (0, 10, 60)
+"""Requests in a period."""
+BLOCK: Final = 4078
+"""Bytes of a TransferData in a message of 4 KiB."""
+WORKING: Final = 1
+"""`SW_STORE_WORKING`: there is another piece to come."""
+SCRATCH: Final = SRAM + SRAM_BYTES - 8192
+REQUESTS: Final = tuple(
+    map(
+        bytes.fromhex,
+        (
+            *("22FD03", "22" + 16 * "F186", "22FD01", "22FD11", "190A", "1902FF", "3E00", "1003"),
+            "2703",
+            "2704" + 32 * "0",
+        ),
+    )
+)
+"""Identifiers, faults, sessions, a seed and a wrong key."""
+
+
+def main(json_file: JsonFile = None) -> None:
+    """Measure and print; a period that control and a piece do not fit into is an error."""
+    with library_folder(None) as folder:
+        release = bundle.load(BUNDLE)
+        built = Built(Exported(bundle=release, bundle_path=BUNDLE, folder=folder), CONFIG)
+        rows = read_recorded(folder)
+        board = built.ecu()
+        BoardLine(board).provision(keys(), built.image("one"))
+        bank = board.board.flash.bank.pack()
+        pieces = _pieces(board, built.image("two", 2))
+        floods = {count: _longest(built, board.firmware, FlashBank.unpack(bank), rows, count) for count in FLOODS}
+    cycles_of = {f"{count} requests in a period": cycles for count, cycles in floods.items()} | pieces
+    figures = {
+        what: {f"{clock} MHz": round(cycles / (clock * 1e3), 2) for clock in CORTEX_M7.clocks_mhz}
+        for what, cycles in cycles_of.items()
+    }
+    packages = ("stillwake", "unicorn", "ziglang")
+    report(json_file, "diagnosis beside control", figures, packages=packages, bundle=release.manifest.name,
+           digest=release.digest, period_ms=CONFIG.period_ns / 1e6)  # fmt: skip
+    together = max(floods.values()) + max(pieces.values())
+    if together > CORTEX_M7.clocks_mhz[-1] * 1e-3 * CONFIG.period_ns:
+        raise StillwakeError(f"a period and a piece of diagnosis take {together} cycles together")
+
+
+def _longest(built: Built, firmware: Any, bank: FlashBank, rows: Rows, flood: int) -> int:
+    """Cycles of the longest period with so many requests in each, the last of them under control."""
+    board, cycles, planned = built.ecu(bank, firmware), list[int](), 0
+    for number, (now_ns, frames) in enumerate(_periods(rows)):
+        asked = (_single_frame(REQUESTS[(number + k) % len(REQUESTS)]) for k in range(flood))
+        board.step(now_ns, [*asked, *frames])
+        cycles.append(board.cycles)
+        planned += board.trace.mode is Mode.CONTROL
+    if planned == 0:
+        raise StillwakeError(f"with {flood} requests in a period the board is never in control")
+    return max(cycles)
+
+
+def _pieces(board: Any, image: bytes) -> dict[str, int]:
+    """Cycles of what the store does in one call."""
+    store, core, found = board._pointer("sw_board_store"), board.board, dict[str, int]()
+
+    def call(what: str, name: str, data: bytes = b"", *more: int) -> int:
+        core.poke(SCRATCH, data)
+        core.blocks.start()
+        answer = core.call(name, store, *more)
+        found[what] = max(found.get(what, 0), core.blocks.total()[1])
+        return int(answer)
+
+    call("a key list's signature", "sw_store_take_keys", keys(2), SCRATCH, len(keys(2)))
+    answer = call("an announcement", "sw_store_announce", sha256(image).digest(), len(image), SCRATCH)
+    while answer == WORKING:
+        answer = call("a sector cleared", "sw_store_go_on")
+    for start in range(0, len(image), BLOCK):
+        block = image[start : start + BLOCK]
+        call("a block of 4 KiB taken", "sw_store_append", block, SCRATCH, len(block))
+    answer = call("the beginning of a check", "sw_store_finish")
+    last = "a piece of a check, 4 KiB hashed twice"
+    while answer == WORKING:
+        before, found["now"] = found.get(last, 0), 0
+        answer = call("now", "sw_store_go_on")
+        if answer == WORKING:
+            found[last] = max(before, found["now"])
+    found["the end of a check, with its signature"] = found.pop("now")
+    return found
+
+
+def _periods(rows: Rows) -> Iterator[tuple[int, list[Frame]]]:
+    """Recorded pressures and a speed at which the past is read between its rows; control is requested."""
+    messages, ratio, point = message_set(CONFIG.bus), 0.9, CONFIG.operating_point
+    pressure, speed = E2eSender(messages.pressure.spec), E2eSender(messages.speed.spec)
+    cruises = messages.speed.emit(VehicleSpeed(speed_m_per_s=ratio * point.speed, age_ns=0))
+    for k in range(PERIODS):
+        pascals = tuple((point.dynamic_pressure * ratio**2 * rows[k % len(rows), :-1]).tolist())
+        frame = Pressure(pressure_pa=pascals, valid=(True,) * len(pascals), enable_request=k > 0, age_ns=0)
+        now_ns = (k + 1) * CONFIG.period_ns
+        sent = pressure.frame(messages.pressure.emit(frame), now_ns=now_ns)
+        yield now_ns, [speed.frame(cruises, now_ns=now_ns), sent]
+
+
+def _single_frame(payload: bytes) -> Frame:
+    """A request as one CAN FD frame of ISO-TP."""
+    head = bytes([len(payload)]) if len(payload) < 8 else bytes([0, len(payload)])
+    length = next(size for size in (8, 12, 16, 20, 24, 32, 48, 64) if size >= len(head) + len(payload))
+    return Frame(frame_id=REQUEST_ID, data=(head + payload).ljust(length, b"\xcc"), is_fd=True)
+
+
+if __name__ == "__main__":
+    command_line.main(main)
