@@ -74,9 +74,10 @@ def pieces(found: dict[str, Any]) -> str:
     of, facts = found["figures"], found["facts"]
     clocks = next(iter(of.values()))
     rows = [(what, *(f"{ms:.2f}" for ms in at.values())) for what, at in of.items()]
+    release = f"{facts['bundle']} ({facts['digest'][:12]})"
     return f"""{table(("longest, modelled ms", *clocks), rows)}
 
-Measured on {found["date"]}: {facts["bundle"]} ({facts["digest"][:12]}), control periods of {facts["period_ms"]:g} ms."""
+Measured on {found["date"]}: {release}, control periods of {facts["period_ms"]:g} ms."""
 
 
 def times(found: dict[str, Any]) -> str:

@@ -34,6 +34,8 @@ def decode(raw: bytes) -> dict[str, bytes]:
         for _ in range(count):
             digest, length = _ENTRY.unpack_from(raw, at)
             at += _ENTRY.size
+            if length > MAX_CALIBRATION:
+                raise ValueError(f"calibration of {length} bytes: must have at most {MAX_CALIBRATION}")
             kept[digest.hex()] = raw[at : at + length]
             at += length
     except struct.error as error:

@@ -13,6 +13,8 @@ def test_what_goes_in_comes_out():
 def test_what_is_no_record_is_refused():
     raw = calibrations.encode({"ab" * 32: b"one", "cd" * 32: b"two"})
     assert raw == b"SWC1\2" + b"\xab" * 32 + b"\0\3one" + b"\xcd" * 32 + b"\0\3two"
-    for wrong in (*(raw[:length] for length in range(len(raw))), raw + b"\0", b"SWC2" + raw[4:], b"SWC1\3" + raw[5:]):
+    cut = (raw[:length] for length in range(len(raw)))
+    too_long = b"SWC1\1" + raw[5:37] + b"\4\1" + bytes(1025)
+    for wrong in (*cut, raw + b"\0", b"SWC2" + raw[4:], b"SWC1\3" + raw[5:], too_long):
         with pytest.raises(ValueError):  # whatever is wrong with it, nothing was kept
             calibrations.decode(wrong)

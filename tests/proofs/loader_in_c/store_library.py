@@ -28,10 +28,13 @@ MEASURED: Final = (
     "sw_boot.c", "sw_judge.c", "sw_keys.c", "sw_records.c", "sw_release.c", "sw_remembered.c", "sw_sha256.c",
     "sw_signature.c", "sw_slots.c", "sw_state.c", "sw_store.c", "sw_store_report.c",
 )  # fmt: skip
+_BOUND: Final = (TWIN, "sw_store.h", "sw_records.h", "sw_keys.h")
 _FUNCTION: Final = re.compile(
-    r"^(?!static|typedef)\w[\w ]*?\*?(?:twin|sw_store|sw_signature)_\w+\([^)]*\)", re.MULTILINE
+    r"^(?!static|typedef)\w[\w ]*?\*?(?:twin|sw_store|sw_records|sw_signature)_\w+\([^)]*\)", re.MULTILINE
 )
-_STRUCTURE: Final = re.compile(r"(?:const )?(?:twin|sw_store|sw_flash|sw_rules) (?=\*)|sw_store_result(?= )")
+_STRUCTURE: Final = re.compile(
+    r"(?:const )?(?:twin|sw_store|sw_records|sw_part|sw_flash|sw_rules) (?=\*)|sw_(store_result|record_kind)(?= )"
+)
 
 LAYOUT: Final = hashlib.sha256(b"layout").digest()
 FACTS: Final = ImageFacts(
@@ -82,6 +85,7 @@ WRONG: Final = {
     "reserved": resigned(ONE, 330, b"\1"), "name": resigned(ONE, 256, b"\0"), "control": resigned(ONE, 256, b"\x1b"),
     "gap": resigned(ONE, 257, b"\0"), "DEL": resigned(ONE, 258, b"\x7f"), "hardware gap": resigned(ONE, 193, b"\0"),
     "hardware zeros": resigned(ONE, 192, b"\0"), "full": resigned(ONE, 256, b"n" * 64), "sha": resigned(ONE, 16, b"\0"),
+    "no point": ONE[:416] + b"\2" + bytes(31) + ONE[448:],
 }  # fmt: skip
 assert controller_image.read(ONE).facts == FACTS
 
@@ -99,10 +103,10 @@ class Library:
     """One that was built, loaded; its functions are those of the sources, with nameless structures."""
 
     def __init__(self, path: Path) -> None:
-        text = b"".join(content for name, content in sources().items() if name in (TWIN, "sw_store.h", "sw_keys.h"))
+        text = b"".join(content for name, content in sources().items() if name in _BOUND)
         self.ffi: Any = cffi.FFI()
         for found in _FUNCTION.findall(text.decode()):
-            self.ffi.cdef(_STRUCTURE.sub(lambda match: "int" if "result" in match[0] else "void ", found) + ";")
+            self.ffi.cdef(_STRUCTURE.sub(lambda match: "int" if match[1] else "void ", found) + ";")
         self.c = self.ffi.dlopen(str(path))
 
     def judge(self, found: bytes, keys: bytes, least: int = 1) -> int:

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from can_bridge.flashing import checking, report, state
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Kind, Slot, Work, at_once
+from can_bridge.flashing.backing import MAX_RECORD, Kind, Slot, Work, at_once
 from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.store import OutOfOrderError, Store
 from contract.errors import ConfigError, KeyFileError
@@ -33,6 +33,8 @@ from tests.proofs.loader_in_c.store_library import (
 )
 
 DONE, MORE = range(2)
+FIRST_RECORD: Final = WORD - 2 * SECTOR
+"""Where it is, from slot A on."""
 _CODES: Final = {OutOfOrderError: 3, KeyFileError: 4, MediumError: 5, ConfigError: 2}
 """How the C store answers what the Python store raises."""
 _RUNNABLE: Final = frozenset({*GOOD.values(), LONG, WRONG["any"], WRONG["full"]})
@@ -64,7 +66,7 @@ class Flash:
         self.passed: list[tuple[Kind, bytes]] = []
         """Every record that was kept in the call under way, in order."""
         self.content = {slot: bytearray(b"\xff" * SLOT_BYTES) for slot in Slot}
-        self.is_worn = False
+        self.is_worn, self.records_left = False, NEVER
         self._at = dict.fromkeys(Slot, 0)
         self._memory, self._unreadable = memory, unreadable
 
@@ -72,6 +74,9 @@ class Flash:
         return dict(self.kept)
 
     def keep(self, kind: Kind, record: bytes) -> None:
+        if not self.records_left:
+            raise MediumError("no place is left", 0)
+        self.records_left -= 1
         self.passed.append((kind, record))
         self.kept[kind] = record
 
@@ -118,7 +123,7 @@ class Pair:
     def __init__(self, library: Library, *, cut_at: int | None = None, seed: int = 0) -> None:
         self._ffi, self._c = library.ffi, library.c
         self._twin = self._ffi.new("uint64_t[]", self._c.twin_bytes() // 8 + 1)
-        self._own = self._c.twin_store(self._twin)
+        self._own, self._kept = self._c.twin_store(self._twin), self._c.twin_records(self._twin)
         self._c.twin_erased(self._twin, rules(ONE))
         length = _place(Slot.B, SLOT_BYTES)
         self._memory = self._ffi.buffer(self._c.twin_memory(self._twin), length)
@@ -162,6 +167,34 @@ class Pair:
         """Wear the word that is written after so many operations; one in a slot fails in Python's memory, too."""
         self._c.twin_wear(self._twin, self.operations - self._before + after)
         self.flash.is_worn = in_slot
+
+    def fail(self, records: int) -> None:
+        """The memory takes so many records more, and then none."""
+        self._c.twin_fail(self._twin, records)
+        self.flash.records_left = records
+
+    def plant(self, kind: Kind, record: bytes) -> None:
+        """Boot from a record that no store writes."""
+        raw = record + bytes(2 * WORD) if kind == Kind.STATE else record
+        assert self._c.sw_records_keep(self._kept, kind, raw, len(raw)) == 0
+        self.flash.kept[kind] = record
+        self.boot()
+
+    def plant_word(self, word: bytes) -> None:
+        """Boot with this at the end of the first sector."""
+        self._memory[SECTOR - WORD : SECTOR] = word.ljust(WORD, b"\0")
+        self.boot()
+
+    def go_beyond(self) -> None:
+        """What no Python caller can give is refused, and changes nothing."""
+        c, own, much = self._c, self._own, MAX_RECORD + 1
+        room = self._ffi.new("uint8_t[]", much)
+        assert c.sw_store_go_on(own) == c.sw_store_failed_attempts(own, 2) == DONE
+        assert c.sw_store_keep_failed_attempts(own, 2, 1) == c.sw_store_keep_faults(own, room, much) == 2
+        assert c.sw_records_keep(self._kept, Kind.FAULTS, room, much) == 1
+        for offset, length in ((much, 0), (0, much), (2**32 - 8, 16), (16, 2**32 - 8)):
+            assert c.sw_records_read(self._kept, Kind.STATE, offset, room, length) == 1
+        self._compare("beyond", None, None)
 
     def go_on(self, cut_at: int | None = None) -> None:
         """Power on after a cut and boot, and judge what is there; the supply may go again, so many operations later."""
@@ -238,7 +271,8 @@ class Pair:
 
     def _record(self, kind: Kind) -> bytes:
         """A record; that of the state without the bytes behind each slot's last whole word, which Python has not."""
-        raw = self._text(self._c.twin_record, self._twin, kind)
+        read, length = self._c.sw_records_read, self._c.sw_records_length(self._kept, kind)
+        raw = self._text(lambda to: 0 if read(self._kept, kind, 0, to, length) else length)
         return raw[: -2 * WORD] if kind == Kind.STATE else raw
 
     def _text(self, function: Callable[..., int], *arguments: Any) -> bytes:
@@ -261,6 +295,8 @@ class Pair:
             **{kind.name: (self.flash.kept.get(kind, b""), self._record(kind)) for kind in Kind},
             "calibration": (calibration or b"", self._text(lambda to: c.sw_store_calibration(own, to, 1024))),
             **{f"attempts {level}": both for level, both in zip(Level, attempts, strict=True)},
+            "calibration's length": (len(calibration or b""), c.sw_store_calibration(own, self._ffi.NULL, 0)),
+            "faults without room": (0, c.sw_store_faults(own, self._ffi.NULL, 0)),
             "faults": (store.records.faults, self._text(lambda to: c.sw_store_faults(own, to, 8192))),
             "words written twice": (0, c.twin_twice(self._twin)),
             "whether an image runs": (running is not None, image != self._ffi.NULL),

@@ -1,24 +1,26 @@
 """What happens to both stores: random calls, and the ways in which an ECU is used, cut anywhere."""
 
 import hashlib
+import struct
+import zlib
 from collections import Counter
 from collections.abc import Callable
 from random import Random
 from typing import Final
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Slot
+from can_bridge.flashing.backing import Kind, Slot
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict
 from tests.can_bridge.flashing.medium import PowerCut
 from tests.can_bridge.flashing.releases import RELEASE, ROOT, SECOND, STRANGER, keys
-from tests.proofs.loader_in_c.store_library import GOOD, LONG, SLOT_BYTES, WRONG, Library
+from tests.proofs.loader_in_c.store_library import GOOD, LONG, NEVER, SLOT_BYTES, WRONG, Library
 from tests.proofs.loader_in_c.store_pair import DONE, MismatchError, Pair
 
 LISTS: Final = (
     keys(1), keys(2, RELEASE, SECOND), keys(3, SECOND, revoked=(RELEASE,)),
     keys(4, RELEASE, revoked=(STRANGER, SECOND)), keys(5, RELEASE, SECOND), keys(6, RELEASE)[:-1], b"", b"{}",
-    keys(7, RELEASE)[:50] + b"\1" + keys(7, RELEASE)[51:],
+    bytes(2000), keys(7, RELEASE)[:50] + b"\1" + keys(7, RELEASE)[51:],
     *(
         text + ROOT.sign(text)
         for listed in (keys(8, RELEASE, SECOND, revoked=(STRANGER,))[:-64],)
@@ -26,6 +28,7 @@ LISTS: Final = (
             (0, b"X"), (8, bytes(4)), (12, b"\0"), (12, b"\x11"), (12, b"\1"), (13, b"\x11"), (13, b"\2"), (14, b"\1"),
             (15, b"\1"), (16, b"\1"), (48, listed[80:112]), (48, b"\xff" * 32), (80, bytes(32)), (112, listed[48:80]),
             (48, bytes(32)), (13, b"\0"), (48, b"\xec" + b"\xff" * 30 + b"\x7f"), (48, b"\1" + bytes(31)),
+            (12, b"\1\2" + listed[14:80] + listed[112:] + listed[80:112]),
         )
         for text in (listed[:at] + value + listed[at + len(value) :],)
     ),
@@ -48,6 +51,12 @@ def flash(pair: Pair, whole: bytes, block: int = 500) -> None:
         pair.call("activate")
         pair.boot()
         pair.call("confirm")
+
+
+def put_on_trial(pair: Pair, whole: bytes) -> None:
+    transfer(pair, whole, 999)
+    pair.call("finish")
+    pair.call("activate")
 
 
 def provision(pair: Pair) -> None:
@@ -80,9 +89,7 @@ def any_calls(pair: Pair, seed: str, calls: int) -> None:
             case "update":
                 flash(pair, random.choice((*GOOD.values(), LONG)), random.choice((64, 777)))
             case "trial":
-                transfer(pair, random.choice(list(GOOD.values())), 999)
-                pair.call("finish")
-                pair.call("activate")
+                put_on_trial(pair, random.choice(list(GOOD.values())))
                 if (slot := pair.store.state.on_trial) is not None and slot != pair.store.running:
                     pair.spoil(slot, 64, readable=random.random() < 0.5)
                 pair.boot()
@@ -153,6 +160,70 @@ def refused(pair: Pair) -> None:
 
 
 STORIES: Final[tuple[Callable[[Pair], None], ...]] = (updated, given_up, refused)
+
+
+# What they, and the random calls, rarely come to.
+
+
+def forged(pair: Pair) -> None:
+    """Records whose frame is right and whose content no store writes count as never kept."""
+    provision(pair)
+    pair.go_beyond()
+    for kind, length in ((0, 9), (5, 9), (1, 8193), (1, 99)):
+        pair.plant_word(struct.pack(">BBH", 0xA5, kind, length))
+    good, digest = pair.flash.kept[Kind.STATE], hashlib.sha256(b"one").digest()
+    much = struct.pack(">II", 2**31, 2**31 + 1)
+    for begin, value, end in (
+        (0, b"X", 1), (6, much, 14), (6, bytes(4), 10), (115, b"\xff", 116), (200, bytes(300), 200), (200, b"", 220),
+    ):  # fmt: skip
+        body = good[:begin] + value + good[end:-4]
+        pair.plant(Kind.STATE, body + struct.pack(">I", zlib.crc32(body)))
+        assert pair.store.running is None
+    pair.plant(Kind.STATE, good)
+    for cut in (b"", b"2\0", b"1\1" + digest, b"1\1" + digest + b"\0\1", b"1\1" + digest + b"\4\1" + bytes(1025)):
+        pair.plant(Kind.CALIBRATION, b"SWC" + cut)
+    for listed in (LISTS[5], LISTS[8]):
+        pair.plant(Kind.KEYS, listed)
+        assert pair.store.running is None
+    assert pair.call("take_keys", LISTS[1])[0] == DONE
+    flash(pair, GOOD["two"])
+    assert pair.store.running == Slot.B
+
+
+def tried(pair: Pair) -> None:
+    """On trial: before any is confirmed, twice, while the memory fails, by a key that goes; then back and forth."""
+    pair.call("take_keys", LISTS[1])
+    for whole in (WRONG["any"], GOOD["one"]):
+        put_on_trial(pair, whole)
+        pair.boot()
+    assert pair.call("confirm")[0] == DONE
+    for _ in range(2):
+        put_on_trial(pair, GOOD["three"])
+        pair.boot()
+        pair.call("activate")
+    pair.fail(0)
+    pair.call("revert")
+    pair.fail(NEVER)
+    assert pair.call("take_keys", LISTS[3])[0] == DONE
+    for name in ("confirm", "revert", "confirm"):
+        pair.call(name)
+    put_on_trial(pair, GOOD["two"])
+    pair.spoil(Slot.A, 64, readable=True)
+    for records in (1, NEVER):
+        pair.fail(records)
+        pair.boot()
+    for _ in range(2):
+        flash(pair, WRONG["any"])
+        before = pair.store.running
+        pair.spoil(Slot.A, 64, readable=True)
+        pair.boot()
+        assert (before, pair.store.running) == (Slot.A, Slot.B)
+    flash(pair, WRONG["any"])
+    for _ in range(2):
+        pair.call("revert")
+
+
+RARE: Final = (forged, tried)
 
 
 def recovered(pair: Pair) -> None:

@@ -123,4 +123,5 @@ def test_it_fits(tmp_path: Path) -> None:
 @pytest.mark.skipif(not is_possible(), reason="gcc, or gcovr (extra dev), is not installed")
 def test_every_branch_of_diagnosis_is_taken_or_named(tmp_path: Path) -> None:
     assert missed(tmp_path, range(150)) == []
+    (tmp_path / "few").mkdir()
     assert missed(tmp_path / "few", range(1))

@@ -10,7 +10,7 @@ typedef struct {
     sw_rules rules;
     uint8_t memory[SW_FLASH_BYTES];
     uint8_t unreadable[WORDS];
-    uint64_t operations, cut_at, worn_at, random;
+    uint64_t operations, cut_at, worn_at, records_left, random;
     uint32_t twice; /* words that were programmed without being erased, or outside */
     uint8_t is_off;
 } twin;
@@ -79,6 +79,10 @@ static int program(void *context, uint32_t address, const uint8_t *data)
         one->twice++;
         return 1;
     }
+    if (address < SW_RECORD_SECTORS * SW_FLASH_SECTOR && data[0] == 0xa5u) {
+        if (one->records_left == 0u) return 1;
+        one->records_left--;
+    }
     const uint64_t number = one->operations++;
     if (number == one->cut_at) {
         tear_word(one, word, data);
@@ -112,6 +116,7 @@ void twin_erased(twin *one, const uint8_t *rules)
 {
     sw_bytes_fill((uint8_t *)one, 0, (uint32_t)sizeof(twin));
     sw_bytes_fill(one->memory, 0xff, SW_FLASH_BYTES);
+    one->records_left = NEVER;
     sw_bytes_copy((uint8_t *)&one->rules, rules, (uint32_t)sizeof(sw_rules));
 }
 
@@ -132,7 +137,11 @@ void twin_power_on(twin *one, uint64_t cut_at, uint64_t seed)
 /* The word of the operation with this number is worn. */
 void twin_wear(twin *one, uint64_t number) { one->worn_at = number; }
 
+/* So many records are written, and then none. */
+void twin_fail(twin *one, uint64_t records) { one->records_left = records; }
+
 sw_store *twin_store(twin *one) { return &one->store; }
+sw_records *twin_records(twin *one) { return &one->store.records; }
 const uint8_t *twin_memory(const twin *one) { return one->memory; }
 const uint8_t *twin_unreadable(const twin *one) { return one->unreadable; }
 uint64_t twin_operations(const twin *one) { return one->operations; }
@@ -141,13 +150,6 @@ uint8_t twin_is_off(const twin *one) { return one->is_off; }
 uint32_t twin_wanted(const twin *one) { return one->store.wanted; }
 uint8_t twin_verdict(const twin *one) { return one->store.verdict; }
 const uint8_t *twin_tail(const twin *one, uint32_t slot) { return one->store.state.tail[slot]; }
-
-/* A record as it is kept, into SW_MAX_RECORD bytes; its length. */
-uint32_t twin_record(const twin *one, uint32_t kind, uint8_t *data)
-{
-    const uint32_t length = sw_records_length(&one->store.records, (sw_record_kind)kind);
-    return sw_records_read(&one->store.records, (sw_record_kind)kind, 0, data, length) == 0 ? length : 0u;
-}
 
 /* Checks of one image by itself. */
 uint32_t twin_judge(const uint8_t *image, uint32_t length, const uint8_t *keys, uint32_t keys_length,
