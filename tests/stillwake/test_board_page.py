@@ -1,19 +1,34 @@
 """The page of a fresh board, from its keys to the confirmed release, by its commands and over a real bus."""
 
+import re
+import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from pathlib import Path
 
 import pytest
 
-from contract.release.signing import read_private_key
+from can_bridge.secoc.key import read_secret
+from contract.release import controller_image as images
+from contract.release.signing import read_private_key, read_public_key
 from firmware_sim.in_c.c_ecu import ecu_sources
 from firmware_sim.in_c.c_image import controller_image, read_packed
 from tests.firmware_sim.ecu_in_c import CONFIG, exported
 
 BUS = ("--bus", "udp_multicast:239.74.163.41")
+PAGE = Path(__file__).resolve().parents[2] / "docs/how-to/from-a-fresh-board.md"
 COMMAND = (sys.executable, "-m", "stillwake")
+
+
+def bytes_by_hand(folder: Path) -> list[list[int]]:
+    """What the page's lines print for the header of equipment."""
+    lines = re.findall(r"^    ((?:openssl pkey|sed|tail) .*)$", PAGE.read_text(), re.MULTILINE)
+    printed = [
+        subprocess.run(["sh", "-ec", line], cwd=folder, capture_output=True, text=True, check=True) for line in lines
+    ]
+    return [[int(one, 16) for one in re.findall("0x(..)", done.stdout)] for done in printed]
 
 
 @pytest.mark.processes
@@ -56,6 +71,10 @@ def test_the_page_leads_from_a_fresh_board_to_a_flashed_controller(tmp_path):
     files = ecu_sources(release.folder, release.bundle, CONFIG) | read_packed(release.folder)
     key = read_private_key(tmp_path / "maker/release.key")
     (tmp_path / "release.swi").write_bytes(controller_image(files, release.bundle, CONFIG, key))
+    if shutil.which("openssl"):
+        vehicle = images.read((tmp_path / "release.swi").read_bytes()).facts.vehicle
+        root, secret = read_public_key(tmp_path / "root/release.pub"), read_secret(tmp_path / "access.key")
+        assert bytes_by_hand(tmp_path) == [list(root.raw), list(secret), list(vehicle)]
     keys, flashed = with_board([("flash-keys", "keys.list"), ("flash", "release.swi")])
     assert "key list 1, and had none" in keys
     assert "runs no release" in flashed and "runs, and is confirmed" in flashed
