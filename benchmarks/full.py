@@ -28,6 +28,7 @@ from rich.table import Table
 
 from benchmarks.common.command_line import console
 from benchmarks.common.commands import ROOT
+from benchmarks.common.pictures import STAMP
 from contract.atomic import replacing
 from contract.errors import StillwakeError
 from contract.release import bundle
@@ -38,8 +39,6 @@ from export.to_c.source_folders import sources_in
 RESULTS: Final = ROOT / "results"
 PLAN: Final = Path(__file__).with_suffix(".toml")
 RELEASE: Final = "release"
-STAMP: Final = "made"
-"""The fact that a file has by which it is known to be of the present release and sources."""
 _COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
 
