@@ -29,7 +29,7 @@ class ProgressBar(Progress):
             _Words(lambda task: task.description, style="bold"),
             BarColumn(bar_width=12),
             MofNCompleteColumn(),
-            _Words(lambda task: unit),
+            _Words(lambda task: _unit_of(task, unit)),
             TimeRemainingColumn(compact=True, elapsed_when_finished=True),
             _Note(),
             console=console,
@@ -114,7 +114,7 @@ class ProgressLines(Progress):
     def _print(self, task: Task) -> None:
         self._latest = task.id
         self._lines[task.id] = _Line(self.get_time(), task.completed)
-        self.console.print(line_of(task, self._unit), markup=False, highlight=False, soft_wrap=True)
+        self.console.print(line_of(task, _unit_of(task, self._unit)), markup=False, highlight=False, soft_wrap=True)
 
 
 def now_and_then(
@@ -131,6 +131,10 @@ def now_and_then(
             show(*arguments)
 
     return shown
+
+
+def _unit_of(task: Task, otherwise: str) -> str:
+    return str(task.fields.get("unit", otherwise))
 
 
 def line_of(task: Task, unit: str) -> str:

@@ -80,7 +80,7 @@ def progress_bar(
     Nothing is shown before the first update, so that an error at the start stands alone.
 
     Args:
-        unit: of the counts, in the plural.
+        unit: of the counts, in the plural; a task whose field `unit` is another has that one.
         estimate_over: seconds, the latest ones, whose speed gives the time left.
         console, clock: where it is shown, and seconds.
     """

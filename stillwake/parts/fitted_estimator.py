@@ -17,7 +17,7 @@ def fitted_estimator(dataset: Path, bar: Progress, manifest: Manifest, *, thread
     from export.to_onnx.sensor_estimator import build_estimator
     from train.sensor_estimator import fit_estimator
 
-    task = bar.add_task("sensor estimator", total=None, note="")
+    task = bar.add_task("sensor estimator", total=None, note="", unit="batches")
     fitted = fit_estimator(
         read(dataset),
         manifest.sensors,

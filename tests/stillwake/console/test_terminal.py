@@ -103,6 +103,17 @@ def test_a_log_has_a_line_at_the_start_every_half_minute_at_the_end_and_at_a_sto
     assert last == "closed loop: 1000/1000 periods (100 %), done in 2 min 5 s; Cd 1.03 [base]"
 
 
+def test_a_task_may_count_in_a_unit_of_its_own():
+    console = log()
+    with progress_bar("phases", console=console) as bar:
+        bar.update(bar.add_task("export", total=4, note=""), completed=1)
+        bar.update(bar.add_task("sensor estimator", total=None, note="", unit="batches"), completed=1, total=70)
+    assert [line.partition(" (")[0] for line in text(console).splitlines()] == [
+        "export: 1/4 phases",
+        "sensor estimator: 1/70 batches",
+    ]
+
+
 def test_one_long_step_is_no_silence():
     for is_begun in (True, False):
         console = log()
