@@ -38,7 +38,7 @@ SOURCES = {
     "campaign_paper": "campaign", "can_load": "can_load_fd", "codec": "bus_studies", "controller": "controller",
     "controller_loop": "controller_loop", "controller_narrow": "controller_narrow", "environment": "roads",
     "flash_c": "flash_c", "flips": "bus_studies", "limits": "limit_latency", "live": "live_speed",
-    "mcu_release": "mcu", "monitor": "monitor", "roads": "roads",
+    "mcu_release": "mcu", "monitor": "campaign", "roads": "roads",
     "release_distributions": "release_figures",
     "sensor_check_alarms": "sensor_check", "sensor_check_faults": "sensor_check", "square": "square",
     "steady_response": "steady_response", "steps": "wake_speed", "summary": "demo", "training": "training",
