@@ -114,6 +114,7 @@ def run(
     from firmware_sim.bench.closed_loop import run_closed_loop
     from firmware_sim.bench.disturbances import parse_disturbance
     from firmware_sim.bench.run_faults import parse_node_fault
+    from firmware_sim.bench.spans import Spans
     from firmware_sim.in_c.library_controller import open_library
     from firmware_sim.runs.metadata import RunOrigin
     from firmware_sim.runs.run_folder import RunFolder
@@ -149,6 +150,9 @@ def run(
         config = replace(config, flow=driven.substeps(config.flow, config.operating_point))
     if controlled is None:
         controlled = 100.0 if driven is None else driven.duration_s / config.operating_point.convective_time
+    # What is refused is refused before a library is made.
+    spans = Spans(lead_in=lead_in, controlled=controlled, settle=settle, averages=not no_averages)
+    spans.periods(config.flow.control_period)
     console.print(*describe(release), sep="\n")
     if config.ecu.sensor_check.enabled and release.manifest.sensor_estimator is None:
         console.print("sensor check: off, this bundle has no sensor estimator")
