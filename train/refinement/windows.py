@@ -93,13 +93,15 @@ class Stream:
 class Stretch:
     """What a stretch was: mean coefficients, and its rows (n, p + 1) of true differences and actions as they are read.
 
-    Coefficients and rows are of the present speed.
+    Coefficients and rows are of the present speed. `off_design` is the largest distance of the speeds from the design
+    speed, in design speeds.
     """
 
     Cd: float
     abs_Cl: float
     rows: Array
     periods: int
+    off_design: float = 0.0
 
 
 def differentiate(
@@ -166,6 +168,7 @@ def differentiate(
         abs_Cl=float(np.mean([abs(one.Cl) for one in seen[1:]])),
         rows=_stretch_read(np.array(true_rows), speeds[:-1]),
         periods=periods,
+        off_design=float(np.abs(speeds - 1.0).max()),
     )
 
 
