@@ -26,6 +26,12 @@ class Clock:
         return self.now
 
 
+@pytest.fixture(autouse=True)
+def _able(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a dumb terminal rich draws no bar, whatever is forced."""
+    monkeypatch.setenv("TERM", "xterm")
+
+
 def terminal(width: int = 80) -> Console:
     return Console(width=width, force_terminal=True, force_interactive=True, file=io.StringIO(), color_system=None)
 
