@@ -120,14 +120,14 @@ full: test docs
 	$(BIN)/python -m pytest -m pages tests/docs/blocks
 	$(BIN)/python -m pytest -m "hypothesis and not proofs" --hypothesis-profile=drawn
 	$(BIN)/python -m pytest -m proofs
+	$(BIN)/python -m pytest -m openfoam
 	$(BIN)/python -m benchmarks full $(if $(RESUME),--resume)
 	$(MAKE) generated
 
 # The second plant: its tests, then half an hour of icoFoam; needs the Debian package openfoam.
 openfoam: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m openfoam
-	$(BIN)/stillwake run runs/foam --overwrite --plant openfoam --lead-in 15 --controlled 85 --settle 25 \
-		--json results/openfoam_loop.json
+	$(BIN)/python -m benchmarks full --only openfoam_loop
 
 tables: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks tables

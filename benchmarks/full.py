@@ -106,7 +106,6 @@ def main(
     resume: Annotated[bool, typer.Option("--resume", help="Only what is of an earlier release or version.")] = False,
     only: Annotated[list[str], typer.Option(help="Files by their names, such as 'bus_*' (repeatable).")] = [],  # noqa: B006
     show: Annotated[bool, typer.Option("--list", help="Print what there is, and run nothing.")] = False,
-    stamped: Annotated[bool, typer.Option("--stamp", help="Stamp files that --only names, which are there.")] = False,
 ) -> None:
     """Make the files in `results/`, one after the other; a stopped run goes on with --resume."""
     figures, _ = plan()
@@ -122,8 +121,6 @@ def main(
             console.print(f"{head}: left out, there is no {one.needs}")
         elif resume and one.is_current() and made(one.file).get("version") == one.stamp()["version"]:
             console.print(f"{head}: there already")
-        elif stamped:
-            _stamp(one, made(one.file).get("minutes"))
         else:
             last = made(one.file).get("minutes")
             console.print(f"{head}: {one.run}" + (f" ({last:.0f} min the last time)" if last else ""))
@@ -150,7 +147,7 @@ def _status(command: str) -> int:
     return subprocess.run(shlex.split(command), cwd=ROOT, env={**os.environ, "PATH": path}, check=False).returncode
 
 
-def _stamp(one: Figures, minutes: float | None) -> None:
+def _stamp(one: Figures, minutes: float) -> None:
     content = json.loads(one.file.read_text(encoding="utf-8"))
     content["facts"][STAMP] = {**one.stamp(), "minutes": minutes}
     with replacing(one.file) as temporary:

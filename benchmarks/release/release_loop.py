@@ -102,8 +102,8 @@ def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
 def spread(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
     """Mean, least and most over the phases, of every figure that all phases have.
 
-    With several phases also the half width of the mean's 95 % confidence interval by Student's t, the starts taken as
-    independent: control moves a start by cycles, so that they soon are.
+    With several phases also the half width of the mean's 95 % confidence interval by Student's t. It takes the starts
+    as independent; where neighbouring ones come out alike, it is too narrow.
     """
     found = {}
     for name in FIGURES:

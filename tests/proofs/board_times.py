@@ -90,32 +90,38 @@ def _longest(built: Built, firmware: Any, bank: FlashBank, rows: Rows, flood: in
 
 
 def _pieces(board: Any, image: bytes) -> dict[str, int]:
-    """Cycles of what the store does in one call."""
-    store, core, found = board._pointer("sw_board_store"), board.board, dict[str, int]()
+    """Cycles of what the store does in one call, the longest of each kind."""
+    store, core = board._pointer("sw_board_store"), board.board
 
-    def call(what: str, name: str, data: bytes = b"", *more: int) -> int:
+    def call(name: str, data: bytes = b"", *more: int) -> tuple[int, int]:
         core.poke(SCRATCH, data)
         core.blocks.start()
         answer = core.call(name, store, *more)
-        found[what] = max(found.get(what, 0), core.blocks.total()[1])
-        return int(answer)
+        return int(answer), core.blocks.total()[1]
 
-    call("a key list's signature", "sw_store_take_keys", keys(2), SCRATCH, len(keys(2)))
-    answer = call("an announcement", "sw_store_announce", sha256(image).digest(), len(image), SCRATCH)
-    while answer == WORKING:
-        answer = call("a sector cleared", "sw_store_go_on")
-    for start in range(0, len(image), BLOCK):
-        block = image[start : start + BLOCK]
-        call("a block of 4 KiB taken", "sw_store_append", block, SCRATCH, len(block))
-    answer = call("the beginning of a check", "sw_store_finish")
-    last = "a piece of a check, 4 KiB hashed twice"
-    while answer == WORKING:
-        before, found["now"] = found.get(last, 0), 0
-        answer = call("now", "sw_store_go_on")
-        if answer == WORKING:
-            found[last] = max(before, found["now"])
-    found["the end of a check, with its signature"] = found.pop("now")
-    return found
+    def go_on(answer: int) -> list[int]:
+        cycles = []
+        while answer == WORKING:
+            answer, one = call("sw_store_go_on")
+            cycles.append(one)
+        return cycles
+
+    _, listed = call("sw_store_take_keys", keys(2), SCRATCH, len(keys(2)))
+    answer, announced = call("sw_store_announce", sha256(image).digest(), len(image), SCRATCH)
+    cleared = go_on(answer)
+    blocks = [image[start : start + BLOCK] for start in range(0, len(image), BLOCK)]
+    taken = [call("sw_store_append", block, SCRATCH, len(block))[1] for block in blocks]
+    answer, begun = call("sw_store_finish")
+    *checked, ended = go_on(answer)
+    return {
+        "a key list's signature": listed,
+        "an announcement": announced,
+        "a sector cleared": max(cleared),
+        "a block of 4 KiB taken": max(taken),
+        "the beginning of a check": begun,
+        "a piece of a check, 4 KiB hashed twice": max(checked),
+        "the end of a check, with its signature": ended,
+    }
 
 
 def _periods(rows: Rows) -> Iterator[tuple[int, list[Frame]]]:
