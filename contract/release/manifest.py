@@ -11,7 +11,7 @@ from typing import Any, Final, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
-from contract.arrays import Array, Index
+from contract.arrays import Index
 from contract.config.controller import MpcConfig
 from contract.config.operating_point import OperatingPoint
 from contract.controller.interface import Sizes
@@ -111,12 +111,6 @@ class RestingWake:
     speeds: tuple[float, ...]
     base: tuple[float, ...]
     swing: tuple[float, ...]
-
-    def shares(self) -> Array:
-        """(K, 3): speeds, and there base and swing as shares of what they are at the design speed."""
-        at = np.array([self.base, self.swing])
-        design = [np.interp(1.0, self.speeds, row) for row in at]
-        return np.column_stack([self.speeds, *(at / np.array(design)[:, None])])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -263,7 +257,6 @@ def _unlike_a_wake(resting: RestingWake) -> Iterator[str]:
     if any(after <= before for before, after in pairwise(resting.speeds)):
         yield f"resting.speeds = {resting.speeds!r}: must rise"
     yield from _not_positive("resting.swing:", *resting.swing)
-    # A share of the design speed's has no meaning across a change of sign.
     yield from _not_positive("resting.base, of a wake's suction: minus", *(-value for value in resting.base))
 
 

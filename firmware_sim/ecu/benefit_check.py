@@ -4,8 +4,9 @@ A controller made for another speed, another body or another delay can raise dra
 in order. Two means tell, both over two shedding cycles. Where control helps the base's suction falls; where it only
 bends the wake aside, the pressures of mirrored sensors differ more than without control. What either was without
 control is measured on the vehicle itself, whenever the jets have been shut for long enough. Since then the speed may
-have changed, and the wake with it, so both means are of pressures as shares of what the release's own wake has at the
-speed of each period.
+have changed, and the wake with it, so both means are in units of what the release's own wake has at the speed of each
+period. After power-on no one knows for how long the jets had been shut: a reset under control leaves a calmed wake
+behind. Until the vehicle has measured for long enough, the release's wake counts where it is the larger one.
 
 Under control that does not help for a shedding cycle the jets are shut, and the fault latches. A new request for
 control tries again.
@@ -26,6 +27,8 @@ from firmware_sim.ecu.fit import positions_of
 
 ON_BASE: Final = "base_"
 """How the names of sensors on a body's base begin."""
+UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
+"""The wake of a release that states none, in Cp: smaller than any, so that the vehicle's own always counts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,19 +37,19 @@ class BenefitCheckState:
 
     Attributes:
         waking: periods with the jets shut until the wake is that without control; none at power-on.
-        rested: periods that the means without control rest on, up to `ecu.benefit_check.mean_periods`.
-        resting_base, resting_swing: the means without control, in Cp.
+        rested: periods that the means without control rest on, up to `BenefitCheck.proven`.
+        resting_suction, resting_swing: the means without control, in units of the release's own wake.
         driven: the same under control, up to `ecu.benefit_check.first_period`.
-        base, swing: the means under control.
+        suction, swing: the means under control.
         doubt: periods in which control did not help less those in which it did.
     """
 
     waking: int = 0
     rested: int = 0
-    resting_base: float = 0.0
+    resting_suction: float = 0.0
     resting_swing: float = 0.0
     driven: int = 0
-    base: float = 0.0
+    suction: float = 0.0
     swing: float = 0.0
     doubt: int = 0
 
@@ -58,13 +61,14 @@ class BenefitCheck:
     Attributes:
         base: (B,) places of the sensors on the base among the release's.
         pairs: (P, 2) of mirrored sensors among them.
-        resting: (K, 3) of `RestingWake.shares`.
+        resting: (K, 3) rising speeds in design speeds, and there the mean base pressure, below zero, and the mean
+            magnitude of the differences of mirrored sensors, both in Cp.
     """
 
     base: tuple[int, ...]
     pairs: tuple[tuple[int, int], ...]
     config: BenefitCheckConfig
-    resting: tuple[tuple[float, float, float], ...] = ((1.0, 1.0, 1.0),)
+    resting: tuple[tuple[float, float, float], ...] = UNSTATED
 
     @classmethod
     def of(cls, manifest: Manifest, config: BenefitCheckConfig) -> "BenefitCheck | None":
@@ -74,6 +78,12 @@ class BenefitCheck:
         if not (config.enabled and base and pairs):
             return None
         return cls(base=base, pairs=pairs, config=config, resting=resting_of(manifest))
+
+    @property
+    def proven(self) -> int:
+        """Periods after which the means without control hold nothing of what was before power-on: the wake sheds as
+        before, and a mean has been taken of it."""
+        return self.config.wake_periods + self.config.mean_periods
 
     def next(
         self, state: BenefitCheckState, cp: Array | None, *, drives: bool, speed: float = 1.0
@@ -88,18 +98,18 @@ class BenefitCheck:
         config = self.config
         if not drives:
             waking = max(0, state.waking - 1)
-            after = replace(state, waking=waking, driven=0, base=0.0, swing=0.0, doubt=0)
+            after = replace(state, waking=waking, driven=0, suction=0.0, swing=0.0, doubt=0)
             return after if cp is None or waking else self._rested(after, cp, speed), None
         if cp is None:
             return replace(state, waking=config.wake_periods), None
-        base, swing = self._measured(cp, speed)
+        suction, swing = self._measured(cp, speed)
         driven = min(state.driven + 1, config.first_period)
         over = min(driven, config.mean_periods)
         after = replace(
             state,
             waking=config.wake_periods,
             driven=driven,
-            base=state.base + (base - state.base) / over,
+            suction=state.suction + (suction - state.suction) / over,
             swing=state.swing + (swing - state.swing) / over,
         )
         if driven < config.first_period or state.rested == 0:
@@ -110,35 +120,36 @@ class BenefitCheck:
 
     def _helps(self, state: BenefitCheckState) -> bool:
         config = self.config
-        gained = state.base - state.resting_base
-        return (
-            gained >= config.least_gain * abs(state.resting_base)
-            and state.swing <= config.most_swing * state.resting_swing
-        )
+        suction, swing = state.resting_suction, state.resting_swing
+        if state.rested < self.proven:
+            suction, swing = max(suction, 1.0), max(swing, 1.0)
+        gained = suction - state.suction
+        return gained >= config.least_gain * abs(suction) and state.swing <= config.most_swing * swing
 
     def _rested(self, state: BenefitCheckState, cp: Array, speed: float) -> BenefitCheckState:
-        base, swing = self._measured(cp, speed)
-        rested = min(state.rested + 1, self.config.mean_periods)
+        suction, swing = self._measured(cp, speed)
+        rested = min(state.rested + 1, self.proven)
+        over = min(rested, self.config.mean_periods)
         return replace(
             state,
             rested=rested,
-            resting_base=state.resting_base + (base - state.resting_base) / rested,
-            resting_swing=state.resting_swing + (swing - state.resting_swing) / rested,
+            resting_suction=state.resting_suction + (suction - state.resting_suction) / over,
+            resting_swing=state.resting_swing + (swing - state.resting_swing) / over,
         )
 
     def _measured(self, cp: Array, speed: float) -> tuple[float, float]:
-        """Mean pressure on the base and mean magnitude of the differences, as at the design speed; summed one by one,
-        as in C."""
+        """Suction on the base and mean magnitude of the differences, in units of the release's wake at this speed;
+        summed one by one, as in C."""
         base = swing = 0.0
         for place in self.base:
             base += float(cp[place])
         for one, other in self.pairs:
             swing += abs(float(cp[one]) - float(cp[other]))
-        base_share, swing_share = self._shares(speed)
-        return base / len(self.base) / base_share, swing / len(self.pairs) / swing_share
+        resting_base, resting_swing = self._stated(speed)
+        return base / len(self.base) / resting_base, swing / len(self.pairs) / resting_swing
 
-    def _shares(self, speed: float) -> tuple[float, float]:
-        """What base and swing are without jets at a speed, as shares of the design speed's; linear in between."""
+    def _stated(self, speed: float) -> tuple[float, float]:
+        """What base and swing of the release's wake are without jets at a speed, in Cp; linear in between."""
         before = self.resting[0]
         for after in self.resting:
             if speed < after[0]:
@@ -149,9 +160,9 @@ class BenefitCheck:
 
 
 def resting_of(manifest: Manifest) -> tuple[tuple[float, float, float], ...]:
-    """`RestingWake.shares` of a release; the same wake at all speeds where it states none."""
-    shares = [[1.0, 1.0, 1.0]] if manifest.resting is None else manifest.resting.shares().tolist()
-    return tuple((speed, base, swing) for speed, base, swing in shares)
+    """The wake without jets that a release states, by speed, as `BenefitCheck.resting` has it."""
+    stated = manifest.resting
+    return UNSTATED if stated is None else tuple(zip(stated.speeds, stated.base, stated.swing, strict=True))
 
 
 def mirrored_pairs(manifest: Manifest) -> tuple[tuple[int, int], ...]:

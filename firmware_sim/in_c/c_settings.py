@@ -204,6 +204,7 @@ def _of_benefit_check(check: BenefitCheck | None) -> dict[str, int | float | str
         "SW_BENEFIT_CHECK": 1,
         "SW_MEAN_PERIODS": f"{config.mean_periods}u",
         "SW_WAKE_PERIODS": f"{config.wake_periods}u",
+        "SW_PROVEN_PERIODS": f"{check.proven}u",
         "SW_FIRST_PERIOD": f"{config.first_period}u",
         "SW_LEAST_GAIN": config.least_gain,
         "SW_MOST_SWING": config.most_swing,

@@ -11,7 +11,7 @@ from contract.config.vehicle import BenefitCheckConfig, SensorCheckConfig
 from contract.recording import dataset
 from contract.release.bundle import load
 from contract.shipped import BUNDLE, recording
-from firmware_sim.ecu.benefit_check import BenefitCheck, BenefitCheckState, mirrored_pairs
+from firmware_sim.ecu.benefit_check import UNSTATED, BenefitCheck, BenefitCheckState, mirrored_pairs
 from tests.firmware_sim.conftest import RecordingController, make_bench
 
 RELEASE = load(BUNDLE)
@@ -19,6 +19,7 @@ CONFIG = BenefitCheckConfig(mean_periods=8, wake_periods=20, first_period=10, le
 CHECK = BenefitCheck(base=(2, 3), pairs=((0, 1), (2, 3)), config=CONFIG)
 WITHOUT = np.array([0.1, -0.3, -0.4, -0.6])
 """Mean base pressure -0.5, mean difference 0.3."""
+SUCTION_UNIT, SWING_UNIT = UNSTATED[0][1:]
 HELPED = np.array([-0.1, -0.2, -0.4, -0.4])
 
 
@@ -37,17 +38,18 @@ def test_means_without_control_are_those_of_the_latest_periods_and_none_while_th
         state, _ = CHECK.next(state, row, drives=False)
         # As long as the mean is short it is the plain one.
         if k <= CONFIG.mean_periods:
-            assert state.resting_base == pytest.approx(rows[:k, 2:].mean())
-            assert state.resting_swing == pytest.approx(np.abs(rows[:k, [0, 2]] - rows[:k, [1, 3]]).mean())
+            swing = np.abs(rows[:k, [0, 2]] - rows[:k, [1, 3]]).mean()
+            assert state.resting_suction == pytest.approx(rows[:k, 2:].mean() / SUCTION_UNIT)
+            assert state.resting_swing == pytest.approx(swing / SWING_UNIT)
     weights = (1 - 1 / 8) ** np.arange(22)[::-1] / 8
-    assert state.resting_base == pytest.approx(
-        (1 - 1 / 8) ** 22 * rows[:8, 2:].mean() + weights @ rows[8:, 2:].mean(axis=1)
-    )
+    mean = (1 - 1 / 8) ** 22 * rows[:8, 2:].mean() + weights @ rows[8:, 2:].mean(axis=1)
+    assert state.resting_suction == pytest.approx(mean / SUCTION_UNIT)
     driven, _ = run(state, WITHOUT, 3, drives=True)
     waking, _ = run(driven, HELPED, CONFIG.wake_periods - 1, drives=False)
-    assert waking.resting_base == state.resting_base
+    assert waking.resting_suction == state.resting_suction
     awake, _ = run(waking, HELPED, 1, drives=False)
-    assert awake.resting_base == pytest.approx(state.resting_base + (-0.4 - state.resting_base) / 8)
+    before = state.resting_suction
+    assert awake.resting_suction == pytest.approx(before + (-0.4 / SUCTION_UNIT - before) / 8)
 
 
 def test_control_that_takes_no_suction_away_is_ended_after_a_cycle_of_doubt_and_useful_control_never():
@@ -65,9 +67,9 @@ def test_control_that_takes_no_suction_away_is_ended_after_a_cycle_of_doubt_and_
         assert reasons == ([None] * 60 if helps else ended), cp
 
 
-def test_means_are_shares_of_the_wake_without_jets_at_the_speed_of_each_period():
+def test_means_are_in_units_of_the_wake_without_jets_at_the_speed_of_each_period():
     """A wake that is what it was, at a speed where it sheds more, is no reason to doubt; nor is less of it a gain."""
-    check = replace(CHECK, resting=((0.8, 0.5, 0.25), (1.0, 1.0, 1.0), (1.4, 1.2, 1.4)))
+    check = replace(CHECK, resting=((0.8, -0.25, 0.075), (1.0, -0.5, 0.3), (1.4, -0.6, 0.42)))
 
     def judged(speed: float, cp: np.ndarray) -> Reason | None:
         state, reason = BenefitCheckState(), None
@@ -88,6 +90,29 @@ def test_means_are_shares_of_the_wake_without_jets_at_the_speed_of_each_period()
         # The second bound: mirrored sensors differ more than without control.
         assert judged(speed, shaped(WITHOUT, 0.5 * base, 1.14 * swing)) is None
         assert judged(speed, shaped(WITHOUT, 0.5 * base, 1.16 * swing)) is Reason.NOT_HELPING
+
+
+def test_a_wake_that_control_had_calmed_before_a_reset_is_not_taken_for_that_without_control():
+    """Nor does the release's wake judge a vehicle that has measured its own for long enough."""
+    proven = CONFIG.wake_periods + CONFIG.mean_periods
+
+    def judged(check: BenefitCheck, rest: np.ndarray, periods: int, driven: np.ndarray) -> Reason | None:
+        state, reason = BenefitCheckState(), None
+        for _ in range(periods):
+            state, _ = check.next(state, rest, drives=False)
+        for _ in range(60):
+            state, reason = check.next(state, driven, drives=True)
+        return reason
+
+    stated = replace(CHECK, resting=((1.0, -0.5, 0.3),))
+    assert stated.proven == proven
+    for periods in (1, proven - 1):
+        assert judged(stated, HELPED, periods, HELPED) is None
+        assert judged(CHECK, HELPED, periods, HELPED) is Reason.NOT_HELPING
+        # As much suction as the release's wake has, or as much swing, is no calmed one.
+        assert judged(stated, HELPED, periods, WITHOUT) is Reason.NOT_HELPING
+        assert judged(stated, 1.2 * WITHOUT, periods, 1.1 * WITHOUT) is Reason.NOT_HELPING
+    assert judged(stated, HELPED, proven, HELPED) is Reason.NOT_HELPING
 
 
 def test_periods_without_pressures_judge_nothing_and_control_begins_anew_with_no_doubt():

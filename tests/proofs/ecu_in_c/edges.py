@@ -127,15 +127,17 @@ class Edges:
         """Means whose difference is about what control has to gain, shortly before a verdict."""
         del now_ns
         rng, check = self._rng, self._config.ecu.benefit_check
-        resting = rng.choice((-0.4, 0.3, 0.0))
+        resting, swing = rng.choice((0.7, 1.1, -0.3, 0.0)), rng.choice((0.0, 0.5, 1.2))
+        judged_by = rng.choice((1.0, resting))
+        proven = check.wake_periods + check.mean_periods
         changed = BenefitCheckState(
             waking=rng.choice((0, 1, 2, check.wake_periods)),
-            rested=min(check.mean_periods, rng.choice((0, 1, self._around(check.mean_periods)))),
-            resting_base=resting,
-            resting_swing=rng.choice((0.0, 0.2)),
+            rested=min(proven, rng.choice((0, 1, self._around(check.mean_periods), self._around(proven)))),
+            resting_suction=resting,
+            resting_swing=swing,
             driven=min(check.first_period, rng.choice((0, self._around(check.first_period)))),
-            base=resting + check.least_gain * abs(resting) + rng.choice((-0.01, 0.0, 0.01, 0.5)),
-            swing=rng.choice((0.0, 0.2 * check.most_swing, 0.4)),
+            suction=judged_by - check.least_gain * abs(judged_by) + rng.choice((-0.5, -0.01, 0.0, 0.01)),
+            swing=rng.choice((0.0, swing, 1.0, 2.0)) * check.most_swing,
             doubt=min(check.doubt_periods, rng.choice((0, self._around(check.doubt_periods)))),
         )
         return replace(state, benefit=changed)

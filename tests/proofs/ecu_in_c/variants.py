@@ -86,7 +86,9 @@ def bundle_of(config: Config) -> Bundle:
     is_driven = config.ecu.speed != SpeedConfig()
     # One kind of release has a weight of its own that no calibration of another could have.
     heavy = replace(bundle.manifest.mpc.weights, effort=2.0 * LARGEST_WEIGHT)
-    manifest = replace(bundle.manifest, sensor_estimator=figures)
+    # Some state what their wake is without jets.
+    stated = RESTING if is_driven or config.bus.frames == "fd" else None
+    manifest = replace(bundle.manifest, sensor_estimator=figures, resting=stated)
     if is_driven:
-        manifest = replace(manifest, speeds=SPEEDS, resting=RESTING, mpc=replace(manifest.mpc, weights=heavy))
+        manifest = replace(manifest, speeds=SPEEDS, mpc=replace(manifest.mpc, weights=heavy))
     return replace(bundle, manifest=manifest)

@@ -6,14 +6,14 @@
 #if SW_BENEFIT_CHECK
 
 typedef struct {
-    double base;  /* mean pressure on the base */
-    double swing; /* mean magnitude of the differences of mirrored sensors */
+    double suction; /* mean pressure on the base */
+    double swing;   /* mean magnitude of the differences of mirrored sensors */
 } measured;
 
 static double magnitude(double value) { return value < 0.0 ? -value : value; }
 
-/* What base and swing are without jets at a speed, as shares of the design speed's; linear in between. */
-static measured shares_at(const sw_release *release, double speed)
+/* What both are in the release's wake without jets at a speed, in Cp; linear in between. */
+static measured stated_at(const sw_release *release, double speed)
 {
     const double *before = release->resting[0];
     for (int i = 0; i < SW_RESTING_SPEEDS; i++) {
@@ -30,27 +30,34 @@ static measured shares_at(const sw_release *release, double speed)
     return last;
 }
 
-/* As at the design speed. */
+/* In units of the release's wake at this speed. */
 static measured measure(const sw_release *release, const double *cp, double speed)
 {
-    const measured shares = shares_at(release, speed);
+    const measured stated = stated_at(release, speed);
     measured now = {0.0, 0.0};
-    for (int i = 0; i < SW_BASES; i++) now.base += cp[release->base[i]];
+    for (int i = 0; i < SW_BASES; i++) now.suction += cp[release->base[i]];
     for (int i = 0; i < SW_MIRRORED_PAIRS; i++) now.swing += magnitude(cp[release->pairs[i][0]] - cp[release->pairs[i][1]]);
-    now.base /= (double)SW_BASES;
+    now.suction /= (double)SW_BASES;
     now.swing /= (double)SW_MIRRORED_PAIRS;
-    now.base /= shares.base;
-    now.swing /= shares.swing;
+    now.suction /= stated.suction;
+    now.swing /= stated.swing;
     return now;
 }
 
 static uint32_t at_most(uint32_t count, uint32_t most) { return count < most ? count : most; }
 
+/* A mean without control, or the release's as long as that may be of a calmed wake and is smaller. */
+static double resting(const sw_benefit *benefit, double mean)
+{
+    return benefit->rested < SW_PROVEN_PERIODS && mean < 1.0 ? 1.0 : mean;
+}
+
 static int helps(const sw_benefit *benefit)
 {
-    const double gained = benefit->base - benefit->resting_base;
-    const int less_suction = gained >= SW_LEAST_GAIN * magnitude(benefit->resting_base);
-    const int calm = benefit->swing <= SW_MOST_SWING * benefit->resting_swing;
+    const double suction = resting(benefit, benefit->resting_suction);
+    const double swing = resting(benefit, benefit->resting_swing);
+    const int less_suction = suction - benefit->suction >= SW_LEAST_GAIN * magnitude(suction);
+    const int calm = benefit->swing <= SW_MOST_SWING * swing;
     return less_suction & calm;
 }
 
@@ -59,14 +66,15 @@ static void rest(sw_benefit *benefit, const sw_release *release, const double *c
 {
     if (benefit->waking > 0u) benefit->waking--;
     benefit->driven = 0;
-    benefit->base = 0.0;
+    benefit->suction = 0.0;
     benefit->swing = 0.0;
     benefit->doubt = 0;
     if (cp == NULL || benefit->waking > 0u) return;
     const measured now = measure(release, cp, speed);
-    benefit->rested = at_most(benefit->rested + 1u, SW_MEAN_PERIODS);
-    benefit->resting_base += (now.base - benefit->resting_base) / (double)benefit->rested;
-    benefit->resting_swing += (now.swing - benefit->resting_swing) / (double)benefit->rested;
+    benefit->rested = at_most(benefit->rested + 1u, SW_PROVEN_PERIODS);
+    const double over = (double)at_most(benefit->rested, SW_MEAN_PERIODS);
+    benefit->resting_suction += (now.suction - benefit->resting_suction) / over;
+    benefit->resting_swing += (now.swing - benefit->resting_swing) / over;
 }
 
 static void drive(sw_benefit *benefit, const sw_release *release, const double *cp, double speed)
@@ -76,7 +84,7 @@ static void drive(sw_benefit *benefit, const sw_release *release, const double *
     const measured now = measure(release, cp, speed);
     benefit->driven = at_most(benefit->driven + 1u, SW_FIRST_PERIOD);
     const double over = (double)at_most(benefit->driven, SW_MEAN_PERIODS);
-    benefit->base += (now.base - benefit->base) / over;
+    benefit->suction += (now.suction - benefit->suction) / over;
     benefit->swing += (now.swing - benefit->swing) / over;
 }
 

@@ -336,7 +336,7 @@ static int could_be(const sw_ecu_state *state)
     const int sensors = state->sensors.set_aside >= -1 && state->sensors.set_aside < SW_SENSORS;
 #if SW_BENEFIT_CHECK
     const sw_benefit *counted = &state->benefit;
-    const int benefit = counted->rested <= SW_MEAN_PERIODS && counted->driven <= SW_FIRST_PERIOD &&
+    const int benefit = counted->rested <= SW_PROVEN_PERIODS && counted->driven <= SW_FIRST_PERIOD &&
                         counted->doubt <= SW_BENEFIT_DOUBT;
 #else
     const int benefit = 1;

@@ -182,15 +182,15 @@ typedef struct {
     double estimates[SW_KEPT][SW_SENSORS]; /* of each sensor by the others, in the latest periods */
 } sw_sensors;
 
-/* The benefit check; pressures in Cp. */
+/* The benefit check; suction and swing in units of the release's own wake without jets. */
 typedef struct {
     uint32_t waking; /* periods with the jets shut until the wake is that without control */
-    uint32_t rested; /* periods that the means without control rest on, up to those of a mean */
+    uint32_t rested; /* periods that the means without control rest on, up to SW_PROVEN_PERIODS */
     uint32_t driven; /* the same under control, up to the first that is judged */
     uint32_t doubt;
-    double resting_base;
+    double resting_suction;
     double resting_swing;
-    double base;
+    double suction;
     double swing;
 } sw_benefit;
 
@@ -227,7 +227,7 @@ typedef struct {
 typedef struct {
     double fast_deviation[SW_SENSORS][SW_SENSORS]; /* of sound sensors' residuals, in Cp: sensor i without sensor j */
     double slow_deviation[SW_SENSORS][SW_SENSORS]; /* the same, of their slow means */
-    double resting[SW_RESTING_SPEEDS][3]; /* the wake without jets: speed, base and swing in shares of the design speed's */
+    double resting[SW_RESTING_SPEEDS][3]; /* the wake without jets: speed, base and swing in Cp */
     double slowest; /* of the speeds that it serves, in design speeds */
     double fastest;
     double design_speed;     /* in m/s */
