@@ -218,7 +218,7 @@ class Film:
         action = self.figure.add_axes((left, 0.06 * top, width, 0.25 * top), facecolor=NIGHT)
         found: dict[str, Any] = {}
         for axes, limits, ticks, label in (
-            (drag, (0.70, 1.12), (0.8, 1.0), "drag $C_d$"),
+            (drag, (0.64, 1.12), (0.8, 1.0), "drag $C_d$"),
             (action, (-1.15, 1.15), (), "jets"),
         ):
             axes.set(xlim=(story.begin, story.end), ylim=limits, xticks=(), yticks=ticks)

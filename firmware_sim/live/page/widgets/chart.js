@@ -162,13 +162,15 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         this.stroke(ctx, [bbox.left, y], [bbox.left + bbox.width, y]);
         if (!label) continue;
         ctx.font = `${11 * fine}px system-ui, sans-serif`;
-        ctx.textAlign = 'left';
+        // At the newest end: a curve that began at the line has left it by then.
+        ctx.textAlign = 'right';
+        const end = bbox.left + bbox.width - 6 * fine;
         ctx.setLineDash([]);
         ctx.strokeStyle = stillwake.colour('--panel');
         ctx.lineWidth = 4 * fine;
-        ctx.strokeText(label, bbox.left + 6 * fine, y - 4 * fine);
+        ctx.strokeText(label, end, y - 4 * fine);
         ctx.lineWidth = fine;
-        ctx.fillText(label, bbox.left + 6 * fine, y - 4 * fine);
+        ctx.fillText(label, end, y - 4 * fine);
       }
       if (format.is(this.at)) {
         const x = Math.round(plot.valToPos(this.at, 'x', true));
