@@ -6,6 +6,7 @@ from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any
 
+from can_bridge.wire.messages import Mode
 from contract.atomic import replacing
 from contract.config.tree import Config
 from contract.release.checks import Bundle
@@ -13,6 +14,7 @@ from firmware_sim.bench.disturbances import Disturbance, Disturbances
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.runs import run_log, wake_stills
+from firmware_sim.runs.control import mode_names
 from firmware_sim.runs.metadata import RunOrigin
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import Row, RunLog
@@ -101,7 +103,8 @@ def run_closed_loop(
             progress=record,
             progress_without=progress_without,
         )
-        _draw(wake, bundle, "under control", folder.controlled_picture)
+        ended = "under control" if mode_names(log)[-1] == Mode.CONTROL.name else "at the end"
+        _draw(wake, bundle, ended, folder.controlled_picture)
         wake_stills.save(folder.wake, recorder.recorded())
         run_log.save(folder.series, log)
         folder.summary.write_text(json.dumps(whole_summary(log), indent=2) + "\n", encoding="utf-8")

@@ -320,7 +320,7 @@ def _rows(report: "Report") -> list[tuple[str, str]]:
     names = {"runs": report.running, "boots next": report.next_boot}
     rows += [(name, "none" if slot is None else f"slot {slot.name}") for name, slot in names.items()]
     if report.reason is not None:
-        rows.append(("booted", report.reason.in_words))
+        rows.append(("at its last boot", report.reason.in_words))
     rows.append(("least security version", str(report.least_security_version)))
     rows.append(("key list", "none" if report.key_list_version is None else f"version {report.key_list_version}"))
     attempts = ", ".join(f"{level.name.lower()} {count}" for level, count in report.failed_attempts.items())

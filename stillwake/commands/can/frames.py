@@ -82,7 +82,7 @@ def send(
             bus.send_message(stamped(time.time()))
             sent += 1
             show(sent)
-    console.print(f"sent {sent} frames")
+    console.print(f"sent {sent} frame{'' if sent == 1 else 's'}")
     if sent < count:
         raise KeyboardInterrupt
 
