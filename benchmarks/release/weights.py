@@ -80,8 +80,9 @@ def drawn(rows: list[Mapping[str, Any]]) -> dict[str, Figure]:
     for axes, (weight, name, label) in zip(figure.subplots(1, 2), shown, strict=True):
         found = [row for row in rows if row["weight"] == weight]
         values = [row["value"] for row in found]
-        axes.plot(values, [row[name] for row in found], "o-", color="tab:blue")
-        axes.set(xlabel=f"weight on {weight}", ylabel=label, ylim=(0.0, None))
+        heights = [row[name] for row in found]
+        axes.plot(values, heights, "o-", color="tab:blue")
+        axes.set(xlabel=f"weight on {weight}", ylabel=label, ylim=(0.0, 1.15 * max(heights)))
         drag = axes.twinx()
         drag.plot(values, [row["reduction_percent"] for row in found], "s--", color="tab:orange")
         drag.set(ylabel="less drag, %", ylim=(0.0, 40.0))
