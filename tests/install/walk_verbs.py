@@ -89,7 +89,7 @@ CALLS = (
     call("diagnose pdx ecu.pdx"),
     # It runs until it is stopped: here it refuses a library that is not there.
     call("ecu board flash.bin --library none --root keys/release.pub --access access.key", *UDP, status=1),
-    call("run run --lead-in 6 --controlled 1 --no-averages", needs=["sim"]),
+    call("run run --lead-in 14 --controlled 1 --no-averages", needs=["sim"]),
     call("run run_in_c --ecu c", needs=["sim", "train"]),
     call("report run --picture run.png", needs=["sim"]),
     call("record made.h5 --training 5 --chirp 0 --uncontrolled 5 --workers 1", needs=["sim"]),
