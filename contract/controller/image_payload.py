@@ -27,7 +27,9 @@ _IDENTITY: Final = "SW_PROGRAM_SHA256"
 """What `sw_settings.h` has of the program that is compiled in."""
 _OF_ECU: Final = ("SW_RELEASE_LAYOUT", "SW_RELEASE_BYTES", "SW_PAST", "SW_SENSOR_CHECK")
 """Settings of `sw_ecu_settings.h` that the numbers depend on; the others are the vehicle's."""
-_TITLE: Final = "layout of a stillwake controller image\n"
+_TITLE: Final = "layout 2 of a stillwake controller image\n"
+"""Its number rises when a member's meaning changes and its size does not: in the first, the wake without jets was in
+shares of the design speed's."""
 _STRUCTS: Final = ("SW_RELEASE", "SW_WEIGHTS", "SW_HOT", "SW_ESTIMATOR")
 """Of a payload, in its order."""
 
