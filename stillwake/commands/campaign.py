@@ -16,6 +16,7 @@ from contract.release.checks import Bundle
 from contract.results import versions
 from stillwake.console.numbers import cores
 from stillwake.console.outputs import check_json, save_json
+from stillwake.console.progress import steps_begin
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
@@ -171,6 +172,8 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", workers: int, sche
 
         def show(done: int, total: int, name: str) -> None:
             bar.update(task, completed=done, total=total, note=name, refresh=True)
+            if not done:
+                steps_begin(bar, task)
 
         try:
             return conduct(planned, folder, workers=workers, scheduler=scheduler, progress=show)

@@ -117,6 +117,15 @@ class ProgressLines(Progress):
         self.console.print(line_of(task, _unit_of(task, self._unit)), markup=False, highlight=False, soft_wrap=True)
 
 
+def steps_begin(bar: Progress, task: TaskID) -> None:
+    """Let a task's speed count from now, at the begin of its first step.
+
+    Rich counts from the end of the first one: steps that several workers begin and end together would be many at once.
+    """
+    for part in (_HARDLY, -_HARDLY):
+        Progress.update(bar, task, advance=part)
+
+
 def now_and_then(
     show: Callable[..., object], interval: float = 0.5, clock: Callable[[], float] = time.monotonic
 ) -> Callable[..., None]:
@@ -165,6 +174,9 @@ def span(seconds: float) -> str:
         return f"{whole // 60} min {whole % 60} s"
     return f"{whole // 3600} h {whole % 3600 // 60} min"
 
+
+_HARDLY: Final = 1e-9
+"""A part of a step that no one sees."""
 
 _DAYS: Final = 100.0 * 3600.0
 """Seconds from which on days are shown instead of hours."""

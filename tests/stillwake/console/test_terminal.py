@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 from rich.progress import Progress
 
-from stillwake.console.progress import ProgressLines, now_and_then, span
+from stillwake.console.progress import ProgressLines, now_and_then, span, steps_begin
 from stillwake.console.terminal import PlainConsole, progress_bar, visible
 
 RUN_NOTE = "CONTROL  Cd 1.031  base Cp -0.512  action +0.0123  step 12.3 ms"
@@ -96,6 +96,14 @@ def test_a_log_has_a_line_at_the_start_every_half_minute_at_the_end_and_at_a_sto
         "closed loop: 961/1000 periods (96 %)",
     ]
     assert middle[0].partition(", ")[2] == "8 periods/s, 1 min 35 s left, 30 s so far; Cd 1.03 [base]"
+    # Two workers end their first runs together, 40 s after they began.
+    with progress_bar("runs", estimate_over=3600.0, console=console, clock=clock) as bar:
+        task = bar.add_task("campaign", total=180, note="")
+        steps_begin(bar, task)
+        for done, passed in ((1, 40.0), (2, 0.5)):
+            clock.now += passed
+            bar.update(task, completed=done)
+    assert text(console).splitlines()[-1].endswith(", 0.0494 runs/s, 1 h 0 min left, 40 s so far")
     # A stop shows how far it was; times are written for people.
     with pytest.raises(KeyboardInterrupt), progress_bar("steps", console=console, clock=clock) as bar:
         task = bar.add_task("running", total=50, note="")
