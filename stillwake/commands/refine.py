@@ -21,7 +21,7 @@ from stillwake.parts.training_progress import PhaseBars, continued
 from train.fitting import unfinished
 
 SENSORS: Final = "upper_39,lower_39,base_0,base_9"
-USES: Final = ("refine", "mpc")
+USES: Final = ("refine", "mpc", "train.seed")
 
 
 def refine(

@@ -64,7 +64,8 @@ def refine_model(
     Args:
         model: trained, whose other settings the result keeps.
         dataset_path: the recording that it was fitted to.
-        config: with the settings of the refinement, and those of the controller that the result is exported with.
+        config: with the settings of the refinement, its seed (`train.seed`), and those of the controller that the
+            result is exported with.
         sensors: pairs of mirror images.
         flow: from these sensors to the plant and to developed wakes without jets, one for each stream.
         iterating: the controller's iterations, where they act in the loop of training; of this model with its prior.
@@ -90,7 +91,8 @@ def refine_model(
             f"{', '.join(sensors)} first without"
         )
     model_folder.check_free(output)
-    settings = replace(model.config, refine=config.refine, mpc=config.mpc)
+    trained = replace(model.config.train, seed=config.train.seed)
+    settings = replace(model.config, train=trained, refine=config.refine, mpc=config.mpc)
     folder = unfinished.folder_of(output)
     if not resume:
         unfinished.clear(folder)
