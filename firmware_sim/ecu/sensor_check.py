@@ -54,6 +54,10 @@ the shipped release all move by over 0.11; on the calm wake, where mirror images
 DRIFT_ALLOWED: Final = 4.0
 """How much more slow means may disagree than fast ones: 64; sound ones reach 7, or 40 without any one sensor."""
 
+ASIDE_ALLOWED: Final = 2.0
+"""How much more the sensors that are left may disagree when one is set aside: two others tell less of each than three.
+Sound ones reach 28 then, in a gust that the speed on the bus does not show."""
+
 
 class Estimator(Protocol):
     """What computes `sensors.onnx`."""
@@ -229,7 +233,7 @@ class SensorCheck:
         swapped = state.score[sensors:].mean(axis=1)
         alone = fast_each.own
         aside = state.set_aside
-        doubt = alone.mean() if aside is None else fast_each.others[aside]
+        doubt = alone.mean() if aside is None else fast_each.others[aside] / ASIDE_ALLOWED
         drift = slow_each.others.min() if aside is None else slow_each.others[aside]
         return Levels(
             liar=alone / (1.0 + fast_each.others),

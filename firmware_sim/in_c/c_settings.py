@@ -138,7 +138,8 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         "SW_SENSOR_CHECK": int(estimator is not None),
         **_named("SW", check, "liar_level", "bias_level", "swap_level", "doubt_level", "doubt_periods", "flat_periods"),
         **_named("SW", manifests, "FAST_PERIODS", "SLOW_PERIODS"),
-        **_named("SW", sensor_check, "SCORE_PERIODS", "NOISE_ALLOWED", "MOVING", "ALIKE", "COPIED", "DRIFT_ALLOWED"),
+        **_named("SW", sensor_check, "SCORE_PERIODS", "NOISE_ALLOWED", "MOVING", "ALIKE", "COPIED"),
+        **_named("SW", sensor_check, "DRIFT_ALLOWED", "ASIDE_ALLOWED"),
     }
 
 

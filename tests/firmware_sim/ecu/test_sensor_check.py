@@ -206,11 +206,13 @@ def test_a_calm_symmetric_wake_has_no_copies() -> None:
 
 
 def test_a_second_liar_shuts_the_jets() -> None:
-    drive = sound()
-    drive.until_seen(with_value(0, lambda value, k: value + 0.4), 30)
-    for _ in range(80):
-        drive.step(lambda cp, k: cp + np.array([0.4, 0.0, 0.0, -0.5]))
-    assert (drive.state.set_aside, drive.fault) == (0, Reason.IMPLAUSIBLE)
+    # Residuals squared of 26 sound variances are what a gust makes of sound sensors, a second liar's 122.
+    for second, fault in ((-0.14, None), (-0.5, Reason.IMPLAUSIBLE)):
+        drive = sound()
+        drive.until_seen(with_value(0, lambda value, k: value + 0.4), 30)
+        for _ in range(80):
+            drive.step(lambda cp, k: cp + np.array([0.4, 0.0, 0.0, second]))  # noqa: B023
+        assert (drive.state.set_aside, drive.fault) == (0, fault), second
     # Plausible again, the fault ends and the first liar stays aside.
     for _ in range(300):
         drive.step()

@@ -162,7 +162,7 @@ static levels levels_of(const sw_sensors *sensors, const sw_release *release)
         found.doubt = disagreement;
         found.drift = smaller(smaller(without[0], without[1]), smaller(without[2], without[3]));
     } else {
-        found.doubt = others_mean(sensors->score[aside], aside);
+        found.doubt = others_mean(sensors->score[aside], aside) / SW_ASIDE_ALLOWED;
         found.drift = without[aside];
     }
     found.drift /= SW_DRIFT_ALLOWED;
