@@ -48,7 +48,7 @@ def main(
     dynamics_width: int = 64,
     decoder_width: int = 32,
     horizon: int = 25,
-    iterations: int = 3,
+    iterations: int = 2,
 ) -> None:
     """Time the control step and print a table."""
     torch.set_num_threads(1)
