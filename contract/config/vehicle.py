@@ -126,8 +126,8 @@ class SensorCheckConfig(
     """How much better the pressures agree with two of them exchanged, from which on the wiring is in doubt. Sound
     sensors reach 0.9."""
     doubt_level: Positive[float] = 16.0
-    """Disagreement among the pressures that no single sensor explains, from which on they are in doubt. Sound sensors
-    reach 12, under forcing beyond what the model has seen."""
+    """Disagreement among the pressures that no single sensor explains, from which on they are in doubt; twice as much
+    once one is set aside. Sound sensors reach 12, under forcing beyond what the model has seen."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
     """Periods in doubt, less those out of it, from which on the jets go to zero and the fault latches."""
     flat_periods: Annotated[AtLeastOne[int], PERIODS, ours("longer than a sound reading rests", page=_LIES)] = 10

@@ -143,8 +143,8 @@ class Levels(NamedTuple):
         liar: (S,) that this sensor lies, and the others do not.
         bias: (S,) the same, of the slow means.
         swap: (P,) that these two are exchanged.
-        doubt: that the sensors which are in use disagree.
-        drift: the same, of the slow means, whichever one of all sensors is left out.
+        doubt: that the sensors which are in use disagree, half as much with one set aside (`ASIDE_ALLOWED`).
+        drift: the same, of the slow means, whichever one of all sensors is left out, over `DRIFT_ALLOWED`.
     """
 
     liar: Array

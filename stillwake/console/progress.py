@@ -118,7 +118,7 @@ class ProgressLines(Progress):
 
 
 def steps_begin(bar: Progress, task: TaskID) -> None:
-    """Let a task's speed count from now, at the begin of its first step.
+    """Let a task's speed count from now, at the beginning of its first step.
 
     Rich counts from the end of the first one: steps that several workers begin and end together would be many at once.
     """
