@@ -5,6 +5,7 @@ import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from contract.errors import PlantError, StillwakeError
@@ -58,19 +59,19 @@ class FakeSession:
             self.order = given["order"]
         if "wait" in given:
             self.show("something takes long")
-            time.sleep(given["wait"])
+            _until_there_is(given["wait"])
         if "pause" in request:
             self.paused = request["pause"]
         return Answer(note=f"at {self.k}")
 
     def before(self, request: Request) -> Callable[[], None] | None:
-        seconds = request.get("set", {}).get("make")
-        if seconds is None:
+        awaited = request.get("set", {}).get("make")
+        if awaited is None:
             return None
 
         def make() -> None:
             self.show("something is made")
-            time.sleep(seconds)
+            _until_there_is(awaited)
             if "fail" in request["set"]:
                 raise StillwakeError("it cannot\nbe made")
 
@@ -79,3 +80,9 @@ class FakeSession:
     def messages(self) -> list[Message | bytes]:
         new, self.new = self.new, []
         return new
+
+
+def _until_there_is(path: str) -> None:
+    """Wait for a file: what comes first is then up to the test, however slow the machine is."""
+    while not Path(path).exists():
+        time.sleep(0.005)

@@ -88,6 +88,10 @@ async def heard(stream: WebSocketClientConnection, **wanted: str) -> dict[str, A
 
 async def answer(control: WebSocketClientConnection, request: str | bytes) -> Any:
     await control.write_message(request, binary=isinstance(request, bytes))
+    return await read(control)
+
+
+async def read(control: WebSocketClientConnection) -> Any:
     async with asyncio.timeout(PATIENCE_S):
         message = await control.read_message()
     assert message is not None, "closed"
@@ -157,7 +161,10 @@ async def test_only_so_many_can_look(monkeypatch) -> None:
 
 @pytest.mark.processes
 @in_a_loop
-async def test_viewers_see_and_ask() -> None:
+async def test_viewers_see_and_ask(tmp_path) -> None:
+    async def ask(number: int, **given: object) -> None:
+        await control.write_message(json.dumps({"id": number, "set": given}, default=str))
+
     async with placed(MakeFake()) as place:
         viewers = [await place.connect("/stream") for _ in range(2)]
         for viewer in viewers:
@@ -171,23 +178,30 @@ async def test_viewers_see_and_ask() -> None:
         assert "error" in await answer(control, "{")
         assert "error" in await answer(control, b"{}")
         # What is waited for is shown to the other viewer as well.
-        assert (await answer(control, '{"id": 8, "set": {"wait": 0.3}}'))["id"] == 8
+        await ask(8, wait=tmp_path / "8")
         await heard(viewers[1], type="loop", text="something takes long")
+        (tmp_path / "8").touch()
+        assert (await read(control))["id"] == 8
         await heard(viewers[1], type="loop", state="running")
         # What takes seconds to make does not hold up the loop, nor other requests.
-        await control.write_message('{"id": 9, "set": {"make": 0.5}}')
+        await ask(9, make=tmp_path / "9")
         assert (await answer(control, '{"id": 10}'))["id"] == 10
-        assert "already" in (await answer(control, '{"set": {"make": 0.1}}'))["error"]
+        await ask(11, make=tmp_path / "9")
+        assert "already" in (await read(control))["error"]
         await heard(viewers[1], type="loop", text="something is made")
+        (tmp_path / "9").touch()
+        assert (await read(control))["id"] == 9
         assert (await heard(viewers[1], type="loop"))["state"] == "running"
-        assert json.loads(str(await control.read_message()))["id"] == 9
-        failed = await answer(control, '{"set": {"make": 0, "fail": true}}')
-        assert failed["error"] == "it cannot be made"
+        await ask(12, make=tmp_path, fail=True)
+        assert (await read(control))["error"] == "it cannot be made"
         # Who asks without end is refused, and the others are not.
-        for _ in range(MOST_UNANSWERED + 1):
-            await control.write_message('{"set": {"wait": 0.05}}')
-        last = [json.loads(str(await control.read_message())) for _ in range(MOST_UNANSWERED + 1)]
-        assert sum("wait for the loop already" in one.get("error", "") for one in last) == 1
+        for number in range(MOST_UNANSWERED + 1):
+            await ask(number, wait=tmp_path / "all")
+        refused = await read(control)
+        assert refused["id"] == MOST_UNANSWERED and "wait for the loop already" in refused["error"]
+        (tmp_path / "all").touch()
+        answered = [await read(control) for _ in range(MOST_UNANSWERED)]
+        assert {one["id"] for one in answered if "error" not in one} == set(range(MOST_UNANSWERED))
         # Nothing comes while it is paused, and it still answers.
         await answer(control, '{"pause": true}')
         notes = [(await answer(control, "{}"))["note"] for _ in range(3)]
