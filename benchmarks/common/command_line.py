@@ -8,6 +8,7 @@ import typer
 
 from contract.shipped import MODEL as SHIPPED
 from stillwake.console.outputs import save_json
+from stillwake.console.progress import steps_begin
 from stillwake.console.terminal import make_console, progress_bar
 
 T = TypeVar("T")
@@ -35,6 +36,7 @@ def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -
     # An item may take minutes: the speed is that of the last hour.
     with progress_bar(unit, estimate_over=3600.0, console=progress) as bar:
         task = bar.add_task(label, total=total, note="")
+        steps_begin(bar, task)
         for done, item in enumerate(items, start=1):
             yield item
             bar.update(task, completed=done)

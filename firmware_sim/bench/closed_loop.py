@@ -66,11 +66,12 @@ def run_closed_loop(
     # python-can loads all that it can write with, which takes a second.
     from can_bridge.logs import frame_log
 
+    disturbances = Disturbances(items=tuple(faults))
     simulation = Simulation(
         bundle,
         config,
         spans=Spans(lead_in=lead_in, controlled=controlled, settle=settle, averages=averages),
-        disturbances=Disturbances(items=tuple(faults)),
+        disturbances=disturbances,
         seed=fault_seed,
         **parts,
     )
@@ -80,7 +81,9 @@ def run_closed_loop(
         folder.path.mkdir()
         frames = stack.enter_context(ExitStack())
         capture = frames.enter_context(frame_log.recording(folder.frames))
-        wake = stack.enter_context(open_plant("stillwake", output, config) if plant is None else plant)
+        wake = stack.enter_context(
+            open_plant("stillwake", output, disturbances.plant(config)) if plant is None else plant
+        )
         picture = LevelPicture(wake)
         recorder = WakeRecorder(Scene.of(picture, wake.layout), simulation.periods[1])
 

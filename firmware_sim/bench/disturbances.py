@@ -6,6 +6,7 @@
     wire_errors:bit_error_rate=1,node=ecu@2..2.01
     reset@4                                once
     reynolds=700                           the flow is not the one of the training
+    body:length=1                          nor the vehicle
     gust:amplitude=0.1,period=20
 
 A disturbance is plain data; `disturbing.py` puts all of them to work. Sensors are the bundle's: no other one is read.
@@ -13,12 +14,13 @@ Levels are in global deviations of pressure (`contract.sensor_faults`).
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import floor, inf
 from typing import Annotated, Final, Literal, Self, TypeVar
 
 from can_bridge.bus.faults.fault import Instant, Probability, Span
 from can_bridge.bus.faults.text import parse_described, text_of
+from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.config.rules import Finite, NonNegative, Positive, Rule, require
 from contract.config.tree import Config
 from contract.errors import ConfigError
@@ -168,6 +170,26 @@ class Reynolds(Span, section="reynolds"):
 
 
 @dataclass(frozen=True, kw_only=True)
+class OtherBody(Span, section="body"):
+    """The vehicle is another body than the one the release was made for, with sensors of the same names at its own
+    places; own solver alone, for the whole run. The ECU does not know it."""
+
+    length: Finite[float]
+    """W, as `body.length`."""
+    leading_edge_radius: NonNegative[float] = 0.0
+    """W, as `body.leading_edge_radius`."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require((self.start_s, self.end_s) == (0.0, inf), self, "start_s", "left out, and its end: a body stays")
+        self.instead_of(TRUCK_BODY)
+
+    def instead_of(self, body: BodyConfig) -> BodyConfig:
+        """This body, with as many sensors as that one. Raises ConfigError if the solver takes no such body."""
+        return replace(body, length=self.length, leading_edge_radius=self.leading_edge_radius)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Gust(Span, section="gust"):
     """The wind against the vehicle varies: U(t) = U_inf (1 + amplitude sin(2 pi t / period)); own solver alone.
 
@@ -250,7 +272,7 @@ KINDS: Final[dict[str, type[Span]]] = {
     for kind in (
         *(Noise, Bias, Drift, Stuck, Dead, Swap, Quantise),
         *(WireNoise, Reset, Clock, NoRequest),
-        *(Reynolds, Gust, VehiclePoint, ActionLimit, StuckJets),
+        *(Reynolds, OtherBody, Gust, VehiclePoint, ActionLimit, StuckJets),
         *(SpeedScale, SpeedLate, SpeedFrozen, NoSpeed, Density),
     )
 }
@@ -289,6 +311,16 @@ class Disturbances:
     def texts(self) -> tuple[str, ...]:
         """Texts of the items, which `parse` takes."""
         return tuple(one.text if isinstance(one, NodeFault) else text_of(one) for one in self.items)
+
+    @property
+    def other_body(self) -> OtherBody | None:
+        """What the vehicle is in place of the release's, if it is another."""
+        return next((one for one in reversed(self.items) if isinstance(one, OtherBody)), None)
+
+    def plant(self, config: Config) -> Config:
+        """The settings with the body that the plant has."""
+        other = self.other_body
+        return config if other is None else replace(config, body=other.instead_of(config.body))
 
     def check(self, config: Config, sensors: tuple[str, ...], *, duration_s: float) -> None:
         """Raises ConfigError for what could not act in a run of this length with these sensors in use."""

@@ -194,6 +194,7 @@ class Disturbing:
             point, stated_density = replace(point, density=air.density), air.density if air.stated else None
         node.operating_point, node.action_limit, node.stuck_at = point, limit, stuck_at
         node.stated_density = stated_density
+        list(self._acting(kinds.OtherBody, now_ns))
         self._state_speed(now_ns, node)
 
     def _state_speed(self, now_ns: int, node: VehicleNode) -> None:

@@ -8,17 +8,22 @@ from contextlib import ExitStack
 from datetime import date
 from typing import Final
 
+import numpy as np
+
+from can_bridge.bus.faults.text import text_of
 from can_bridge.secoc.node import authentication_in_virtual_time
 from can_bridge.timing.background import background
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
+from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.config.vehicle import SIMULATED
 from contract.controller.calibration import Calibration
 from contract.controller.interface import RunnableController
-from contract.errors import BusError, StillwakeError
+from contract.errors import BusError, ConfigError, StillwakeError
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
+from contract.sensor_layout import SensorLayout
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.bench.driven import driving, without_control
@@ -70,6 +75,7 @@ class Simulation:
         drive: Drive | None = None,
     ) -> None:
         self._disturbances = Disturbances() if disturbances is None else disturbances
+        config = self._disturbances.plant(config)
         self.periods = lead_in, total = spans.periods(config.flow.control_period)
         _check_vehicle(config, total - lead_in)
         sensors = bundle.manifest.sensors
@@ -114,7 +120,7 @@ class Simulation:
             progress_without: called with the last two after every period of a drive without control.
         """
         config, bundle = self._config, self._bundle
-        check_sensors(bundle, wake.layout)
+        self._check_body(wake.layout)
         lead_in, total = self.periods
         disturbing, again = (
             Disturbing(self._disturbances, config, bundle.manifest.sensors, self._seed) for _ in range(2)
@@ -170,6 +176,14 @@ class Simulation:
             drive=None if drive is None else drive.name,
         )
         return RunLog.of(rows, lead_in, loop.totals(), metadata, wake.layout, traffic=wired.traffic(), without=without)
+
+    def _check_body(self, layout: SensorLayout) -> None:
+        """Raises StillwakeError if the plant is another body than the release's, unless it is the one that disturbs."""
+        other = self._disturbances.other_body
+        if other is None:
+            check_sensors(self._bundle, layout)
+        elif not np.array_equal(layout.positions, layout_of(self._config.body).positions):
+            raise ConfigError(f"disturbance {text_of(other)!r}: the plant is another body than this")
 
 
 def _check_vehicle(config: Config, requested: int) -> None:

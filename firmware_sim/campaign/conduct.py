@@ -18,7 +18,7 @@ from firmware_sim.campaign.outcome import Outcome
 from firmware_sim.campaign.running import check_run, flow_disturbances
 from firmware_sim.campaign.scenario import UNCONTROLLED, Scenario
 from firmware_sim.campaign.starts import digest_of, keep_states, starting_states
-from firmware_sim.campaign.task import Task, seed_of, settings_of
+from firmware_sim.campaign.task import Task, plant_of, seed_of, settings_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,8 +113,17 @@ class _Runs:
 
     def __init__(self, campaign: Campaign, folder: CampaignFolder, progress: Callable[[int, int, str], None]) -> None:
         self._campaign, self._folder, self._progress = campaign, folder, progress
-        self._starts = starting_states(folder, campaign.config, campaign.phases)
-        self._digests = [digest_of(state) for state in self._starts]
+        self._configs = {one.name: settings_of(one, campaign.config) for one in campaign.scenarios}
+        self._plants = {plant_of(campaign.config): ""}
+        for name, config in self._configs.items():
+            self._plants.setdefault(plant_of(config), name)
+        self._starts = {
+            plant: starting_states(
+                folder, replace(campaign.config, flow=plant[0], body=plant[1]), campaign.phases, scenario
+            )
+            for plant, scenario in self._plants.items()
+        }
+        self._digests = {plant: [digest_of(state) for state in states] for plant, states in self._starts.items()}
         self._outcomes: dict[str, Outcome] = {}
         self._claimed = False
         self._total = self.made = self.kept = 0
@@ -158,7 +167,8 @@ class _Runs:
         if self._claimed:
             return
         self._folder.claim(self._campaign.label())
-        keep_states(self._folder, self._starts)
+        for plant, scenario in self._plants.items():
+            keep_states(self._folder, self._starts[plant], scenario)
         for name, outcome in self._outcomes.items():
             # Found in a campaign that is being replaced, which had this run as well.
             self._folder.keep(name, outcome)
@@ -167,11 +177,12 @@ class _Runs:
     def _tasks(self, scenario: Scenario) -> list[Task]:
         """Its runs under control and, of its flow, without."""
         campaign, made = self._campaign, []
-        config = settings_of(scenario, campaign.config)
+        config = self._configs[scenario.name]
+        of_flow = replace(campaign.config, flow=config.flow, body=config.body)
         for phase in range(campaign.phases):
             free = self._free_name(scenario, phase)
             for name, drawn, disturb, used, controlled in (
-                (free, free, flow_disturbances(scenario.disturb), campaign.config, False),
+                (free, free, flow_disturbances(scenario.disturb), of_flow, False),
                 (_name(scenario.name, phase), scenario.name, scenario.disturb, config, True),
             ):
                 seed = seed_of(campaign.seed, drawn, phase)
@@ -189,11 +200,12 @@ class _Runs:
         return made
 
     def _free_name(self, scenario: Scenario, phase: int) -> str:
-        changed = bool(flow_disturbances(scenario.disturb))
+        of_all = plant_of(self._campaign.config)
+        changed = flow_disturbances(scenario.disturb) or plant_of(self._configs[scenario.name]) != of_all
         return _name(f"{scenario.name}.{UNCONTROLLED}" if changed else UNCONTROLLED, phase)
 
     def _key(self, task: Task) -> str:
-        return task.key(self._campaign.bundle.digest, self._digests[task.phase], version("stillwake"))
+        return task.key(self._campaign.bundle.digest, self._digests[task.plant][task.phase], version("stillwake"))
 
 
 def _name(scenario: str, phase: int) -> str:

@@ -1,7 +1,7 @@
 """Runs side by side: dask workers compute them, this process hands them out and keeps what is finished."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from distributed import Client, Future, KilledWorker
@@ -10,7 +10,7 @@ from contract.errors import StillwakeError
 from contract.release.checks import Bundle
 from firmware_sim.campaign.outcome import Outcome
 from firmware_sim.campaign.running import run_task
-from firmware_sim.campaign.task import Task
+from firmware_sim.campaign.task import PlantKey, Task
 from wake.recording.parallel import dask_client
 from wake.truck.state import State
 
@@ -20,7 +20,7 @@ _POLL_S: Final = 0.2
 def execute(
     tasks: Sequence[Task],
     bundle: Bundle,
-    starts: Sequence[State],
+    starts: Mapping[PlantKey, Sequence[State]],
     *,
     workers: int,
     scheduler: str | None,
@@ -31,7 +31,7 @@ def execute(
 
     Args:
         tasks: what is to be run; an outcome depends on its task alone, not on the worker or on what ran before.
-        starts: flow states by phase.
+        starts: flow states of each plant by phase.
         workers: local processes to start; at most one a task.
         scheduler: address of a running scheduler to use instead.
         finished: called in this process with every task that is done, in the order they finish.
@@ -45,7 +45,7 @@ def execute(
             # A release and a state are megabytes: no more of them under way than are being worked on.
             while waiting and len(running) < _slots(client):
                 task = waiting.pop()
-                running[client.submit(run_task, task, bundle, starts[task.phase], pure=False)] = task
+                running[client.submit(run_task, task, bundle, starts[task.plant][task.phase], pure=False)] = task
             time.sleep(_POLL_S)
             for future in [future for future in running if future.done()]:
                 task = running.pop(future)

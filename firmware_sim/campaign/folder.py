@@ -1,7 +1,7 @@
 """The folder of a campaign: what it is a campaign of, its starts, its finished runs, and its report.
 
 campaign.json           settings, seed, spans and bundle; a call with others is refused
-starts/phase_0.npz      flow states in which the runs begin
+starts/phase_0.npz      flow states in which the runs begin; NAME.phase_0.npz: those of another body's wake
 runs/NAME.phase0.json   a finished run, written whole
 table.csv, figures/, report.html
 """
@@ -27,9 +27,9 @@ class CampaignFolder:
         self.table, self.report = path / "table.csv", path / "report.html"
         self._label_file, self._runs = path / "campaign.json", path / "runs"
 
-    def start(self, phase: int) -> Path:
-        """File of the flow state in which a phase begins."""
-        return self.path / "starts" / f"phase_{phase}.npz"
+    def start(self, phase: int, scenario: str = "") -> Path:
+        """File of the flow state in which a phase begins; of a scenario's own plant if one is named."""
+        return self.path / "starts" / f"{scenario and scenario + '.'}phase_{phase}.npz"
 
     def check(self, label: Mapping[str, Any], *, overwrite: bool) -> None:
         """Find out before the work whether this campaign can go on here, without changing anything. Raises OutputError

@@ -10,7 +10,7 @@ from contract.config.tree import Config
 from contract.controller.interface import RunnableController
 from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle
-from firmware_sim.bench.disturbances import Disturbances, Gust, Reynolds
+from firmware_sim.bench.disturbances import Disturbances, Gust, OtherBody, Reynolds
 from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.bench.invariants import Invariants
 from firmware_sim.bench.simulation import Simulation
@@ -59,7 +59,7 @@ def flow_disturbances(texts: Iterable[str]) -> tuple[str, ...]:
     return tuple(
         text
         for text, one in zip(disturbances.texts, disturbances.items, strict=True)
-        if isinstance(one, Gust | Reynolds)
+        if isinstance(one, Gust | OtherBody | Reynolds)
     )
 
 

@@ -4,10 +4,12 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 
+from contract.config.body import TRUCK_BODY
 from contract.config.tree import Config
 from contract.errors import PlantError
 from firmware_sim.bench.spans import SHEDDING_TIME
 from firmware_sim.campaign.folder import CampaignFolder
+from wake.truck.develop import develop
 from wake.truck.state import State, developed_state, load_state, save_state
 from wake.truck.truck_wake import TruckWake
 
@@ -17,20 +19,24 @@ def phases_apart(phases: int, control_period: float) -> list[int]:
     return [round(number * SHEDDING_TIME / phases / control_period) for number in range(phases)]
 
 
-def starting_states(folder: CampaignFolder, config: Config, phases: int) -> tuple[State, ...]:
-    """The states of all phases, their clocks at zero and the jets shut: those kept in the folder, or made now. Raises
-    PlantError if there is no developed wake for the settings."""
-    kept = [_kept(folder, number) for number in range(phases)]
+def starting_states(folder: CampaignFolder, config: Config, phases: int, scenario: str = "") -> tuple[State, ...]:
+    """The states of all phases, their clocks at zero and the jets shut: those kept in the folder, or made now, which
+    takes minutes for another body than the truck. Raises PlantError if there is no developed wake for the settings.
+
+    Args:
+        scenario: whose plant it is, if it is not that of all.
+    """
+    kept = [_kept(folder, number, scenario) for number in range(phases)]
     whole = [state for state in kept if state is not None]
     if len(whole) == phases:
         return tuple(whole)
     return _advanced(config, phases_apart(phases, config.flow.control_period))
 
 
-def keep_states(folder: CampaignFolder, states: Sequence[State]) -> None:
+def keep_states(folder: CampaignFolder, states: Sequence[State], scenario: str = "") -> None:
     """Write the states of all phases where `starting_states` finds them."""
     for number, state in enumerate(states):
-        save_state(folder.start(number), state)
+        save_state(folder.start(number, scenario), state)
 
 
 def digest_of(state: State) -> str:
@@ -38,16 +44,19 @@ def digest_of(state: State) -> str:
     return hashlib.sha256(state.flat.tobytes()).hexdigest()
 
 
-def _kept(folder: CampaignFolder, phase: int) -> State | None:
+def _kept(folder: CampaignFolder, phase: int, scenario: str) -> State | None:
     try:
-        return load_state(folder.start(phase))
+        return load_state(folder.start(phase, scenario))
     except PlantError:
         return None
 
 
 def _advanced(config: Config, periods: Sequence[int]) -> tuple[State, ...]:
     wake = TruckWake(config.flow, body=config.body)
-    wake.reset(replace(developed_state(), substep=0, action=0.0))
+    if config.body == TRUCK_BODY:
+        wake.reset(replace(developed_state(), substep=0, action=0.0))
+    else:
+        develop(wake)
     states, done = [], 0
     for wanted in periods:
         for _ in range(wanted - done):

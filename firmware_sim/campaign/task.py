@@ -6,13 +6,19 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from contract.config import loading
+from contract.config.body import BodyConfig
+from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError
+from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.scenario import Scenario
 
-SETTINGS: Final = ("operating_point", "bus", "ecu", "vehicle")
-"""Sections that a scenario may set: the controller and the clock of the flow are the release's."""
+SETTINGS: Final = ("operating_point", "bus", "ecu", "vehicle", "flow.reynolds", "flow.substeps")
+"""Sections and settings that a scenario may set: the controller, and its period in the flow's time, are the release's.
+"""
+PlantKey = tuple[FlowConfig, BodyConfig]
+
 MARGIN: Final = 2
 """Periods without control beyond the controller's window: the first frame only starts the end-to-end check."""
 
@@ -24,6 +30,7 @@ class Task:
     Attributes:
         name: of its file: scenario and phase.
         controlled: whether control is requested; otherwise the flow runs by itself.
+        config: with the plant's body, which may be another than the release's.
         phase: number of the start.
     """
 
@@ -34,6 +41,11 @@ class Task:
     phase: int
     seed: int
     timing: Spans
+
+    @property
+    def plant(self) -> PlantKey:
+        """What its starts are of."""
+        return plant_of(self.config)
 
     def key(self, bundle_digest: str, start_digest: str, version: str) -> str:
         """Hash of everything that decides the run, in hex."""
@@ -50,19 +62,25 @@ class Task:
         return hashlib.sha256(json.dumps(deciding, sort_keys=True).encode()).hexdigest()
 
 
+def plant_of(config: Config) -> PlantKey:
+    """What decides which starts fit."""
+    return config.flow, config.body
+
+
 def settings_of(scenario: Scenario, config: Config) -> Config:
-    """The campaign's settings with the scenario's on top. Raises ConfigError naming the scenario, for a setting that is
-    not there, wrong, or not a scenario's to change."""
+    """The campaign's settings with the scenario's on top, and the body that its plant has. Raises ConfigError naming
+    the scenario, for a setting that is not there, wrong, or not a scenario's to change."""
     try:
         loaded = loading.load(None, scenario.settings, base=config)
+        plant = Disturbances.parse(scenario.disturb).plant(loaded.config)
     except ConfigError as error:
         raise ConfigError(f"scenario {scenario.name!r}: {error}") from error
     for name in sorted(loaded.in_overrides):
-        if name.partition(".")[0] not in SETTINGS:
+        if not {name, name.partition(".")[0]} & set(SETTINGS):
             raise ConfigError(
                 f"scenario {scenario.name!r}: {name}: a scenario may set {', '.join(SETTINGS)}; give --set for all runs"
             )
-    return loaded.config
+    return plant
 
 
 def seed_of(seed: int, name: str, phase: int) -> int:

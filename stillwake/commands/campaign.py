@@ -116,6 +116,7 @@ def campaign(
         **planned.label(),
         "bundle_name": release.manifest.name,
         "versions": versions("stillwake", "numpy", "numba"),
+        "runs": {"made": result.made, "kept": result.kept},
     }
     save_json(json_file, figures=[row.figures() for row in result.rows], facts=facts)
     _print(result)

@@ -103,7 +103,7 @@ def run(
 
     --disturb takes the same texts, and what disturbs the run elsewhere: noise:level=0.5 at the transducers,
     reset@5 in the ECU, reynolds=700 in the flow. The kinds are noise, bias, drift, stuck, dead, swap, quantise,
-    wire_errors, reset, clock, no_request, reynolds, gust, operating_point, action_limit, stuck_jets, speed_scale,
+    wire_errors, reset, clock, no_request, reynolds, body, gust, operating_point, action_limit, stuck_jets, speed_scale,
     speed_late, speed_frozen, no_speed and density; their parameters are in docs/reference/disturbances.md.
 
     --drive gives the vehicle speeds that vary, and first drives without control, to compare the energy: steady-60 to
@@ -112,7 +112,7 @@ def run(
     """
     from can_bridge.wire.messages import Mode
     from firmware_sim.bench.closed_loop import run_closed_loop
-    from firmware_sim.bench.disturbances import parse_disturbance
+    from firmware_sim.bench.disturbances import Disturbances, parse_disturbance
     from firmware_sim.bench.run_faults import parse_node_fault
     from firmware_sim.bench.spans import Spans
     from firmware_sim.in_c.library_controller import open_library
@@ -182,7 +182,7 @@ def run(
     flow = open_plant(
         "openfoam" if plant == "openfoam" else "stillwake",
         output,
-        config,
+        Disturbances(items=tuple(disturbances)).plant(config),
         lead_in + controlled,
         lambda t, total: show(round(t, 1), total, "t_c of the wake's start"),
         start=start,

@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from benchmarks import full
+from benchmarks.common.pictures import STAMP
 from contract.errors import StillwakeError
 from export.to_c.source_folders import sources_in
 
@@ -62,6 +63,11 @@ def test_it_makes_stamps_goes_on_and_stops_at_what_fails(tmp_path, monkeypatch, 
         assert full.made(tmp_path / "good.json")["of"] == {"release": full.release(), "ecu": full.sources_hash("ecu")}
         out = capsys.readouterr().out
         assert "left out, there is no no-such-program" in out and ("there already" in out) == resume
+    # What only goes on keeps how long a whole one took.
+    write.write_text(write.read_text().replace('"facts": {}', '"facts": {"runs": {"made": 1, "kept": 3}}'))
+    (tmp_path / "good.json").write_text(json.dumps({"facts": {STAMP: {"minutes": 90.0}}}))
+    full.main(only=["good"])
+    assert full.made(tmp_path / "good.json")["minutes"] == 90.0
     with pytest.raises(StillwakeError, match="no such file"):
         full.main(only=["nothing"])
     full.main(show=True)

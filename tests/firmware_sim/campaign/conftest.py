@@ -9,6 +9,7 @@ from firmware_sim.campaign import conduct as conducting
 from firmware_sim.campaign.judgement import Phase, Row, judged
 from firmware_sim.campaign.outcome import Course, Figures, Outcome, Service
 from firmware_sim.campaign.scenario import UNDISTURBED, Place, Scenario
+from wake.truck.state import State
 
 FREE = Figures(Cd=1.0, abs_Cl=0.9, mean_Cl=0.0, rms_action=0.0)
 
@@ -67,6 +68,7 @@ class Worker:
 
     Attributes:
         ran: names of the tasks.
+        started: where each of them began.
         drag: under control, by scenario; as `phase_of` has it for the others.
         stop_after: so many runs.
         failing, unsafe: the task that falls over, and the scenario in which an invariant breaks.
@@ -76,13 +78,21 @@ class Worker:
         from wake.truck.state import developed_state
 
         self.ran: list[str] = []
+        self.started: dict[str, State] = {}
         self.drag, self.stop_after, self.failing, self.unsafe = drag, 10**6, "", ""
         start = developed_state()
         monkeypatch.setattr(conducting, "execute", self)
-        monkeypatch.setattr(conducting, "starting_states", lambda folder, config, phases: (start,) * phases)
+        # Of another body's wake, as far as a hash can tell.
+        other = replace(start, flat=2.0 * start.flat)
+        monkeypatch.setattr(
+            conducting,
+            "starting_states",
+            lambda folder, config, phases, scenario: (other if scenario else start,) * phases,
+        )
 
     def __call__(self, tasks, bundle, starts, *, workers, scheduler, finished) -> None:
         for task in tasks:
+            self.started[task.name] = starts[task.plant][task.phase]
             if len(self.ran) == self.stop_after:
                 raise KeyboardInterrupt
             self.ran.append(task.name)

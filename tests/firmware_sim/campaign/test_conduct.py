@@ -43,6 +43,19 @@ def test_every_scenario_runs_from_every_phase(campaign, worker, tmp_path) -> Non
     assert (result.made, result.kept, result.safe) == (10, 0, True)
 
 
+def test_another_body_begins_in_its_own_wake_and_is_held_against_that(campaign, worker, tmp_path) -> None:
+    box = scenario_of("box", disturb=("noise:level=0.5", "body:length=1"), settings=("ecu.hold_periods=2",))
+    folder = CampaignFolder(tmp_path / "c")
+    conduct(replace(campaign, scenarios=(SCENARIOS[0], box)), folder, workers=1)
+    assert worker.ran[4:] == ["box.uncontrolled.phase0", "box.phase0", "box.uncontrolled.phase1", "box.phase1"]
+    trucks, boxes = [worker.started[name] for name in worker.ran[:4]], [worker.started[name] for name in worker.ran[4:]]
+    assert len({id(state) for state in trucks}) == len({id(state) for state in boxes}) == 1
+    assert trucks[0] is not boxes[0]
+    assert {path.name for path in folder.start(0).parent.iterdir()} == {
+        f"{plant}phase_{phase}.npz" for plant in ("", "box.") for phase in range(2)
+    }
+
+
 @pytest.mark.slow
 def test_a_stopped_campaign_goes_on_and_runs_again_what_changed_or_did_not_finish(campaign, worker, tmp_path) -> None:
     folder, seen = CampaignFolder(tmp_path / "c"), []

@@ -43,10 +43,12 @@ def files(folder: Path) -> dict[str, bytes]:
 def test_a_worker_writes_the_bytes_of_runs_in_this_process(campaign, coarse, tmp_path, monkeypatch) -> None:
     def here(tasks, bundle, starts, *, workers, scheduler, finished) -> None:
         for task in reversed(tasks):
-            finished(task, run_task(task, bundle, starts[task.phase]))
+            finished(task, run_task(task, bundle, starts[task.plant][task.phase]))
 
     campaign.check()
-    monkeypatch.setattr(conducting, "starting_states", lambda folder, config, phases: (coarse.start,) * phases)
+    monkeypatch.setattr(
+        conducting, "starting_states", lambda folder, config, phases, scenario: (coarse.start,) * phases
+    )
     together, alone = tmp_path / "together", tmp_path / "alone"
     by_workers = conduct(campaign, CampaignFolder(together), workers=1)
     monkeypatch.setattr(conducting, "execute", here)
@@ -66,7 +68,7 @@ def test_a_scheduler_that_is_not_there_is_an_error(campaign, monkeypatch) -> Non
         execute(
             [TASK],
             campaign.bundle,
-            [developed_state()],
+            {TASK.plant: [developed_state()]},
             workers=1,
             scheduler="tcp://127.0.0.1:1",
             finished=lambda task, outcome: None,

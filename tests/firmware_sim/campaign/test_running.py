@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from contract.config.body import BodyConfig
 from contract.config.tree import Config
 from contract.release import bundle
 from contract.release.checks import Bundle
@@ -14,6 +15,8 @@ from firmware_sim.campaign import running
 from firmware_sim.campaign.outcome import Course, Outcome, Service
 from firmware_sim.campaign.running import flow_disturbances, run_task
 from firmware_sim.campaign.task import Task
+from wake.truck.develop import start_from_rest
+from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # runs of the solver
 
@@ -90,8 +93,25 @@ def test_an_invariant_that_breaks_is_reported_with_its_period(release, task_of, 
     assert any("jets_request" in text for text in service.broken)
 
 
+def test_behind_another_body_the_loop_closes_and_a_plant_that_is_not_that_body_is_refused(
+    release, task_of, coarse
+) -> None:
+    task = task_of("body:length=1")
+    flow = replace(task.config.flow, reynolds=100.0)
+    square = replace(task, config=replace(task.config, flow=flow, body=BodyConfig(length=1.0, leading_edge_radius=0.0)))
+    wake = TruckWake(square.config.flow, body=square.config.body)
+    start_from_rest(wake)
+    start = wake.state()
+    free, under = (run_task(replace(square, controlled=controlled), release, start) for controlled in (False, True))
+    assert course_of(under).Cd[: LEAD_IN + 1] == course_of(free).Cd[: LEAD_IN + 1]
+    assert service_of(under).violations == 0
+    refused = run_task(replace(task, disturb=("body:length=2",)), release, coarse.start)
+    assert refused.failure == "disturbance 'body:length=2': the plant is another body than this"
+    assert "was built for another body" in run_task(replace(square, disturb=()), release, start).failure
+
+
 def test_only_what_acts_on_the_flow_is_left_without_control() -> None:
     texts = ("noise:level=0.5", "gust:amplitude=0.1,period=20", "ecu:drop:probability=0.1", "reynolds=700")
-    kept = flow_disturbances(texts)
-    assert [text.partition(":")[0].partition("=")[0] for text in kept] == ["gust", "reynolds"]
+    kept = flow_disturbances((*texts, "body:length=1"))
+    assert [text.partition(":")[0].partition("=")[0] for text in kept] == ["gust", "reynolds", "body"]
     assert flow_disturbances(kept) == kept

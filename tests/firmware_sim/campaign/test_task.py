@@ -29,7 +29,10 @@ def test_a_scenarios_settings_go_on_top_and_a_wrong_one_is_refused_with_its_name
     config = settings_of(scenario_of("late", settings=("ecu.delay_steps=12", "bus.background.load=0.9")), base)
     assert (config.ecu.delay_steps, config.ecu.hold_periods, config.bus.background.load) == (12, 2, 0.9)
     assert settings_of(scenario_of("none"), base) == base
-    for text in ["ecu.delay=1", "ecu.delay_steps=-1", "flow.reynolds=700", "train.epochs=3", "nonsense"]:
+    box = settings_of(scenario_of("box", disturb=("body:length=1",), settings=("flow.substeps=45",)), base)
+    square = replace(base.body, length=1.0, leading_edge_radius=0.0)
+    assert box == replace(base, body=square, flow=replace(base.flow, substeps=45))
+    for text in ["ecu.delay=1", "ecu.delay_steps=-1", "flow.action_limit=0.1", "train.epochs=3", "nonsense"]:
         with pytest.raises(ConfigError, match="scenario 'wrong': "):
             settings_of(scenario_of("wrong", settings=(text,)), Config())
 
