@@ -9,7 +9,7 @@ _WATCHED: Final = (
     *("undisturbed", "noise_0.9", "delay_12", "delay_2_uncompensated", "delay_4_uncompensated"),
     *("delay_8_uncompensated", "delay_12_uncompensated", "dead_upper_39", "dead_base_0", "drift", "swapped"),
     *("frames_lost_0.2", "frames_late", "reynolds_300", "reynolds_700", "reynolds_1000", "gust"),
-    *("wrong_operating_point", "action_limit_halved", "jets_stuck"),
+    *("wrong_operating_point", "wrong_body", "action_limit_halved", "jets_stuck"),
 )
 """Scenarios of the campaign in which control may not help, and useful ones beside them."""
 _MODELLED: Final = ("modelled_ms", "modelled_ms_max")

@@ -55,7 +55,8 @@ class Case(NamedTuple):
 
 CASES: Final = (
     *map(Case, PROFILES),
-    *(Case("ramps", (text,)) for text in ("speed_scale=0.9", "speed_scale=1.1", "speed_late=0.5", "no_speed")),
+    *(Case("ramps", (f"speed_scale={scale}",)) for scale in ("0.9", "0.95", "1.05", "1.1")),
+    *(Case("ramps", (text,)) for text in ("speed_late=0.5", "no_speed")),
     # Frozen in the middle of the first ramp.
     Case("ramps", ("speed_frozen@10..",)),
     *(Case("steady-120", (text,)) for text in ("density=1.05", "density:density=1.05,stated=true")),
@@ -102,19 +103,22 @@ def main(
 
 
 def _row(case: Case, runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """Medians over the starts; what went wrong in any of them."""
+    """Medians over the starts, the least and most of the headline; what went wrong in any of them."""
     medians = {
         name: None if None in (values := [run[name] for run in runs]) else median(values)
         for name in runs[0]
         if name not in ("name", "trouble")
     }
     percent = int(case.drive.removeprefix("steady-")) if case.drive.startswith("steady-") else None
+    reductions = [run["reduction_percent"] for run in runs]
     troubles = [run["trouble"] for run in runs if run["trouble"] is not None]
     return {
         "name": case.name,
         "speed_percent": percent,
         "disturbed": list(case.disturbed),
         **medians,
+        "reduction_least": min(reductions),
+        "reduction_most": max(reductions),
         "trouble": troubles,
     }
 

@@ -1,6 +1,7 @@
 """The tables of the shipped release from several phases and at other speeds, and of what a search found."""
 
 import re
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,21 +32,29 @@ def drive(results: Path) -> str:
     rows = [
         (
             row["name"],
-            *(row[name] for name in ("reduction_percent", "net_reduction_percent")),
+            row["reduction_percent"],
+            f"{row['reduction_least']:.1f} .. {row['reduction_most']:.1f}",
+            row["net_reduction_percent"],
             *(f"{row[name]:.0f}" for name in ("drag_kJ_per_km_without", "drag_kJ_per_km", "jets_kJ_per_km")),
             *(f"{row[name]:.2f}" for name in ("abs_Cl", "abs_Cl_without")),
             f"{row['in_control_percent']:.0f}",
-            "; ".join(re.findall(r"ECU FAULT: (\w+)", " ".join(row["trouble"]))),
+            _latched(row["trouble"]),
         )
         for row in found["figures"]
     ]
-    heads = ("drive", "less drag, %", "less net, %", "kJ a km without", "with", "of the jets", "mean abs Cl", "without")
-    shown = table((*heads, "in control, %", "latched"), rows)
+    heads = ("drive", "less drag, %", "by start", "less net, %", "kJ a km without", "with", "of the jets")
+    shown = table((*heads, "mean abs Cl", "without", "in control, %", "latched (starts)"), rows)
     return f"""{shown}
 
-Measured on {found["date"]}: {facts["bundle"]} ({facts["digest"][:12]}), mesh {facts["mesh"]:g}, one start,
-{facts["lead_in"]:g} t_c of the design speed without control, then the drive, of which the first
-{facts["settle"]:g} t_c do not count. Energies are per metre of height."""
+Measured on {found["date"]}: {facts["bundle"]} ({facts["digest"][:12]}), mesh {facts["mesh"]:g}, medians of
+{facts["phases"]} starts in one shedding cycle, {facts["lead_in"]:g} t_c of the design speed without control, then the
+drive, of which the first {facts["settle"]:g} t_c do not count. Energies are per metre of height."""
+
+
+def _latched(troubles: list[str]) -> str:
+    """Faults of all starts, each with how many of them it ended."""
+    faults = Counter(re.findall(r"ECU FAULT: (\w+)", " ".join(troubles)))
+    return ", ".join(f"{name} ({count})" for name, count in faults.items())
 
 
 def release_loop(results: Path) -> str:
