@@ -66,8 +66,8 @@ class Figures:
     def is_current(self) -> bool:
         """Whether the file was made for the present release and sources, and by a version 1.0.x if this is one."""
         there, present = made(self.file), self.stamp()
-        minor, its_minor = (stamp.get("version", "").rpartition(".")[0] for stamp in (present, there))
-        return its_minor == minor and there["of"] == present["of"]
+        minor, its_minor = (str(stamp.get("version")).rpartition(".")[0] for stamp in (present, there))
+        return its_minor == minor and bool(there["of"] == present["of"])
 
 
 def plan(path: Path = PLAN) -> tuple[list[Figures], dict[str, str]]:
