@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -100,7 +101,8 @@ def conduct(
     Args:
         campaign: checked (`Campaign.check`), and the folder with its label too (`CampaignFolder.check`).
         workers, scheduler: as `firmware_sim.campaign.execution.execute` has them.
-        progress: called with (runs done, runs in all, name of the one that just finished).
+        progress: called with (runs done, runs in all, name of the one that just finished); before there are any, with
+            zeros and what is prepared.
     """
     runs = _Runs(campaign, folder, progress)
     runs.run(workers, scheduler)
@@ -119,7 +121,11 @@ class _Runs:
             self._plants.setdefault(plant_of(config), name)
         self._starts = {
             plant: starting_states(
-                folder, replace(campaign.config, flow=plant[0], body=plant[1]), campaign.phases, scenario
+                folder,
+                replace(campaign.config, flow=plant[0], body=plant[1]),
+                campaign.phases,
+                scenario,
+                partial(self._developing, scenario),
             )
             for plant, scenario in self._plants.items()
         }
@@ -127,6 +133,9 @@ class _Runs:
         self._outcomes: dict[str, Outcome] = {}
         self._claimed = False
         self._total = self.made = self.kept = 0
+
+    def _developing(self, scenario: str, t: float, total: float) -> None:
+        self._progress(0, 0, f"the wake of {scenario}, {t:.0f} of {total:.0f} t_c")
 
     def run(self, workers: int, scheduler: str | None) -> None:
         """Compute what is missing."""

@@ -1,8 +1,9 @@
 """Where runs begin: the developed wake in several phases of its shedding cycle, so that no figure hangs on one."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from contract.config.body import TRUCK_BODY
 from contract.config.tree import Config
@@ -10,7 +11,7 @@ from contract.errors import PlantError
 from firmware_sim.bench.spans import SHEDDING_TIME
 from firmware_sim.campaign.folder import CampaignFolder
 from wake.truck.develop import develop
-from wake.truck.state import State, developed_state, load_state, save_state
+from wake.truck.state import State, check_body, check_reynolds, developed_state, load_state, save_state
 from wake.truck.truck_wake import TruckWake
 
 
@@ -19,18 +20,25 @@ def phases_apart(phases: int, control_period: float) -> list[int]:
     return [round(number * SHEDDING_TIME / phases / control_period) for number in range(phases)]
 
 
-def starting_states(folder: CampaignFolder, config: Config, phases: int, scenario: str = "") -> tuple[State, ...]:
+def starting_states(
+    folder: CampaignFolder,
+    config: Config,
+    phases: int,
+    scenario: str = "",
+    progress: Callable[[float, float], None] = lambda t, total: None,
+) -> tuple[State, ...]:
     """The states of all phases, their clocks at zero and the jets shut: those kept in the folder, or made now, which
     takes minutes for another body than the truck. Raises PlantError if there is no developed wake for the settings.
 
     Args:
         scenario: whose plant it is, if it is not that of all.
+        progress: called with (time, total) in t_c while another body's wake develops.
     """
-    kept = [_kept(folder, number, scenario) for number in range(phases)]
+    kept = [_kept(folder.start(number, scenario), config) for number in range(phases)]
     whole = [state for state in kept if state is not None]
     if len(whole) == phases:
         return tuple(whole)
-    return _advanced(config, phases_apart(phases, config.flow.control_period))
+    return _advanced(config, phases_apart(phases, config.flow.control_period), progress)
 
 
 def keep_states(folder: CampaignFolder, states: Sequence[State], scenario: str = "") -> None:
@@ -44,19 +52,24 @@ def digest_of(state: State) -> str:
     return hashlib.sha256(state.flat.tobytes()).hexdigest()
 
 
-def _kept(folder: CampaignFolder, phase: int, scenario: str) -> State | None:
+def _kept(file: Path, config: Config) -> State | None:
+    """A state that is there and of this plant: a scenario's may have been of another body before."""
     try:
-        return load_state(folder.start(phase, scenario))
+        state = load_state(file)
+        if state.origin is not None:
+            check_body(state.origin, config.body)
+            check_reynolds(state.origin, config.flow.reynolds)
     except PlantError:
         return None
+    return state
 
 
-def _advanced(config: Config, periods: Sequence[int]) -> tuple[State, ...]:
+def _advanced(config: Config, periods: Sequence[int], progress: Callable[[float, float], None]) -> tuple[State, ...]:
     wake = TruckWake(config.flow, body=config.body)
     if config.body == TRUCK_BODY:
         wake.reset(replace(developed_state(), substep=0, action=0.0))
     else:
-        develop(wake)
+        develop(wake, progress=progress)
     states, done = [], 0
     for wanted in periods:
         for _ in range(wanted - done):

@@ -172,8 +172,8 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", workers: int, sche
         bar.update(task, completed=0, note="preparing the starts")
 
         def show(done: int, total: int, name: str) -> None:
-            bar.update(task, completed=done, total=total, note=name, refresh=True)
-            if not done:
+            bar.update(task, completed=done, total=total or None, note=name, refresh=True)
+            if total and not done:
                 steps_begin(bar, task)
 
         try:

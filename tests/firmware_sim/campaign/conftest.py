@@ -87,7 +87,7 @@ class Worker:
         monkeypatch.setattr(
             conducting,
             "starting_states",
-            lambda folder, config, phases, scenario: (other if scenario else start,) * phases,
+            lambda folder, config, phases, scenario, progress: (other if scenario else start,) * phases,
         )
 
     def __call__(self, tasks, bundle, starts, *, workers, scheduler, finished) -> None:

@@ -47,7 +47,7 @@ def test_a_worker_writes_the_bytes_of_runs_in_this_process(campaign, coarse, tmp
 
     campaign.check()
     monkeypatch.setattr(
-        conducting, "starting_states", lambda folder, config, phases, scenario: (coarse.start,) * phases
+        conducting, "starting_states", lambda folder, config, phases, scenario, progress: (coarse.start,) * phases
     )
     together, alone = tmp_path / "together", tmp_path / "alone"
     by_workers = conduct(campaign, CampaignFolder(together), workers=1)

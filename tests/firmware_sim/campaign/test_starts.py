@@ -5,10 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from contract.config.body import BodyConfig
 from contract.config.tree import Config
+from firmware_sim.campaign import starts
 from firmware_sim.campaign.folder import CampaignFolder
 from firmware_sim.campaign.starts import digest_of, keep_states, starting_states
-from wake.truck.state import developed_state
+from wake.truck.state import State, developed_state
+from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # advances the real wake
 
@@ -28,3 +31,22 @@ def test_phases_follow_each_other_in_the_developed_wake(shared_wake, tmp_path) -
     again = starting_states(folder, Config(), 2)
     assert [digest_of(state) for state in again] == [digest_of(state) for state in states]
     assert digest_of(states[0]) != digest_of(states[1])
+
+
+def test_another_bodys_wake_is_developed_once_and_a_start_of_the_trucks_is_not_taken_for_it(
+    coarse, tmp_path, monkeypatch
+) -> None:
+    folder, developed = CampaignFolder(tmp_path), list[BodyConfig]()
+    config = Config(flow=coarse.flow, body=BodyConfig(length=1.0, leading_edge_radius=0.0))
+    keep_states(folder, [coarse.start], "box")
+
+    def at_rest(wake: TruckWake, **_progress: object) -> None:
+        developed.append(wake.body)
+        wake.reset(State(flat=wake.solver.start().flat, substep=0, action=0.0))
+
+    monkeypatch.setattr(starts, "develop", at_rest)
+    made = starting_states(folder, config, 1, "box")
+    keep_states(folder, made, "box")
+    again = starting_states(folder, config, 1, "box")
+    assert developed == [config.body]
+    assert [digest_of(state) for state in again] == [digest_of(state) for state in made]
