@@ -64,7 +64,7 @@ class Figures:
         return {"version": versions("stillwake")["stillwake"], "of": of}
 
     def is_current(self) -> bool:
-        """Whether the file was made for the present release and sources, and by a version 1.0.x if this is one."""
+        """Whether the file was made for the present release and sources, and by the present minor version."""
         there, present = made(self.file), self.stamp()
         minor, its_minor = (str(stamp.get("version")).rpartition(".")[0] for stamp in (present, there))
         return its_minor == minor and bool(there["of"] == present["of"])

@@ -135,7 +135,7 @@ class _Runs:
         self._total = self.made = self.kept = 0
 
     def _developing(self, scenario: str, t: float, total: float) -> None:
-        self._progress(0, 0, f"the wake of {scenario}, {t:.0f} of {total:.0f} t_c")
+        self._progress(0, 0, f"the wake of {scenario or 'all'}, {t:.0f} of {total:.0f} t_c")
 
     def run(self, workers: int, scheduler: str | None) -> None:
         """Compute what is missing."""
