@@ -3,6 +3,7 @@
 Forces per unit of rho U_inf^2 W / 2 are twice the kinematic ones, for a domain of depth 1.
 """
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -12,6 +13,7 @@ import numpy as np
 from contract import sensors
 from contract.arrays import Array
 from contract.errors import PlantError
+from contract.openfoam_tables import read_foam_table
 from wake.openfoam.case import FORCES, PRESSURES, WAKE
 from wake.openfoam.jets import JETS
 from wake.openfoam.mesh import Mesh
@@ -111,17 +113,13 @@ def read_all(folder: Path) -> tuple[Array, list[Readings]]:
 
 
 def _series(folder: Path, file: str) -> Array:
-    starts = sorted(folder.glob(f"*/{file}"), key=lambda path: float(path.parent.name))
-    if not starts:
+    try:
+        table = read_foam_table(folder, re.escape(file), cut_off=True)
+    except (OSError, ValueError) as error:
+        raise PlantError(f"{folder}: {error}") from error
+    if table is None:
         raise PlantError(f"{folder}: icoFoam has written no measurements")
-    rows: list[Array] = []
-    for path in starts:
-        start = float(path.parent.name)
-        rows = [row for row in rows if row[0] <= start + _SAME]
-        content = path.read_bytes()
-        lines = content[: content.rfind(b"\n") + 1].splitlines()
-        rows += [_numbers(line) for line in lines if not line.startswith(b"#")]
-    return np.array(rows)
+    return table.rows
 
 
 def _numbers(line: bytes) -> Array:

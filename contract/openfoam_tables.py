@@ -1,0 +1,81 @@
+"""Tables over time that OpenFOAM's function objects write, put together over restarts."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from contract.arrays import Array
+
+_SAME = 1e-6
+"""Difference by which rounded times of one instant may differ."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FoamTable:
+    """One table.
+
+    Attributes:
+        header: the lines of comments, without #.
+        rows: the time and the values, (n, columns); brackets of vectors are passed over.
+        files: that it is made of, in order.
+    """
+
+    header: tuple[str, ...]
+    rows: Array
+    files: tuple[Path, ...]
+
+
+def read_foam_table(folder: Path, file: str, *, cut_off: bool = False) -> FoamTable | None:
+    """The table of a function object's folder, which has a folder for every start, also of a case that was continued:
+    each start's lines replace the older ones from there on. None if there is no such file. Raises OSError, ValueError
+    by file and line.
+
+    Args:
+        file: regular expression of the file's name.
+        cut_off: whether a last line without an end, of a run that is going on, is passed over.
+    """
+    starts = sorted((start, len(path.name), path) for path, start in _starts(folder, file))
+    header: tuple[str, ...] = ()
+    rows: list[Array] = []
+    for start, _, path in starts:
+        lines, newer = _read(path, cut_off)
+        if header and [line.split() for line in lines] != [line.split() for line in header]:
+            raise ValueError(f"{path}: another header than that of {starts[0][2]}")
+        if rows and newer and len(newer[0]) != len(rows[0]):
+            raise ValueError(f"{path}: {len(newer[0])} columns, {starts[0][2]} has {len(rows[0])}")
+        header = header or lines
+        first = newer[0][0] if newer else np.inf
+        rows = [row for row in rows if row[0] <= start + _SAME and row[0] < first - _SAME] + newer
+    return FoamTable(header=header, rows=np.array(rows), files=tuple(path for *_, path in starts)) if rows else None
+
+
+def _starts(folder: Path, file: str) -> list[tuple[Path, float]]:
+    found = []
+    for path in folder.glob("*/*"):
+        if re.fullmatch(file, path.name) and path.is_file():
+            try:
+                found.append((path, float(path.parent.name)))
+            except ValueError:
+                continue  # no time: somebody's copy
+    return found
+
+
+def _read(path: Path, cut_off: bool) -> tuple[tuple[str, ...], list[Array]]:
+    content = path.read_bytes()
+    if cut_off:
+        content = content[: content.rfind(b"\n") + 1]
+    header: list[str] = []
+    rows: list[Array] = []
+    for number, line in enumerate(content.splitlines(), 1):
+        if line.lstrip().startswith(b"#"):
+            header.append(line.decode("utf-8", "replace").strip()[1:])
+        elif line.strip():
+            try:
+                rows.append(np.array(line.translate(None, b"()").split(), dtype=np.float64))
+            except ValueError as error:
+                raise ValueError(f"{path}: line {number}: {error}") from error
+            if len(rows[-1]) != len(rows[0]):
+                raise ValueError(f"{path}: line {number}: {len(rows[-1])} values, must have {len(rows[0])}")
+    return tuple(header), rows
