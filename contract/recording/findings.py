@@ -6,13 +6,14 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from contract.arrays import Array, Mask
+from contract.arrays import Array
 from contract.config.tree import Config
 from contract.errors import DatasetError
 from contract.recording import needs
 from contract.recording.dataset import Dataset, Episode
 from contract.recording.facts import FACTS, facts_in
 from contract.recording.needs import Need
+from contract.recording.plausible import implausible, longest_run
 from contract.recording.spectrum import dominant_frequency, share_near
 
 STEP_TOLERANCE: Final = 0.05
@@ -255,6 +256,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
             else ("the sensors have no mirror images, because body or jets are not symmetric")
         )
         yield Finding(stops=None, text=f"{why}; training has the recording alone, half of the data")
+    yield from (Finding(stops=None, text=text) for text in implausible(dataset))
     yield from asymmetry(dataset)
     yield from _units(dataset)
     yield from _forcing(dataset)
@@ -344,15 +346,5 @@ def _units(dataset: Dataset) -> Iterator[Finding]:
         yield Finding(
             stops=None,
             text=f"Cl of {longest.name} has its peak at {frequency:.3g} U_inf / W, most wakes have it at 0.1 to 0.4: "
-            f"t and --period are in W / U_inf, so divide seconds by that",
+            f"t and --period are in W / U_inf, so divide seconds by that (--reference t=NUMBER)",
         )
-
-
-def longest_run(quiet: Mask) -> tuple[int, int]:
-    """Start and length of the longest stretch of True; (0, 0) if there is none."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(np.int8)))
-    lengths = edges[1::2] - edges[::2]
-    if not lengths.size:
-        return 0, 0
-    longest = int(lengths.argmax())
-    return int(edges[2 * longest]), int(lengths[longest])

@@ -7,8 +7,9 @@ from typing import Final
 import numpy as np
 
 from contract.recording.dataset import Dataset, Episode
-from contract.recording.findings import QUIET, longest_run
+from contract.recording.findings import QUIET
 from contract.recording.needs import WINDOW_STEP, window_for_c
+from contract.recording.plausible import longest_run
 from contract.recording.spectrum import dominant_frequency
 
 HORIZON_CYCLES: Final = 1.0

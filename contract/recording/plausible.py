@@ -1,0 +1,322 @@
+"""Numbers that no wall, no balance and no logger in order gives, each with its likely cause and what to do.
+
+Judged by episode and by sensor. Nothing here stops training: the bounds are those of bodies in a stream, and a body may
+be another one.
+"""
+
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from contract.arrays import Array, Mask
+from contract.recording.dataset import Dataset, Episode
+
+_HIGHEST: Final = 1.1
+"""Mean Cp: 1 is the stagnation pressure of a steady stream, and a tenth is left to p_inf and q of a tunnel."""
+_LOWEST: Final = -5.0
+"""Mean Cp, to which a tenth is left: the strongest suction peaks, at a leading edge or beside a rotating cylinder."""
+_SWINGS: Final = (-6.0, 1.25)
+"""Cp that one row of twenty may pass: gusts and noise of 15 % at a stagnation point do not."""
+_MOMENT: Final = 20.0
+"""|Cp| of a single row that is an error: conical vortices on roofs reach 15 for moments."""
+_FORCE: Final = 5.0
+"""Mean Cd and deviation of Cl: a plate across the stream has a Cd of 2, in a narrow tunnel 4; only creeping flow, which
+has no wake, is above. Cylinders that swing with their wake have a Cl of 3."""
+_DRAG: Final = 0.02
+"""Mean Cd by the width across the stream: slender sections have 0.04."""
+_FLAT: Final = 0.01
+"""Root mean square of all Cp: the base of a slender body has a tenth."""
+_SCALE: Final = 3.0
+"""Ratio of mean Cd or of rms Cp between two files: control saves half of a drag, seldom two thirds."""
+_SCALE_OF_LIFT: Final = 10.0
+"""Ratio between two files of Cl's deviation to that of Cp, which answer to the same wake."""
+_FAR: Final = (4.0, 10.0)
+"""Distance, in itself and in widths of the middle half of the others, from which a value that comes again is no
+reading: -99, 99.99, -9.99."""
+_STILL: Final = 20
+"""Rows for which a sensor may stand still while the others move: most of a cycle of shedding."""
+_STEPS: Final = 4.0
+"""Steps of its resolution by which a sensor would have had to move in that time."""
+_FINEST: Final = 2.0**-12
+"""Resolution: twice that in which a data set is stored."""
+_CLIPPED: Final = 0.03
+"""Share of rows, in threes or more, at the largest or the smallest value."""
+_SHOWN: Final = 3
+"""Episodes or sensors of one kind that are listed."""
+_CELLS: Final = 256
+"""Parts of a column's deviation within which two values are the same; sixteen of them are alike."""
+_ALIKE: Final = (10, 0.25)
+"""Rows of two files that are the same, in order, or their share in any order, from which one was made of the other."""
+
+_Note = tuple[str, str]
+"""What stands out in an episode; its cause, and what to do."""
+
+
+def implausible(dataset: Dataset) -> Iterator[str]:
+    """One line for every cause, with the episodes and values that speak for it, then what is between episodes."""
+    names = (*dataset.layout.names, "Cd", "Cl")
+    tables = [np.column_stack([item.series[name] for name in ("Cp", "Cd", "Cl")]) for item in dataset.episodes]
+    missing = [_stand_for_none(table) for table in tables]
+    sound = [table[~gaps.any(axis=1)] if gaps.any() else table for table, gaps in zip(tables, missing, strict=True)]
+    spread, finest = _usual(sound, len(names))
+    found: dict[str, list[str]] = {}
+    for episode, table, gaps, kept in zip(dataset.episodes, tables, missing, sound, strict=True):
+        notes = [*_missing(names, table, gaps)]
+        if len(kept) > 1:
+            notes += _forces(episode, kept, symmetric=dataset.layout.mirror is not None)
+            notes += _pressures(episode, dataset.layout.names, kept[:, :-2])
+            notes += _readings(names, table, np.any(gaps, axis=0), spread, finest, episode.series["action"])
+        for what, cause in notes:
+            found.setdefault(cause, []).append(f"episode {episode.name}: {what}")
+    for cause, whats in found.items():
+        more = f" (and {len(whats) - _SHOWN} more)" if len(whats) > _SHOWN else ""
+        yield f"{'; '.join(whats[:_SHOWN])}{more}: {cause}"
+    yield from _scales(dataset.episodes, sound)
+    yield from _copies(dataset.episodes, tables, spread)
+
+
+def longest_run(quiet: Mask) -> tuple[int, int]:
+    """Start and length of the longest stretch of True; (0, 0) if there is none."""
+    starts, lengths = _runs(quiet)
+    if not lengths.size:
+        return 0, 0
+    longest = int(lengths.argmax())
+    return int(starts[longest]), int(lengths[longest])
+
+
+def _usual(tables: Sequence[Array], columns: int) -> tuple[Array, Array]:
+    """Standard deviation and resolution of every column, by all tables."""
+    count, total, squares, finest = 0, np.zeros(columns), np.zeros(columns), np.full(columns, 1e3)
+    for table in tables:
+        count, total = count + len(table), total + table.sum(axis=0)
+        squares = squares + np.square(table).sum(axis=0)
+        steps = np.abs(np.diff(table, axis=0))
+        finest = np.minimum(finest, np.where(steps > 0, steps, np.inf).min(axis=0, initial=np.inf))
+    variance = squares / max(count, 1) - np.square(total / max(count, 1))
+    # What is constant has rounding alone.
+    return np.sqrt(np.where(variance > 1e-12 * squares / max(count, 1), variance, 0.0)), finest.clip(_FINEST)
+
+
+def _runs(mask: Mask) -> tuple[Any, Any]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return edges[::2], edges[1::2] - edges[::2]
+
+
+def _stand_for_none(table: Array) -> Mask:
+    """Where a value far from all others, that comes again or that no wall has, stands for a missing one."""
+    found = np.zeros(table.shape, dtype=np.bool_)
+    for extreme, sign in ((table.max(axis=0), 1.0), (table.min(axis=0), -1.0)):
+        here = table == extreme
+        next_one = (sign * np.where(here, -sign * np.inf, table)).max(axis=0)
+        for k in np.flatnonzero((sign * extreme - next_one > _FAR[0]) & np.isfinite(next_one)):
+            low, half, high = np.quantile(table[~here[:, k], k], (0.25, 0.5, 0.75))
+            again = here[:, k].sum() > 1 or abs(extreme[k]) > _MOMENT
+            if again and abs(extreme[k] - half) > _FAR[1] * (high - low):
+                found[:, k] |= here[:, k]
+    return found
+
+
+def _missing(names: Sequence[str], table: Array, gaps: Mask) -> Iterator[_Note]:
+    for value in np.unique(table[gaps]):
+        here = gaps & (table == value)
+        start, run = longest_run(here.any(axis=1))
+        rows = int(here.any(axis=1).sum())
+        times = f"in {rows} rows, first at step {start}," if rows > 1 else f"at step {start}"
+        times = f"{run} times in a row from step {start}" if run > 1 else times
+        where = f"{value:.6g} stands {times} in {_listed(names, here.any(axis=0))}, far from all other values"
+        yield where, "loggers write so for a missing one; fill the gap, or cut the file in two there"
+
+
+def _forces(episode: Episode, table: Array, *, symmetric: bool) -> Iterator[_Note]:
+    drag, lift, action = table[:, -2], table[:, -1], episode.series["action"]
+    mean, pushed = float(drag.mean()), abs(action.mean()) > 0.5 * np.sqrt(np.square(action).mean())
+    in_newtons = "of forces in N, import with rho U_inf^2 / 2 times W and the span as in --reference {}=40N"
+    if abs(lift.mean()) > abs(mean) and not pushed and (symmetric or drag.std() > abs(mean)):
+        yield (
+            f"mean Cl is {lift.mean():.3g} and mean Cd {mean:.3g}",
+            "the mean lift of a body is small beside its drag, so the two seem exchanged; import with --map Cd=Cl "
+            "--map Cl=Cd",
+        )
+    elif mean <= 0.0:
+        yield (
+            f"mean Cd is {mean:.3g}",
+            "a body in a stream has drag above 0, and training would raise it; import with --reference Cd=-1 if the "
+            "file has the other sign",
+        )
+    elif mean < _DRAG:
+        yield f"mean Cd is {mean:.3g}", f"a body has {_DRAG:g} or more by its width; {in_newtons.format('Cd')}"
+    for name, what, size in (("Cd", "mean Cd", abs(mean)), ("Cl", "the deviation of Cl", float(lift.std()))):
+        if size > _FORCE:
+            yield f"{what} is {size:.3g}", f"no body in a stream reaches {_FORCE:g}; {in_newtons.format(name)}"
+
+
+def _pressures(episode: Episode, names: Sequence[str], pressure: Array) -> Iterator[_Note]:
+    mean, (low, high) = pressure.mean(axis=0), np.quantile(pressure, (0.05, 0.95), axis=0)
+    beyond = (mean > _HIGHEST) | (mean < 1.1 * _LOWEST) | (low < _SWINGS[0]) | (high > _SWINGS[1])
+    deviation, swing = pressure.std(axis=0), np.ptp(pressure, axis=0)
+    beyond &= (swing > 0) | (swing.max() == 0)  # one that hangs is named as such
+    if beyond.any():
+        worst = int(np.argmax(np.where(beyond, np.abs(mean) + high - low, -1.0)))
+        least, most = pressure[:, worst].min(), pressure[:, worst].max()
+        several = 2 * beyond.sum() > len(names)
+        yield (
+            f"Cp of {_listed(names, beyond)} is {mean[worst]:.3g} in the mean, from {least:.3g} to {most:.3g}",
+            f"a wall has {_LOWEST:g} to {_HIGHEST:g}; "
+            + (
+                "of pressures in Pa against p_inf, import with --dynamic-pressure, rho U_inf^2 / 2 in Pa"
+                if several
+                else f"of a sensor in another unit, give what 1 is in it as in --reference {names[worst]}=375Pa"
+            ),
+        )
+    size, rms = float(np.sqrt(np.square(pressure).mean())), np.sqrt(np.square(pressure).mean(axis=0))
+    divisor = _divisor(episode)
+    least, most = pressure.min() * divisor, pressure.max() * divisor
+    already = divisor > 1.0 and size < 10.0 * _FLAT and least >= _LOWEST and most <= _SWINGS[1]
+    if size < _FLAT or already:
+        before = f", of numbers from {least:.3g} to {most:.3g} divided by {divisor:g}" if already else ""
+        yield (
+            f"all Cp are within {np.abs(pressure).max():.3g}{before}",
+            "numbers that have no dimension already need no --dynamic-pressure",
+        )
+    weak = (rms < 0.01 * np.median(rms)) & (deviation < 0.01 * np.median(deviation)) & (swing > 0)
+    if weak.any():
+        yield (
+            f"Cp of {_listed(names, weak)} is less than a hundredth of the other sensors'",
+            f"it has another unit (--reference {names[int(weak.argmax())]}=NUMBER), or nothing is connected",
+        )
+
+
+def _listed(names: Sequence[str], which: Mask) -> str:
+    chosen = [name for name, meant in zip(names, which, strict=True) if meant]
+    if len(chosen) <= 2 * _SHOWN:
+        return " and ".join([*filter(None, [", ".join(chosen[:-1])]), chosen[-1]])
+    return f"{', '.join(chosen[:_SHOWN])} and {len(chosen) - _SHOWN} more"
+
+
+def _divisor(episode: Episode) -> float:
+    """What the import divided the file's pressures by."""
+    references = episode.provenance.get("references")
+    found = references.get("Cp") if isinstance(references, dict) else None
+    number = found[0] if isinstance(found, list) and found else None
+    return float(number) if isinstance(number, int | float) else 1.0
+
+
+def _readings(
+    names: Sequence[str], table: Array, told: Mask, spread: Array, finest: Array, action: Array
+) -> Iterator[_Note]:
+    """Sensors that hang, saturate or are another one's copy, and rows that are there twice; `told` are columns of which
+    something was told already."""
+    rows = len(table)
+    changes = np.flatnonzero((np.diff(table, axis=0) != 0).any(axis=1))
+    gaps = np.diff(changes)
+    times = int(np.median(gaps)) if len(gaps) > 8 else 1
+    jumps = np.abs(np.diff(table, axis=0))[changes].max(axis=1, initial=0.0) if times > 1 else np.zeros(1)
+    if times > 1 and np.mean(gaps == times) > 0.9 and np.median(jumps) > 0.05 * spread.max():
+        yield (
+            f"every row is there {times} times, {rows - 1 - len(changes)} of {rows} are as the one before",
+            f"keep one of {times}, and give --period and t by those",
+        )
+        return
+    still, swing = np.diff(table, axis=0) == 0, np.ptp(table, axis=0)
+    share = still.mean(axis=0)
+    copies: dict[bytes, list[str]] = {}
+    for k, name in enumerate(names):
+        start, run = longest_run(still[:, k])
+        long = run >= _STILL
+        span = slice(start, start + run + 1) if long else slice(None)
+        held = long or (share[k] > 0.5 and np.median(np.delete(share, k)) < 0.2)
+        if told[k]:
+            continue
+        if held and finest[k] * _STEPS < spread[k] * _activity(table[span], k, spread, action[span], action):
+            where = f" at {table[start, k]:.4g} for {run + 1} of {rows} rows from step {start}"
+            yield (
+                f"{name} stands still{where if long else f' in {share[k]:.0%} of the rows'}, while the others move",
+                "leave a sensor out that hangs, or cut the file there",
+            )
+            continue
+        for word, extreme in (("largest", table[:, k].max()), ("smallest", table[:, k].min())):
+            here = table[:, k] == extreme
+            starts, lengths = _runs(here)
+            clipped = int(lengths[lengths >= 3].sum())
+            # Rows that a sine spends within a step of its resolution of its peak, and twice as many.
+            usual = 2.0 * np.sqrt(4.0 * finest[k] / max(swing[k], finest[k])) / np.pi
+            if clipped <= max(_CLIPPED, usual) * rows or len(starts) < 2:
+                continue
+            # In a wake at rest the others stand still as well.
+            if finest[k] * _STEPS < spread[k] * _activity(table[here], k, spread, action[here], action):
+                yield (
+                    f"{name} is at its {word} value, {extreme:.4g}, in {clipped} of {rows} rows",
+                    "it is saturated: widen its range, or leave it out",
+                )
+        if swing[k] > 10.0 * finest[k]:
+            copies.setdefault(table[:, k].tobytes(), []).append(name)
+    for same in copies.values():
+        if len(same) > 1:
+            yield f"{' and '.join(same)} are equal in every row", "a column was written twice: leave one out"
+
+
+def _activity(table: Array, k: int, spread: Array, action: Array, all_actions: Array) -> float:
+    """How much the other columns, or the jets, move here, of what they move in all."""
+    others = np.delete(np.arange(len(spread)), k)
+    others = others[spread[others] > 0]
+    moved = float(np.median(table[:, others].std(axis=0) / spread[others])) if others.size else 0.0
+    return max(moved, float(action.std() / max(all_actions.std(), 1e-12)))
+
+
+def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[str]:
+    """Files whose numbers are so many times another's that they have another unit."""
+    if len([table for table in tables if len(table) > 1]) < len(tables):
+        return
+    deviation = np.array([np.sqrt(table[:, :-2].var(axis=0).mean()) for table in tables])
+    lively = deviation >= deviation.max() / _SCALE
+    lift = np.array([table[:, -1].std() for table in tables]) / np.where(lively & (deviation > 0), deviation, np.inf)
+    for what, sizes, most, least in (
+        ("rms Cp", np.array([np.median(np.sqrt(np.square(one[:, :-2]).mean(axis=0))) for one in tables]), _SCALE, 0.0),
+        ("mean Cd", np.array([abs(table[:, -2].mean()) for table in tables]), _SCALE, _DRAG),
+        ("the deviation of Cl by that of Cp", lift, _SCALE_OF_LIFT, 0.0),
+    ):
+        low, high = int(np.argmin(np.where(sizes > 0, sizes, np.inf))), int(sizes.argmax())
+        if sizes[low] > least and sizes[high] > most * sizes[low]:
+            yield (
+                f"{what} is {sizes[high]:.3g} in {episodes[high].name} and {sizes[low]:.3g} in {episodes[low].name}, "
+                f"{sizes[high] / sizes[low]:.3g} times: files of one body are alike, so one has another unit or scale "
+                f"(--dynamic-pressure, --reference)"
+            )
+
+
+def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array) -> Iterator[str]:
+    """Files that have rows of another one: a test on them tests nothing."""
+    chosen = [*np.unique(np.linspace(0, len(spread) - 3, 4).astype(int)), -2, -1]
+    cells = np.maximum(2 * _FINEST, spread[chosen] / _CELLS)
+    rows = np.concatenate([np.round(table[:, chosen] / cells) for table in tables]).astype(np.int64)
+    owner = np.repeat(np.arange(len(tables)), [len(table) for table in tables])
+    step = np.concatenate([np.arange(len(table)) for table in tables])
+    # A wake that repeats itself does so in its own file, too: only rows that are unlike all others there count.
+    _, back, counts = np.unique(np.column_stack([owner, rows >> 4]), axis=0, return_inverse=True, return_counts=True)
+    alone = counts[back.ravel()] == 1
+    _, kind = np.unique(rows[alone], axis=0, return_inverse=True)
+    order = np.argsort(kind.ravel(), kind="stable")
+    kind, file, at = kind.ravel()[order], owner[alone][order], step[alone][order]
+    shared: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for ahead in range(1, len(tables)):
+        for k in np.flatnonzero(kind[ahead:] == kind[:-ahead]):
+            shared.setdefault((int(file[k]), int(file[k + ahead])), []).append((int(at[k]), int(at[k + ahead])))
+    digests = [(item.provenance.get("source_sha256"), item.provenance.get("source")) for item in episodes]
+    for a, b in itertools.combinations(range(len(tables)), 2):
+        one, other, pairs = episodes[b], episodes[a], np.array(shared.get((a, b), np.empty((0, 2), int)))
+        offsets, times = np.unique(pairs[:, 0] - pairs[:, 1], return_counts=True)
+        common = pairs[pairs[:, 0] - pairs[:, 1] == offsets[times.argmax()], 1] if len(pairs) else pairs[:, 1]
+        span = np.sort(step[(owner == b) & alone]) if len(common) else common
+        between = int(((span >= common.min()) & (span <= common.max())).sum()) if len(common) else 0
+        alike = len(common) >= _ALIKE[0] and 2 * len(common) > between
+        alike |= len(pairs) > _ALIKE[1] * min(len(one), len(other))
+        whole = tables[a].shape == tables[b].shape and bool(np.abs(tables[a] - tables[b]).max() <= 4 * _FINEST)
+        same_file = digests[a][0] is not None and digests[a][0] == digests[b][0] and digests[a][1] != digests[b][1]
+        if alike or whole or same_file:
+            how = "is a copy of" if whole or same_file else f"has {len(pairs)} rows or more of"
+            yield (
+                f"episode {one.name} ({one.role}) {how} {other.name} ({other.role}): a model is judged on rows that it "
+                f"was not fitted to, and none counts twice; leave it out, or cut the two apart"
+            )
