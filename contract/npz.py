@@ -37,9 +37,9 @@ class Arrays(dict[str, npt.NDArray[Any]]):
         return str(array)
 
 
-def read_npz(path: Path) -> Arrays:
+def read_npz(path: Path, *, objects: bool = False) -> Arrays:
     """All arrays of a file. Raises OSError if it cannot be opened; ValueError if it is no archive of arrays of numbers
-    and texts, damaged, or holds more than `MOST_VALUES`."""
+    and texts, damaged, or holds more than `MOST_VALUES`. With `objects`, an array of Python's objects is left empty."""
     if path.exists() and not path.is_file():
         raise ValueError("it is no file")
     found, total = Arrays(), 0
@@ -47,15 +47,20 @@ def read_npz(path: Path) -> Arrays:
         with ZipFile(path) as archive:
             for item in archive.infolist():
                 with archive.open(item) as file:
+                    name = item.filename.removesuffix(".npy")
                     shape, in_columns, dtype = _HEADERS[npy.read_magic(file)](file)
+                    if dtype.hasobject and not objects:
+                        raise ValueError(f"{name} holds Python's objects, which are not read: save numbers alone")
+                    if dtype.hasobject:
+                        found[name] = np.empty(0, dtype=object)
+                        continue
                     size = math.prod(shape) * dtype.itemsize
                     total += max(math.prod(shape), size // 8)
-                    if dtype.hasobject or size != item.file_size - file.tell():
+                    if size != item.file_size - file.tell():
                         raise ValueError(f"{item.filename} is {dtype} of shape {shape}, which it does not hold")
                     if total > MOST_VALUES:
                         raise ValueError(f"it holds {total} values: must be at most {MOST_VALUES}")
                     values = np.frombuffer(bytearray(file.read()), dtype=dtype) if size else np.empty(0, dtype)
-                name = item.filename.removesuffix(".npy")
                 found[name] = values.reshape(shape, order="F" if in_columns else "C")
     except OSError:
         raise

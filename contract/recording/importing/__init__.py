@@ -1,1 +1,1 @@
-"""From files of one's own, CSV, NPZ or HDF5, to a data set."""
+"""From files of one's own, tables, arrays or cases of OpenFOAM, to a data set."""

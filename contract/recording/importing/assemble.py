@@ -14,11 +14,14 @@ from contract.recording.dataset import CP_QUANTUM, Dataset, Episode, Role
 from contract.recording.episode import REQUIRED, UNITS
 from contract.recording.facts import PlantFacts
 from contract.recording.findings import LIMIT_TOLERANCE, clock_problem
-from contract.recording.importing.source_file import INITIAL_ACTION, read_source
+from contract.recording.importing.openfoam import case_of, read_case
+from contract.recording.importing.source_file import Contents, read_source
+from contract.recording.importing.stored import GAP
+from contract.recording.importing.stored_files import INITIAL_ACTION
+from contract.recording.importing.units import Reference
 from contract.sensor_layout import SensorLayout
 
 _SERIES: Final = tuple(name for name in UNITS if name != "Cp")
-_SECONDS: Final = "; t and --period are in W / U_inf, so divide seconds by that"
 _LARGEST: Final = 127.0
 """A coefficient beyond this does not fit the format; a pressure in Pa does not either."""
 
@@ -42,7 +45,7 @@ class Made:
 @dataclass(frozen=True, kw_only=True)
 class Source:
     """A file and the role of the episode in it. `made` is the episode; without it, the file is read, and its name
-    without the ending becomes the episode's."""
+    without the ending becomes the episode's; of a case of OpenFOAM the folder's."""
 
     path: Path
     role: Role
@@ -51,7 +54,10 @@ class Source:
     @property
     def name(self) -> str:
         """Name of the episode."""
-        return self.path.stem if self.made is None else self.made.name
+        if self.made is not None:
+            return self.made.name
+        case = case_of(self.path)
+        return self.path.stem if case is None else case.name
 
 
 def assemble(
@@ -60,6 +66,7 @@ def assemble(
     facts: PlantFacts,
     *,
     dynamic_pressure: float | None = None,
+    references: Mapping[str, Reference] | None = None,
     renamed: Mapping[str, str] | None = None,
     progress: Callable[[Path], None] = lambda path: None,
     unread: Callable[[Path, tuple[str, ...]], None] = lambda path, names: None,
@@ -71,34 +78,47 @@ def assemble(
         sources: in the order of the episodes.
         facts: control period and action limit must be known.
         dynamic_pressure: rho U_inf^2 / 2 in Pa, if the files hold p - p_inf in Pa in place of Cp.
+        references: by the name here, what 1 of ours is in the files.
         renamed: by the name here, the name in the files.
         progress: called with every file before it is read.
         unread: called with a file and the names in it that are no series and no sensor, if there are any.
     """
-    renamed = {} if renamed is None else renamed
+    renamed, references = dict(renamed or {}), dict(references or {})
     if facts.control_period is None or facts.action_limit is None:
         raise DatasetError("control period and action limit must be given: they cannot be read off the files")
     if dynamic_pressure is not None and not (np.isfinite(dynamic_pressure) and dynamic_pressure > 0):
         raise DatasetError(f"dynamic pressure {dynamic_pressure}: must be positive, in Pa")
+    if references and all(source.made is not None for source in sources):
+        raise DatasetError(f"{next(iter(references.values())).option}: has no effect, as all files are logs")
+    if dynamic_pressure is not None:
+        if "Cp" in references:
+            raise DatasetError(f"{references['Cp'].option}: --dynamic-pressure {dynamic_pressure:g} gives it, too")
+        option = f"--dynamic-pressure {dynamic_pressure:g} (in Pa)"
+        references["Cp"] = Reference(number=dynamic_pressure, unit="Pa", option=option)
     if not sources:
         raise DatasetError("no data file is given: name at least one to train on and one to test on")
     _check_names(sources)
     known = (*_SERIES, "Cp", *layout.names, INITIAL_ACTION)
-    for name in renamed:
+    options = {name: f"--map {name}={inside}" for name, inside in renamed.items()}
+    for name, option in (*options.items(), *((name, one.option) for name, one in references.items())):
         if name not in known:
             raise DatasetError(
-                f"--map {name}={renamed[name]}: {name!r} is no series and no sensor; "
-                f"the series are {', '.join((*_SERIES, 'Cp'))}"
+                f"{option}: {name!r} is no series and no sensor; the series are {', '.join((*_SERIES, 'Cp'))}"
             )
     episodes, used = [], set[str]()
     for source in sources:
         if source.made is not None:
             arrays = {**source.made.series, INITIAL_ACTION: np.array([source.made.initial_action])}
-            episodes.append(_episode(source, arrays, layout, facts, 1.0))
+            own = Contents(arrays=arrays, unread=(), renamed=frozenset(), files=(source.path,))
+            episodes.append(_episode(source, own, layout, facts, {}))
             continue
         progress(source.path)
-        contents = read_source(source.path, layout, (*_SERIES, INITIAL_ACTION), renamed)
-        episodes.append(_episode(source, contents.arrays, layout, facts, dynamic_pressure or 1.0))
+        case = case_of(source.path)
+        if case is None:
+            contents = read_source(source.path, layout, (*_SERIES, INITIAL_ACTION), renamed, references)
+        else:
+            contents = read_case(source.path, case, layout, facts.control_period, renamed, references)
+        episodes.append(_episode(source, contents, layout, facts, references))
         used |= contents.renamed
         if contents.unread:
             unread(source.path, contents.unread)
@@ -124,12 +144,12 @@ def _check_names(sources: Sequence[Source]) -> None:
 
 def _episode(
     source: Source,
-    arrays: dict[str, Array],
+    contents: Contents,
     layout: SensorLayout,
     facts: PlantFacts,
-    dynamic_pressure: float,
+    references: Mapping[str, Reference],
 ) -> Episode:
-    path, period, limit = source.path, facts.control_period, facts.action_limit
+    path, arrays, period, limit = source.path, contents.arrays, facts.control_period, facts.action_limit
     assert period is not None
     assert limit is not None
     # In a CSV file a column of that name: its first row counts.
@@ -144,7 +164,6 @@ def _episode(
     _check_shapes(path, arrays, steps, len(layout))
     _check_clock(path, arrays["t"], period)
     _check_action(path, arrays["action"], limit)
-    arrays["Cp"] = arrays["Cp"] / dynamic_pressure
     _check_size(path, arrays, layout)
     return Episode(
         name=source.name,
@@ -153,7 +172,10 @@ def _episode(
         initial_action=initial,
         provenance={
             "source": path.name,
-            "source_sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+            "source_sha256": hashlib.sha256(b"".join(file.read_bytes() for file in contents.files)).hexdigest(),
+            **(
+                {"references": {name: [one.number, one.unit] for name, one in references.items()}} if references else {}
+            ),
             **({} if source.made is None else source.made.provenance),
         },
     )
@@ -173,12 +195,16 @@ def _check_clock(path: Path, t: Array, period: float) -> None:
         return
     mean = float((t[-1] - t[0]) / (len(t) - 1))
     finer = round(period / mean) if mean > 0 else 0
+    seconds = (
+        f"; t and --period are in W / U_inf: if t is in s or ms and that is {mean / period:.4g} of them, import with "
+    )
+    seconds += f"--reference t={mean / period:.4g}"
     if finer >= 2 and abs(finer * mean / period - 1.0) < 0.01:
         raise DatasetError(
             f"{path}: t rises by {mean:.6g}, the control period is {period:g}: {finer} samples a period. Keep one row "
-            f"of {finer}, so that row k has the pressures at t_k and the action commanded then{_SECONDS}"
+            f"of {finer}, so that row k has the pressures at t_k and the action commanded then{seconds}"
         )
-    raise DatasetError(f"{path}: {problem}{_SECONDS}")
+    raise DatasetError(f"{path}: {problem}{seconds}")
 
 
 def _check_action(path: Path, action: Array, limit: float) -> None:
@@ -186,7 +212,8 @@ def _check_action(path: Path, action: Array, limit: float) -> None:
     if abs(action[largest]) > limit * (1.0 + LIMIT_TOLERANCE):
         raise DatasetError(
             f"{path}: action is {action[largest]:g} at step {largest}, beyond the limit of {limit:g} (--limit); "
-            f"an action is the jets' flow rate in U_inf W, and no percentage of it"
+            f"an action is the jets' flow rate in U_inf W, and no percentage of it; --reference action=NUMBER gives "
+            f"what U_inf W is in the file"
         )
 
 
@@ -194,7 +221,13 @@ def _check_size(path: Path, arrays: Mapping[str, Array], layout: SensorLayout) -
     for name, array in arrays.items():
         peak = float(np.abs(array).max())
         if name not in ("t", "action") and peak > _LARGEST:
+            beyond = np.abs(array) > _LARGEST
             hint = "; if it is in Pa, use --dynamic-pressure" if name == "Cp" else ""
+            if name in ("Cd", "Cl"):
+                hint = f"; if it is in N, give what 1 is in the file as in --reference {name}=40N"
+            if 2 * beyond.sum() < beyond.size:
+                k = tuple(np.argwhere(beyond)[0])
+                hint = f"; {array[k]:g}, first at step {k[0]}, may stand for a missing value{GAP}"
             raise DatasetError(f"{path}: {name!r} reaches {peak:g}, a coefficient stays below {_LARGEST:g}{hint}")
     spread = arrays["Cp"].std(axis=0)
     weakest = int(spread.argmin())

@@ -3,6 +3,7 @@
 import csv
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -11,6 +12,7 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.errors import DatasetError
+from contract.recording.importing.stored import DEFAULT_FILL, GAP, UNWRITTEN
 
 _SEPARATORS: Final = ",;\t"
 _DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
@@ -42,8 +44,9 @@ class CsvTable:
                 raise DatasetError(
                     f"{self._cell(k, name)}: {row[column]!r} is not a number{_remedy(row[column])}"
                 ) from error
-            if not np.isfinite(values[k]):
-                raise DatasetError(f"{self._cell(k, name)}: {row[column]} is not finite{_GAP}")
+            if not np.isfinite(values[k]) or abs(values[k]) >= 0.99 * DEFAULT_FILL:
+                reason = UNWRITTEN if np.isfinite(values[k]) else "is not finite"
+                raise DatasetError(f"{self._cell(k, name)}: {row[column]} {reason}{GAP}")
         return values
 
     def texts(self, name: str) -> tuple[str, ...]:
@@ -82,8 +85,12 @@ def read_csv(path: Path) -> CsvTable:
         raise DatasetError(f"{path}: line {reader.line_num}: {error}") from error
     if len(rows) < 2:
         raise DatasetError(f"{path}: must have a line with the names of the columns and at least one row below it")
-    header = rows[0]
-    _check_header(path, lines[0], header)
+    # A spreadsheet leaves separators behind the last column, in the header or in the rows.
+    width = len(rows[0])
+    rows = [row[:width] if not any(row[width:]) else row for row in rows]
+    rows = [row + ("",) * (width - len(row)) if not any(rows[0][len(row) :]) else row for row in rows]
+    _check_header(path, lines[0], rows[0])
+    header = tuple(name or _unnamed(k, rows[1:]) for k, name in enumerate(rows[0]))
     for name, count in Counter(header).items():
         if count > 1:
             hint = "; the first line must have the names of the columns" if _is_number(name) else ""
@@ -94,13 +101,15 @@ def read_csv(path: Path) -> CsvTable:
     return CsvTable(path=path, header=header, rows=tuple(rows[1:]), lines=tuple(lines[1:]))
 
 
-_GAP: Final = "; fill the gap, or cut the file in two there"
+def _unnamed(column: int, rows: Sequence[tuple[str, ...]]) -> str:
+    empty = not any(any(row[column : column + 1]) for row in rows)
+    return f"column {column + 1}, which has no name" + (" and is empty" if empty else "")
 
 
 def _remedy(cell: str) -> str:
     if _DECIMAL_COMMA.fullmatch(cell):
         return f": write {cell.replace(',', '.')}, with a decimal point"
-    return _GAP if not cell else ""
+    return GAP if not cell else ""
 
 
 def _with_header(content: list[str]) -> list[str]:

@@ -12,7 +12,9 @@ from contract.arrays import Array
 from contract.errors import DatasetError
 from contract.recording.facts import ForcesClock
 from contract.recording.importing.csv_table import read_csv
-from contract.recording.importing.source_file import BINARY, SUFFIXES, numbers_of, stored_arrays
+from contract.recording.importing.source_file import SUFFIXES
+from contract.recording.importing.stored_files import BINARY, stored_arrays
+from contract.recording.importing.units import factor, seconds_in, split_unit
 
 FORCES: Final = ("Cd", "Cl")
 
@@ -96,8 +98,8 @@ class ForcesTable:
 
 
 def read_forces(path: Path, renamed: Mapping[str, str]) -> ForcesTable:
-    """Read t, Cd and Cl from a CSV, NPZ or HDF5 file. Raises DatasetError if the file cannot be read or lacks one of
-    the three, or they do not fit each other.
+    """Read t, Cd and Cl from a table or a file of arrays. Raises DatasetError if the file cannot be read or lacks one
+    of the three, or they do not fit each other.
 
     Args:
         renamed: by the name here, the name in the file. Without one, a name in the file may have its unit behind it in
@@ -107,14 +109,19 @@ def read_forces(path: Path, renamed: Mapping[str, str]) -> ForcesTable:
         raise DatasetError(f"{path}: no such file")
     if path.suffix.lower() not in SUFFIXES:
         raise DatasetError(f"{path}: a table of forces must end in {', '.join(SUFFIXES)}")
+    units: dict[str, str | None] = {}
     if path.suffix.lower() in BINARY:
         stored = stored_arrays(path)
         inside = _inside(path, tuple(stored), renamed)
-        arrays = {name: numbers_of(path, there, stored[there]) for name, there in inside.items()}
+        arrays = {name: stored[there].numbers(path, there) for name, there in inside.items()}
+        units = {name: stored[there].unit for name, there in inside.items()}
     else:
         table = read_csv(path)
         inside = _inside(path, table.header, renamed)
         arrays = {name: table.numbers(there) for name, there in inside.items()}
+    units = {name: units.get(name) or split_unit(there)[1] for name, there in inside.items()}
+    arrays["t"] = arrays["t"] * (seconds_in(units["t"]) or 1.0)
+    arrays |= {name: arrays[name] * factor(path, name, inside[name], units[name], None) for name in FORCES}
     for name in FORCES:
         if len(arrays[name]) != len(arrays["t"]):
             raise DatasetError(

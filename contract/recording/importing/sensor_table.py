@@ -1,5 +1,6 @@
 """The sensors' names and places, from a CSV file with the columns name, x, y and, if one likes, base."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -15,10 +16,13 @@ _NO: Final = ("", "0", "no", "false")
 _RESERVED: Final = frozenset({*UNITS, "initial_action"})
 
 
-def read_sensors(path: Path, *, symmetric: bool) -> SensorLayout:
+def read_sensors(
+    path: Path, *, symmetric: bool, unread: Callable[[Path, tuple[str, ...]], None] = lambda path, names: None
+) -> SensorLayout:
     """The layout, in the order of the file's rows. Raises DatasetError if a column is missing, or a cell does not fit;
     the message names file, line and column. `symmetric` states whether body and jets are their own mirror images in y =
-    0; the sensors' images follow from their places, if every sensor has one."""
+    0; the sensors' images follow from their places, if every sensor has one. `unread` is called with the columns that
+    are not used, if there are any."""
     table = read_csv(path)
     for column in ("name", "x", "y"):
         if column not in table.header:
@@ -26,6 +30,9 @@ def read_sensors(path: Path, *, symmetric: bool) -> SensorLayout:
                 f"{path}: no column {column!r}; the first line has {', '.join(table.header)}, it must have name, x, y "
                 f"and may have base"
             )
+    unused = tuple(name for name in table.header if name not in ("name", "x", "y", "base"))
+    if unused:
+        unread(path, unused)
     names = table.texts("name")
     for line, name in zip(table.lines, names, strict=True):
         if name in _RESERVED:

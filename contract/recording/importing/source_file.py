@@ -1,23 +1,21 @@
-"""One file of the user's, CSV, NPZ or HDF5, as arrays by the names that they have here."""
+"""One file of the user's as arrays by the names that they have here, in our units."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import h5py
 import numpy as np
 
 from contract.arrays import Array
 from contract.errors import DatasetError
-from contract.npz import read_npz
-from contract.recording.hdf5 import opened
 from contract.recording.importing.csv_table import read_csv
+from contract.recording.importing.stored import Stored
+from contract.recording.importing.stored_files import BINARY, INITIAL_ACTION, stored_arrays
+from contract.recording.importing.units import Reference, factor, split_unit
 from contract.sensor_layout import SensorLayout
 
-SUFFIXES: Final = (".csv", ".tsv", ".txt", ".npz", ".h5", ".hdf5")
-BINARY: Final = (".npz", ".h5", ".hdf5")
-INITIAL_ACTION: Final = "initial_action"
+SUFFIXES: Final = (".csv", ".tsv", ".txt", *BINARY)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,58 +26,102 @@ class Contents:
         arrays: by the names that they have here, with one "Cp" of shape (n, sensors) in the layout's order.
         unread: names in the file that no one asked for.
         renamed: the names here whose arrays have another one in the file.
+        files: that were read.
     """
 
     arrays: dict[str, Array]
     unread: tuple[str, ...]
     renamed: frozenset[str]
+    files: tuple[Path, ...]
 
 
-def read_source(path: Path, layout: SensorLayout, names: Sequence[str], renamed: Mapping[str, str]) -> Contents:
+def read_source(
+    path: Path,
+    layout: SensorLayout,
+    names: Sequence[str],
+    renamed: Mapping[str, str],
+    references: Mapping[str, Reference],
+) -> Contents:
     """The arrays among `names` that the file has, and the pressures. Raises DatasetError if the file cannot be read,
-    lacks a renamed array, or an array is no series of numbers; the message names both.
+    lacks a renamed array, or an array is no series of numbers or of a unit that is not ours; the message names both.
 
     Args:
         names: of series that may be there, without Cp.
         renamed: by the name here (of a series, a sensor or Cp), the name in the file where it is another one.
+        references: by the name here, what 1 of ours is in the file; that of Cp holds for sensors, too.
     """
     if not path.is_file():
-        raise DatasetError(f"{path}: no such file")
+        raise DatasetError(f"{path}: is a folder without postProcessing" if path.is_dir() else f"{path}: no such file")
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise DatasetError(f"{path}: a data file must end in {', '.join(SUFFIXES)}")
-    if suffix in BINARY:
-        stored = stored_arrays(path)
-    else:
-        table = read_csv(path)
-        renamed = _in_this_file(path, table.header, renamed)
-        wanted = {name: renamed.get(name, name) for name in (*names, *layout.names)}
-        columns = {name: table.numbers(inside) for name, inside in wanted.items() if inside in table.header}
-        arrays = _with_pressures(path, columns, layout, renamed, table.header)
-        unread = tuple(name for name in table.header if name not in wanted.values())
-        return Contents(arrays=arrays, unread=unread, renamed=frozenset(renamed))
-    renamed = _in_this_file(path, tuple(stored), renamed)
-    found: dict[str, Array] = {}
-    for name in (*names, "Cp", *layout.names):
-        inside = renamed.get(name, name)
-        if inside in stored:
-            kind = {"columns": name == "Cp", "one": name == INITIAL_ACTION}
-            found[name] = numbers_of(path, inside, stored[inside], **kind)
-    asked = {renamed.get(name, name) for name in found}
-    unread = tuple(name for name in stored if name not in asked)
-    arrays = _with_pressures(path, found, layout, renamed, tuple(stored))
-    return Contents(arrays=arrays, unread=unread, renamed=frozenset(renamed))
+        raise DatasetError(f"{path}: a data file must end in {', '.join(SUFFIXES)}, or be of an OpenFOAM case")
+    table = None if suffix in BINARY else read_csv(path)
+    stored = stored_arrays(path) if table is None else {}
+    wanted = (*names, *layout.names, *(["Cp"] if table is None else []))
+    there = tuple(stored) if table is None else table.header
+
+    def read(name: str, inside: str) -> Array:
+        if table is not None:
+            return table.numbers(inside)
+        return stored[inside].numbers(path, inside, columns=name == "Cp", one=name == INITIAL_ACTION)
+
+    renamed = _in_this_file(path, there, renamed, wanted)
+    asked = {name: renamed.get(name, name) for name in wanted if renamed.get(name, name) in there}
+    found, used = {}, set(asked.values())
+    for name, inside in asked.items():
+        found[name] = read(name, inside)
+        if name == "Cp":
+            found[name], names_of_columns = _ordered(path, found[name], layout, stored)
+            used |= names_of_columns
+        unit = stored[inside].unit if inside in stored else None
+        unit = unit or (split_unit(inside)[1] if inside != name else None)
+        # Of an array of pressures a column may have its own; one of another width is refused by its shape.
+        columns = layout.names if name == "Cp" and found[name].shape[1] == len(layout) else (name,)
+        found[name] = found[name] * np.squeeze(
+            [factor(path, one, inside, unit, reference_of(one, layout, references)) for one in columns]
+        )
+    return Contents(
+        arrays=_with_pressures(path, found, layout, renamed, there),
+        unread=tuple(name for name in there if name not in used),
+        renamed=frozenset(renamed),
+        files=(path,),
+    )
 
 
-def _in_this_file(path: Path, there: Sequence[str], renamed: Mapping[str, str]) -> dict[str, str]:
-    """The other names that this file has; one that it lacks is refused unless it has the name here: without both, a
-    series such as t would be passed over."""
+def reference_of(name: str, layout: SensorLayout, references: Mapping[str, Reference]) -> Reference | None:
+    """What 1 of a series or of a sensor is in the files; None if it has no dimension."""
+    general = {INITIAL_ACTION: "action", **dict.fromkeys(layout.names, "Cp")}.get(name, name)
+    return references.get(name) or references.get(general)
+
+
+def _in_this_file(
+    path: Path, there: Sequence[str], renamed: Mapping[str, str], wanted: Sequence[str]
+) -> dict[str, str]:
+    """The other names that this file has, be it for the unit in brackets behind them; one that it lacks is refused
+    unless it has the name here: without both, a series such as t would be passed over."""
+    plain = {split_unit(column)[0]: column for column in there}
+    found = {name: plain[name] for name in wanted if name not in there and name in plain}
     for name, inside in renamed.items():
-        if inside not in there and name not in there:
+        if inside in there or inside in plain:
+            found[name] = inside if inside in there else plain[inside]
+        elif name not in there and name not in plain:
             raise DatasetError(
                 f"{path}: no column {inside!r}, which --map {name}={inside} names; it has {_listed(there)}"
             )
-    return {name: inside for name, inside in renamed.items() if inside in there}
+    return found
+
+
+def _ordered(
+    path: Path, pressures: Array, layout: SensorLayout, stored: Mapping[str, Stored]
+) -> tuple[Array, frozenset[str]]:
+    """The columns in the layout's order, where an array of names beside them tells theirs."""
+    for name, one in stored.items():
+        texts = one.texts
+        if len(texts) == pressures.shape[1] and set(texts) >= set(layout.names):
+            if len(set(texts)) < len(texts):
+                raise DatasetError(f"{path}: array {name!r} names a sensor twice")
+            return pressures[:, [texts.index(sensor) for sensor in layout.names]], frozenset({name})
+    return pressures, frozenset()
 
 
 def _with_pressures(
@@ -100,63 +142,6 @@ def _with_pressures(
     if len(lengths) > 1:
         raise DatasetError(f"{path}: the sensors' arrays have different lengths: {sorted(lengths)}")
     return {**arrays, "Cp": np.column_stack(found)}
-
-
-def stored_arrays(path: Path) -> dict[str, Any]:
-    """All arrays of an NPZ or HDF5 file by their names, in HDF5 with their groups. Raises DatasetError if the file
-    cannot be read."""
-    return _read_npz(path) if path.suffix.lower() == ".npz" else _read_hdf5(path)
-
-
-def numbers_of(path: Path, name: str, values: Any, *, columns: bool = False, one: bool = False) -> Array:
-    """A stored array as a series (n,), which may be one row or one column, with columns as (n, sensors), or one number.
-    Raises DatasetError if it holds no numbers, has another shape, or a number that is not finite."""
-    array = np.asarray(values)
-    if array.dtype.kind not in "fiu":
-        raise DatasetError(f"{path}: array {name!r} holds {array.dtype}, must hold numbers")
-    array = array.astype(np.float64)
-    if columns:
-        if array.ndim != 2:
-            raise DatasetError(f"{path}: array {name!r} has shape {array.shape}, must be (steps, sensors)")
-    else:
-        if array.size != 1 if one else array.ndim != 1 and array.size != max(array.shape, default=0):
-            wanted = "one number" if one else "(steps,)"
-            raise DatasetError(f"{path}: array {name!r} has shape {array.shape}, must be {wanted}")
-        array = array.reshape(-1)
-    if not np.isfinite(array).all():
-        place = np.argwhere(~np.isfinite(array))[0]
-        where = f"step {place[0]}" + (f", column {place[1]}" if columns else "")
-        raise DatasetError(f"{path}: array {name!r} holds a value that is not finite, first at {where}")
-    return array
-
-
-def _read_npz(path: Path) -> dict[str, Any]:
-    try:
-        return read_npz(path)
-    except (OSError, ValueError) as error:
-        raise DatasetError(f"{path}: {error}") from error
-
-
-def _read_hdf5(path: Path) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-
-    def keep(name: str, node: object) -> None:
-        if isinstance(node, h5py.Dataset):
-            found[name] = node[()]
-
-    visit: Callable[[str, object], None] = keep
-    try:
-        with opened(path) as file:
-            file.visititems(visit)
-            if INITIAL_ACTION in file.attrs:
-                found[INITIAL_ACTION] = file.attrs[INITIAL_ACTION]
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-        raise DatasetError(f"{path}: damaged or not an HDF5 file ({_first_line(error)})") from error
-    return found
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).split("\n", 1)[0]
 
 
 def _listed(names: Sequence[str]) -> str:

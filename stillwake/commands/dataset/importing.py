@@ -49,6 +49,14 @@ def import_(
     dynamic_pressure: Annotated[
         float | None, typer.Option(help="rho U_inf^2 / 2 in Pa, if the files hold p - p_inf in Pa in place of Cp.")
     ] = None,
+    reference: Annotated[
+        list[str],
+        typer.Option(
+            help="What 1 of a series or sensor is in files that have it in a unit: t=5ms, Cd=40N; Cd=-1 for the other "
+            "sign (repeatable).",
+            metavar="NAME=NUMBER[UNIT]",
+        ),
+    ] = [],  # noqa: B006
     rename: Annotated[
         list[str], typer.Option("--map", help="NAME=COLUMN where a file has another name, e.g. Cd=drag (repeatable).")
     ] = [],  # noqa: B006
@@ -96,11 +104,13 @@ def import_(
     overrides: Overrides = [],  # noqa: B006
     overwrite: Overwrite = False,
 ) -> None:
-    """Make a data set of your own CSV, NPZ or HDF5 files, or of recorded drives.
+    """Make a data set of your own files, or of recorded drives.
+
+    Tables (.csv), arrays (.npz, .h5, .nc, .mat) and cases of OpenFOAM are read.
 
     Lengths are in W, speeds in U_inf, times in W / U_inf. A table has the
     series action, Cd, Cl, and a column for every sensor's Cp,
-    under its name in --sensors; NPZ and HDF5 files may have one array Cp of
+    under its name in --sensors; files of arrays may have one array Cp of
     shape (steps, sensors) instead. A series t is optional, and so is
     initial_action, the action before the first row (otherwise 0). Row k has
     what was measured at t_k and the action commanded then.
@@ -120,6 +130,8 @@ def import_(
     from contract.recording.findings import asymmetry
     from contract.recording.importing.assemble import Source, assemble
     from contract.recording.importing.sensor_table import read_sensors
+    from contract.recording.importing.units import references_of
+    from contract.recording.plausible import implausible
 
     files: list[tuple[Path, Role]] = [
         *((path, "train") for path in train),
@@ -150,8 +162,12 @@ def import_(
     facts = PlantFacts(control_period=period, action_limit=limit, reynolds=reynolds)
     _checked_for_logs(logs, options, loaded, dynamic_pressure)
     log_forces, names = forces_of(logs, forces), names_of(logs)
-    layout = read_sensors(sensors, symmetric=not asymmetric)
     notes: list[str] = []
+
+    def unread(path: Path, names: tuple[str, ...]) -> None:
+        notes.append(f"note: {path}: not used: {', '.join(names)}")
+
+    layout = read_sensors(sensors, symmetric=not asymmetric, unread=unread)
     with progress_bar("files") as bar:
         task = bar.add_task("reading", total=len(files), note="")
         read = 0
@@ -178,12 +194,13 @@ def import_(
             layout,
             facts,
             dynamic_pressure=dynamic_pressure,
+            references=references_of(reference),
             renamed=renamed(rename, "--map"),
             progress=reading,
-            unread=lambda path, names: notes.append(f"note: {path}: not used: {', '.join(names)}"),
+            unread=unread,
         )
         write(output, made)
-    notes += [f"note: {item.text}" for item in asymmetry(made)]
+    notes += [f"note: {text}" for text in (*implausible(made), *(item.text for item in asymmetry(made)))]
     console.print(episodes_table(made))
     console.print(sensors_line(layout))
     for line in notes:

@@ -3,15 +3,18 @@
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
+from scipy.io import netcdf_file, savemat
 
-from contract.errors import DatasetError
+from contract.errors import ConfigError, DatasetError
 from contract.recording import dataset
 from contract.recording.dataset import CP_QUANTUM, QUANTUM, REQUIRED, Dataset
 from contract.recording.facts import PlantFacts
 from contract.recording.importing.assemble import Source, assemble
 from contract.recording.importing.sensor_table import read_sensors
+from contract.recording.importing.units import references_of
 from contract.sensor_layout import SensorLayout
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS, WRITERS
@@ -78,6 +81,8 @@ T = PERIOD * np.arange(20)
 def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout):
     cases: list[tuple[str, str | bytes | dict[str, Any], str]] = [
         ("a.xlsx", "", r"a\.xlsx: a data file must end in \.csv"),
+        ("a.mat", "text", r"a\.mat: damaged or not a MATLAB file"),
+        ("a.nc", b"CDF\x01 text", r"a\.nc: damaged or not a netCDF file"),
         ("a.h5", "text", r"a\.h5: damaged or not an HDF5"),
         ("a.csv", b"\xff\xfe\x00", r"a\.csv: is not a text file in UTF-8"),
         ("a.csv", "1,2\n3,4\n", r"a\.csv: line 1 holds numbers; the first line must have the names"),
@@ -96,7 +101,25 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         ("a.npz", {"Cd": np.zeros(19)}, r"'Cd' has shape \(19,\), must be \(20,\)"),
         ("a.npz", {"Cp": np.zeros((7, 20))}, r"'Cp' has shape \(7, 20\), must be \(20, 7\) .*transpose it"),
         ("a.npz", {"Cp": 500.0 * np.ones((20, 7))}, "'Cp' reaches 500, .* if it is in Pa, use --dynamic-pressure"),
+        (
+            "a.npz",
+            {"Cd": np.where(T < 1, 1e9, 1.2)},
+            "'Cd' reaches 1e\\+09, .* first at step 0, may stand for a missing",
+        ),
+        (
+            "a.npz",
+            {"Cd": np.full(20, 9.96921e36)},
+            "'Cd' holds a value, 9.96921e\\+36, that is the default fill value of",
+        ),
+        ("a.npz", {"Cl": np.array([{}] * 20)}, "'Cl' holds object, must hold numbers"),
+        (
+            "a.csv",
+            f"{HEADER}\n{ROW.replace('1,0', '1,9.96921e36')}",
+            "column 'Cl': 9.96921e36 is the default fill value",
+        ),
+        ("a.csv", f"{HEADER},,\n{ROW}\n{ROW},9,9,9", r"line 3: 13 values, the header has 12 columns"),
         ("a.npz", {"action": np.linspace(0, 0.4, 20)}, r"action is 0\.4 at step 19, beyond the limit of 0\.2"),
+        ("a.npz", {"t": 5 * T}, r"t rises by 1\.5, must .* if t is in s or ms .* import with --reference t=5$"),
         ("a.npz", {"t": T / 10}, "t rises by 0.03, the control period is 0.3: 10 samples a period. Keep one row of 10"),
         ("a.npz", {"t": T[::-1]}, "t does not rise from step 0 to 1"),
         ("a.npz", {"t": np.where(T > 3, T + 0.2, T)}, "t rises by 0.5 from step 10 to 11"),
@@ -142,6 +165,171 @@ def test_what_is_not_used_is_told_and_a_renamed_column_must_be_there(tmp_path, l
     both = [Source(path=path, role="train"), Source(path=other, role="test")]
     first, second = assemble(both, layout, FACTS, renamed={"Cd": "drag"}).episodes
     np.testing.assert_array_equal(first.series["Cd"], second.series["Cd"])
+
+
+def packed(path: Path, values: dict[str, Any], attributes: dict[str, Any]) -> Path:
+    """An HDF5 file whose Cd has these attributes."""
+    with h5py.File(path, "w") as file:
+        for name, array in values.items():
+            file[name] = array
+        file["Cd"].attrs.update(attributes)
+    return path
+
+
+def test_packed_numbers_gaps_and_units_are_those_of_cf(tmp_path, layout):
+    values = foreign_plant.series(20, 3)
+    drag = values["Cd"]
+    stored = np.round((drag - 1.0) / 0.001).astype(np.int16)
+    one, byte = np.int16(stored[7]), (stored - 150).astype(np.uint8)
+    packing: dict[str, Any] = {"scale_factor": 0.001, "add_offset": 1.0}
+    for numbers, attributes in (
+        (stored, packing),
+        (stored, {name: np.array([value]) for name, value in packing.items()} | {"units": b"1", "_FillValue": -32767}),
+        (stored.astype(np.float32), packing | {"valid_range": np.array([-500.0, 900.0])}),
+        (stored, packing | {"valid_min": np.int16(-500), "valid_max": np.float64(1.9)}),
+        (byte.view(np.int8), {"scale_factor": 0.001, "add_offset": 1.15, "_Unsigned": "true"}),
+        (100 * drag, {"units": "%"}),
+        (drag, {"units": "", "_FillValue": np.nan, "missing_value": np.array([-99.0, 1e20])}),
+    ):
+        found = imported(packed(tmp_path / "a.h5", values | {"Cd": numbers}, attributes), layout).episodes[0]
+        np.testing.assert_allclose(found.series["Cd"], drag, atol=0.0005001)
+    for numbers, attributes, message in (
+        (
+            stored,
+            packing | {"_FillValue": one},
+            r"holds a value, \d+, that is missing by its _FillValue, first at step 7 \(",
+        ),
+        (
+            drag,
+            {"missing_value": drag[[9, 4]]},
+            r"missing by its missing_value, first at step 4 \(2 of 20\); fill the gap",
+        ),
+        (drag.astype(np.float32), {"_FillValue": np.float64(drag[3])}, "missing by its _FillValue, first at step 3"),
+        (stored, packing | {"valid_max": np.int16(stored.max() - 1)}, "is outside its valid_max"),
+        (stored, packing | {"valid_range": [0.0, 1.0]}, "is outside its valid_range, first at step 0"),
+        (drag, {"scale_factor": "two"}, "its attribute scale_factor is .*, no number"),
+        (drag, {"scale_factor": 0.0}, "its attribute scale_factor is .*, no number"),
+        (drag, {"units": "N"}, "'Cd' is in 'N', Cd must be without dimension: .* --reference Cd=40N"),
+        (drag, {"units": "degC"}, "'Cd' is in 'degC', Cd must be without dimension"),
+    ):
+        with pytest.raises(DatasetError, match=message):
+            imported(packed(tmp_path / "a.h5", values | {"Cd": numbers}, attributes), layout)
+    # Chunks of HDF5 that were never written, and a file of netCDF, read by SciPy's own unpacking.
+    with h5py.File(packed(tmp_path / "a.h5", values, {}), "r+") as file:
+        del file["Cl"]
+        file.create_dataset("Cl", shape=(20,), dtype="f4", fillvalue=-99)[:10] = 0.0
+    with pytest.raises(DatasetError, match=r"'Cl' .* missing by its _FillValue, first at step 10 \(10 of 20\)"):
+        imported(tmp_path / "a.h5", layout)
+    with netcdf_file(tmp_path / "a.nc", "w", maskandscale=True) as file:
+        file.createDimension("row", 20)
+        file.createDimension("sensor", 7)
+        for name, array in values.items():
+            one = file.createVariable(name, "h" if name == "Cd" else "d", ("row", "sensor")[: array.ndim])
+            if name == "Cd":
+                one.scale_factor, one.add_offset, one.missing_value = 0.001, 1.0, -32768
+            one[:] = array
+    np.testing.assert_allclose(imported(tmp_path / "a.nc", layout).episodes[0].series["Cd"], drag, atol=0.0005001)
+
+
+def test_numbers_in_a_unit_are_divided_by_what_1_is_in_it(tmp_path, layout):
+    """Pascals, milliseconds and newtons by the option, by an attribute, or in brackets behind a column's name."""
+    values = foreign_plant.series(20, 3)
+    rig = values | {"t": 5 * values["t"], "Cd": -40 * values["Cd"], "Cp": 0.375 * values["Cp"]}
+    names = {"t": "t [ms]", "Cd": "Cd (N)", **{name: f"{name} [kPa]" for name in NAMES}}
+    text = foreign_plant.write_csv(tmp_path / "a.csv", rig).read_text()
+    head, rows = text.split("\n", 1)
+    (tmp_path / "a.csv").write_text(",".join(names.get(name, name) for name in head.split(",")) + "\n" + rows)
+    kilo = packed(tmp_path / "b.h5", rig, {"units": "N"})
+    with h5py.File(kilo, "r+") as file:
+        file["t"].attrs["units"], file["Cp"].attrs["units"] = "milliseconds since 2026-01-01", "kPa"
+    alone = rig | {"Cp": np.where(np.array(NAMES) == "x.y", values["Cp"], rig["Cp"])}
+    for path, texts, more in (
+        (tmp_path / "a.csv", ["t=0.005s", "Cd=-40 N"], {"dynamic_pressure": 375.0}),
+        (tmp_path / "a.csv", ["t=5", "Cd=-0.04kN", "Cp=3.75mbar", "x.y=0.375"], {}),
+        (kilo, ["t=5ms", "Cd=-40"], {"dynamic_pressure": 375.0}),
+        (foreign_plant.write_npz(tmp_path / "c.npz", alone), ["t=5ms", "Cd=-40N", "x.y=1", "Cp=0.375"], {}),
+    ):
+        episode = imported(path, layout, references=references_of(texts), **more).episodes[0]
+        for name in REQUIRED:
+            np.testing.assert_allclose(episode.series[name], values[name], rtol=1e-9, atol=1e-12, err_msg=name)
+    assert episode.provenance["references"] == {
+        "t": [5.0, "ms"],
+        "Cd": [-40.0, "N"],
+        "x.y": [1.0, None],
+        "Cp": [0.375, None],
+    }
+    for path, texts, more, message in (
+        (
+            tmp_path / "a.csv",
+            [],
+            {},
+            r"'t \[ms\]' is in 'ms', t must be without dimension: give W / U_inf as in --refer",
+        ),
+        (
+            tmp_path / "a.csv",
+            ["t=5ms", "Cd=4Pa"],
+            {},
+            r"'Cd \(N\)' is in 'N' by the file's own word, which --reference Cd",
+        ),
+        (kilo, ["t=5ms", "Cd=40N"], {}, "'Cp' is in 'kPa', .* give --dynamic-pressure"),
+        (packed(tmp_path / "d.h5", values, {"units": "1"}), ["Cd=40N"], {}, "'Cd' is in '1' by the file's own word"),
+        (kilo, ["Cp=1kPa"], {"dynamic_pressure": 1.0}, "--reference Cp=1kPa: --dynamic-pressure 1 gives it, too"),
+        (kilo, ["drag=1"], {}, "--reference drag=1: 'drag' is no series and no sensor"),
+    ):
+        with pytest.raises(DatasetError, match=message):
+            imported(path, layout, references=references_of(texts), **more)
+    for texts in (["Cd"], ["Cd=N"], ["Cd=0N"], ["=4"], ["Cd=1", "Cd=2"]):
+        with pytest.raises(ConfigError, match="--reference"):
+            references_of(texts)
+
+
+def test_matlab_files_old_and_new_are_tables(tmp_path, layout):
+    """SciPy writes version 5; 7.3 is HDF5 behind 512 bytes, with its axes the other way round and texts as numbers."""
+    values = foreign_plant.series(30, 3)
+    turned, names = NAMES[::-1], np.array([*NAMES[::-1]], dtype=object)
+    matrix = {name: values["Cp"] if name == "Cp" else values[name] for name in values} | {"Cp": values["Cp"][:, ::-1]}
+    savemat(tmp_path / "a.mat", matrix | {"taps": names, "info": {"rig": "north", "q": 375.0}})
+    savemat(tmp_path / "b.mat", {"run": {name: values[name] for name in values}}, do_compression=True)
+    with h5py.File(tmp_path / "c.mat", "w", userblock_size=512) as file:
+        for name, array in matrix.items():
+            file.create_dataset(name, data=np.atleast_2d(array).T if array.ndim == 2 else array[None, :])
+            file[name].attrs["MATLAB_class"] = np.bytes_("double")
+        references = []
+        for k, tap in enumerate(turned):
+            cell = file.create_dataset(f"#refs#/{k}", data=np.array([[ord(one)] for one in tap], dtype=np.uint16))
+            cell.attrs["MATLAB_class"] = np.bytes_("char")
+            references.append(cell.ref)
+        file.create_dataset("taps", data=np.array([references]).T, dtype=h5py.ref_dtype)
+        file["taps"].attrs["MATLAB_class"] = np.bytes_("cell")
+    told: list[tuple[str, tuple[str, ...]]] = []
+    for name, renamed in (("a.mat", {}), ("b.mat", {one: f"run/{one}" for one in values}), ("c.mat", {})):
+        found = imported(
+            tmp_path / name, layout, renamed=renamed, unread=lambda path, names: told.append((path.name, names))
+        )
+        for one in REQUIRED:
+            np.testing.assert_array_equal(found.episodes[0].series[one], values[one])
+    assert told == [("a.mat", ("info/rig", "info/q"))]
+
+
+def test_empty_columns_and_objects_are_told_and_not_in_the_way(tmp_path, layout):
+    values = foreign_plant.series(20, 3)
+    path = foreign_plant.write_csv(tmp_path / "a.csv", values)
+    plain = path.read_text().splitlines()
+    for lines, unread in (
+        ([f"{line},," for line in plain], tuple(f"column {k}, which has no name and is empty" for k in (12, 13))),
+        ([plain[0], *(f"{line},," for line in plain[1:])], ()),
+        ([f",{plain[0]}", *(f"{k},{line}" for k, line in enumerate(plain[1:]))], ("column 1, which has no name",)),
+    ):
+        path.write_text("\n".join([*lines, ",,,,"]) + "\n")
+        told: list[str] = []
+        found = imported(path, layout, unread=lambda path, names, told=told: told.extend(names)).episodes[0]
+        np.testing.assert_array_equal(found.series["Cp"], values["Cp"])
+        assert tuple(told) == unread
+    path = foreign_plant.write_npz(tmp_path / "b.npz", values | {"about": np.array({"rig": 1})})
+    np.testing.assert_array_equal(imported(path, layout).episodes[0].series["Cd"], values["Cd"])
+    (tmp_path / "s.csv").write_text("name,x,y,z\nup,1.0,0.5,0.1\ndown,1.0,-0.5,0.2\n")
+    read_sensors(tmp_path / "s.csv", symmetric=True, unread=lambda path, names: told.extend(names))
+    assert told[-1] == "z"
 
 
 def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):

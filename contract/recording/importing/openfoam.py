@@ -1,0 +1,194 @@
+"""A case of OpenFOAM as an episode: its probes' p, its force coefficients, and what was commanded."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from contract.arrays import Array, Index
+from contract.errors import DatasetError
+from contract.openfoam_tables import FoamTable, read_foam_table
+from contract.recording.importing.csv_table import read_csv
+from contract.recording.importing.source_file import Contents, reference_of
+from contract.recording.importing.stored_files import INITIAL_ACTION
+from contract.recording.importing.units import Reference, factor
+from contract.sensor_layout import SensorLayout
+
+ACTIONS: Final = "actions.csv"
+"""Beside postProcessing: t, in the case's own time, and action. Without it the case is uncontrolled."""
+_POST: Final = "postProcessing"
+_PRESSURES: Final = r"p(_[-+.\de]+)?"
+_FORCES: Final = r"(coefficient|forceCoeffs)(_[-+.\de]+)?\.dat"
+_NUMBER: Final = re.compile(r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?")
+_NOT_FOUND: Final = 1e299
+"""A probe outside the mesh reads -1e300."""
+_GAP: Final = 1.05
+"""Control periods between two rows across which a straight line may go."""
+_AT: Final = 0.01
+"""Distance of a probe from its sensor, as a share of what the sensors span."""
+
+
+def case_of(path: Path) -> Path | None:
+    """The case that a path lies in, be it the case's folder, postProcessing or anything in it; None if in none."""
+    path = path.absolute()
+    if (path / _POST).is_dir():
+        return path
+    return next((one.parent for one in (path, *path.parents) if one.name == _POST and one.is_dir()), None)
+
+
+def read_case(
+    path: Path,
+    case: Path,
+    layout: SensorLayout,
+    period: float,
+    renamed: Mapping[str, str],
+    references: Mapping[str, Reference],
+) -> Contents:
+    """Rows one control period apart, where the case wrote finer ones on straight lines between them. p is kinematic,
+    and magUInf of the coefficients makes Cp of it, unless `references` has Cp. Raises DatasetError if the tables cannot
+    be read, or do not fit layout or period; the message names the file. Arguments as for
+    `contract.recording.importing.source_file.read_source`."""
+    pressures, forces = _table(path, case, _PRESSURES, "probes of p"), _table(path, case, _FORCES, "forceCoeffs")
+    speed = _speed(forces)
+    if speed is None and "Cp" not in references:
+        kinematic = "p is kinematic, so give U_inf^2 / 2 in m2/s2 with --dynamic-pressure"
+        raise DatasetError(f"{forces.files[0]}: states no magUInf; {kinematic}")
+    if speed != 1.0 and "t" not in references:
+        stated = "" if speed is None else f", U_inf is {speed:g} m/s"
+        raise DatasetError(f"{case}: its times are in s{stated}: give W / U_inf as in --reference t=0.005s")
+    second = factor(path, "t", "Time", "s" if "t" in references else None, references.get("t"))
+    scales = [_scale(name, layout, references, speed) for name in layout.names]
+    readings = pressures.rows[:, 1 + _probes_of(pressures, layout)] * scales
+    columns = forces.header[-1].split() if forces.header else []
+    found = {name: renamed.get(name, name) for name in ("Cd", "Cl")}
+    for name, inside in found.items():
+        if columns.count(inside) != 1 or len(columns) != forces.rows.shape[1]:
+            raise DatasetError(f"{forces.files[0]}: no column {inside!r} for {name}; it has {', '.join(columns)}")
+    scales = [factor(path, name, inside, None, references.get(name)) for name, inside in found.items()]
+    coefficients = forces.rows[:, [columns.index(inside) for inside in found.values()]] * scales
+    first, last = (max(pressures.rows[0, 0], forces.rows[0, 0]), min(pressures.rows[-1, 0], forces.rows[-1, 0]))
+    # Rounded times may fall short of a period by their last digit.
+    t = first * second + period * np.arange(max(0, int((last - first) * second / period + 1e-4) + 1))
+    tables = ((pressures, readings), (forces, coefficients))
+    at_periods = [_at(table.files[0], table.rows[:, 0] * second, values, t, period) for table, values in tables]
+    action, initial, files = _actions(
+        case, t / second, factor(path, "action", "action", None, references.get("action"))
+    )
+    none = () if files else (f"{ACTIONS} beside {_POST}, which is not there: the action is 0",)
+    return Contents(
+        arrays={"t": t, "action": action, INITIAL_ACTION: initial, "Cp": at_periods[0]}
+        | dict(zip(found, at_periods[1].T, strict=True)),
+        unread=(*(name for name in columns[1:] if name not in found.values()), *none),
+        renamed=frozenset(found) & frozenset(renamed),
+        files=(*pressures.files, *forces.files, *files),
+    )
+
+
+def _table(path: Path, case: Path, file: str, what: str) -> FoamTable:
+    """That of the function object which the path is in, or of the only one there is."""
+    tables = {}
+    try:
+        for folder in sorted((case / _POST).iterdir()):
+            table = read_foam_table(folder, file)
+            if table is not None:
+                tables[folder] = table
+    except (OSError, ValueError) as error:
+        raise DatasetError(str(error)) from error
+    named = [table for folder, table in tables.items() if path.absolute().is_relative_to(folder)]
+    if len(named or tables) != 1:
+        found = f"several have {what}, name one: {', '.join(map(str, tables))}" if tables else f"no {what} in it"
+        raise DatasetError(f"{case / _POST}: {found}")
+    return (named or list(tables.values()))[0]
+
+
+def _speed(forces: FoamTable) -> float | None:
+    """U_inf by the coefficients' header; None if it has none."""
+    for line in forces.header:
+        name, _, value = line.partition(":")
+        if name.strip() == "magUInf" and _NUMBER.fullmatch(value.strip()):
+            return float(value)
+    return None
+
+
+def _scale(name: str, layout: SensorLayout, references: Mapping[str, Reference], speed: float | None) -> float:
+    """What p at a sensor is to be multiplied by."""
+    reference = reference_of(name, layout, references)
+    if reference is not None:
+        return 1.0 / reference.number
+    assert speed is not None
+    return 2.0 / speed**2
+
+
+def _probes_of(pressures: FoamTable, layout: SensorLayout) -> Index:
+    """The probe of every sensor: the one at its place, or, where the case has another origin and length, the one in the
+    same order if all lie as the sensors do."""
+    path, count = pressures.files[0], pressures.rows.shape[1] - 1
+    numbers = [(line.split("(")[0].split()[:1], "(" in line, _NUMBER.findall(line)) for line in pressures.header]
+    places = [found[1:3] for word, bracket, found in numbers if word == ["Probe"] and bracket and len(found) == 4]
+    if not places:  # older versions write a line for every coordinate
+        lines = [found for word, _, found in numbers if word in (["x"], ["y"])]
+        places = np.array(lines).T.tolist() if len({len(line) for line in lines}) == 1 else []
+    if len(places) != count:
+        raise DatasetError(f"{path}: its header has the places of {len(places)} probes, its rows have {count}")
+    at, wanted = np.array(places, dtype=np.float64), layout.positions
+    near = _AT * max(float(np.ptp(wanted, axis=0).max()), 1e-6)
+    close = np.hypot(*(at[None] - wanted[:, None]).transpose(2, 0, 1)) <= near
+    if (close.sum(axis=1) == 1).all():
+        chosen: Index = np.argmax(close, axis=1)
+    else:
+        chosen = np.arange(len(layout))
+        if len(at) != len(layout) or not _alike(at, wanted, near):
+            name = layout.names[int(np.argmax(close.sum(axis=1) != 1))]
+            raise DatasetError(
+                f"{path}: no probe, or more than one of its {count}, is at the sensor {name}: put its place right, or "
+                f"list as many sensors as there are probes, in their order"
+            )
+    lost = np.abs(pressures.rows[:, 1 + chosen]).max(axis=0) > _NOT_FOUND
+    if lost.any():
+        raise DatasetError(f"{path}: probe {chosen[int(lost.argmax())]} is not in the mesh: it reads -1e300")
+    return chosen
+
+
+def _alike(at: Array, wanted: Array, near: float) -> bool:
+    """Whether places are the wanted ones up to an origin and a length."""
+    moved, meant = at - at.mean(axis=0), wanted - wanted.mean(axis=0)
+    length = float((moved * meant).sum() / max(float((moved**2).sum()), 1e-300))
+    return len(at) > 1 and length > 0 and bool((np.hypot(*(length * moved - meant).T) <= near).all())
+
+
+def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Array:
+    """Values at t, on straight lines between the rows."""
+    if len(t) < 2:
+        raise DatasetError(
+            f"{path}: goes from {times[0]:g} to {times[-1]:g} W / U_inf, less than two control periods that probes and "
+            f"coefficients share; times in s need --reference t=NUMBER, W / U_inf in s"
+        )
+    rows = (times > t[0] - period) & (times < t[-1] + period)
+    gap = float(np.diff(times[rows]).max())
+    if gap > _GAP * period:
+        raise DatasetError(
+            f"{path}: rows are up to {gap:.6g} W / U_inf apart, the control period is {period:g}: write one a period"
+        )
+    return np.column_stack([np.interp(t, times, column) for column in values.T])
+
+
+def _actions(case: Path, t: Array, scale: float) -> tuple[Array, Array, tuple[Path, ...]]:
+    """The action commanded at every time, that before the first, and the file, if there is one."""
+    path = case / ACTIONS
+    if not path.is_file():
+        return np.zeros(len(t)), np.zeros(1), ()
+    table = read_csv(path)
+    for name in ("t", "action"):
+        if name not in table.header:
+            raise DatasetError(f"{path}: no column {name!r}; it must have t, in the case's own time, and action")
+    times, commands = table.numbers("t"), table.numbers("action") * scale
+    if (np.diff(times) <= 0).any():
+        raise DatasetError(f"{path}: t does not rise at row {int(np.argmax(np.diff(times) <= 0)) + 1}")
+    # In force until the next one; a time that is rounded counts.
+    within = 1e-6 * max(1.0, float(np.abs(t).max()))
+    at = np.searchsorted(times, t + within, side="right") - 1
+    before = int(np.searchsorted(times, t[0] - within)) - 1
+    commands = np.append(commands, 0.0)  # the last one, by -1: before the first command
+    return commands[at], commands[[before]], (path,)
