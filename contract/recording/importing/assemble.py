@@ -14,6 +14,7 @@ from contract.recording.dataset import CP_QUANTUM, Dataset, Episode, Role
 from contract.recording.episode import REQUIRED, UNITS
 from contract.recording.facts import PlantFacts
 from contract.recording.findings import LIMIT_TOLERANCE, clock_problem
+from contract.recording.importing.forces import FORCES
 from contract.recording.importing.openfoam import case_of, read_case
 from contract.recording.importing.source_file import Contents, read_source
 from contract.recording.importing.stored import GAP
@@ -69,7 +70,7 @@ def assemble(
     references: Mapping[str, Reference] | None = None,
     renamed: Mapping[str, str] | None = None,
     progress: Callable[[Path], None] = lambda path: None,
-    unread: Callable[[Path, tuple[str, ...]], None] = lambda path, names: None,
+    told: Callable[[Path, str], None] = lambda path, note: None,
 ) -> Dataset:
     """Read every file into an episode. Raises DatasetError if a file cannot be read or does not fit; the message names
     file and place, and what would be right.
@@ -81,15 +82,16 @@ def assemble(
         references: by the name here, what 1 of ours is in the files.
         renamed: by the name here, the name in the files.
         progress: called with every file before it is read.
-        unread: called with a file and the names in it that are no series and no sensor, if there are any.
+        told: called with a file and what is worth knowing of it, such as names that are no series and no sensor.
     """
     renamed, references = dict(renamed or {}), dict(references or {})
     if facts.control_period is None or facts.action_limit is None:
         raise DatasetError("control period and action limit must be given: they cannot be read off the files")
     if dynamic_pressure is not None and not (np.isfinite(dynamic_pressure) and dynamic_pressure > 0):
         raise DatasetError(f"dynamic pressure {dynamic_pressure}: must be positive, in Pa")
-    if references and all(source.made is not None for source in sources):
-        raise DatasetError(f"{next(iter(references.values())).option}: has no effect, as all files are logs")
+    for name, reference in references.items():
+        if name not in FORCES and all(source.made is not None for source in sources):
+            raise DatasetError(f"{reference.option}: has no effect on a log, whose messages have their units")
     if dynamic_pressure is not None:
         if "Cp" in references:
             raise DatasetError(f"{references['Cp'].option}: --dynamic-pressure {dynamic_pressure:g} gives it, too")
@@ -120,8 +122,8 @@ def assemble(
             contents = read_case(source.path, case, layout, facts.control_period, renamed, references)
         episodes.append(_episode(source, contents, layout, facts, references))
         used |= contents.renamed
-        if contents.unread:
-            unread(source.path, contents.unread)
+        for note in ([f"not used: {', '.join(contents.unread)}"] if contents.unread else []) + list(contents.notes):
+            told(source.path, note)
     for name in renamed:
         if name not in used:
             raise DatasetError(f"--map {name}={renamed[name]}: no file has a column {renamed[name]!r}")

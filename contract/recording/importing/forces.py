@@ -14,7 +14,7 @@ from contract.recording.facts import ForcesClock
 from contract.recording.importing.csv_table import read_csv
 from contract.recording.importing.source_file import SUFFIXES
 from contract.recording.importing.stored_files import BINARY, stored_arrays
-from contract.recording.importing.units import factor, seconds_in, split_unit
+from contract.recording.importing.units import Reference, factor, seconds_in, split_unit
 
 FORCES: Final = ("Cd", "Cl")
 
@@ -97,13 +97,16 @@ class ForcesTable:
     clock: ForcesClock | None
 
 
-def read_forces(path: Path, renamed: Mapping[str, str]) -> ForcesTable:
+def read_forces(
+    path: Path, renamed: Mapping[str, str], references: Mapping[str, Reference] | None = None
+) -> ForcesTable:
     """Read t, Cd and Cl from a table or a file of arrays. Raises DatasetError if the file cannot be read or lacks one
     of the three, or they do not fit each other.
 
     Args:
         renamed: by the name here, the name in the file. Without one, a name in the file may have its unit behind it in
             brackets, as `stillwake report --csv` writes it.
+        references: by the name here, what 1 of ours is in the file.
     """
     if not path.is_file():
         raise DatasetError(f"{path}: no such file")
@@ -121,7 +124,10 @@ def read_forces(path: Path, renamed: Mapping[str, str]) -> ForcesTable:
         arrays = {name: table.numbers(there) for name, there in inside.items()}
     units = {name: units.get(name) or split_unit(there)[1] for name, there in inside.items()}
     arrays["t"] = arrays["t"] * (seconds_in(units["t"]) or 1.0)
-    arrays |= {name: arrays[name] * factor(path, name, inside[name], units[name], None) for name in FORCES}
+    arrays |= {
+        name: arrays[name] * factor(path, name, inside[name], units[name], (references or {}).get(name))
+        for name in FORCES
+    }
     for name in FORCES:
         if len(arrays[name]) != len(arrays["t"]):
             raise DatasetError(

@@ -11,7 +11,7 @@ from contract.arrays import Array, Index
 from contract.errors import DatasetError
 from contract.openfoam_tables import FoamTable, read_foam_table
 from contract.recording.importing.csv_table import read_csv
-from contract.recording.importing.source_file import Contents, reference_of
+from contract.recording.importing.source_file import SUFFIXES, Contents, reference_of
 from contract.recording.importing.stored_files import INITIAL_ACTION
 from contract.recording.importing.units import Reference, factor
 from contract.sensor_layout import SensorLayout
@@ -32,9 +32,11 @@ _AT: Final = 0.01
 
 def case_of(path: Path) -> Path | None:
     """The case that a path lies in, be it the case's folder, postProcessing or anything in it; None if in none."""
-    path = path.absolute()
+    path = path.resolve()
     if (path / _POST).is_dir():
         return path
+    if path.suffix.lower() in SUFFIXES:  # a table that somebody keeps there
+        return None
     return next((one.parent for one in (path, *path.parents) if one.name == _POST and one.is_dir()), None)
 
 
@@ -76,11 +78,12 @@ def read_case(
     action, initial, files = _actions(
         case, t / second, factor(path, "action", "action", None, references.get("action"))
     )
-    none = () if files else (f"{ACTIONS} beside {_POST}, which is not there: the action is 0",)
+    none = () if files else (f"no {ACTIONS} beside {_POST}: taken as uncontrolled, with an action of 0",)
     return Contents(
         arrays={"t": t, "action": action, INITIAL_ACTION: initial, "Cp": at_periods[0]}
         | dict(zip(found, at_periods[1].T, strict=True)),
-        unread=(*(name for name in columns[1:] if name not in found.values()), *none),
+        unread=tuple(name for name in columns[1:] if name not in found.values()),
+        notes=none,
         renamed=frozenset(found) & frozenset(renamed),
         files=(*pressures.files, *forces.files, *files),
     )
@@ -96,7 +99,7 @@ def _table(path: Path, case: Path, file: str, what: str) -> FoamTable:
                 tables[folder] = table
     except (OSError, ValueError) as error:
         raise DatasetError(str(error)) from error
-    named = [table for folder, table in tables.items() if path.absolute().is_relative_to(folder)]
+    named = [table for folder, table in tables.items() if path.resolve().is_relative_to(folder)]
     if len(named or tables) != 1:
         found = f"several have {what}, name one: {', '.join(map(str, tables))}" if tables else f"no {what} in it"
         raise DatasetError(f"{case / _POST}: {found}")

@@ -17,11 +17,11 @@ _RESERVED: Final = frozenset({*UNITS, "initial_action"})
 
 
 def read_sensors(
-    path: Path, *, symmetric: bool, unread: Callable[[Path, tuple[str, ...]], None] = lambda path, names: None
+    path: Path, *, symmetric: bool, told: Callable[[Path, str], None] = lambda path, note: None
 ) -> SensorLayout:
     """The layout, in the order of the file's rows. Raises DatasetError if a column is missing, or a cell does not fit;
     the message names file, line and column. `symmetric` states whether body and jets are their own mirror images in y =
-    0; the sensors' images follow from their places, if every sensor has one. `unread` is called with the columns that
+    0; the sensors' images follow from their places, if every sensor has one. `told` is called with the columns that
     are not used, if there are any."""
     table = read_csv(path)
     for column in ("name", "x", "y"):
@@ -32,7 +32,7 @@ def read_sensors(
             )
     unused = tuple(name for name in table.header if name not in ("name", "x", "y", "base"))
     if unused:
-        unread(path, unused)
+        told(path, f"not used: {', '.join(unused)}; a place is x and y alone")
     names = table.texts("name")
     for line, name in zip(table.lines, names, strict=True):
         if name in _RESERVED:

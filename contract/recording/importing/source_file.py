@@ -27,12 +27,14 @@ class Contents:
         unread: names in the file that no one asked for.
         renamed: the names here whose arrays have another one in the file.
         files: that were read.
+        notes: what else is worth knowing.
     """
 
     arrays: dict[str, Array]
     unread: tuple[str, ...]
     renamed: frozenset[str]
     files: tuple[Path, ...]
+    notes: tuple[str, ...] = ()
 
 
 def read_source(

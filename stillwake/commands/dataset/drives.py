@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from contract.recording.facts import ForcesClock
     from contract.recording.importing.assemble import Source
     from contract.recording.importing.forces import TimeSeries
+    from contract.recording.importing.units import Reference
 
 USES: Final = ("operating_point", "bus.frames", "bus.key")
 """Settings by which a log is read."""
@@ -38,6 +39,7 @@ class DriveOptions:
         fill, split: see `can_bridge.drives.log_to_series.series_of`.
         forces: FILE for every log, or LOG=FILE for one.
         names: of t, Cd and Cl in the forces' files.
+        references: by Cd and Cl, what 1 is in those files.
         clock: of the forces' times; None where the file has it.
         shift_s: seconds to add to the forces' times.
     """
@@ -46,6 +48,7 @@ class DriveOptions:
     split: bool
     forces: Sequence[str]
     names: Mapping[str, str]
+    references: "Mapping[str, Reference]"
     clock: "ForcesClock | None"
     shift_s: float
 
@@ -238,7 +241,7 @@ def _forces(
 
     # The sender's own seconds, seen on the log's clock, are as much longer as its periods are.
     pace = series.period_s / scales.period_s
-    table = read_forces(path, options.names)
+    table = read_forces(path, options.names, options.references)
     clock = options.clock or table.clock
     if clock is None:
         raise DatasetError(

@@ -150,11 +150,13 @@ def import_(
             raise OutputError(f"{output}: is one of the files to read; give another name")
     check_output(output, overwrite=overwrite)
     check_dataset_name(output)
+    references = references_of(reference)
     options = DriveOptions(
         fill=fill,
         split=split,
         forces=forces,
         names=renamed(forces_map, "--forces-map"),
+        references=references,
         clock=forces_clock,
         shift_s=forces_shift,
     )
@@ -164,10 +166,10 @@ def import_(
     log_forces, names = forces_of(logs, forces), names_of(logs)
     notes: list[str] = []
 
-    def unread(path: Path, names: tuple[str, ...]) -> None:
-        notes.append(f"note: {path}: not used: {', '.join(names)}")
+    def told(path: Path, note: str) -> None:
+        notes.append(f"note: {path}: {note}")
 
-    layout = read_sensors(sensors, symmetric=not asymmetric, unread=unread)
+    layout = read_sensors(sensors, symmetric=not asymmetric, told=told)
     with progress_bar("files") as bar:
         task = bar.add_task("reading", total=len(files), note="")
         read = 0
@@ -194,10 +196,10 @@ def import_(
             layout,
             facts,
             dynamic_pressure=dynamic_pressure,
-            references=references_of(reference),
+            references=references,
             renamed=renamed(rename, "--map"),
             progress=reading,
-            unread=unread,
+            told=told,
         )
         write(output, made)
     notes += [f"note: {text}" for text in (*implausible(made), *(item.text for item in asymmetry(made)))]

@@ -152,9 +152,9 @@ def test_what_is_not_used_is_told_and_a_renamed_column_must_be_there(tmp_path, l
     """A clock called "time" would otherwise be passed over in silence, and with it a wrong period."""
     values = foreign_plant.series(20, 3)
     path = foreign_plant.write_npz(tmp_path / "a.npz", values | {"time": np.linspace(0.0, 0.019, 20)})
-    told: list[tuple[str, tuple[str, ...]]] = []
-    imported(path, layout, unread=lambda path, names: told.append((path.name, names)))
-    assert told == [("a.npz", ("time",))]
+    told: list[tuple[str, str]] = []
+    imported(path, layout, told=lambda path, note: told.append((path.name, note)))
+    assert told == [("a.npz", "not used: time")]
     with pytest.raises(DatasetError, match=r"t rises by 0\.001"):
         imported(path, layout, renamed={"t": "time"})
     with pytest.raises(DatasetError, match=r"--map t=zeit: no file has a column 'zeit'"):
@@ -220,15 +220,23 @@ def test_packed_numbers_gaps_and_units_are_those_of_cf(tmp_path, layout):
         file.create_dataset("Cl", shape=(20,), dtype="f4", fillvalue=-99)[:10] = 0.0
     with pytest.raises(DatasetError, match=r"'Cl' .* missing by its _FillValue, first at step 10 \(10 of 20\)"):
         imported(tmp_path / "a.h5", layout)
-    with netcdf_file(tmp_path / "a.nc", "w", maskandscale=True) as file:
-        file.createDimension("row", 20)
-        file.createDimension("sensor", 7)
-        for name, array in values.items():
-            one = file.createVariable(name, "h" if name == "Cd" else "d", ("row", "sensor")[: array.ndim])
-            if name == "Cd":
-                one.scale_factor, one.add_offset, one.missing_value = 0.001, 1.0, -32768
-            one[:] = array
-    np.testing.assert_allclose(imported(tmp_path / "a.nc", layout).episodes[0].series["Cd"], drag, atol=0.0005001)
+    for gap in (False, True):
+        with netcdf_file(tmp_path / "a.nc", "w", maskandscale=True) as file:
+            file.createDimension("row", 20)
+            file.createDimension("sensor", 7)
+            for name, array in values.items():
+                one = file.createVariable(name, "h" if name == "Cd" else "d", ("row", "sensor")[: array.ndim])
+                if name == "Cd":
+                    one.scale_factor, one.add_offset, one.missing_value = 0.001, 1.0, -32768
+                one[:] = array
+            if gap:  # with netCDF's own fill value, as SciPy has written another one
+                del file.variables["Cd"]._attributes["_FillValue"]
+                file.variables["Cd"].data[4] = -32767
+        if not gap:
+            found = imported(tmp_path / "a.nc", layout).episodes[0]
+            np.testing.assert_allclose(found.series["Cd"], drag, atol=0.0005001)
+    with pytest.raises(DatasetError, match="'Cd' holds a value, -32767, that is the default fill value of netCDF"):
+        imported(tmp_path / "a.nc", layout)
 
 
 def test_numbers_in_a_unit_are_divided_by_what_1_is_in_it(tmp_path, layout):
@@ -301,35 +309,35 @@ def test_matlab_files_old_and_new_are_tables(tmp_path, layout):
             references.append(cell.ref)
         file.create_dataset("taps", data=np.array([references]).T, dtype=h5py.ref_dtype)
         file["taps"].attrs["MATLAB_class"] = np.bytes_("cell")
-    told: list[tuple[str, tuple[str, ...]]] = []
+    told: list[tuple[str, str]] = []
     for name, renamed in (("a.mat", {}), ("b.mat", {one: f"run/{one}" for one in values}), ("c.mat", {})):
         found = imported(
-            tmp_path / name, layout, renamed=renamed, unread=lambda path, names: told.append((path.name, names))
+            tmp_path / name, layout, renamed=renamed, told=lambda path, note: told.append((path.name, note))
         )
         for one in REQUIRED:
             np.testing.assert_array_equal(found.episodes[0].series[one], values[one])
-    assert told == [("a.mat", ("info/rig", "info/q"))]
+    assert told == [("a.mat", "not used: info/rig, info/q")]
 
 
 def test_empty_columns_and_objects_are_told_and_not_in_the_way(tmp_path, layout):
     values = foreign_plant.series(20, 3)
     path = foreign_plant.write_csv(tmp_path / "a.csv", values)
     plain = path.read_text().splitlines()
+    told: list[str] = []
     for lines, unread in (
-        ([f"{line},," for line in plain], tuple(f"column {k}, which has no name and is empty" for k in (12, 13))),
-        ([plain[0], *(f"{line},," for line in plain[1:])], ()),
-        ([f",{plain[0]}", *(f"{k},{line}" for k, line in enumerate(plain[1:]))], ("column 1, which has no name",)),
+        ([plain[0], *(f"{line},," for line in plain[1:])], None),
+        ([f"{line},," for line in plain], ", ".join(f"column {k}, which has no name and is empty" for k in (12, 13))),
+        ([f",{plain[0]}", *(f"{k},{line}" for k, line in enumerate(plain[1:]))], "column 1, which has no name"),
     ):
         path.write_text("\n".join([*lines, ",,,,"]) + "\n")
-        told: list[str] = []
-        found = imported(path, layout, unread=lambda path, names, told=told: told.extend(names)).episodes[0]
+        found = imported(path, layout, told=lambda path, note: told.append(note)).episodes[0]
         np.testing.assert_array_equal(found.series["Cp"], values["Cp"])
-        assert tuple(told) == unread
+        assert told[-1:] == ([] if unread is None else [f"not used: {unread}"])
     path = foreign_plant.write_npz(tmp_path / "b.npz", values | {"about": np.array({"rig": 1})})
     np.testing.assert_array_equal(imported(path, layout).episodes[0].series["Cd"], values["Cd"])
     (tmp_path / "s.csv").write_text("name,x,y,z\nup,1.0,0.5,0.1\ndown,1.0,-0.5,0.2\n")
-    read_sensors(tmp_path / "s.csv", symmetric=True, unread=lambda path, names: told.extend(names))
-    assert told[-1] == "z"
+    read_sensors(tmp_path / "s.csv", symmetric=True, told=lambda path, note: told.append(note))
+    assert told[-1] == "not used: z; a place is x and y alone"
 
 
 def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):

@@ -60,14 +60,12 @@ def test_p_is_kinematic_and_probes_are_found_by_their_places(tmp_path):
     told: list[str] = []
     path = case(tmp_path / "run 1")
     for inside in ("", "postProcessing", "postProcessing/probes/0/p", "postProcessing/forces/0/forceCoeffs.dat"):
-        found = read(path / inside, unread=lambda path, names: told.extend(names))
+        found = read(path / inside, told=lambda path, note: told.append(note))
         same(found)
         assert (found.name, float(np.abs(found.series["action"]).max())) == ("run 1", 0.0)
-    assert told[:4] == [
-        "Cm",
-        "Cl(f)",
-        "Cl(r)",
-        "actions.csv beside postProcessing, which is not there: the action is 0",
+    assert told[:2] == [
+        "not used: Cm, Cl(f), Cl(r)",
+        "no actions.csv beside postProcessing: taken as uncontrolled, with an action of 0",
     ]
     # 20 m/s past 0.1 m, which U_inf of the coefficients and one option tell, or two.
     same(read(case(tmp_path / "a", speed=20.0, second=0.005), "t=5ms"))
