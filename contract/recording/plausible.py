@@ -281,8 +281,8 @@ def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[st
         if sizes[low] > least and sizes[high] > most * sizes[low]:
             yield (
                 f"{what} is {sizes[high]:.3g} in {episodes[high].name} and {sizes[low]:.3g} in {episodes[low].name}, "
-                f"{sizes[high] / sizes[low]:.3g} times: files of one body are alike, so one has another unit or scale "
-                f"(--dynamic-pressure, --reference)"
+                f"{sizes[high] / sizes[low]:.3g} times: files of one body are alike, so one has another unit or scale; "
+                f"convert it, as --dynamic-pressure and --reference hold for all files"
             )
 
 

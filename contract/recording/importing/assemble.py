@@ -13,7 +13,7 @@ from contract.errors import DatasetError
 from contract.recording.dataset import CP_QUANTUM, Dataset, Episode, Role
 from contract.recording.episode import REQUIRED, UNITS
 from contract.recording.facts import PlantFacts
-from contract.recording.findings import LIMIT_TOLERANCE, clock_problem
+from contract.recording.findings import LIMIT_TOLERANCE, STEP_TOLERANCE, clock_problem
 from contract.recording.importing.forces import FORCES
 from contract.recording.importing.openfoam import case_of, read_case
 from contract.recording.importing.source_file import Contents, read_source
@@ -195,18 +195,19 @@ def _check_clock(path: Path, t: Array, period: float) -> None:
     problem = clock_problem(t, period)
     if problem is None:
         return
+    if (np.diff(t) <= 0).any():
+        raise DatasetError(f"{path}: {problem}{'; rows are there twice' if (np.diff(t) == 0).any() else ''}")
     mean = float((t[-1] - t[0]) / (len(t) - 1))
-    finer = round(period / mean) if mean > 0 else 0
-    seconds = (
-        f"; t and --period are in W / U_inf: if t is in s or ms and that is {mean / period:.4g} of them, import with "
-    )
-    seconds += f"--reference t={mean / period:.4g}"
+    finer = round(period / mean)
     if finer >= 2 and abs(finer * mean / period - 1.0) < 0.01:
-        raise DatasetError(
-            f"{path}: t rises by {mean:.6g}, the control period is {period:g}: {finer} samples a period. Keep one row "
-            f"of {finer}, so that row k has the pressures at t_k and the action commanded then{seconds}"
+        problem = (
+            f"t rises by {mean:.6g}, the control period is {period:g}: {finer} samples a period. Keep one row of "
+            f"{finer}, so that row k has the pressures at t_k and the action commanded then"
         )
-    raise DatasetError(f"{path}: {problem}{seconds}")
+    ratio = f"{mean / period:.4g}"
+    hint = f"if t is in s or ms and that is {ratio} of them, import with --reference t={ratio}"
+    hint = f"; t and --period are in W / U_inf: {hint}" if abs(mean / period - 1.0) > STEP_TOLERANCE else ""
+    raise DatasetError(f"{path}: {problem}{hint}")
 
 
 def _check_action(path: Path, action: Array, limit: float) -> None:

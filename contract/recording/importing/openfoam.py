@@ -168,7 +168,10 @@ def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Arr
             f"{path}: goes from {times[0]:g} to {times[-1]:g} W / U_inf, less than two control periods that probes and "
             f"coefficients share; times in s need --reference t=NUMBER, W / U_inf in s"
         )
-    rows = (times > t[0] - period) & (times < t[-1] + period)
+    if (np.diff(times) <= 0).any():
+        k = int(np.argmax(np.diff(times) <= 0))
+        raise DatasetError(f"{path}: its times do not rise from row {k} to {k + 1}: {times[k]:g}, {times[k + 1]:g}")
+    rows = slice(max(int(np.searchsorted(times, t[0], side="right")) - 1, 0), int(np.searchsorted(times, t[-1])) + 1)
     gap = float(np.diff(times[rows]).max())
     if gap > _GAP * period:
         raise DatasetError(

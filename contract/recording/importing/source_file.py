@@ -80,7 +80,7 @@ def read_source(
         # Of an array of pressures a column may have its own; one of another width is refused by its shape.
         columns = layout.names if name == "Cp" and found[name].shape[1] == len(layout) else (name,)
         found[name] = found[name] * np.squeeze(
-            [factor(path, one, inside, unit, reference_of(one, layout, references)) for one in columns]
+            [factor(path, name, inside, unit, reference_of(one, layout, references)) for one in columns]
         )
     return Contents(
         arrays=_with_pressures(path, found, layout, renamed, there),

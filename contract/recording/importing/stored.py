@@ -85,37 +85,35 @@ class Stored:
         """Where a value stands for none, by the reason."""
         found: dict[str, Mask] = {}
         for key in ("missing_value", "_FillValue"):
-            for value in np.ravel(self.attributes.get(key, ())):
-                with np.errstate(all="ignore"):
-                    same = raw == self._like(path, name, key, value).astype(raw.dtype)
-                found[f"is missing by its {key}"] = found.get(f"is missing by its {key}", False) | same
+            found[f"is missing by its {key}"] = np.isin(raw, self._like(path, name, key, raw.dtype))
         if raw.dtype.kind == "f":
             found[UNWRITTEN] = np.abs(raw) >= 0.99 * DEFAULT_FILL
         elif self.netcdf and raw.dtype.kind == "i" and "_FillValue" not in self.attributes:
             default = _DEFAULT_OF_INTEGERS.get(raw.dtype.itemsize)
             found[UNWRITTEN] = raw == default
         for key in ("valid_min", "valid_max", "valid_range"):
-            bounds = np.ravel([self._like(path, name, key, one) for one in np.ravel(self.attributes.get(key, ()))])
+            bounds = self._like(path, name, key, raw.dtype)
             if bounds.size:
                 low, high = bounds[0] if key != "valid_max" else -np.inf, bounds[-1] if key != "valid_min" else np.inf
                 # CF: bounds are packed as the numbers are, unless their type is that of the unpacked ones.
-                of = raw if raw.dtype.kind in ("f", bounds.dtype.kind) else array
+                of = array if bounds.dtype.kind == "f" != raw.dtype.kind else raw
                 found[f"is outside its {key}"] = (of < low) | (of > high)
         return found
 
     def _number(self, path: Path, name: str, key: str, default: float) -> float:
-        values = np.ravel(self.attributes.get(key, default))
-        value = float(self._like(path, name, key, values[0])) if len(values) == 1 else np.nan
-        if not np.isfinite(value) or (key == "scale_factor" and value == 0.0):
+        values = self._like(path, name, key, np.dtype(np.float64)) if key in self.attributes else np.array([default])
+        if len(values) != 1 or not np.isfinite(values[0]) or (key == "scale_factor" and values[0] == 0.0):
             raise DatasetError(f"{path}: array {name!r}: its attribute {key} is {self.attributes[key]!r}, no number")
-        return value
+        return float(values[0])
 
-    @staticmethod
-    def _like(path: Path, name: str, key: str, value: Any) -> npt.NDArray[Any]:
-        array = np.asarray(value)
-        if array.dtype.kind not in "fiu":
-            raise DatasetError(f"{path}: array {name!r}: its attribute {key} is {value!r}, no number")
-        return array
+    def _like(self, path: Path, name: str, key: str, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
+        """The numbers of an attribute, as those of the array are where that changes what they are."""
+        values = np.ravel(self.attributes.get(key, np.empty(0)))
+        if values.dtype.kind not in "fiu":
+            raise DatasetError(f"{path}: array {name!r}: its attribute {key} is {self.attributes[key]!r}, no number")
+        unsigned = dtype.kind == "u" and values.dtype.kind == "i" and values.dtype.itemsize == dtype.itemsize
+        with np.errstate(over="ignore"):
+            return values.astype(dtype) if dtype.kind == "f" or unsigned else values
 
 
 _PACKING: Final = (("scale_factor", 1.0), ("add_offset", 0.0))

@@ -122,6 +122,7 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         ("a.npz", {"t": 5 * T}, r"t rises by 1\.5, must .* if t is in s or ms .* import with --reference t=5$"),
         ("a.npz", {"t": T / 10}, "t rises by 0.03, the control period is 0.3: 10 samples a period. Keep one row of 10"),
         ("a.npz", {"t": T[::-1]}, "t does not rise from step 0 to 1"),
+        ("a.npz", {"t": T[np.arange(20) // 2]}, "t does not rise from step 0 to 1: 0, 0; rows are there twice"),
         ("a.npz", {"t": np.where(T > 3, T + 0.2, T)}, "t rises by 0.5 from step 10 to 11"),
     ]
     for name, content, message in cases:
@@ -187,7 +188,11 @@ def test_packed_numbers_gaps_and_units_are_those_of_cf(tmp_path, layout):
         (stored, {name: np.array([value]) for name, value in packing.items()} | {"units": b"1", "_FillValue": -32767}),
         (stored.astype(np.float32), packing | {"valid_range": np.array([-500.0, 900.0])}),
         (stored, packing | {"valid_min": np.int16(-500), "valid_max": np.float64(1.9)}),
-        (byte.view(np.int8), {"scale_factor": 0.001, "add_offset": 1.15, "_Unsigned": "true"}),
+        (
+            byte.view(np.int8),
+            {"scale_factor": 0.001, "add_offset": 1.15, "_Unsigned": "true", "_FillValue": np.int8(-1)},
+        ),
+        (stored - stored.min(), {"scale_factor": 0.001, "add_offset": 1 + 0.001 * stored.min(), "_FillValue": np.nan}),
         (100 * drag, {"units": "%"}),
         (drag, {"units": "", "_FillValue": np.nan, "missing_value": np.array([-99.0, 1e20])}),
     ):

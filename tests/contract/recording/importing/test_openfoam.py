@@ -124,6 +124,7 @@ def test_a_case_that_does_not_fit_is_refused_by_file_and_reason(tmp_path):
         (text("f", p, "Probe 2 (1 ", "Probe 2 (2 "), (), "no probe, or more than one of its 4, is at the sensor p3"),
         (text("g", p, "\n0.3\t", "\n0.3\tnan\t"), (), r"line 8: 6 values, must have 5"),
         (text("h", p, "\n0.3\t", "\nhalf\t"), (), "line 8: could not convert"),
+        (text("j", p, "\n0.6\t", "\n0.2\t"), (), r"times do not rise from row 1 to 2: 0\.3, 0\.2"),
         (text("i", p, f"{VALUES['Cp'][4, 1] / 2:.12g}", "-1e300"), (), "probe 1 is not in the mesh"),
         (tmp_path, (), "is a folder without postProcessing"),
     ):
