@@ -303,20 +303,27 @@ def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array)
     for ahead in range(1, len(tables)):
         for k in np.flatnonzero(kind[ahead:] == kind[:-ahead]):
             shared.setdefault((int(file[k]), int(file[k + ahead])), []).append((int(at[k]), int(at[k + ahead])))
-    digests = [(item.provenance.get("source_sha256"), item.provenance.get("source")) for item in episodes]
-    for a, b in itertools.combinations(range(len(tables)), 2):
-        one, other, pairs = episodes[b], episodes[a], np.array(shared.get((a, b), np.empty((0, 2), int)))
+    copies: dict[tuple[int, int], str] = {}
+    for (a, b), found in shared.items():
+        pairs = np.array(found)
         offsets, times = np.unique(pairs[:, 0] - pairs[:, 1], return_counts=True)
-        common = pairs[pairs[:, 0] - pairs[:, 1] == offsets[times.argmax()], 1] if len(pairs) else pairs[:, 1]
-        span = np.sort(step[(owner == b) & alone]) if len(common) else common
-        between = int(((span >= common.min()) & (span <= common.max())).sum()) if len(common) else 0
-        alike = len(common) >= _ALIKE[0] and 2 * len(common) > between
-        alike |= len(pairs) > _ALIKE[1] * min(len(one), len(other))
-        whole = tables[a].shape == tables[b].shape and bool(np.abs(tables[a] - tables[b]).max() <= 4 * _FINEST)
-        same_file = digests[a][0] is not None and digests[a][0] == digests[b][0] and digests[a][1] != digests[b][1]
-        if alike or whole or same_file:
-            how = "is a copy of" if whole or same_file else f"has {len(pairs)} rows or more of"
-            yield (
-                f"episode {one.name} ({one.role}) {how} {other.name} ({other.role}): a model is judged on rows that it "
-                f"was not fitted to, and none counts twice; leave it out, or cut the two apart"
-            )
+        in_order = pairs[pairs[:, 0] - pairs[:, 1] == offsets[times.argmax()], 1]
+        between = (owner == b) & alone & (step >= in_order.min()) & (step <= in_order.max())
+        few = min(len(tables[a]), len(tables[b]))
+        if len(pairs) > _ALIKE[1] * few or len(in_order) >= max(_ALIKE[0], 0.5 * between.sum()):
+            copies[a, b] = f"has {len(pairs)} rows or more of"
+    sources = [(item.provenance.get("source_sha256"), item.provenance.get("source")) for item in episodes]
+    for a, b in itertools.combinations(range(len(tables)), 2):
+        one, other = tables[a], tables[b]
+        whole = one.shape == other.shape and all(
+            np.abs(one[part] - other[part]).max() <= 4 * _FINEST for part in (slice(1), slice(None))
+        )
+        (digest, name), (other_digest, other_name) = sources[a], sources[b]
+        if whole or (digest is not None and digest == other_digest and name != other_name):
+            copies[a, b] = "is a copy of"
+    for (a, b), how in sorted(copies.items()):
+        later, earlier = (f"{episodes[k].name} ({episodes[k].role})" for k in (b, a))
+        yield (
+            f"episode {later} {how} {earlier}: a model is judged on rows that it was not fitted to, and none counts "
+            f"twice; leave it out, or cut the two apart"
+        )

@@ -8,25 +8,31 @@ from typing import Final
 
 from contract.errors import ConfigError, DatasetError
 
-_OURS: Final = ("1", "-", "none", "dimensionless", "W/U_inf", "t_c", "U_inf", "U_inf W", "rho U_inf^3 W / 2")
 _KNOWN: Final[Mapping[str, tuple[str, float]]] = {
-    **dict.fromkeys(_OURS, ("1", 1.0)),
-    **dict.fromkeys(("%", "percent"), ("1", 0.01)),
-    **dict.fromkeys(("s", "sec", "second", "seconds"), ("s", 1.0)),
-    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), ("s", 1e-3)),
-    **dict.fromkeys(("us", "µs", "μs", "microseconds"), ("s", 1e-6)),  # micro sign and Greek mu
-    **dict.fromkeys(("min", "minutes"), ("s", 60.0)),
-    **dict.fromkeys(("h", "hours"), ("s", 3600.0)),
-    **dict.fromkeys(("Pa", "pascal", "N/m2", "N m-2"), ("Pa", 1.0)),
-    **dict.fromkeys(("hPa", "mbar", "millibar"), ("Pa", 100.0)),
-    **{"kPa": ("Pa", 1e3), "MPa": ("Pa", 1e6), "bar": ("Pa", 1e5), "psi": ("Pa", 6894.757293168)},
-    **{"mmH2O": ("Pa", 9.80665), "inH2O": ("Pa", 249.08891)},
-    **dict.fromkeys(("m2/s2", "m2 s-2"), ("m2/s2", 1.0)),
-    **{"N": ("N", 1.0), "kN": ("N", 1e3), "mN": ("N", 1e-3), "lbf": ("N", 4.4482216152605)},
-    **dict.fromkeys(("N/m", "N m-1"), ("N/m", 1.0)),
-    **dict.fromkeys(("m3/s", "m3 s-1"), ("m3/s", 1.0)),
-    **{"l/s": ("m3/s", 1e-3), "L/s": ("m3/s", 1e-3), "m3/h": ("m3/s", 1 / 3600.0), "l/min": ("m3/s", 1 / 60_000.0)},
-    **dict.fromkeys(("m2/s", "m2 s-1"), ("m2/s", 1.0)),
+    name: (base, size)
+    for base, size, names in (
+        ("1", 1.0, "1|-|none|dimensionless|W/U_inf|t_c|U_inf|U_inf W|rho U_inf^3 W / 2"),
+        ("1", 0.01, "%|percent"),
+        ("s", 1.0, "s|sec|second|seconds"),
+        ("s", 1e-3, "ms|msec|millisecond|milliseconds"),
+        ("s", 1e-6, "us|µs|μs|microseconds"),  # micro sign and Greek mu
+        ("s", 60.0, "min|minutes"),
+        ("s", 3600.0, "h|hours"),
+        ("Pa", 1.0, "Pa|pascal|N/m2|N m-2"),
+        ("Pa", 100.0, "hPa|mbar|millibar"),
+        ("Pa", 1e3, "kPa"),
+        ("Pa", 1e5, "bar"),
+        ("Pa", 6894.757293168, "psi"),
+        ("m2/s2", 1.0, "m2/s2|m2 s-2"),
+        ("N", 1.0, "N"),
+        ("N", 1e3, "kN"),
+        ("N", 1e-3, "mN"),
+        ("N/m", 1.0, "N/m|N m-1"),
+        ("m3/s", 1.0, "m3/s|m3 s-1"),
+        ("m3/s", 1e-3, "l/s|L/s"),
+        ("m2/s", 1.0, "m2/s|m2 s-1"),
+    )
+    for name in names.split("|")
 }
 """Base unit and size in it; "1" is what has no dimension."""
 _REMEDIES: Final = {
