@@ -73,6 +73,8 @@ def read_source(
     for name, inside in asked.items():
         found[name] = read(name, inside)
         if name == "Cp":
+            if suffix == ".mat" and found[name].shape[0] == len(layout) != found[name].shape[1]:
+                found[name] = found[name].T  # not every writer of 7.3 turns the axes as MATLAB does
             found[name], names_of_columns = _ordered(path, found[name], layout, stored)
             used |= names_of_columns
         unit = stored[inside].unit if inside in stored else None
