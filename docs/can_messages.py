@@ -20,7 +20,8 @@ _HEAD: Final = """# CAN messages
 For ECU and validation engineers who read or write the bus. `make generated` writes this page from
 [stillwake.dbc](../../contract/stillwake.dbc), which defines everything on it; open that file in your own tool.
 A bus carries one of the three sets: `bus.frames` chooses CAN FD or classic CAN, `bus.key` the authenticated form of
-CAN FD. Identifiers differ between the sets, so a node of another set is seen and not misread.
+CAN FD. Identifiers differ between the sets, so a node of another set is seen and not misread. Those of diagnosis and
+calibration are not in the file: they are [settings](diagnosis.md#identifiers-on-the-bus), and never one of these.
 
 {comment}
 

@@ -23,6 +23,7 @@ from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Per
 from can_bridge.uds.security import DELAY_NS, MAX_ATTEMPTS
 from can_bridge.uds.server import MAX_DIDS
 from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
+from contract.config.diagnosis import DiagnosisConfig
 from contract.controller.calibration import PACKED_BYTES
 from firmware_sim.runs.reasons import BECAUSE
 
@@ -127,6 +128,13 @@ STATUS_TEXTS: Final[Mapping[Status, str]] = {
     Status.NOT_COMPLETED_SINCE_CLEAR: "neither it nor control was there since the last clearing",
     Status.FAILED_SINCE_CLEAR: "it was found since the last clearing",
     Status.NOT_COMPLETED_THIS_CYCLE: "neither it nor control was there since power-on",
+}
+ID_TEXTS: Final[Mapping[str, str]] = {
+    "request_id": "UDS (ISO 14229-1) over ISO-TP (ISO 15765-2), from the tester to this ECU (physical addressing)",
+    "response_id": "the ECU's answers",
+    "functional_id": "UDS, from the tester to every ECU (functional addressing)",
+    "xcp_command_id": "XCP, from the calibration tool",
+    "xcp_response_id": "XCP, from the ECU",
 }
 UNSENT: Final = frozenset({Nrc.UPLOAD_DOWNLOAD_NOT_ACCEPTED})
 """Codes that no answer has; they are known to the tester alone."""
@@ -265,15 +273,44 @@ from `can_bridge/uds/` and `can_bridge/calibration/`.
 
 | identifier on the bus | carries |
 |---|---|
-| 0x{services.REQUEST_ID:X}, 0x{services.RESPONSE_ID:X} | UDS (ISO 14229-1) over ISO-TP (ISO 15765-2) |
-| 0x{xcp.COMMAND_ID:X}, 0x{xcp.RESPONSE_ID:X} | XCP |
+{_timing()}
 
-{_timing()}"""
+## Identifiers on the bus
+
+{_identifiers()}"""
+
+
+def _identifiers() -> str:
+    default = DiagnosisConfig()
+    rows = (("`bus.diagnosis." + name + "`", getattr(default, name) or "none", text) for name, text in ID_TEXTS.items())
+    unsent = ", ".join(map(_byte, sorted(services.UNSENT_TO_ALL)))
+    return "\n\n".join(
+        (
+            _table(("setting", "default", "carries"), rows),
+            _wrapped("""The defaults are for a bench. On a vehicle's bus 0x7E0 and 0x7E8 belong to the engine
+(ISO 15765-4): its ECU answers there, and every scan tool asks there. Take the identifiers that the vehicle's
+diagnosis plan gives this ECU. Without a plan take two free ones of 11 bits outside 0x7DF to 0x7EF, greater than the
+control's, so that a tester's frames wait for pressures and commands and not the other way round; or of 29 bits the
+normal fixed ones of ISO 15765-2, made of the target's and the source's address: with 0x5A for this ECU and 0xF1
+for the tester, in a file for `--config`,"""),
+            '    [bus.diagnosis]\n    request_id = "0x18DA5AF1"\n    response_id = "0x18DAF15A"\n'
+            '    functional_id = "0x18DB33F1"',
+            _wrapped("""Three digits are 11 bits, more are 29, also with zeros in front: 0x00000123 is another
+identifier than 0x123. `--set bus.diagnosis.request_id=0x18DA5AF1` means the same; a number without quotation
+marks has the digits that it needs. One that is taken twice, or by a message of the DBC, is refused, and so are two
+lengths in one conversation. ECU and tester need the same settings: `ecu --slots`, `ecu board`, `export --c` (constants
+of `sw_ecu_settings.h`), `flash`, `flash-keys`, `ecu info`, `calibrate` with its A2L, `diagnose` with its PDX, and the
+names in `can decode` and `can monitor`. XCP is not in the ECU in C. The DBC has the messages of the control alone, and
+its hash is in every release: what describes diagnosis to other tools is the PDX, and the A2L for XCP."""),
+            _wrapped(f"""A functional request goes to every ECU on the bus. It has one frame; the beginning of a longer
+one is passed over. It interrupts no transfer: `3E 80` keeps the session while blocks come. The refusals {unsent} are
+not sent to it, unless the tester was told to wait; all other answers come as to a physical request."""),
+        )
+    )
 
 
 def _timing() -> str:
-    return _wrapped(f"""All four have 11 bits. Of each two the ECU reads the first and sends the second.
-There is no functional address. The ECU answers within {services.P2_MS} ms, or reports
+    return _wrapped(f"""The ECU answers within {services.P2_MS} ms, or reports
 that the answer is pending, and then again within {services.P2_EXTENDED_MS / 1000:g}
 s each. A request has at most {services.MAX_REQUEST} bytes. Frames of diagnosis carry
 no authentication, also where `bus.key` is set.""")

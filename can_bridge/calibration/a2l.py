@@ -10,6 +10,7 @@ from string import Template
 from typing import Final
 
 from can_bridge.calibration.segment import Segment
+from contract.config.vehicle import BusConfig
 from contract.controller.calibration import NAMES
 
 _CAN_FD: Final = """
@@ -19,27 +20,22 @@ _CAN_FD: Final = """
         /end CAN_FD"""
 
 
-def a2l_text(
-    segment: Segment,
-    *,
-    release: str,
-    nominal_bitrate: int = 500_000,
-    data_bitrate: int | None = 2_000_000,
-) -> str:
-    """The file's contents.
+_EXTENDED: Final = 1 << 31
+"""Marks an identifier of 29 bits (part 3)."""
 
-    Args:
-        nominal_bitrate: of the bus, bit/s.
-        data_bitrate: of CAN FD frames, bit/s; None for classic CAN.
-    """
+
+def a2l_text(segment: Segment, *, release: str, bus: BusConfig) -> str:
+    """The file's contents, for an ECU on this bus."""
+    ids = {"master": bus.diagnosis.xcp_command, "slave": bus.diagnosis.xcp_response}
     limits = zip(NAMES, segment.limits.least.values, segment.limits.greatest.values, strict=True)
     return Template(files(__package__).joinpath("stillwake.a2l").read_text(encoding="ascii")).substitute(
         {name: f"{least:.9g} {greatest:.9g}" for name, least, greatest in limits},
         module=_text(f"ECU with release {release}"),
         parameters=_text(f"Calibration of release {release}"),
         release=_text(release),
-        nominal_bitrate=nominal_bitrate,
-        can_fd="" if data_bitrate is None else _CAN_FD.format(data_bitrate),
+        nominal_bitrate=bus.nominal_bitrate,
+        can_fd="" if bus.frames == "classic" else _CAN_FD.format(bus.data_bitrate),
+        **{name: f"{used.number | used.is_extended * _EXTENDED:#x}" for name, used in ids.items()},
     )
 
 

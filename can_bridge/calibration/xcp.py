@@ -1,11 +1,7 @@
-"""The numbers of XCP (ASAM MCD-1 XCP 1.x, part 2) that the slave uses, and its identifiers on CAN (part 3)."""
+"""The numbers of XCP (ASAM MCD-1 XCP 1.x, part 2) that the slave uses."""
 
 from enum import IntEnum
 from typing import Final
-
-COMMAND_ID: Final = 0x7D0
-RESPONSE_ID: Final = 0x7D8
-"""From the tool and from the ECU."""
 
 MAX_CTO: Final = 8
 """Bytes of a command or an answer: of a classic frame, which CAN FD can carry as well."""

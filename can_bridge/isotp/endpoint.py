@@ -56,7 +56,7 @@ class Endpoint:
 
     def receive(self, now_ns: int, frame: Frame) -> None:
         """Take a frame from the bus; frames for others are ignored."""
-        if frame.is_extended or frame.frame_id != self._settings.receive_id:
+        if (frame.frame_id, frame.is_extended) != (self._settings.receive_id, self._settings.is_extended):
             return
         self._tick(now_ns)
         part = control_info.parse(frame.data)
@@ -127,4 +127,11 @@ class Endpoint:
         return control_info.flow(status, block_size=settings.block_size, separation_code=settings.separation_code)
 
     def _frame(self, now_ns: int, data: bytes) -> Frame:
-        return Frame(frame_id=self._settings.send_id, data=data, timestamp_ns=now_ns, is_fd=self._settings.is_fd)
+        settings = self._settings
+        return Frame(
+            frame_id=settings.send_id,
+            data=data,
+            timestamp_ns=now_ns,
+            is_fd=settings.is_fd,
+            is_extended=settings.is_extended,
+        )

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from can_bridge.isotp.control_info import CLASSIC_LENGTH, FRAME_LENGTHS, MAX_MESSAGE
-from can_bridge.wire.frame import MAX_FRAME_ID
+from can_bridge.wire.frame import MAX_EXTENDED_ID, MAX_FRAME_ID
 from contract.errors import ConfigError
 
 _SECOND_NS: Final = 1_000_000_000
@@ -15,8 +15,9 @@ class IsoTpSettings:
     """One end of a connection. Raises ConfigError for a value that the standard does not have.
 
     Attributes:
-        receive_id: of the frames from the other end, 11 bits.
+        receive_id: of the frames from the other end.
         send_id: of our own.
+        is_extended: both have 29 bits rather than 11.
         frame_length: longest data of a frame we send, bytes: 8, or a CAN FD length above; `is_fd` must fit it.
         is_fd: send CAN FD frames; frames of both kinds are received.
         block_size: frames after which we want to be asked again, 0 for never.
@@ -31,6 +32,7 @@ class IsoTpSettings:
 
     receive_id: int
     send_id: int
+    is_extended: bool = False
     frame_length: int = 64
     is_fd: bool = True
     block_size: int = 0
@@ -43,9 +45,10 @@ class IsoTpSettings:
     max_waits: int = 100
 
     def __post_init__(self) -> None:
+        largest = MAX_EXTENDED_ID if self.is_extended else MAX_FRAME_ID
         for name in ("receive_id", "send_id"):
-            if not 0 <= getattr(self, name) <= MAX_FRAME_ID:
-                raise ConfigError(f"iso-tp: {name} = {getattr(self, name):#x}: must be in 0..{MAX_FRAME_ID:#x}")
+            if not 0 <= getattr(self, name) <= largest:
+                raise ConfigError(f"iso-tp: {name} = {getattr(self, name):#x}: must be in 0..{largest:#x}")
         if self.receive_id == self.send_id:
             raise ConfigError(f"iso-tp: receive_id = send_id = {self.send_id:#x}: must differ")
         lengths = FRAME_LENGTHS if self.is_fd else (CLASSIC_LENGTH,)
@@ -67,6 +70,8 @@ class IsoTpSettings:
                 raise ConfigError(f"iso-tp: {name} = {getattr(self, name)}: must be in {least}..{greatest}")
 
 
-def classic(*, receive_id: int, send_id: int) -> IsoTpSettings:
+def classic(*, receive_id: int, send_id: int, is_extended: bool = False) -> IsoTpSettings:
     """For a bus without CAN FD."""
-    return IsoTpSettings(receive_id=receive_id, send_id=send_id, frame_length=CLASSIC_LENGTH, is_fd=False)
+    return IsoTpSettings(
+        receive_id=receive_id, send_id=send_id, is_extended=is_extended, frame_length=CLASSIC_LENGTH, is_fd=False
+    )

@@ -14,8 +14,9 @@ from can_bridge.odx.services import Described, described
 from can_bridge.odx.xml import chart, constant, message, named, repeated, service, texts, value
 from can_bridge.uds.fault_codes import CODES, Snapshot, in_letters
 from can_bridge.uds.permissions import SERVICES
-from can_bridge.uds.services import P2_EXTENDED_MS, P2_MS, REQUEST_ID, RESPONSE_ID, S3_MS, Nrc, Session
+from can_bridge.uds.services import P2_EXTENDED_MS, P2_MS, S3_MS, Nrc, Session
 from can_bridge.wire.messages import SENSORS, Mode, Reason
+from contract.config.diagnosis import CanId
 from contract.config.vehicle import BusConfig
 from contract.controller.calibration import NAMES
 
@@ -42,7 +43,7 @@ def pdx(bus: BusConfig, because: Mapping[Reason, str]) -> bytes:
 
 
 def _filling(bus: BusConfig, because: Mapping[Reason, str]) -> dict[str, object]:
-    every, is_fd = list(described()), bus.frames == "fd"
+    every, is_fd, ids = list(described()), bus.frames == "fd", bus.diagnosis
     return {
         "codes": "".join(_code(reason, code, because[reason]) for reason, code in CODES.items()),
         "texts": texts("session", {one: _words(one.name) for one in Session})
@@ -56,8 +57,10 @@ def _filling(bus: BusConfig, because: Mapping[Reason, str]) -> dict[str, object]
         "refusal": constant("sid", 0x7F) + repeated("service") + value("code", "nrc"),
         "charts": chart("session_chart", "SESSION", map(_session, Session))
         + chart("level_chart", "SECURITY", ["level_locked", *map(_level, Level)]),
-        "request_id": REQUEST_ID,
-        "response_id": RESPONSE_ID,
+        "id_bits": 29 if ids.request.is_extended else 11,
+        "request_id": ids.request.number,
+        "response_id": ids.response.number,
+        "functional": "" if ids.functional is None else _functional(ids.functional),
         "frame_length": "TX_DL = 64 (CANFD)" if is_fd else "TX_DL = 8 (CAN)",
         "p2_us": P2_MS * 1000,
         "p2_star_us": P2_EXTENDED_MS * 1000,
@@ -65,6 +68,16 @@ def _filling(bus: BusConfig, because: Mapping[Reason, str]) -> dict[str, object]
         "nominal_bitrate": bus.nominal_bitrate,
         "data_bitrate": bus.data_bitrate if is_fd else bus.nominal_bitrate,
     }
+
+
+def _functional(used: CanId) -> str:
+    bits = 29 if used.is_extended else 11
+    values = {"Format": f"normal segmented {bits}-bit transmit with FC", "Id": used.number}
+    return "".join(
+        f'<COMPARAM-REF ID-REF="CP_CanFuncReq{name}" DOCREF="ISO_15765_2" DOCTYPE="COMPARAM-SUBSET">'
+        f"<SIMPLE-VALUE>{value}</SIMPLE-VALUE></COMPARAM-REF>"
+        for name, value in values.items()
+    )
 
 
 def _code(reason: Reason, code: int, text: str) -> str:

@@ -17,7 +17,7 @@ from udsoncan.exceptions import TimeoutException
 import isotp
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.tester.matching import answers
-from can_bridge.uds.services import MAX_REQUEST, REQUEST_ID, RESPONSE_ID
+from can_bridge.uds.services import MAX_REQUEST
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
@@ -49,8 +49,8 @@ def open_client(config: BusConfig) -> Iterator[Client]:
     """A client for the ECU on a bus; raises BusError as `PythonCanBus.open` does."""
     silence()
     with (
-        PythonCanBus.open(config, accept={RESPONSE_ID}) as bus,
-        Client(BusConnection(bus, is_fd=config.frames == "fd")) as client,
+        PythonCanBus.open(config, accept={config.diagnosis.response}) as bus,
+        Client(BusConnection(bus, config)) as client,
     ):
         yield client
 
@@ -58,8 +58,10 @@ def open_client(config: BusConfig) -> Iterator[Client]:
 class BusConnection(BaseConnection):
     """ISO-TP over a bus that is open, and that is closed by whoever opened it."""
 
-    def __init__(self, bus: PythonCanBus, *, is_fd: bool, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, bus: PythonCanBus, config: BusConfig, *, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
+        is_fd, request, response = config.frames == "fd", config.diagnosis.request, config.diagnosis.response
+        mode = isotp.AddressingMode.Normal_29bits if request.is_extended else isotp.AddressingMode.Normal_11bits
         self._bus = bus
         self._clock = clock
         self._request = b""
@@ -68,7 +70,7 @@ class BusConnection(BaseConnection):
         self._layer: Any = isotp.TransportLayerLogic(
             rxfn=self._receive_frame,
             txfn=self._send_frame,
-            address=isotp.Address(isotp.AddressingMode.Normal_11bits, txid=REQUEST_ID, rxid=RESPONSE_ID),
+            address=isotp.Address(mode, txid=request.number, rxid=response.number),
             error_handler=self._note,
             params={
                 "stmin": 0,
@@ -133,10 +135,17 @@ class BusConnection(BaseConnection):
         frame = None if self._layer.available() else self._bus.receive(timeout)
         if frame is None:
             return None
-        return isotp.CanMessage(arbitration_id=frame.frame_id, data=frame.data, is_fd=frame.is_fd)
+        return isotp.CanMessage(
+            arbitration_id=frame.frame_id, data=frame.data, is_fd=frame.is_fd, extended_id=frame.is_extended
+        )
 
     def _send_frame(self, message: isotp.CanMessage) -> None:
-        frame = Frame(frame_id=message.arbitration_id, data=bytes(message.data), is_fd=message.is_fd)
+        frame = Frame(
+            frame_id=message.arbitration_id,
+            data=bytes(message.data),
+            is_fd=message.is_fd,
+            is_extended=message.is_extended_id,
+        )
         until = self._clock() + FRAME_S
         while True:
             try:

@@ -63,14 +63,15 @@ class Traffic:
     latest: Frame
     decoded: Decoded | None
 
-    def __init__(self, e2e: E2eConfig, key: Key | None = None) -> None:
+    def __init__(self, e2e: E2eConfig, key: Key | None = None, *, carries: str = "") -> None:
         """Without a frame yet.
 
         Args:
             e2e: which steps of the counter still count as a loss, and not as a wrong sequence.
             key: of secured messages; without it their authentication is not checked.
+            carries: what other frames of this identifier are, for people.
         """
-        self._e2e, self._key = e2e, key
+        self._e2e, self._key, self._carries = e2e, key, carries
         self.count = self.first_ns = self.lost = 0
         self.recent_ns = deque[int](maxlen=RATE_OVER + 1)
         self.check: Check | None = None
@@ -109,8 +110,8 @@ class Traffic:
 
     @property
     def name(self) -> str:
-        """The name of the message; empty if unknown."""
-        return "" if self.decoded is None else self.decoded.spec.name
+        """The name of the message, or what it carries; empty if unknown."""
+        return self._carries if self.decoded is None else self.decoded.spec.name
 
     @property
     def refused(self) -> int:

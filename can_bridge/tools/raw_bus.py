@@ -1,7 +1,6 @@
 """A bus as a tool sees it: whatever is on the wire, as python-can's messages, remote and error frames among them.
 
-A node needs `can_bridge.bus.backends.python_can`, which lets nothing through but sound data frames with 11-bit
-identifiers.
+A node needs `can_bridge.bus.backends.python_can`, which lets nothing through but sound data frames that it asked for.
 """
 
 import can

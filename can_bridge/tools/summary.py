@@ -122,7 +122,10 @@ class Summary:
         if place not in self.messages and len(self.messages) == self.most:
             self.unlisted += 1
             return None
-        traffic = self.messages.setdefault(place, Traffic(self.config.e2e, self.key))
+        traffic = self.messages.get(place)
+        if traffic is None:
+            carries = self.config.diagnosis.names.get(frame.identifier, "")
+            traffic = self.messages[place] = Traffic(self.config.e2e, self.key, carries=carries)
         traffic.add(frame)
         return traffic
 

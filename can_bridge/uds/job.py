@@ -1,5 +1,6 @@
 """A request that is being worked on, and when the tester has to hear that it takes longer (ISO 14229-2, P2 and P2*)."""
 
+from collections.abc import Collection
 from typing import Final
 
 from can_bridge.uds.diagnostics import Long
@@ -20,12 +21,15 @@ def negative(service: int, code: Nrc) -> bytes:
 
 
 class Job:
-    """Work whose return value is the answer after its first byte. `is_quiet`: the tester wants no positive answer."""
+    """Work whose return value is the answer after its first byte. `is_quiet`: the tester wants no positive answer.
+    `passed_over`: codes of refusals that it does not want, either."""
 
-    def __init__(self, now_ns: int, service: int, work: Long[bytes], *, is_quiet: bool) -> None:
+    def __init__(
+        self, now_ns: int, service: int, work: Long[bytes], *, is_quiet: bool, passed_over: Collection[Nrc] = ()
+    ) -> None:
         self._service = service
         self._work = work
-        self._is_quiet = is_quiet
+        self._is_quiet, self._passed_over = is_quiet, passed_over
         self._pending_ns = now_ns + _FIRST_NS
         self.is_done = False
 
@@ -34,7 +38,7 @@ class Job:
         sent = []
         if now_ns >= self._pending_ns:
             # A tester that received response-pending waits for the answer, even if it wanted none.
-            self._is_quiet = False
+            self._is_quiet, self._passed_over = False, ()
             self._pending_ns = now_ns + _NEXT_NS
             sent.append(negative(self._service, Nrc.RESPONSE_PENDING))
         try:
@@ -45,5 +49,6 @@ class Job:
                 sent.append(bytes([self._service + _POSITIVE]) + end.value)
         except Refused as refusal:
             self.is_done = True
-            sent.append(negative(self._service, refusal.code))
+            if refusal.code not in self._passed_over:
+                sent.append(negative(self._service, refusal.code))
         return sent

@@ -18,7 +18,16 @@ from can_bridge.uds.job import Job, negative
 from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Permission
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.security import SecurityAccess
-from can_bridge.uds.services import MAX_BLOCK, MAX_REQUEST, Did, Nrc, Routine, Service, Session
+from can_bridge.uds.services import (
+    MAX_BLOCK,
+    MAX_REQUEST,
+    UNSENT_TO_ALL,
+    Did,
+    Nrc,
+    Routine,
+    Service,
+    Session,
+)
 from can_bridge.uds.sessions import SessionTimer, timing_record
 from can_bridge.uds.transfer import Transfer
 
@@ -97,8 +106,8 @@ class UdsServer:
         """Whether a request or a reset is under way: `tick` goes on with it."""
         return self._job is not None or self._reset_is_due
 
-    def request(self, now_ns: int, payload: bytes) -> list[bytes]:
-        """Take a whole request; its answers, none if it is suppressed or not ready yet."""
+    def request(self, now_ns: int, payload: bytes, *, is_functional: bool = False) -> list[bytes]:
+        """Take a whole request, perhaps one to every ECU; its answers, none if it is suppressed or not ready yet."""
         now_ns = self._at(now_ns)
         if not payload:
             return []
@@ -108,7 +117,8 @@ class UdsServer:
                 return []
             return [negative(payload[0], Nrc.BUSY_REPEAT_REQUEST)]
         is_quiet = len(payload) > 1 and payload[0] in _SUB_FUNCTIONS and bool(payload[1] & _SUPPRESS)
-        self._job = Job(now_ns, payload[0], self._answer(payload), is_quiet=is_quiet)
+        passed_over = UNSENT_TO_ALL if is_functional else ()
+        self._job = Job(now_ns, payload[0], self._answer(payload), is_quiet=is_quiet, passed_over=passed_over)
         return self._go_on(now_ns)
 
     def tick(self, now_ns: int) -> list[bytes]:

@@ -1,15 +1,7 @@
-"""The numbers of UDS that this ECU uses (ISO 14229-1:2020), and its own identifiers and routines.
-
-Response and request identifiers are those of legislated diagnosis on 11 bits (ISO 15765-4); the ECU answers at one
-physical address and ignores functional requests.
-"""
+"""The numbers of UDS that this ECU uses (ISO 14229-1:2020), and its own identifiers and routines."""
 
 from enum import IntEnum
 from typing import Final
-
-REQUEST_ID: Final = 0x7E0
-RESPONSE_ID: Final = 0x7E8
-"""Identifiers of diagnosis, from the tester and from the ECU."""
 
 P2_MS: Final = 50
 """Until the first answer to a request, at most."""
@@ -72,6 +64,18 @@ class Nrc(IntEnum):
     RESPONSE_PENDING = 0x78
     SUB_FUNCTION_NOT_IN_SESSION = 0x7E
     SERVICE_NOT_IN_SESSION = 0x7F
+
+
+UNSENT_TO_ALL: Final = frozenset(
+    {
+        Nrc.SERVICE_NOT_SUPPORTED,
+        Nrc.SUB_FUNCTION_NOT_SUPPORTED,
+        Nrc.OUT_OF_RANGE,
+        Nrc.SUB_FUNCTION_NOT_IN_SESSION,
+        Nrc.SERVICE_NOT_IN_SESSION,
+    }
+)
+"""Refusals of functional requests that are not sent (section 7.5): each ECU would send what others answer."""
 
 
 class Routine(IntEnum):

@@ -3,10 +3,12 @@
 from dataclasses import dataclass
 from typing import Final
 
-MAX_FRAME_ID: Final = 0x7FF
+from contract.config.diagnosis import MOST_EXTENDED, MOST_STANDARD, CanId
+
+MAX_FRAME_ID: Final = MOST_STANDARD
 """Largest 11-bit identifier."""
-MAX_EXTENDED_ID: Final = 0x1FFFFFFF
-"""Largest 29-bit identifier; none of our messages has one, other traffic may."""
+MAX_EXTENDED_ID: Final = MOST_EXTENDED
+"""Largest 29-bit identifier; no message of the DBC has one, diagnosis and other traffic may."""
 
 CLASSIC_LENGTHS: Final = tuple(range(9))
 FD_LENGTHS: Final = (*CLASSIC_LENGTHS, 12, 16, 20, 24, 32, 48, 64)
@@ -43,3 +45,7 @@ class Frame:
             raise ValueError(f"frame of {len(self.data)} bytes: {kind} carries {', '.join(map(str, lengths))}")
         if self.timestamp_ns < 0:
             raise ValueError(f"timestamp {self.timestamp_ns} ns: must not be negative")
+
+    @property
+    def identifier(self) -> CanId:
+        return CanId(self.frame_id, self.is_extended)

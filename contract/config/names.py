@@ -28,7 +28,8 @@ def check_names(tree: Mapping[str, Any], above: str = "") -> None:
 def takes_text(name: str) -> bool:
     """Whether the setting of that dotted name holds text; False for a name that does not exist."""
     hint = _hints().get(name)
-    return hint is str or (get_origin(hint) is Literal and all(isinstance(word, str) for word in get_args(hint)))
+    words = get_args(hint)
+    return hint is str or str in words or (get_origin(hint) is Literal and all(isinstance(one, str) for one in words))
 
 
 def _unknown(section: str, key: str) -> str:

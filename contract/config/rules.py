@@ -24,7 +24,7 @@ HUGE: Final = 1e12
 
 @dataclass(frozen=True, kw_only=True)
 class Rule:
-    """A condition on a number, which must also be finite.
+    """A condition on a number, which must also be finite, or on a text.
 
     Attributes:
         wording: of the condition, after "must be".
@@ -32,13 +32,15 @@ class Rule:
     """
 
     wording: str
-    holds: Callable[[float], bool]
+    holds: Callable[[Any], bool]
     or_none: bool = False
 
-    def admits(self, value: float | None) -> bool:
+    def admits(self, value: float | str | None) -> bool:
         """Whether a field may hold this value."""
         if value is None and self.or_none:
             return True
+        if isinstance(value, str):
+            return self.holds(value)
         if isinstance(value, int):
             return abs(value) < LARGEST and self.holds(value)
         return isfinite(value) and self.holds(value)  # type: ignore[arg-type]  # None elsewhere is a TypeError

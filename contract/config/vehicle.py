@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal
 
+from contract.config.diagnosis import DiagnosisConfig
 from contract.config.rules import AtLeastOne, Fraction, NonNegative, Positive, Settings, require, within
 from contract.config.sources import ours, paper, standard
 from contract.config.units import BIT_RATE, FLOW_RATE, FRAMES, MILLISECONDS, PERIODS, STEPS, Unit
@@ -89,6 +90,7 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
     alone has room for it."""
     background: BackgroundConfig = field(default_factory=BackgroundConfig)
     e2e: E2eConfig = field(default_factory=E2eConfig)
+    diagnosis: DiagnosisConfig = field(default_factory=DiagnosisConfig)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -17,6 +17,7 @@ from can_bridge.wire.classic_codec import CLASSIC_BUS_OFF_LIMIT, CLASSIC_COUNT_L
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, Mode, Reason
 from contract.config.controller import CostWeights
+from contract.config.diagnosis import DiagnosisConfig
 from contract.config.tree import Config
 from contract.config.vehicle import SpeedConfig
 from contract.controller.c_folder import ECU_SETTINGS
@@ -97,6 +98,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         found |= {f"SW_{name}_ID": spec.frame_id, f"SW_{name}_BYTES": spec.length, f"SW_{name}_DATA_ID": spec.data_id}
     spec = messages.pressure.spec
     return found | {
+        **_of_diagnosis(config.bus.diagnosis),
         "SW_FRAMES_FD": int(spec.is_fd),
         "SW_E2E_PROFILE": spec.profile,
         "SW_E2E_COUNTERS": profile_of(spec).counter_period,
@@ -181,6 +183,17 @@ def _of_release(numbers: Numbers) -> dict[str, int | float | str]:
         "SW_RELEASE": numbers.initialiser.replace("\n", " "),
         "SW_RELEASE_AS_PACKED": numbers.as_packed,
         **numbers.settings("SW_RELEASE"),
+    }
+
+
+def _of_diagnosis(config: DiagnosisConfig) -> dict[str, int | float | str]:
+    """SW_FUNCTIONAL is 0 where nothing is heard under a functional identifier."""
+    return {
+        "SW_DIAGNOSIS_EXTENDED": int(config.request.is_extended),
+        "SW_REQUEST_ID": f"{config.request.number:#x}u",
+        "SW_RESPONSE_ID": f"{config.response.number:#x}u",
+        "SW_FUNCTIONAL": int(config.functional is not None),
+        "SW_FUNCTIONAL_ID": f"{config.functional.number if config.functional else 0:#x}u",
     }
 
 

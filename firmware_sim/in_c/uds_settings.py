@@ -6,19 +6,20 @@ from struct import calcsize
 from typing import Any, Final
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.isotp.settings import IsoTpSettings
 from can_bridge.uds import fault_codes, fault_memory, security, server, services
 from can_bridge.uds.fault_reports import Report
 from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
+from contract.config.vehicle import BusConfig
 from contract.release.checks import dbc_sha256
 from firmware_sim.ecu.flashable import diagnostic_link, vehicle_request
+from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
 
 HEADER: Final = "sw_uds_settings.h"
 ROOM: Final = 768
 """Bytes of answers that wait in C, with the one under way; `IsoTpSettings.send_room` there."""
 LONGEST_ANSWER: Final = 768
 """Bytes; one that would be longer is refused as too long."""
-_ISOTP: Final = IsoTpSettings(receive_id=services.REQUEST_ID, send_id=services.RESPONSE_ID)
+_ISOTP: Final = isotp_settings(BusConfig())
 _NUMBERED: Final[Mapping[str, type[IntEnum]]] = {
     "SERVICE": Service, "SESSION": Session, "NRC": Nrc, "ROUTINE": Routine, "DID": Did, "LEVEL": Level,
     "REPORT": Report,
@@ -28,8 +29,6 @@ _NUMBERED: Final[Mapping[str, type[IntEnum]]] = {
 def uds_settings() -> bytes:
     """The header. It is the same for every release and vehicle."""
     numbers = {
-        "REQUEST_ID": services.REQUEST_ID,
-        "RESPONSE_ID": services.RESPONSE_ID,
         "MAX_REQUEST": services.MAX_REQUEST,
         "MAX_BLOCK": services.MAX_BLOCK,
         "MAX_DIDS": server.MAX_DIDS,

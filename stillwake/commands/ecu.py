@@ -15,7 +15,7 @@ from contract.errors import ConfigError
 from stillwake.commands.ecu_board import board
 from stillwake.commands.run import asked_calibration
 from stillwake.console.bus_option import BusName, with_bus
-from stillwake.console.settings import REAL_BUS, TESTERS_BUS, WEIGHTS, settings
+from stillwake.console.settings import DIAGNOSIS, REAL_BUS, TESTERS_BUS, WEIGHTS, settings
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import ConfigFile, Overrides, console, print_table, visible
 from stillwake.parts.conversation import asking
@@ -132,7 +132,7 @@ def run(
     from firmware_sim.ecu.real_time.privileges import Wanted
     from firmware_sim.in_c.library_controller import open_library
 
-    uses = _USES if slots is None else tuple(name for name in _USES if name != WEIGHTS)
+    uses = _USES if slots is None else (*(name for name in _USES if name != WEIGHTS), DIAGNOSIS)
     loaded = settings("ecu", config_file, with_bus(bus, overrides), uses=uses)
     if freshness is not None and not loaded.config.bus.key:
         raise ConfigError("--freshness: goes with bus.key, which names no key")

@@ -2,15 +2,17 @@
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from stillwake.console.bus_option import BusName, with_bus
-from stillwake.console.settings import REAL_BUS, settings
+from stillwake.console.settings import DIAGNOSIS, REAL_BUS, settings
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import ConfigFile, Overrides, console
 from stillwake.parts.releases import open_release
+
+USES: Final = ("operating_point", *REAL_BUS, DIAGNOSIS, "ecu")
 
 
 def board(
@@ -36,6 +38,7 @@ def board(
     """
     from can_bridge.bus.backends.python_can import PythonCanBus
     from can_bridge.secoc.key import read_secret
+    from can_bridge.wire.message_sets import message_set
     from contract.release import controller_image, signing
     from firmware_sim.in_c.c_ecu import ecu_sources
     from firmware_sim.in_c.c_image import controller_image as image_of
@@ -45,13 +48,15 @@ def board(
     from firmware_sim.mcu.board.on_a_bus import read_bank, serve
     from firmware_sim.mcu.build import EQUIPMENT
 
-    config = settings("ecu", config_file, with_bus(bus, overrides), uses=("operating_point", *REAL_BUS, "ecu")).config
+    config = settings("ecu", config_file, with_bus(bus, overrides), uses=USES).config
     release, bank = open_release(bundle, None), read_bank(flash)
     sources = ecu_sources(library, release, config)
     vehicle = controller_image.read(image_of(sources | read_packed(library), release, config, None)).facts.vehicle
     header = equipment_header(signing.read_public_key(root), read_secret(access), vehicle, hardware, serial)
     console.print("building the firmware")
     ecu = BoardEcu(sources, own={EQUIPMENT: header}, bank=bank)
-    with PythonCanBus.open(config.bus) as port, until_stopped() as is_stopped:
+    # The controller's own filters let fewer through.
+    accept = [spec.frame_id for spec in message_set(config.bus).specs] + list(config.bus.diagnosis.heard)
+    with PythonCanBus.open(config.bus, accept=accept) as port, until_stopped() as is_stopped:
         console.print(f"board {serial}: running, flash in {flash}; stop with Ctrl-C")
         serve(ecu, port, flash, clock_ns=time.monotonic_ns, wait=lambda: time.sleep(0.001), is_stopped=is_stopped)

@@ -9,9 +9,11 @@ from contract.config.tree import Config
 from contract.errors import ConfigError
 from stillwake.console.terminal import console
 
-TESTERS_BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate", "bus.frames")
+_FRAMES: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate", "bus.frames")
+DIAGNOSIS: Final = "bus.diagnosis"
+TESTERS_BUS: Final = (*_FRAMES, DIAGNOSIS)
 """What a tester on a real bus reads of it."""
-REAL_BUS: Final = (*TESTERS_BUS, "bus.e2e")
+REAL_BUS: Final = (*_FRAMES, "bus.e2e")
 """What a node on a real bus reads of it, without the key."""
 WEIGHTS: Final = "mpc.weights"
 """The section that a released controller takes as an input."""

@@ -11,7 +11,6 @@ from hashlib import sha256
 from typing import Any, Final
 
 from can_bridge.e2e.sender import E2eSender
-from can_bridge.uds.services import REQUEST_ID
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode, Pressure, VehicleSpeed
@@ -25,6 +24,7 @@ from firmware_sim.mcu.board.flash_controller import FlashBank
 from firmware_sim.mcu.cores import CORTEX_M7
 from stillwake.parts.c_release import library_folder
 from tests.can_bridge.flashing.releases import keys
+from tests.can_bridge.uds.addresses import REQUEST_ID
 from tests.firmware_sim.ecu_in_c import Exported
 from tests.firmware_sim.mcu.board_node import BoardLine, Built
 from tests.proofs import command_line

@@ -21,13 +21,14 @@ from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.bus.rejection import Rejection
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS
+from contract.config.diagnosis import CanId
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
 RECEPTION_LIMIT: Final = 4 * QUEUE_SIZE
 """Most receptions that one `receive_all` looks at, so that it ends also in a flood of what is to be refused."""
 
-_IS_FD: Final = {spec.frame_id: spec.is_fd for spec in SPECS}
+_IS_FD: Final = {CanId(spec.frame_id): spec.is_fd for spec in SPECS}
 
 
 class PythonCanBus(Connection):
@@ -41,7 +42,7 @@ class PythonCanBus(Connection):
         self,
         bus: can.BusABC,
         *,
-        accept: Collection[int] | None = None,
+        accept: Collection[CanId | int] | None = None,
         is_classic: bool = False,
         linux_error_frames: bool = False,
     ) -> None:
@@ -49,13 +50,13 @@ class PythonCanBus(Connection):
 
         Args:
             bus: closed together with this object.
-            accept: frame ids to receive, None for all. python-can's own filter would make a reception without
-                waiting stop at the first frame it drops.
+            accept: identifiers to receive, a number for one of 11 bits; None for all of 11 bits. python-can's own
+                filter would make a reception without waiting stop at the first frame it drops.
             is_classic: send and receive no CAN FD frames.
             linux_error_frames: error frames are as in `linux/can/error.h`, and about this node's controller.
         """
         super().__init__(bus)
-        self._accept = None if accept is None else frozenset(accept)
+        self._accept = None if accept is None else {CanId(one) if isinstance(one, int) else one for one in accept}
         self._is_classic = is_classic
         self._linux_error_frames = linux_error_frames
         self._rejected = dict.fromkeys(Rejection, 0)
@@ -67,7 +68,9 @@ class PythonCanBus(Connection):
         self.accepted = 0
 
     @classmethod
-    def open(cls, config: BusConfig, *, accept: Collection[int] | None = None, settle_s: float = SETTLE_S) -> Self:
+    def open(
+        cls, config: BusConfig, *, accept: Collection[CanId | int] | None = None, settle_s: float = SETTLE_S
+    ) -> Self:
         """Connect as configured.
 
         A `virtual` bus keeps the timestamps that frames are sent with; the others stamp on reception, in ns since the
@@ -75,7 +78,7 @@ class PythonCanBus(Connection):
         `udp_multicast` stays on this machine. Raises BusError naming interface and channel, if that cannot be opened.
 
         Args:
-            accept: frame ids to receive, None for all.
+            accept: as of the constructor.
             settle_s: what a serial adapter is given to start after its port was opened, in s.
         """
         bus, interface = open_backend(config, settle_s=settle_s)
@@ -185,10 +188,8 @@ class PythonCanBus(Connection):
                 self._reported = health_after(self._reported, message.arbitration_id, data)
                 self._overflow_reports += lost_frames(message.arbitration_id, data)
             return frame
-        if frame.is_extended:
-            return Rejection.EXTENDED
-        if self._accept is not None and frame.frame_id not in self._accept:
-            return Rejection.OTHER_ID
-        if (frame.is_fd and self._is_classic) or _IS_FD.get(frame.frame_id, frame.is_fd) != frame.is_fd:
+        if frame.is_extended if self._accept is None else frame.identifier not in self._accept:
+            return Rejection.EXTENDED if frame.is_extended else Rejection.OTHER_ID
+        if (frame.is_fd and self._is_classic) or _IS_FD.get(frame.identifier, frame.is_fd) != frame.is_fd:
             return Rejection.WRONG_FORMAT
         return frame

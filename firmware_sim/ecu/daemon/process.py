@@ -11,6 +11,7 @@ from can_bridge.secoc.freshness_store import FreshnessStore
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import SETS, message_set
 from contract.atomic import check_writable
+from contract.config.diagnosis import CanId
 from contract.config.tree import Config
 from firmware_sim.ecu.daemon.connection import Connection
 from firmware_sim.ecu.daemon.control_loop import ControlLoop, RealTime, check_offset
@@ -42,7 +43,7 @@ class Served:
     name: str
     line: str
     fields: Mapping[str, str | int | float]
-    hears: Mapping[int, Callable[[Frame], None]] = field(default_factory=dict)
+    hears: Mapping[CanId, Callable[[Frame], None]] = field(default_factory=dict)
     beside: Beside = lambda connection, reporter: nullcontext()
 
 
@@ -74,11 +75,11 @@ def run(
 
     def opened() -> PythonCanBus:
         # The other sets' frames show why none of its own come.
-        accept = {spec.frame_id for known in SETS for spec in known.specs} | served.hears.keys()
+        accept = [spec.frame_id for known in SETS for spec in known.specs] + list(served.hears)
         return PythonCanBus.open(config.bus, accept=accept)
 
     def deliver(frame: Frame) -> None:
-        hears = None if frame.is_extended else served.hears.get(frame.frame_id)
+        hears = served.hears.get(frame.identifier)
         (reception.put if hears is None else hears)(frame)
 
     def keep(counters: Counters) -> None:

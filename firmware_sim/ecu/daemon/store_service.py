@@ -10,9 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from can_bridge.calibration.xcp import COMMAND_ID
 from can_bridge.uds.access_key import AccessKey
-from can_bridge.uds.services import REQUEST_ID
 from contract.config.tree import Config
 from contract.controller.interface import Controller
 from contract.release.checks import Bundle
@@ -136,7 +134,7 @@ def serve_store(
             name=log.release,
             line=f"runs ECU {folder.serial} ({folder.hardware}) from {folder.folder}, release {log.release},",
             fields={"serial": folder.serial, "hardware": folder.hardware, "release": log.release},
-            hears={REQUEST_ID: diagnosis.put, COMMAND_ID: diagnosis.put},
+            hears=dict.fromkeys(config.bus.diagnosis.heard, diagnosis.put),
             beside=beside,
         )
         ends = lambda: bool(fatal) or is_stopped()  # noqa: E731

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 
 from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.service import CalibrationService
-from can_bridge.calibration.xcp import COMMAND_ID, RESPONSE_ID
 from can_bridge.calibration.xcp_slave import XcpSlave
 from can_bridge.flashing.store import Store
 from can_bridge.uds.refused import Refused
@@ -38,7 +37,7 @@ class CalibrationLink:
     ) -> None:
         self._ecu = ecu
         self._segment = Segment(ecu.calibration, limits_of(bundle, config))
-        self._is_fd = config.bus.frames == "fd"
+        self._is_fd, self._response = config.bus.frames == "fd", config.bus.diagnosis.xcp_response
         self._xcp = XcpSlave(self._segment, equipment.access, equipment.random_bytes)
         self.service = CalibrationService(
             self._segment,
@@ -66,12 +65,14 @@ class CalibrationLink:
                     self._xcp.not_stored()
             else:
                 packets += self._xcp.stored()
+        number, is_extended = self._response
         return [
-            Frame(frame_id=RESPONSE_ID, data=packet, timestamp_ns=max(0, now_ns), is_fd=self._is_fd)
+            Frame(
+                frame_id=number,
+                data=packet,
+                timestamp_ns=max(0, now_ns),
+                is_fd=self._is_fd,
+                is_extended=is_extended,
+            )
             for packet in packets
         ]
-
-
-def is_for_xcp(frame: Frame) -> bool:
-    """Whether a received frame is the tool's."""
-    return frame.frame_id == COMMAND_ID and not frame.is_extended

@@ -1,12 +1,16 @@
-"""Diagnosis on the bus: ISO-TP frames in and out, and the server behind them."""
+"""Diagnosis on the bus: ISO-TP frames in and out, and the server behind them.
+
+A functional request goes to every ECU, so that it has one frame alone (ISO 15765-2, table 4): others would ask for flow
+control. It is another conversation than the physical one, of which it interrupts nothing.
+"""
 
 from collections.abc import Sequence
 from typing import Final
 
+from can_bridge.isotp import control_info
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.isotp.settings import IsoTpSettings, classic
 from can_bridge.uds.server import UdsServer
-from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 
@@ -15,22 +19,26 @@ MOST_FRAMES: Final = 128
 is lost."""
 
 
-def isotp_settings(config: BusConfig, *, receive_id: int, send_id: int) -> IsoTpSettings:
-    """Settings of one end, with the frames of this bus."""
-    if config.frames == "classic":
-        return classic(receive_id=receive_id, send_id=send_id)
-    return IsoTpSettings(receive_id=receive_id, send_id=send_id)
+def isotp_settings(config: BusConfig, *, is_tester: bool = False) -> IsoTpSettings:
+    """Settings of one end, with the frames and identifiers of this bus."""
+    own, other = config.diagnosis.response, config.diagnosis.request
+    if is_tester:
+        own, other = other, own
+    make = classic if config.frames == "classic" else IsoTpSettings
+    return make(receive_id=other.number, send_id=own.number, is_extended=own.is_extended)
 
 
 class DiagnosticLink:
     """After power-on.
 
     Args:
-        config: of the bus: CAN FD or classic frames.
+        config: of the bus: CAN FD or classic frames, identifiers.
     """
 
     def __init__(self, config: BusConfig, server: UdsServer) -> None:
-        self._endpoint = Endpoint(isotp_settings(config, receive_id=REQUEST_ID, send_id=RESPONSE_ID))
+        self._settings = isotp_settings(config)
+        self._functional = config.diagnosis.functional
+        self._endpoint = Endpoint(self._settings)
         self._server = server
         self._is_sending = False
 
@@ -41,18 +49,28 @@ class DiagnosticLink:
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         """Take frames, do at most one piece of long work, and give out what is to be sent now."""
-        for frame in frames:
-            self._endpoint.receive(now_ns, frame)
         was_busy = self._server.is_busy
-        requests = self._endpoint.take()
-        for request in requests:
-            self._send(self._server.request(now_ns, request))
+        requests = self._requests(now_ns, frames)
+        for request, is_functional in requests:
+            self._send(self._server.request(now_ns, request, is_functional=is_functional))
         # A request that begins long work has done its first piece; those that come amid it do none.
         if was_busy or not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
         sent = self._endpoint.poll(now_ns)
         self._is_sending = bool(sent)
         return sent
+
+    def _requests(self, now_ns: int, frames: Sequence[Frame]) -> list[tuple[bytes, bool]]:
+        """Requests that have come whole, as many as the endpoint keeps at most, and whether they are functional."""
+        requests = list[tuple[bytes, bool]]()
+        for frame in frames:
+            if frame.identifier == self._functional:
+                part = control_info.parse(frame.data)
+                requests += [(part.data, True)] if isinstance(part, control_info.Single) else []
+            else:
+                self._endpoint.receive(now_ns, frame)
+                requests += [(request, False) for request in self._endpoint.take()]
+        return requests[: self._settings.queue]
 
     def _send(self, answers: Sequence[bytes]) -> None:
         for answer in answers:

@@ -14,12 +14,10 @@ from can_bridge.flashing.backing import Backing
 from can_bridge.flashing.boot import Boot
 from can_bridge.flashing.store import Store
 from can_bridge.secoc.node import Authentication
-from can_bridge.uds.services import REQUEST_ID
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus, Reason
 from contract.config.tree import Config
 from firmware_sim.ecu.ecu_state import EcuState, Trace
-from firmware_sim.ecu.flashable.calibration_link import is_for_xcp
 from firmware_sim.ecu.flashable.diagnostic_link import MOST_FRAMES
 from firmware_sim.ecu.flashable.equipment import Equipment
 from firmware_sim.ecu.flashable.event_log import Access, log_access
@@ -57,6 +55,7 @@ class FlashableEcu:
     ) -> None:
         self._backing, self._config, self._equipment = backing, config, equipment
         self._authentication, self._boot_ns, self._serviced_apart = authentication, boot_ns, serviced_apart
+        self._heard, self._xcp_command = config.bus.diagnosis.heard, config.bus.diagnosis.xcp_command
         self._request = VehicleRequest()
         self._silent_until_ns: int | None = None
         self._service_ns = 0
@@ -129,8 +128,8 @@ class FlashableEcu:
         """
         if self._serviced_apart:
             return self.control(now_ns, frames, health)
-        for_service = [frame for frame in frames if is_diagnostic(frame)]
-        for_control = [frame for frame in frames if not is_diagnostic(frame)] if for_service else frames
+        for_service = [frame for frame in frames if frame.identifier in self._heard]
+        for_control = [frame for frame in frames if frame.identifier not in self._heard] if for_service else frames
         return self.control(now_ns, for_control, health) + self.service(now_ns, for_service)
 
     def control(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
@@ -160,10 +159,11 @@ class FlashableEcu:
         cycle, frames = self._serviced, frames[:MOST_FRAMES]
         cycle.settle_faults()
         before = cycle.access
-        sent = cycle.link.service(now_ns, [frame for frame in frames if not is_for_xcp(frame)])
+        sent = cycle.link.service(now_ns, [frame for frame in frames if frame.identifier != self._xcp_command])
         log_access(self._equipment.log, before, cycle.access)
         if cycle.calibration is not None:
-            sent += cycle.calibration.xcp(now_ns, [frame for frame in frames if is_for_xcp(frame)])
+            for_xcp = [frame for frame in frames if frame.identifier == self._xcp_command]
+            sent += cycle.calibration.xcp(now_ns, for_xcp)
         return sent
 
     # Between the two.
@@ -200,8 +200,3 @@ class FlashableEcu:
         self._request = VehicleRequest()
         self._wants_reset = False
         self._controlled = cycle
-
-
-def is_diagnostic(frame: Frame) -> bool:
-    """Whether a received frame is for diagnosis or calibration."""
-    return (frame.frame_id == REQUEST_ID and not frame.is_extended) or is_for_xcp(frame)

@@ -1,10 +1,10 @@
 """A Bosch M_CAN with its message RAM (user's manual, revision 3.3), as far as the firmware uses it.
 
 Modelled: CCCR (INIT, CCE, FDOE, BRSE), NBTP, DBTP, TDCR, TSCC and TSCV (time stamps in nominal bits), ECR (TEC, REC,
-RP), PSR (EP, EW, BO), IR (RF0N, RF0L), IE, ILE, GFC, SIDFC with classic filters into FIFO 0, RXF0C, RXF0S, RXF0A,
-RXESC, TXBC, TXFQS, TXESC, TXBRP, TXBAR, TXBCR and TXBTO; elements of up to 64 bytes with XTD, FDF and BRS. Every other
-register is an error. A frame leaves at once, unless the controller is bus-off: then it waits. There is no recovery's
-delay: the bus that gives the error counters has it.
+RP), PSR (EP, EW, BO), IR (RF0N, RF0L), IE, ILE, GFC, SIDFC, XIDFC and XIDAM with classic filters into FIFO 0, RXF0C,
+RXF0S, RXF0A, RXESC, TXBC, TXFQS, TXESC, TXBRP, TXBAR, TXBCR and TXBTO; elements of up to 64 bytes with XTD, FDF and
+BRS. Every other register is an error. A frame leaves at once, unless the controller is bus-off: then it waits. There is
+no recovery's delay: the bus that gives the error counters has it.
 """
 
 import struct
@@ -19,8 +19,8 @@ RAM_BYTES: Final = 10 * 1024
 CLOCK_HZ: Final = 80_000_000
 _CCCR, _ECR, _PSR, _TSCV, _IR = 0x18, 0x40, 0x44, 0x24, 0x50
 _RXF0S, _RXF0A, _TXFQS, _TXBRP, _TXBAR, _TXBCR, _TXBTO = 0xA4, 0xA8, 0xC4, 0xCC, 0xD0, 0xD4, 0xD8
-_DBTP, _NBTP, _GFC, _SIDFC, _RXF0C, _TXBC = 0x0C, 0x1C, 0x80, 0x84, 0xA0, 0xC0
-_PLAIN: Final = {_DBTP, _NBTP, 0x20, 0x48, 0x54, 0x5C, _GFC, _SIDFC, _RXF0C, 0xBC, _TXBC, 0xC8}
+_DBTP, _NBTP, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, _TXBC = 0x0C, 0x1C, 0x80, 0x84, 0x88, 0x90, 0xA0, 0xC0
+_PLAIN: Final = {_DBTP, _NBTP, 0x20, 0x48, 0x54, 0x5C, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, 0xBC, _TXBC, 0xC8}
 _PROTECTED: Final = _PLAIN - {0x54, 0x5C}
 """Registers that keep what is written; and those of them that take it with CCE alone."""
 _INIT, _CCE = 1, 2
@@ -37,7 +37,7 @@ class CanController:
 
     def __init__(self) -> None:
         self._ram = bytearray(RAM_BYTES)
-        self._kept = dict.fromkeys(_PLAIN, 0)
+        self._kept = dict.fromkeys(_PLAIN, 0) | {_XIDAM: 0x1FFF_FFFF}
         self._control, self._interrupts = _INIT, 0
         self._level = self._get = 0
         self._pending = self._transmitted = self._put = 0
@@ -176,6 +176,10 @@ class CanController:
 
     def _accepts(self, frame: Frame) -> bool:
         if frame.is_extended:
+            start, count = self._kept[_XIDFC] & 0xFFFC, self._kept[_XIDFC] >> 16 & 127
+            for first, second in struct.iter_unpack("<II", self._ram[start : start + 8 * count]):
+                if (frame.frame_id & self._kept[_XIDAM] ^ first) & second & 0x1FFF_FFFF == 0:
+                    return bool(first >> 29 == 1)
             return not self._kept[_GFC] >> 2 & 2
         start, count = self._kept[_SIDFC] & 0xFFFC, self._kept[_SIDFC] >> 16 & 255
         for (element,) in struct.iter_unpack("<I", self._ram[start : start + 4 * count]):

@@ -19,7 +19,7 @@ from stillwake.commands.can.options import BUS, UNCHECKED, key_of, positive
 from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
 from stillwake.console.progress import now_and_then
-from stillwake.console.settings import settings
+from stillwake.console.settings import DIAGNOSIS, settings
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
 
@@ -147,13 +147,14 @@ def decode(
     A line for each frame, then a table of the messages: counts, rates, losses,
     checks and the load of the bus, whose bit rates are settings. A counter is
     compared with the frame before it. With --set bus.key=FILE the MAC and
-    freshness of secured messages are checked first. Of other messages it
-    prints the bytes; `cantools decode` reads those.
+    freshness of secured messages are checked first. Frames of diagnosis have a
+    name, by the identifiers in the settings. Of other messages it prints the
+    bytes; `cantools decode` reads those.
     """
     from can_bridge.logs.log_reader import check_suffix, read_messages
     from can_bridge.tools.summary import Summary
 
-    uses = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.e2e", "bus.key")
+    uses = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.e2e", "bus.key", DIAGNOSIS)
     config = settings("can decode", config_file, overrides, uses=uses).config.bus
     check_suffix(file)
     check_json(json_file)
@@ -193,7 +194,7 @@ def _line(traffic: "Traffic") -> str:
     frame, decoded = traffic.latest, traffic.decoded
     head = f"({frame.timestamp_ns / 1e9:.6f}) {id_text(frame)}"
     if decoded is None or not decoded.signals:
-        what = "unknown" if decoded is None else f"{decoded.spec.name}, not readable"
+        what = traffic.name or "unknown" if decoded is None else f"{decoded.spec.name}, not readable"
         body = f"{what}: {frame.data.hex(' ') or 'empty'}"
     else:
         named = (f"{one.name}={one.shown}{f' {one.unit}' if one.unit else ''}" for one in decoded.signals)

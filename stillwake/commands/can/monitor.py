@@ -12,7 +12,7 @@ from contract.errors import BusError, ConfigError
 from stillwake.commands.can.options import BUS, Duration, key_of, positive
 from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.progress import now_and_then
-from stillwake.console.settings import settings
+from stillwake.console.settings import DIAGNOSIS, settings
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
 
@@ -52,7 +52,7 @@ def monitor(
     from can_bridge.tools.summary import MOST_MESSAGES, Summary
     from stillwake.commands.can.monitor_screen import screen
 
-    uses = ("bus.e2e", "bus.key") if log is not None else (*BUS, "bus.e2e", "bus.key")
+    uses = (*(BUS if log is None else ()), "bus.e2e", "bus.key", DIAGNOSIS)
     config = settings("can monitor", config_file, with_bus(bus_name, overrides), uses=uses).config.bus
     if seconds is not None:
         positive("--for", seconds)

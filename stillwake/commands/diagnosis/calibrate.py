@@ -168,8 +168,7 @@ def _write_a2l(path: Path, bundle: Path | None, trust: str | None, config: Confi
     text = a2l_text(
         Segment(release_calibration(release, config), limits_of(release, config)),
         release=release.manifest.name,
-        nominal_bitrate=config.bus.nominal_bitrate,
-        data_bitrate=config.bus.data_bitrate if config.bus.frames == "fd" else None,
+        bus=config.bus,
     )
     with replacing(path) as part:
         part.write_text(text, encoding="utf-8")

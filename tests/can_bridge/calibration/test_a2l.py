@@ -13,6 +13,8 @@ import pytest
 from can_bridge.calibration.a2l import a2l_text
 from can_bridge.calibration.segment import ADDRESS, Page
 from can_bridge.calibration.xcp import Command
+from contract.config.diagnosis import DiagnosisConfig
+from contract.config.vehicle import BusConfig
 from contract.controller.calibration import NAMES
 from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, changed
 
@@ -60,7 +62,7 @@ def read(text: str) -> Block:
 
 @pytest.fixture
 def text(segment) -> str:
-    return a2l_text(segment, release='truck "wake"\\4.1\näöü')
+    return a2l_text(segment, release='truck "wake"\\4.1\näöü', bus=BusConfig())
 
 
 @pytest.fixture
@@ -118,8 +120,12 @@ def test_the_segment_and_how_a_tool_reaches_it(module, slave, segment):
     assert {command.name for command in set(Command).difference(listed)} == set(mandatory.split())
     for command in listed:
         assert slave.command(0, bytes([command]) + bytes(7)) != [b"\xfe\x20"]
-    classic = read(a2l_text(segment, release="r", data_bitrate=None)).one("PROJECT").one("MODULE")
-    assert classic.one("IF_DATA").one("XCP_ON_CAN").blocks == []
+    extended = DiagnosisConfig(xcp_command_id="0x18EF5AF1", xcp_response_id="0x00000120")
+    classic = a2l_text(segment, release="r", bus=BusConfig(frames="classic", diagnosis=extended))
+    can = read(classic).one("PROJECT").one("MODULE").one("IF_DATA").one("XCP_ON_CAN")
+    assert can.blocks == []
+    # Bit 31 marks 29 bits (part 3, table of XCP_ON_CAN).
+    assert (can.after("CAN_ID_MASTER"), can.after("CAN_ID_SLAVE")) == ("0x98ef5af1", "0x80000120")
 
 
 @pytest.mark.processes

@@ -8,9 +8,9 @@ import can
 import pytest
 
 from can_bridge.calibration.segment import ADDRESS
-from can_bridge.calibration.xcp import COMMAND_ID, RESPONSE_ID
 from can_bridge.flashing.access_level import Level
 from tests.can_bridge.calibration.conftest import REFERENCE
+from tests.can_bridge.uds.addresses import COMMAND_ID, XCP_RESPONSE_ID
 
 config = pytest.importorskip("pyxcp.config")
 masters = pytest.importorskip("pyxcp.master")
@@ -30,7 +30,7 @@ class SlaveBus(can.BusABC):
     def send(self, msg, timeout=None):
         assert msg.arbitration_id == COMMAND_ID
         for answer in self._slave.command(0, bytes(msg.data)):
-            self._answers.put(can.Message(arbitration_id=RESPONSE_ID, data=answer, is_extended_id=False))
+            self._answers.put(can.Message(arbitration_id=XCP_RESPONSE_ID, data=answer, is_extended_id=False))
 
     def _recv_internal(self, timeout):
         try:
@@ -42,7 +42,7 @@ class SlaveBus(can.BusABC):
 @pytest.fixture
 def master(slave, access):
     settings = {
-        "Transport": {"CAN": {"can_id_master": COMMAND_ID, "can_id_slave": RESPONSE_ID, "interface": "virtual"}}
+        "Transport": {"CAN": {"can_id_master": COMMAND_ID, "can_id_slave": XCP_RESPONSE_ID, "interface": "virtual"}}
     }
     application = config.create_application_from_config(settings, log_level=logging.ERROR)
     application.general.seed_n_key_function = lambda resource, seed: access.answer(Level.CALIBRATION, seed)

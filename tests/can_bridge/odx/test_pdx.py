@@ -14,6 +14,7 @@ from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Did, Nrc, Routine, Session
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.controller import CostWeights
+from contract.config.diagnosis import DiagnosisConfig
 from contract.config.vehicle import BusConfig
 from contract.controller.calibration import NAMES, Calibration
 from firmware_sim.runs.reasons import BECAUSE
@@ -149,6 +150,16 @@ def test_it_has_all_that_the_tables_have_and_the_bus(layer):
     assert layer.get_max_can_payload_size() == 64
     classic = layer_of(BusConfig(frames="classic"))
     assert (classic.uses_can_fd(), classic.get_max_can_payload_size()) == (False, 8)
+    assert "transmit" in layer.get_comparam("CP_UniqueRespIdTable").get_subvalue("CP_CanPhysReqFormat")
+    assert layer.get_can_func_req_id() is None
+    ids = DiagnosisConfig(request_id="0x18DA5AF1", response_id="0x18DAF15A", functional_id="0x18DB33F1")
+    fixed = layer_of(BusConfig(diagnosis=ids))
+    assert (fixed.get_can_receive_id(), fixed.get_can_send_id()) == (0x18DA5AF1, 0x18DAF15A)
+    assert fixed.get_can_func_req_id() == 0x18DB33F1
+    table = fixed.get_comparam("CP_UniqueRespIdTable")
+    assert table.get_subvalue("CP_CanPhysReqFormat") == "normal segmented 29-bit transmit with FC"
+    assert table.get_subvalue("CP_CanRespUSDTFormat") == "normal segmented 29-bit receive with FC"
+    assert fixed.get_comparam("CP_CanFuncReqFormat").get_value() == "normal segmented 29-bit transmit with FC"
     assert pdx(BusConfig(), BECAUSE) == pdx(BusConfig(), BECAUSE)
     with zipfile.ZipFile(io.BytesIO(pdx(BusConfig(), BECAUSE))) as archive:
         catalogue = archive.read("index.xml").decode()

@@ -8,7 +8,6 @@ from threading import Event, Thread
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.isotp.endpoint import Endpoint
-from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from contract.config.vehicle import BusConfig
 from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
 from tests.can_bridge.tester.line import Ecu
@@ -34,7 +33,7 @@ def served(ecu: Ecu, config: BusConfig, fate: Fate | None = None) -> Iterator[Ca
 
     def run() -> None:
         try:
-            with PythonCanBus.open(config, accept={REQUEST_ID}) as bus:
+            with PythonCanBus.open(config, accept={config.diagnosis.request}) as bus:
                 _pump(bus, ecu, config, fate, stop, count)
         except BaseException as error:  # noqa: BLE001  (the test fails by it below)
             faults.append(error)
@@ -50,7 +49,7 @@ def served(ecu: Ecu, config: BusConfig, fate: Fate | None = None) -> Iterator[Ca
 
 
 def _pump(bus: PythonCanBus, ecu: Ecu, config: BusConfig, fate: Fate, stop: Event, count: list[int]) -> None:
-    endpoint = Endpoint(isotp_settings(config, receive_id=REQUEST_ID, send_id=RESPONSE_ID))
+    endpoint = Endpoint(isotp_settings(config))
     while not stop.is_set():
         frame = bus.receive(0.002)
         now_ns = time.monotonic_ns()

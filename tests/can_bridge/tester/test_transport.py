@@ -12,12 +12,13 @@ from can_bridge.tester import asking
 from can_bridge.tester.messages import NoAnswerError
 from can_bridge.tester.sequence import End, flash
 from can_bridge.tester.transport import PADDING, open_client
-from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID, Did
+from can_bridge.uds.services import Did
 from contract.config.vehicle import BusConfig
 from tests.can_bridge.flashing.releases import image
 from tests.can_bridge.flashing.store_ecu import KEY
 from tests.can_bridge.tester.ecu_to_flash import EcuToFlash
 from tests.can_bridge.tester.served import Fate, served
+from tests.can_bridge.uds.addresses import REQUEST_ID, RESPONSE_ID
 
 NEW = image("new")
 

@@ -250,3 +250,32 @@ def test_any_bytes_are_answered_by_the_form_of_the_standard(requests):
             else:
                 assert answer[0] == raw[0] + 0x40
         assert bench.server.unlocked is None
+
+
+def test_refusals_that_others_may_serve_are_not_sent_to_a_functional_request(bench):
+    """ISO 14229-1:2020, section 7.5; what the tester was told to wait for is answered all the same."""
+
+    def functional(*parts: int | bytes) -> list[bytes]:
+        payload = b"".join(bytes([part]) if isinstance(part, int) else part for part in parts)
+        return bench.server.request(bench.now_ns, payload, is_functional=True)
+
+    unsent = {Nrc(code) for code in (0x11, 0x12, 0x31, 0x7E, 0x7F)}
+    for request, code in (
+        ((0x99, 1), Nrc.SERVICE_NOT_SUPPORTED),
+        ((0x10, 0x04), Nrc.SUB_FUNCTION_NOT_SUPPORTED),
+        ((0x22, 0xFF, 0xFF), Nrc.OUT_OF_RANGE),
+        ((0x31, 0x01, CHECK), Nrc.SERVICE_NOT_IN_SESSION),
+        ((0x22, 0xF1), Nrc.INCORRECT_LENGTH),
+    ):
+        assert bench.ask(*request) == refused(request[0], code)
+        assert functional(*request) == ([] if code in unsent else [refused(request[0], code)]), code
+    assert functional(0x3E, 0x00) == [b"\x7e\x00"] and functional(0x3E, 0x80) == []
+    assert functional(0x22, SERIAL) == [bench.ask(0x22, SERIAL)]
+    bench.ask(0x10, Session.EXTENDED)
+    assert bench.ask(0x27, Level.PROGRAMMING) == refused(0x27, Nrc.SUB_FUNCTION_NOT_IN_SESSION)
+    assert functional(0x27, Level.PROGRAMMING) == []
+    bench.unlock()
+    bench.ecu.pieces, bench.ecu.refusals = 2, {"routine": Nrc.OUT_OF_RANGE}
+    for waits_ms, expected in ((1, []), (40, [refused(0x31, Nrc.RESPONSE_PENDING), refused(0x31, Nrc.OUT_OF_RANGE)])):
+        assert functional(0x31, 0x01, PRECONDITIONS) == []
+        assert bench.wait(waits_ms * MS) + bench.wait(MS) == expected

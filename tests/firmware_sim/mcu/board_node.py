@@ -9,8 +9,8 @@ from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.tester.asking import Asking
 from can_bridge.tester.key_list import bring
 from can_bridge.tester.sequence import Flashed
-from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from contract.config.tree import Config
+from contract.config.vehicle import BusConfig
 from contract.release import controller_image, signing
 from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
 from firmware_sim.in_c.c_ecu import ecu_sources
@@ -59,12 +59,13 @@ class Built:
 class BoardLine(Line):
     """A tester's connection by ISO-TP through the board's registers; its time is the board's."""
 
-    def __init__(self, board: BoardEcu) -> None:
+    def __init__(self, board: BoardEcu, bus: BusConfig = CONFIG.bus) -> None:
         super().__init__(self)
         self.server: Any = self
         self.is_dead = self.is_reset = False
         self._board, self.time.now_ns = board, board.board.counter.now_ns
-        self._end = Endpoint(isotp_settings(CONFIG.bus, receive_id=RESPONSE_ID, send_id=REQUEST_ID))
+        self._response = bus.diagnosis.response
+        self._end = Endpoint(isotp_settings(bus, is_tester=True))
 
     def power_on(self) -> None:
         """Nothing to be done: a reset is the firmware's own."""
@@ -78,7 +79,7 @@ class BoardLine(Line):
         """What has come until then, a millisecond at a time."""
         while (now_ns := self._board.board.counter.now_ns) < until_ns:
             for frame in self._board.advance(min(until_ns, now_ns + TICK_NS), self._end.poll(now_ns)):
-                if frame.frame_id == RESPONSE_ID:
+                if frame.identifier == self._response:
                     self._end.receive(self._board.board.counter.now_ns, frame)
         return self._end.take()
 

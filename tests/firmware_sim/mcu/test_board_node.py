@@ -1,6 +1,7 @@
 """Loader, diagnosis and ECU on the emulated board: flashed over CAN by a tester, and the supply that fails."""
 
 from collections import Counter
+from dataclasses import replace
 from itertools import count
 
 import pytest
@@ -8,7 +9,6 @@ import pytest
 from can_bridge.flashing.boot import BootReason
 from can_bridge.tester.messages import ImageRefusedError
 from can_bridge.tester.sequence import End
-from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND
 from can_bridge.wire.messages import Mode, Reason
@@ -17,8 +17,10 @@ from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.board.flash_controller import FlashBank
 from firmware_sim.mcu.board.on_a_bus import LONGEST_NS, read_bank, serve
 from tests.can_bridge.flashing.releases import keys
-from tests.firmware_sim.ecu_in_c import WINDOW, Feed
-from tests.firmware_sim.mcu.board_node import BoardLine, Built
+from tests.can_bridge.uds.addresses import REQUEST_ID, RESPONSE_ID
+from tests.firmware_sim.ecu.independent_tester import ADDRESSED, IndependentTester, converse, keeps_whole
+from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Feed
+from tests.firmware_sim.mcu.board_node import TICK_NS, BoardLine, Built
 from tests.firmware_sim.mcu.test_board import fuses, host_of
 from tests.proofs.board_cuts import WRONG, Cuts
 
@@ -41,6 +43,32 @@ def provisioned(built, fresh) -> bytes:
     board = built.ecu(firmware=fresh.firmware)
     BoardLine(board).provision(keys(), built.image("one"))
     return board.board.flash.bank.pack()
+
+
+@pytest.mark.parametrize(("ids", "physical", "functional"), ADDRESSED[1:], ids=["29 bits"])
+def test_independent_clients_reach_it_under_identifiers_of_their_own(release, provisioned, ids, physical, functional):
+    """Through the controller's filters, which let nothing else through, in the model of them as on the chip."""
+    config = replace(CONFIG, bus=replace(CONFIG.bus, diagnosis=ids))
+    built = Built(release, config)
+    board = built.ecu(FlashBank.unpack(provisioned))
+
+    def exchange(frames: list[Frame]) -> list[Frame]:
+        return board.advance(board.board.counter.now_ns + TICK_NS, frames)
+
+    tester = IndependentTester(exchange, physical, functional, is_fd=True)
+    converse(tester, b"0815")
+    number, is_extended = ids.functional
+    keeps_whole(tester, Frame(frame_id=number, is_extended=is_extended, data=b"\x02\x3e\x00".ljust(8)))
+    assert BoardLine(board, config.bus).flash(built.image("two", 2)).end is End.CONFIRMED
+    # The jets' period passes; of what is not asked for nothing enters the FIFO.
+    room = board.board.can.room
+    for other in (0x7E0, 0x7D0, ids.request.number & 0x7FF):
+        for is_extended in (False, True):
+            board.board.can.receive(Frame(frame_id=other, data=bytes(8), is_extended=is_extended))
+    board.board.can.receive(Frame(frame_id=ids.request.number ^ 1, data=bytes(8), is_extended=True))
+    assert board.board.can.room == room
+    board.board.can.receive(Frame(frame_id=ids.request.number, data=bytes(8), is_extended=True))
+    assert board.board.can.room == room - 1
 
 
 def on(built: Built, fresh: BoardEcu, packed: bytes) -> BoardEcu:

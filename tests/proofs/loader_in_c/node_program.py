@@ -7,9 +7,9 @@ from typing import Final
 
 from can_bridge.isotp import control_info
 from can_bridge.isotp.endpoint import Endpoint
-from can_bridge.isotp.settings import IsoTpSettings, classic
-from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
+from contract.config.diagnosis import CanId
+from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
 from tests.proofs.loader_in_c.node_plans import any_of
 from tests.proofs.loader_in_c.node_requests import any_noise
 from tests.proofs.loader_in_c.node_twin import MS, Twins, World, as_in_c
@@ -38,10 +38,10 @@ class Program:
         self.twins = Twins(of, first=rng.choice(("one", "one", "one", None)))
         self._of, self._trouble = of, trouble
         self._is_fd = of.config.bus.frames == "fd"
-        settings = IsoTpSettings if self._is_fd else classic
+        self._ids, self._to_all = of.config.bus.diagnosis, list[Frame]()
         self._tester = Endpoint(
             replace(
-                settings(receive_id=RESPONSE_ID, send_id=REQUEST_ID),
+                isotp_settings(of.config.bus, is_tester=True),
                 frame_length=rng.choice((8, 12, 64, 64, 64)) if self._is_fd else 8,
                 block_size=rng.choice((0, 0, 1, 8)),
                 separation_code=rng.choice((0, 0, 1, 0xF3, 0x80, 0xFF)),
@@ -95,7 +95,10 @@ class Program:
     def _ask(self, request: bytes) -> bytes | None:
         """The last answer to a request; some are not waited for."""
         self.requests, rng = self.requests + 1, self._rng
-        self._tester.send(request[:4095])
+        if self._ids.functional and len(request) < 8 and rng.random() < 0.2:
+            self._to_all.append(self._frame(control_info.single(request), self._is_fd, self._ids.functional))
+        else:
+            self._tester.send(request[:4095])
         patience = rng.choice((1, 30)) if rng.random() < self._trouble else _MOST_TICKS
         found: bytes | None = None
         for tick in range(patience):
@@ -119,7 +122,8 @@ class Program:
         if twins.now_ns >= twins.due_ns:
             twins.due_ns = max(twins.due_ns + 20 * MS, twins.now_ns - 20 * MS)
             twins.control(self._asks)
-        frames = list(self._troubled(self._tester.poll(twins.now_ns)))
+        to_all, self._to_all = self._to_all, []
+        frames = to_all + list(self._troubled(self._tester.poll(twins.now_ns)))
         for frame in twins.service(frames):
             if rng.random() >= self._trouble / 4:
                 self._tester.receive(twins.now_ns, frame)
@@ -152,12 +156,18 @@ class Program:
             if rng.random() < 0.1:
                 # The beginning of a message that is too long, or states its length in another way.
                 data[:8] = rng.choice((b"\x10\0\0\1\0\0\0\0", b"\x10\0\0\0\0\x40\0\0"))[: len(data)]
-            frame_id = REQUEST_ID if rng.random() < 0.9 else rng.randrange(0x800)
-            yield self._frame(bytes(data), self._is_fd, frame_id, is_extended=rng.random() < 0.02)
+            number, is_extended = self._ids.request
+            to = self._ids.request if rng.random() < 0.9 else CanId(rng.randrange(0x800), is_extended)
+            if self._ids.functional and rng.random() < 0.3:
+                to = self._ids.functional
+            if rng.random() < 0.02:
+                to = CanId(number & 0x7FF, not is_extended)
+            yield self._frame(bytes(data), self._is_fd, to)
 
-    def _frame(self, data: bytes, is_fd: bool, frame_id: int = REQUEST_ID, *, is_extended: bool = False) -> Frame:
+    def _frame(self, data: bytes, is_fd: bool, to: CanId | None = None) -> Frame:
+        number, is_extended = to or self._ids.request
         now_ns = self.twins.now_ns
-        return Frame(frame_id=frame_id, data=data, timestamp_ns=now_ns, is_fd=is_fd, is_extended=is_extended)
+        return Frame(frame_id=number, data=data, timestamp_ns=now_ns, is_fd=is_fd, is_extended=is_extended)
 
 
 def play(of: World, seed: int | str, requests: int, *, trouble: float = 0.02) -> Twins:

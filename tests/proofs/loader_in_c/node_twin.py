@@ -27,6 +27,7 @@ from can_bridge.uds.services import Nrc
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Pressure
+from contract.config.diagnosis import DiagnosisConfig
 from contract.config.tree import Config
 from contract.config.vehicle import BenefitCheckConfig, BusConfig, EcuConfig, SensorCheckConfig
 from contract.release import controller_image, key_list, signing
@@ -48,7 +49,11 @@ from tests.proofs.loader_in_c.node_library import SLOT_BYTES, WANTS_RESET, Host,
 UNCHECKED: Final = EcuConfig(
     sensor_check=SensorCheckConfig(enabled=False), benefit_check=BenefitCheckConfig(enabled=False)
 )
-CONFIGS: Final = {"fd": Config(ecu=UNCHECKED), "classic": Config(ecu=UNCHECKED, bus=BusConfig(frames="classic"))}
+IDS: Final = DiagnosisConfig(request_id="0x18DA5AF1", response_id="0x18DAF15A", functional_id="0x18DB33F1")
+CONFIGS: Final = {
+    "fd": Config(ecu=UNCHECKED),
+    "classic": Config(ecu=UNCHECKED, bus=BusConfig(frames="classic", diagnosis=IDS)),
+}
 LAYOUT: Final = hashlib.sha256(b"layout").digest()
 TEXTS: Final = (HARDWARE, "0815", "bench")
 MS: Final = 1_000_000

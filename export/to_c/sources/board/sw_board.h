@@ -56,8 +56,10 @@ uint32_t sw_board_random(uint8_t *failed);
 /* Does not return. */
 void sw_board_reset(void);
 
-/* Frames of these identifiers of 11 bits are received, all others refused. */
-void sw_board_can_start(const uint16_t *ids, uint32_t count);
+#define SW_BOARD_EXTENDED 0x80000000u /* marks an identifier of 29 bits */
+
+/* Frames of these identifiers are received, all others refused. */
+void sw_board_can_start(const uint32_t *ids, uint32_t count);
 
 /* Everything that has come, oldest first, into at most `room` frames; how many. */
 int sw_board_can_receive(sw_frame *frames, int room);

@@ -21,6 +21,7 @@
 #define ILE 0x05cu
 #define GFC 0x080u
 #define SIDFC 0x084u
+#define XIDFC 0x088u
 #define RXF0C 0x0a0u
 #define RXF0S 0x0a4u
 #define RXF0A 0x0a8u
@@ -39,14 +40,17 @@
 #define IR_NEW_IN_FIFO_0 1u
 #define REFUSE_REMOTE_AND_OTHERS 0x2bu /* GFC: neither remote frames nor what no filter names */
 #define FILTER_TO_FIFO_0 ((2u << 30) | (1u << 27)) /* a classic filter: identifier and mask */
+#define EXTENDED_TO_FIFO_0 (1u << 29) /* its first word for 29 bits, with the identifier */
+#define EXTENDED_MASK ((2u << 30) | 0x1fffffffu) /* its second: classic, and the mask */
 #define ELEMENT_64_BYTES 7u
 #define STANDARD_SHIFT 18u
 #define XTD 0x40000000u
 #define FDF 0x200000u
 #define BRS 0x100000u
 
-/* The message RAM, in words: 128 filters, 64 received elements, 8 to be sent. */
+/* The message RAM, in words: 64 filters for 11 bits and 32 for 29, 64 received elements, 8 to be sent. */
 #define FILTERS 0u
+#define EXTENDED_FILTERS 64u
 #define RECEIVED 128u
 #define RECEIVED_ELEMENTS 64u
 #define WORDS 18u
@@ -55,7 +59,24 @@
 
 static const uint8_t lengths[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
 
-void sw_board_can_start(const uint16_t *ids, uint32_t count)
+static void set_filters(const uint32_t *ids, uint32_t count)
+{
+    uint32_t extended = 0, standard = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        if ((ids[i] & SW_BOARD_EXTENDED) != 0u) {
+            RAM(EXTENDED_FILTERS + 2u * extended) = EXTENDED_TO_FIFO_0 | (ids[i] & 0x1fffffffu);
+            RAM(EXTENDED_FILTERS + 2u * extended + 1u) = EXTENDED_MASK;
+            extended++;
+        } else {
+            RAM(FILTERS + standard) = FILTER_TO_FIFO_0 | (ids[i] << 16) | 0x7ffu;
+            standard++;
+        }
+    }
+    CAN(SIDFC) = (standard << 16) | (4u * FILTERS);
+    CAN(XIDFC) = (extended << 16) | (4u * EXTENDED_FILTERS);
+}
+
+void sw_board_can_start(const uint32_t *ids, uint32_t count)
 {
     CAN(CCCR) = CCCR_INIT;
     while ((CAN(CCCR) & CCCR_INIT) == 0u) {
@@ -65,8 +86,7 @@ void sw_board_can_start(const uint16_t *ids, uint32_t count)
     CAN(DBTP) = SW_BOARD_CAN_DATA;
     CAN(TDCR) = SW_BOARD_CAN_DELAY;
     CAN(TSCC) = 1u; /* time stamps in nominal bits */
-    for (uint32_t i = 0; i < count; i++) RAM(FILTERS + i) = FILTER_TO_FIFO_0 | ((uint32_t)ids[i] << 16) | 0x7ffu;
-    CAN(SIDFC) = (count << 16) | (4u * FILTERS);
+    set_filters(ids, count);
     CAN(GFC) = REFUSE_REMOTE_AND_OTHERS;
     CAN(RXF0C) = (RECEIVED_ELEMENTS << 16) | (4u * RECEIVED);
     CAN(RXESC) = ELEMENT_64_BYTES;

@@ -65,12 +65,12 @@ static int64_t serve(sw_board_period *period, int first, int64_t now_ns)
     int kept = first, sent;
     const int count = period->count;
     for (int i = first; i < count; i++) {
-        if (received[i].id == SW_REQUEST_ID) talks_until_ns = now_ns + TALKS_NS;
+        if (sw_isotp_is_request(&received[i])) talks_until_ns = now_ns + TALKS_NS;
     }
     sent = sw_node_service(&node, now_ns, &received[first], count - first, answers);
     for (int i = 0; i < sent; i++) (void)sw_board_can_send(&answers[i]);
     for (int i = first; i < count; i++) {
-        if (received[i].id != SW_REQUEST_ID) received[kept++] = received[i];
+        if (!sw_isotp_is_request(&received[i])) received[kept++] = received[i];
     }
     period->count = kept;
     if (sw_node_wants_reset(&node) && sw_board_can_is_idle()) sw_board_reset();
@@ -104,13 +104,18 @@ static int64_t serve(const sw_board_period *period, int first, int64_t now_ns)
 
 #endif
 
-static const uint16_t ids[] = {
+#define OF_DIAGNOSIS (SW_DIAGNOSIS_EXTENDED != 0 ? SW_BOARD_EXTENDED : 0u)
+
+static const uint32_t ids[] = {
     SW_PRESSURE_ID, SW_COMMAND_ID, SW_STATUS_ID,
 #if SW_PAST > 0
     SW_SPEED_ID,
 #endif
 #if SW_BOARD_LOADER
-    SW_REQUEST_ID,
+    SW_REQUEST_ID | OF_DIAGNOSIS,
+#if SW_FUNCTIONAL
+    SW_FUNCTIONAL_ID | OF_DIAGNOSIS,
+#endif
 #endif
 };
 
@@ -121,7 +126,7 @@ static void receive(sw_board_period *period)
     const int before = period->count;
     period->count += sw_board_can_receive(&received[before], ROOM - before);
     for (int i = before; i < period->count; i++) {
-        if (received[i].id == (uint32_t)SW_PRESSURE_ID) period->came = 1;
+        if (received[i].id == (uint32_t)SW_PRESSURE_ID && !received[i].is_extended) period->came = 1;
     }
 }
 

@@ -166,7 +166,7 @@ static int send_frames(int bus, const sw_frame *frames, int count)
         struct canfd_frame frame;
         const size_t size = frames[i].is_fd ? CANFD_MTU : CAN_MTU;
         memset(&frame, 0, sizeof frame);
-        frame.can_id = frames[i].id;
+        frame.can_id = frames[i].id | (frames[i].is_extended ? CAN_EFF_FLAG : 0);
         frame.len = frames[i].length;
         frame.flags = frames[i].is_fd ? CANFD_BRS : 0;
         memcpy(frame.data, frames[i].data, sizeof frame.data);

@@ -36,15 +36,21 @@ static void abort_reception(sw_isotp *end)
     end->wanted = 0;
 }
 
-/* A whole message, in its frame. */
-static uint32_t single(sw_isotp *end, const sw_frame *frame)
+/* A whole message, in its frame; its bytes, or 0. */
+static uint32_t single_of(const sw_frame *frame, uint8_t *message)
 {
     const uint32_t low = frame->data[0] & 0xfu;
     const uint32_t header = frame->length <= CLASSIC ? 1u : 2u;
     const uint32_t length = header == 1u ? low : frame->data[1];
     if ((header == 2u && low != 0u) || length == 0u || length > frame->length - header) return 0;
-    abort_reception(end);
-    copy(end->message, &frame->data[header], length);
+    copy(message, &frame->data[header], length);
+    return length;
+}
+
+static uint32_t single(sw_isotp *end, const sw_frame *frame)
+{
+    const uint32_t length = single_of(frame, end->message);
+    if (length > 0u) abort_reception(end);
     return length;
 }
 
@@ -152,7 +158,7 @@ static void start_frame(sw_frame *frame, int64_t now_ns)
 {
     frame->timestamp_ns = now_ns;
     frame->id = SW_RESPONSE_ID;
-    frame->is_extended = 0;
+    frame->is_extended = SW_DIAGNOSIS_EXTENDED;
     frame->is_fd = SW_FRAMES_FD;
     frame->length = 0;
 }
@@ -262,10 +268,25 @@ void sw_isotp_init(sw_isotp *end, uint8_t *message)
     end->state = IDLE;
 }
 
+static int is_for(const sw_frame *frame, uint32_t id)
+{
+    return frame->id == id && (frame->is_extended != 0u) == (SW_DIAGNOSIS_EXTENDED != 0);
+}
+
+static int is_functional(const sw_frame *frame) { return SW_FUNCTIONAL != 0 && is_for(frame, SW_FUNCTIONAL_ID); }
+
+int sw_isotp_is_request(const sw_frame *frame) { return is_for(frame, SW_REQUEST_ID) || is_functional(frame); }
+
+uint32_t sw_isotp_functional(const sw_frame *frame, uint8_t message[SW_FRAME_BYTES])
+{
+    if (!is_functional(frame) || frame->length == 0u || frame->length > SW_FRAME_BYTES) return 0;
+    return frame->data[0] >> 4 == SINGLE ? single_of(frame, message) : 0u;
+}
+
 uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
     uint32_t length = 0;
-    if (frame->is_extended || frame->id != SW_REQUEST_ID) return 0;
+    if (!is_for(frame, SW_REQUEST_ID)) return 0;
     tick(end, now_ns);
     if (frame->length == 0u || frame->length > SW_FRAME_BYTES) return 0;
     switch (frame->data[0] >> 4) {

@@ -54,6 +54,14 @@ typedef struct {
 /* After power-on; `message` has SW_ISOTP_MOST bytes. */
 void sw_isotp_init(sw_isotp *end, uint8_t *message);
 
+/* Whether a frame is the tester's, to this ECU alone or to every one. */
+int sw_isotp_is_request(const sw_frame *frame);
+
+/* A request to every ECU, which has one frame alone: others would ask for flow control. It is another conversation than
+ * the one with this ECU, of which it interrupts nothing. Returns its bytes, which stand in `message`, or 0.
+ */
+uint32_t sw_isotp_functional(const sw_frame *frame, uint8_t message[SW_FRAME_BYTES]);
+
 /* Takes a frame from the bus; frames for others are ignored. Returns the bytes of a message that is whole now and stands
  * in `message` until the next call, or 0.
  */

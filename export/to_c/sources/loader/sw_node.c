@@ -84,11 +84,13 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
 /* Requests that have come whole, SW_ISOTP_QUEUE of them at most. Returns how many. */
 static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
 {
+    uint8_t message[SW_FRAME_BYTES];
     uint32_t requests = 0;
     for (int i = 0; i < count; i++) {
-        const uint32_t length = sw_isotp_receive(&node->isotp, now_ns, &frames_in[i]);
+        const uint32_t functional = sw_isotp_functional(&frames_in[i], message);
+        const uint32_t length = functional > 0u ? functional : sw_isotp_receive(&node->isotp, now_ns, &frames_in[i]);
         if (length == 0u || requests == SW_ISOTP_QUEUE) continue;
-        sw_uds_request(node, now_ns, node->isotp.message, length);
+        sw_uds_request(node, now_ns, functional > 0u ? message : node->isotp.message, length, functional > 0u);
         requests++;
     }
     return requests;

@@ -70,6 +70,14 @@ static void set_up(sw_answer *answer, sw_node *node, uint32_t service)
     sw_answer_byte(answer, service + POSITIVE);
 }
 
+/* A refusal that an ECU does not send to a functional request (ISO 14229-1, section 7.5). */
+static int is_unsent(uint8_t code)
+{
+    return code == SW_NRC_SERVICE_NOT_SUPPORTED || code == SW_NRC_SUB_FUNCTION_NOT_SUPPORTED ||
+           code == SW_NRC_OUT_OF_RANGE || code == SW_NRC_SUB_FUNCTION_NOT_IN_SESSION ||
+           code == SW_NRC_SERVICE_NOT_IN_SESSION;
+}
+
 /* What a piece of a request came to. */
 static void came_to(sw_node *node, uint8_t service, uint8_t code, const sw_answer *answer)
 {
@@ -77,7 +85,7 @@ static void came_to(sw_node *node, uint8_t service, uint8_t code, const sw_answe
     uds->service = code == SW_UDS_MORE ? service : 0u;
     if (code == SW_UDS_MORE) return;
     if (code != SW_UDS_DONE) {
-        send_negative(node, service, code);
+        if (!uds->is_functional || !is_unsent(code)) send_negative(node, service, code);
     } else if (!uds->is_quiet) {
         sw_isotp_send(&node->isotp, answer->length);
     } else {
@@ -100,7 +108,7 @@ static uint8_t began(sw_node *node, uint8_t *request, uint32_t length, sw_answer
     return service->handle(node, &request[1], length - 1u, answer);
 }
 
-void sw_uds_request(sw_node *node, int64_t now_ns, uint8_t *request, uint32_t length)
+void sw_uds_request(sw_node *node, int64_t now_ns, uint8_t *request, uint32_t length, int is_functional)
 {
     sw_uds *uds = &node->uds;
     sw_answer answer;
@@ -112,6 +120,7 @@ void sw_uds_request(sw_node *node, int64_t now_ns, uint8_t *request, uint32_t le
         return;
     }
     uds->is_quiet = 0;
+    uds->is_functional = (uint8_t)is_functional;
     uds->pending_ns = uds->now_ns + FIRST_PENDING_NS;
     set_up(&answer, node, request[0]);
     const uint8_t service = request[0];
@@ -133,6 +142,7 @@ void sw_uds_tick(sw_node *node, int64_t now_ns)
     if (uds->now_ns >= uds->pending_ns) {
         /* A tester that received response-pending waits for the answer, even if it wanted none. */
         uds->is_quiet = 0;
+        uds->is_functional = 0;
         uds->pending_ns = uds->now_ns + NEXT_PENDING_NS;
         send_negative(node, uds->service, SW_NRC_RESPONSE_PENDING);
     }

@@ -51,6 +51,7 @@ typedef struct {
     uint8_t service;  /* that is worked on; 0: none */
     uint8_t is_silent; /* a tester wants no frames of the control; they are sent all the same while a jet can run */
     uint8_t is_quiet; /* the tester wants no positive answer to it */
+    uint8_t is_functional; /* every ECU has the request: what others may serve is passed over in silence */
     uint8_t piece;    /* of it, for the work's own count */
     int64_t now_ns;   /* a clock that goes back stands still here */
     int64_t heard_ns; /* since when the tester has been silent */
@@ -65,8 +66,8 @@ void sw_uds_init(sw_uds *uds);
 /* Whether a request or a reset is under way: sw_uds_tick goes on with it. */
 int sw_uds_is_busy(const sw_uds *uds);
 
-/* Takes a whole request of `length` bytes, 1 or more, and does the first piece of it. */
-void sw_uds_request(sw_node *node, int64_t now_ns, uint8_t *request, uint32_t length);
+/* Takes a whole request of `length` bytes, 1 or more, perhaps one to every ECU, and does the first piece of it. */
+void sw_uds_request(sw_node *node, int64_t now_ns, uint8_t *request, uint32_t length, int is_functional);
 
 /* Goes on with what is under way: one piece of it, or the reset that was answered before. Call it at least every 20 ms
  * while the server is busy.

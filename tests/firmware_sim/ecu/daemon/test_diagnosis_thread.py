@@ -14,13 +14,13 @@ from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.report import decode
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.isotp.settings import IsoTpSettings
-from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
 from firmware_sim.ecu.daemon.diagnosis_thread import DiagnosisThread
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
 from firmware_sim.ecu.real_time import clock
 from tests.can_bridge.flashing.store_ecu import KEY
+from tests.can_bridge.uds.addresses import REQUEST_ID, RESPONSE_ID
 from tests.firmware_sim.ecu.daemon.conftest import wait_for
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import Rig, image, provision
 

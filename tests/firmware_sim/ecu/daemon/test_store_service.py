@@ -8,7 +8,6 @@ import pytest
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.flashing.medium import MediumError
-from can_bridge.uds.services import REQUEST_ID
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
@@ -20,6 +19,7 @@ from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
 from firmware_sim.ecu.real_time.privileges import Wanted
 from tests.can_bridge.flashing.releases import ROOT
 from tests.can_bridge.flashing.store_ecu import KEY
+from tests.can_bridge.uds.addresses import REQUEST_ID
 from tests.firmware_sim.ecu.daemon.driving import PATIENCE_S
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import provision
 

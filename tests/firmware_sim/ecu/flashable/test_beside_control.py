@@ -5,13 +5,13 @@ from random import Random
 
 import pytest
 
-from can_bridge.uds.services import REQUEST_ID
 from can_bridge.wire.frame import FD_LENGTHS, Frame
 from can_bridge.wire.messages import Mode, Reason
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.ecu.flashable.diagnostic_link import MOST_FRAMES
+from tests.can_bridge.uds.addresses import REQUEST_ID
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, provision
 
 EXTENDED, PROGRAMMING, PRECONDITIONS = b"\x10\x03", b"\x10\x02", b"\x31\x01\x02\x03"

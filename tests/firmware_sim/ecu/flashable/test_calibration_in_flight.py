@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from can_bridge.calibration.segment import ADDRESS
-from can_bridge.calibration.xcp import COMMAND_ID, RESPONSE_ID
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.store import Store
 from can_bridge.wire.frame import Frame
@@ -24,6 +23,7 @@ from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
 from tests.can_bridge.flashing.medium import UnreadableError
 from tests.can_bridge.flashing.releases import RELEASE
 from tests.can_bridge.flashing.store_ecu import KEY
+from tests.can_bridge.uds.addresses import COMMAND_ID, XCP_RESPONSE_ID
 from tests.firmware_sim.conftest import RecordingController
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, provision, shipped
 from tests.firmware_sim.ecu_in_c import CONFIG as IN_C
@@ -68,7 +68,7 @@ def actions(rig: Rig, since: int = 0) -> list[float]:
 
 def packets(rig: Rig) -> list[bytes]:
     """To the tool, so far."""
-    return [frame.data for frame in rig.sent if frame.frame_id == RESPONSE_ID]
+    return [frame.data for frame in rig.sent if frame.frame_id == XCP_RESPONSE_ID]
 
 
 def ask_xcp(rig: Rig, command: bytes) -> bytes:

@@ -11,10 +11,8 @@ from typing import Any
 
 import pytest
 
-from can_bridge.calibration.xcp import COMMAND_ID
-from can_bridge.calibration.xcp import RESPONSE_ID as XCP_RESPONSE_ID
 from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES
-from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID, Did, Nrc, Session
+from can_bridge.uds.services import Did, Nrc, Session
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import Rig
@@ -30,6 +28,8 @@ from scapy.contrib.automotive.xcp.xcp import XCPOnCAN
 from scapy.contrib.isotp import ISOTPSoftSocket, isotp_scan
 from scapy.layers.can import CANFD
 from scapy.supersocket import SuperSocket
+
+from tests.can_bridge.uds.addresses import COMMAND_ID, REQUEST_ID, RESPONSE_ID, XCP_RESPONSE_ID
 
 pytestmark = pytest.mark.slow  # the scanners wait in real time
 

@@ -13,8 +13,6 @@ from can_bridge.e2e.sender import E2eSender
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.isotp.endpoint import Endpoint
-from can_bridge.isotp.settings import IsoTpSettings
-from can_bridge.uds.services import REQUEST_ID, RESPONSE_ID
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE, VEHICLE_SPEED
@@ -26,6 +24,7 @@ from contract.release import signing
 from contract.release.checks import Bundle
 from contract.release.image import image_of
 from contract.shipped import BUNDLE
+from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
 from firmware_sim.ecu.flashable.equipment import Equipment
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
 from tests.can_bridge.flashing import releases
@@ -89,7 +88,7 @@ class Rig(FlashingSteps):
         self.now_ns = MS
         self.due_ns = self.now_ns
         self.sender, self.speed_sender = E2eSender(PRESSURE), E2eSender(VEHICLE_SPEED)
-        self.tester = Endpoint(IsoTpSettings(receive_id=RESPONSE_ID, send_id=REQUEST_ID))
+        self.tester = Endpoint(isotp_settings(self.config.bus, is_tester=True))
         self.request: bool | None = None
         self.answers: list[bytes] = []
         self.commands: list[JetCommand] = []
@@ -116,7 +115,7 @@ class Rig(FlashingSteps):
 
     def take(self, frames: Sequence[Frame]) -> None:
         for frame in frames:
-            if frame.frame_id == RESPONSE_ID:
+            if frame.identifier == self.config.bus.diagnosis.response:
                 self.tester.receive(self.now_ns, frame)
             elif frame.frame_id == JET_COMMAND.frame_id:
                 command = codec.parse_jet_command(frame.data)

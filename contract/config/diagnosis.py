@@ -1,0 +1,133 @@
+"""Identifiers of diagnosis and calibration on the bus: settings, with nothing of the control under the same ones."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Annotated, Final, NamedTuple
+
+from contract.config.rules import Rule, Settings, require
+from contract.config.sources import ours, standard
+
+MOST_STANDARD: Final = 0x7FF
+MOST_EXTENDED: Final = 0x1FFF_FFFF
+_TEXT: Final = re.compile(r"0[xX]([0-9a-fA-F]{1,8})")
+_SHORT: Final = 3
+"""Digits of an identifier of 11 bits, as candump writes it; one of 29 bits has eight there."""
+_NOTATION: Final = "0x and 3 hex digits (11 bits, up to 0x7FF), or 0x and 8 (29 bits, up to 0x1FFFFFFF)"
+_PAGE: Final = "reference/diagnosis.md#identifiers-on-the-bus"
+
+
+class CanId(NamedTuple):
+    """An identifier; one of 29 bits is another one than that of 11 bits with the same number."""
+
+    number: int
+    is_extended: bool = False
+
+    def __str__(self) -> str:
+        return f"0x{self.number:08X}" if self.is_extended else f"0x{self.number:03X}"
+
+
+def parse_id(value: int | str) -> CanId | None:
+    """The identifier in a setting, or None: of 11 bits with up to three digits, of 29 with more.
+
+    A number has the digits that it needs.
+    """
+    found = _TEXT.fullmatch(f"0x{value:03X}" if isinstance(value, int) and value >= 0 else str(value))
+    if found is None:
+        return None
+    number, is_extended = int(found[1], 16), len(found[1]) > _SHORT
+    return CanId(number, is_extended) if number <= (MOST_EXTENDED if is_extended else MOST_STANDARD) else None
+
+
+_ID: Final = Rule(wording=_NOTATION, holds=lambda value: parse_id(value) is not None)
+_ID_OR_NONE: Final = Rule(wording=f"empty, {_NOTATION}", holds=lambda value: value == "" or _ID.holds(value))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnosisConfig(
+    Settings, section="bus.diagnosis", source=standard("ISO 15765-4", "the first ECU of legislated diagnosis")
+):
+    """How a tester and a calibration tool reach the ECU. The text of an identifier with three digits has 11 bits, that
+    with eight digits 29: `0x7E0`, `0x18DA10F1`. Both ends of a conversation need the same settings."""
+
+    request_id: Annotated[int | str, _ID] = "0x7E0"
+    """From the tester to this ECU alone (physical addressing)."""
+    response_id: Annotated[int | str, _ID] = "0x7E8"
+    """From the ECU."""
+    functional_id: Annotated[int | str, _ID_OR_NONE, ours("others' testers get no answer", page=_PAGE)] = ""
+    """From the tester to every ECU (functional addressing), usually 0x7DF or 0x18DB33F1; nothing is heard under it
+    where there is none."""
+    xcp_command_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D0"
+    """From the calibration tool."""
+    xcp_response_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D8"
+    """To the calibration tool."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        taken = dict(_messages())
+        for name, like in _LIKE.items():
+            found = parse_id(getattr(self, name))
+            if found is None:
+                continue
+            object.__setattr__(self, name, str(found))
+            require(found not in taken, self, name, f"another identifier than that of {taken.get(found)}")
+            same = found.is_extended == self._id(like).is_extended
+            require(same, self, name, f"as long as bus.diagnosis.{like}, {'11' if found.is_extended else '29'} bits")
+            taken[found] = f"bus.diagnosis.{name}"
+
+    @property
+    def request(self) -> CanId:
+        return self._id("request_id")
+
+    @property
+    def response(self) -> CanId:
+        return self._id("response_id")
+
+    @property
+    def functional(self) -> CanId | None:
+        return parse_id(self.functional_id)
+
+    @property
+    def xcp_command(self) -> CanId:
+        return self._id("xcp_command_id")
+
+    @property
+    def xcp_response(self) -> CanId:
+        return self._id("xcp_response_id")
+
+    @property
+    def heard(self) -> frozenset[CanId]:
+        """What an ECU takes."""
+        return frozenset(filter(None, (self.request, self.functional, self.xcp_command)))
+
+    @property
+    def names(self) -> Mapping[CanId, str]:
+        """What each identifier carries, for people."""
+        found = {self.request: "UDS request", self.response: "UDS answer"}
+        found |= {self.xcp_command: "XCP command", self.xcp_response: "XCP answer"}
+        return found if self.functional is None else found | {self.functional: "UDS request to all"}
+
+    def _id(self, name: str) -> CanId:
+        found = parse_id(getattr(self, name))
+        assert found is not None, "its rule holds"
+        return found
+
+
+_LIKE: Final = {
+    "request_id": "request_id",
+    "response_id": "request_id",
+    "functional_id": "request_id",
+    "xcp_command_id": "xcp_command_id",
+    "xcp_response_id": "xcp_command_id",
+}
+"""The setting with whose identifier each one's must agree in length."""
+
+
+@cache
+def _messages() -> Mapping[CanId, str]:
+    """The messages of the DBC by their identifiers, in words."""
+    text = files("contract").joinpath("stillwake.dbc").read_text(encoding="utf-8")
+    found = ((int(number), name) for number, name in re.findall(r"^BO_ (\d+) (\w+)", text, re.MULTILINE))
+    return {CanId(number & MOST_EXTENDED, bool(number >> 31)): f"{name} in the DBC" for number, name in found}
