@@ -27,7 +27,8 @@ class NoAnswerError(FlashError):
     def __init__(self, step: str, *, was_there: bool = True) -> None:
         what = f"the ECU does not {step}" if was_there else "no ECU answers on this bus"
         super().__init__(
-            f"{what}; see that it has power, runs with --slots, and that interface, channel and bus.frames are its own"
+            f"{what}; see that it has power, runs with --slots, and that interface, channel, bus.frames and "
+            "bus.diagnosis are its own"
         )
 
 

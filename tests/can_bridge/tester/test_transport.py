@@ -13,19 +13,24 @@ from can_bridge.tester.messages import NoAnswerError
 from can_bridge.tester.sequence import End, flash
 from can_bridge.tester.transport import PADDING, open_client
 from can_bridge.uds.services import Did
+from contract.config.diagnosis import CanId, DiagnosisConfig
 from contract.config.vehicle import BusConfig
 from tests.can_bridge.flashing.releases import image
 from tests.can_bridge.flashing.store_ecu import KEY
 from tests.can_bridge.tester.ecu_to_flash import EcuToFlash
 from tests.can_bridge.tester.served import Fate, served
-from tests.can_bridge.uds.addresses import REQUEST_ID, RESPONSE_ID
 
 NEW = image("new")
 
 
 @pytest.fixture(params=["fd", "classic"])
 def config(request: Any) -> BusConfig:
-    return BusConfig(interface="virtual", channel=f"tester-{os.getpid()}-{request.param}", frames=request.param)
+    """CAN FD with the usual identifiers, classic with others of 29 bits."""
+    ids = DiagnosisConfig()
+    if request.param == "classic":
+        ids = DiagnosisConfig(request_id="0x18DA5AF1", response_id="0x18DAF15A")
+    channel = f"tester-{os.getpid()}-{request.param}"
+    return BusConfig(interface="virtual", channel=channel, frames=request.param, diagnosis=ids)
 
 
 @pytest.fixture
@@ -59,23 +64,28 @@ def test_a_release_is_flashed_and_lost_and_doubled_frames_only_cost_time(
 def test_requests_fill_frames_and_other_answers_are_dropped(config: BusConfig, listener: can.BusABC) -> None:
     """ISO 15765-2: single frames are padded to 8 bytes."""
 
+    def say(data: bytes, to: CanId = config.diagnosis.response) -> None:
+        listener.send(can.Message(arbitration_id=to.number, data=data, is_extended_id=to.is_extended))
+
     def answer(*payload: int) -> None:
-        data = [len(payload), *payload, *[0] * (7 - len(payload))]
-        listener.send(can.Message(arbitration_id=RESPONSE_ID, data=data, is_extended_id=False))
+        say(bytes([len(payload), *payload]).ljust(8, b"\0"))
 
     with open_client(config) as client:
         client.conn.send(b"\x36\x02\x00")
+        # Another node's, whose number is the same.
+        say(b"\x02\x76\x02", CanId(config.diagnosis.response.number & 0x7FF, config.frames == "fd"))
         answer(0x76, 1)
         answer(0x7F, 0x31, 0x22)
         answer(0x76, 2)
         assert client.conn.wait_frame(timeout=1.0) == b"\x76\x02"
         message = listener.recv(1.0)
         assert message is not None
-        assert (message.arbitration_id, message.is_fd) == (REQUEST_ID, config.frames == "fd")
+        assert CanId(message.arbitration_id, message.is_extended_id) == config.diagnosis.request
+        assert message.is_fd == (config.frames == "fd")
         assert bytes(message.data) == b"\x03\x36\x02\x00" + bytes([PADDING] * 4)
         for garbage in (b"", b"\x00", b"\x10", b"\x21\x01", b"\x30", b"\x33\x00\x00", b"\xff" * 8):
             client.conn.send(b"\x3e\x00")
-            listener.send(can.Message(arbitration_id=RESPONSE_ID, data=garbage, is_extended_id=False))
+            say(garbage)
             began = time.monotonic()
             assert client.conn.wait_frame(timeout=0.05) is None, garbage
             assert time.monotonic() - began < 5.0
@@ -110,4 +120,4 @@ def test_a_bus_without_an_ecu_is_reported_after_a_few_requests(
     with open_client(config) as client, pytest.raises(NoAnswerError, match="no ECU answers on this bus"):
         asking.Asking(client, key=None, clock=time.monotonic, sleep=time.sleep).read(Did.HARDWARE)
     requests = iter(lambda: listener.recv(0.0), None)
-    assert sum(one.arbitration_id == REQUEST_ID for one in requests) == asking.TIMES
+    assert sum(one.arbitration_id == config.diagnosis.request.number for one in requests) == asking.TIMES

@@ -75,10 +75,12 @@ def test_unknown_and_unreadable_messages_show_their_bytes_behind_all_11_bit_iden
     summary = summary_of(
         Frame(frame_id=0x1ABCDEF0, data=b"\xde\xad", is_extended=True, is_fd=False),
         Frame(frame_id=0x7FF, data=b"", is_fd=False),
+        Frame(frame_id=0x7E8, data=b"\0"),
         Frame(frame_id=0x120, data=b"\1\2"),
     )
     assert [(one.name, one.latest.frame_id, *cells) for one, cells in rows(summary)] == [
         ("Pressure", 0x120, ("not readable", "01 02", "")),
+        ("UDS answer", 0x7E8, ("data", "00", "")),
         ("", 0x7FF, ("data", "empty", "")),
         ("", 0x1ABCDEF0, ("data", "de ad", "")),
     ]

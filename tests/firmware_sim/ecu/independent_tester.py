@@ -3,31 +3,22 @@
 from collections import deque
 from collections.abc import Callable
 from itertools import count
-from typing import Any, Final
+from typing import Final
 
 import isotp
 from udsoncan.client import Client
-from udsoncan.connections import BaseConnection
 
 from can_bridge.wire.frame import Frame
 from contract.config.diagnosis import DiagnosisConfig
 from tests.can_bridge.flashing.store_ecu import KEY
+from tests.can_bridge.tester.direct_connection import DirectConnection
 
 _NORMAL: Final = isotp.AddressingMode.Normal_11bits
 _FIXED: Final = isotp.AddressingMode.NormalFixed_29bits
-_SHORT: Final = DiagnosisConfig(
-    request_id="0x6A1",
-    response_id="0x6A9",
-    functional_id="0x7DF",
-    xcp_command_id="0x6B1",
-    xcp_response_id="0x6B9",
-)
+_NAMES: Final = ("request_id", "response_id", "functional_id", "xcp_command_id", "xcp_response_id")
+_SHORT: Final = DiagnosisConfig(**dict(zip(_NAMES, (0x6A1, 0x6A9, 0x7DF, 0x6B1, 0x6B9), strict=True)))
 _LONG: Final = DiagnosisConfig(
-    request_id="0x18DA5AF1",
-    response_id="0x18DAF15A",
-    functional_id="0x18DB33F1",
-    xcp_command_id="0x18EF5AF1",
-    xcp_response_id="0x18EFF15A",
+    **dict(zip(_NAMES, (0x18DA5AF1, 0x18DAF15A, 0x18DB33F1, 0x18EF5AF1, 0x18EFF15A), strict=True))
 )
 ADDRESSED: Final = (
     (_SHORT, isotp.Address(_NORMAL, txid=0x6A1, rxid=0x6A9), isotp.Address(_NORMAL, txid=0x7DF, rxid=0x6A9)),
@@ -45,38 +36,22 @@ Exchange = Callable[[list[Frame]], list[Frame]]
 """Frames to the ECU, and what it sends in the millisecond after that."""
 
 
-class IndependentTester(BaseConnection):
+class IndependentTester(DirectConnection):
     """A connection of udsoncan."""
 
     def __init__(self, exchange: Exchange, physical: isotp.Address, functional: isotp.Address, *, is_fd: bool) -> None:
         super().__init__()
-        self._exchange, self._is_fd = exchange, is_fd
-        self._in, self._out = deque[Frame](), list[Frame]()
-        self._layer, self._all = self._made(physical), self._made(functional)
-
-    def _made(self, address: isotp.Address) -> Any:
-        params = {"can_fd": self._is_fd, "tx_data_length": 64 if self._is_fd else 8, "tx_padding": 0xCC}
-        return isotp.TransportLayerLogic(rxfn=self._take, txfn=self._put, address=address, params=params)
-
-    def _take(self, timeout: float) -> isotp.CanMessage | None:
-        if not self._in:
-            return None
-        one = self._in.popleft()
-        return isotp.CanMessage(
-            arbitration_id=one.frame_id, data=one.data, extended_id=one.is_extended, is_fd=one.is_fd
+        self.exchange, self._in, self._out = exchange, deque[isotp.CanMessage](), list[isotp.CanMessage]()
+        params = {"can_fd": is_fd, "tx_data_length": 64 if is_fd else 8, "tx_padding": 0xCC}
+        self._layer, self._all = (
+            isotp.TransportLayerLogic(
+                rxfn=lambda timeout: self._in.popleft() if self._in else None,
+                txfn=self._out.append,
+                address=address,
+                params=params,
+            )
+            for address in (physical, functional)
         )
-
-    def _put(self, one: isotp.CanMessage) -> None:
-        made = Frame(frame_id=one.arbitration_id, data=bytes(one.data), is_fd=one.is_fd, is_extended=one.is_extended_id)
-        self._out.append(made)
-
-    def open(self) -> "IndependentTester":
-        return self
-
-    def close(self) -> None: ...
-
-    def is_open(self) -> bool:
-        return True
 
     def empty_rxqueue(self) -> None:
         self._in.clear()
@@ -84,19 +59,22 @@ class IndependentTester(BaseConnection):
     def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
         self._layer.send(payload)
 
-    def specific_wait_frame(self, timeout: float | None = None) -> bytes | None:
-        for _ in range(_MOST_TICKS):
-            if (found := self.tick()) is not None:
-                return found
-        raise AssertionError("no answer")
+    def specific_wait_frame(self, timeout: float | None = None) -> bytes:
+        return next(found for _ in range(_MOST_TICKS) if (found := self.tick()) is not None)
 
     def tick(self) -> bytes | None:
         """A millisecond; an answer that is whole."""
         self._layer.process(rx_timeout=0.0)
-        sent, self._out = self._out, []
-        self._in += self._exchange(sent)
+        sent = [
+            Frame(frame_id=one.arbitration_id, data=bytes(one.data), is_fd=one.is_fd, is_extended=one.is_extended_id)
+            for one in self._out
+        ]
+        self._out.clear()
+        for one in self.exchange(sent):
+            self._in.append(isotp.CanMessage(one.frame_id, data=one.data, extended_id=one.is_extended, is_fd=one.is_fd))
         self._layer.process(rx_timeout=0.0)
-        return bytes(self._layer.recv()) if self._layer.available() else None
+        found = self._layer.recv()
+        return None if found is None else bytes(found)
 
     def ask_all(self, payload: bytes) -> list[bytes]:
         """What comes in a tenth of a second after a functional request."""
@@ -107,14 +85,14 @@ class IndependentTester(BaseConnection):
 
 def converse(tester: IndependentTester, serial: bytes) -> None:
     """Reads, unlocks and writes, by one frame and several, in both ways of addressing."""
-    settings = {"request_timeout": None, "p2_timeout": 60.0, "security_algo": _key, "use_server_timing": False}
-    with Client(tester, config=settings) as client:
+    with Client(tester, request_timeout=None) as client:
+        client.set_configs({"p2_timeout": 60.0, "use_server_timing": False, "security_algo": KEY.answer})
         client.change_session(3)
         client.unlock_security_access(3)
 
         def raw(payload: bytes) -> bytes:
             tester.specific_send(payload)
-            return tester.specific_wait_frame() or b""
+            return tester.specific_wait_frame()
 
         values = raw(b"\x22\xfd\x10")
         assert len(values) == 3 + 44
@@ -131,17 +109,13 @@ def converse(tester: IndependentTester, serial: bytes) -> None:
 def keeps_whole(tester: IndependentTester, to_all: Frame) -> None:
     """A functional request amid a physical one of several frames interrupts nothing, and is answered itself."""
     values = b"\x2e\xfd\x10" + bytes(100)
-    sent, asked = count(), tester._exchange
+    sent, asked = count(), tester.exchange
 
     def amid(frames: list[Frame]) -> list[Frame]:
         return asked([to_all, *frames] if frames and next(sent) == 1 else frames)
 
-    tester._exchange = amid
+    tester.exchange = amid
     tester.specific_send(values)
     answers = [found for _ in range(100) if (found := tester.tick()) is not None]
-    tester._exchange = asked
+    tester.exchange = asked
     assert sorted(answers) == [b"\x7e\x00", b"\x7f\x2e\x13"]
-
-
-def _key(level: int, seed: bytes, params: Any = None) -> bytes:
-    return KEY.answer(level, seed)

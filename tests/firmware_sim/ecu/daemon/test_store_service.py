@@ -9,6 +9,7 @@ import pytest
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.flashing.medium import MediumError
 from can_bridge.wire.frame import Frame
+from contract.config.diagnosis import DiagnosisConfig
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release import signing
@@ -23,15 +24,16 @@ from tests.can_bridge.uds.addresses import REQUEST_ID
 from tests.firmware_sim.ecu.daemon.driving import PATIENCE_S
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import provision
 
+USUAL = DiagnosisConfig()
 SESSION, RESET = b"\x02\x10\x02", b"\x02\x11\x01"
 
 
-def serve(tmp_path: Path, is_stopped: Callable[[PythonCanBus], bool]) -> list[str]:
+def serve(tmp_path: Path, is_stopped: Callable[[PythonCanBus], bool], ids: DiagnosisConfig = USUAL) -> list[str]:
     """Until it is stopped or ends by itself; the log."""
     provision(tmp_path / "ecu", None)
-    bus = BusConfig(interface="virtual", channel=str(tmp_path))
+    bus = BusConfig(interface="virtual", channel=str(tmp_path), diagnosis=ids)
     lines: list[str] = []
-    with PythonCanBus.open(bus) as tester:
+    with PythonCanBus.open(bus, accept={ids.response}) as tester:
         serve_store(
             EcuFolder(folder=tmp_path / "ecu", root=signing.public_key(ROOT), hardware="bench", serial="42"),
             KEY,
@@ -79,3 +81,21 @@ def test_otherwise_the_control_goes_on(tmp_path: Path, monkeypatch: pytest.Monke
     lines = serve(tmp_path, is_stopped)
     assert len(periods) == 21
     assert any("the control goes on" in line for line in lines)
+
+
+def test_it_is_asked_under_identifiers_of_29_bits_and_by_a_functional_one(tmp_path: Path) -> None:
+    ids = DiagnosisConfig(request_id="0x18DA5AF1", response_id="0x18DAF15A", functional_id="0x18DB33F1")
+    until, answers = time.monotonic() + PATIENCE_S, list[Frame]()
+    requests = [(ids.functional, b"\x02\x7e\x00"), (ids.functional, b"\x02\x3e\x00"), (ids.request, b"\x02\x3e\x80")]
+
+    def is_stopped(tester: PythonCanBus) -> bool:
+        nonlocal requests
+        for to, request in requests:
+            assert to is not None
+            tester.send(Frame(frame_id=to.number, is_extended=to.is_extended, data=request.ljust(8, b"\xcc")))
+        requests = []
+        answers.extend(tester.receive_all())
+        return bool(answers) or time.monotonic() > until
+
+    serve(tmp_path, is_stopped, ids)
+    assert [(one.identifier, one.data[:3]) for one in answers] == [(ids.response, b"\x02\x7e\x00")]

@@ -11,9 +11,10 @@ from tests.firmware_sim.ecu.independent_tester import ADDRESSED, IndependentTest
 pytest.importorskip("udsoncan")
 
 
-@pytest.mark.parametrize("frames", ["fd", "classic"])
-@pytest.mark.parametrize(("ids", "physical", "functional"), ADDRESSED, ids=["11 bits", "29 bits"])
-def test_independent_clients_reach_it(tmp_path, ids, physical, functional, frames):
+@pytest.mark.slow  # boots, and hundreds of control periods
+@pytest.mark.parametrize(("addressed", "frames"), [(ADDRESSED[0], "classic"), (ADDRESSED[1], "fd")])
+def test_independent_clients_reach_it(tmp_path, addressed, frames):
+    ids, physical, functional = addressed
     provision(tmp_path, image("one"))
     rig = Rig(tmp_path, Config(bus=BusConfig(frames=frames, diagnosis=ids)))
 

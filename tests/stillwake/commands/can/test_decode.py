@@ -70,6 +70,12 @@ def test_decode_prints_a_line_a_frame_and_a_summary_and_writes_a_row_a_signal(
         ("1700000000.008000", "130", "OK", 0.0, "m2/s"),
         ("1700000000.028000", "130", "OK", pytest.approx(0.1), "m2/s"),
     ]
+    sets = ("--set", "bus.diagnosis.xcp_command_id=0x18FEF100", "--set", "bus.diagnosis.xcp_response_id=0x18FEF101")
+    named = cli("can", "decode", tmp_path / "a.blf", *sets)
+    assert named.out.splitlines()[3] == "(1700000000.012000) 18FEF100 XCP command: 00 00 00 00 00 00 00 00"
+    taken = cli("can", "decode", tmp_path / "a.blf", "--set", "bus.diagnosis.request_id=0x130")
+    wanted = "error: bus.diagnosis.request_id = '0x130': must be another identifier than that of JetCommand in the DBC"
+    assert (taken.code, flat(taken.err)) == (1, wanted)
     assert "--overwrite" in cli("can", "decode", tmp_path / "a.blf", "--csv", tmp_path / "a.csv").err
 
 
