@@ -271,8 +271,6 @@ For ECU engineers with a tester or a calibration tool of their own: what an ECU 
 [the threat model](../explanation/threat-model.md) explains what the keys protect. `make generated` writes this page
 from `can_bridge/uds/` and `can_bridge/calibration/`.
 
-| identifier on the bus | carries |
-|---|---|
 {_timing()}
 
 ## Identifiers on the bus
@@ -293,8 +291,8 @@ diagnosis plan gives this ECU. Without a plan take two free ones of 11 bits outs
 control's, so that a tester's frames wait for pressures and commands and not the other way round; or of 29 bits the
 normal fixed ones of ISO 15765-2, made of the target's and the source's address: with 0x5A for this ECU and 0xF1
 for the tester, in a file for `--config`,"""),
-            '    [bus.diagnosis]\n    request_id = "0x18DA5AF1"\n    response_id = "0x18DAF15A"\n'
-            '    functional_id = "0x18DB33F1"',
+            '```toml\n[bus.diagnosis]\nrequest_id = "0x18DA5AF1"\nresponse_id = "0x18DAF15A"\n'
+            'functional_id = "0x18DB33F1"\n```',
             _wrapped("""Three digits are 11 bits, more are 29, also with zeros in front: 0x00000123 is another
 identifier than 0x123. `--set bus.diagnosis.request_id=0x18DA5AF1` means the same; a number without quotation
 marks has the digits that it needs. One that is taken twice, or by a message of the DBC, is refused, and so are two

@@ -99,7 +99,11 @@ def test_silence(call: Flash, flash: Flash, ecu: EcuToFlash, monkeypatch: pytest
     with monkeypatch.context() as patch:
         patch.setattr(asking, "P2_S", 0.01)
         patch.setattr("can_bridge.tester.sequence.THERE_S", 0.05)
-        ends(call(), 3, "see that it has power, runs with --slots, and that interface, channel and bus.frames")
+        ends(
+            call(),
+            3,
+            "see that it has power, runs with --slots, and that interface, channel, bus.frames and bus.diagnosis",
+        )
     monkeypatch.setattr(asking, "P2_S", 0.2)
     monkeypatch.setattr("can_bridge.tester.transport.FLOW_CONTROL_MS", 200)
     monkeypatch.setattr("can_bridge.tester.transfer.START_S", 0.2)

@@ -22,7 +22,6 @@ PLANTED: Final = (
     ("sw_isotp.c", "end->not_before_ns = now_ns + end->separation_ns;", "end->not_before_ns = now_ns;"),
     ("sw_isotp.c", "if (end->left_in_block == 0u) wait_for_flow(end, now_ns);", ""),
     ("sw_uds.c", "if (!uds->is_functional || !is_unsent(code)) send_negative", "send_negative"),
-    ("sw_uds.c", "uds->is_functional = 0;\n", "\n"),
     ("sw_isotp.c", "return frame->data[0] >> 4 == SINGLE ? single_of(frame, message) : 0u;",
      "return single_of(frame, message);"),
     ("sw_services.c", "if (is_last) return SW_UDS_DONE;", ""),
