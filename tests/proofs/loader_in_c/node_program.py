@@ -38,7 +38,7 @@ class Program:
         self.twins = Twins(of, first=rng.choice(("one", "one", "one", None)))
         self._of, self._trouble = of, trouble
         self._is_fd = of.config.bus.frames == "fd"
-        self._ids, self._to_all = of.config.bus.diagnosis, list[Frame]()
+        self._ids, self._to_all, self._to_all_rng = of.config.bus.diagnosis, list[Frame](), Random(f"{seed} to all")
         self._tester = Endpoint(
             replace(
                 isotp_settings(of.config.bus, is_tester=True),
@@ -95,7 +95,7 @@ class Program:
     def _ask(self, request: bytes) -> bytes | None:
         """The last answer to a request; some are not waited for."""
         self.requests, rng = self.requests + 1, self._rng
-        if self._ids.functional and len(request) < 8 and rng.random() < 0.2:
+        if self._ids.functional and len(request) < 8 and self._to_all_rng.random() < 0.1:
             self._to_all.append(self._frame(control_info.single(request), self._is_fd, self._ids.functional))
         else:
             self._tester.send(request[:4095])
@@ -158,7 +158,7 @@ class Program:
                 data[:8] = rng.choice((b"\x10\0\0\1\0\0\0\0", b"\x10\0\0\0\0\x40\0\0"))[: len(data)]
             number, is_extended = self._ids.request
             to = self._ids.request if rng.random() < 0.9 else CanId(rng.randrange(0x800), is_extended)
-            if self._ids.functional and rng.random() < 0.3:
+            if self._ids.functional and self._to_all_rng.random() < 0.3:
                 to = self._ids.functional
             if rng.random() < 0.02:
                 to = CanId(number & 0x7FF, not is_extended)

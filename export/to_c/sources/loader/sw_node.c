@@ -87,6 +87,7 @@ static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *fra
     uint8_t message[SW_FRAME_BYTES];
     uint32_t requests = 0;
     for (int i = 0; i < count; i++) {
+        if (!sw_isotp_is_request(&frames_in[i])) continue;
         const uint32_t functional = sw_isotp_functional(&frames_in[i], message);
         const uint32_t length = functional > 0u ? functional : sw_isotp_receive(&node->isotp, now_ns, &frames_in[i]);
         if (length == 0u || requests == SW_ISOTP_QUEUE) continue;
