@@ -293,10 +293,11 @@ normal fixed ones of ISO 15765-2, made of the target's and the source's address:
 for the tester, in a file for `--config`,"""),
             '```toml\n[bus.diagnosis]\nrequest_id = "0x18DA5AF1"\nresponse_id = "0x18DAF15A"\n'
             'functional_id = "0x18DB33F1"\n```',
-            _wrapped("""Three digits are 11 bits, more are 29, also with zeros in front: 0x00000123 is another
-identifier than 0x123. `--set bus.diagnosis.request_id=0x18DA5AF1` means the same; a number without quotation
-marks has the digits that it needs. One that is taken twice, or by a message of the DBC, is refused, and so are two
-lengths in one conversation. ECU and tester need the same settings: `ecu --slots`, `ecu board`, `export --c` (constants
+            _wrapped("""Three digits are 11 bits, eight are 29, as candump writes them: 0x00000123 is another
+identifier than 0x123, and 0x0123 is refused. `--set bus.diagnosis.request_id=0x18DA5AF1` means the same. A number
+without quotation marks has no zeros in front: it has 11 bits up to 0x7FF, and 29 from 0x1000 on. One that is
+taken twice, or by a message of the DBC, is refused, and so are two lengths in one conversation."""),
+            _wrapped("""ECU and tester need the same settings: `ecu --slots`, `ecu board`, `export --c` (constants
 of `sw_ecu_settings.h`), `flash`, `flash-keys`, `ecu info`, `calibrate` with its A2L, `diagnose` with its PDX, and the
 names in `can decode` and `can monitor`. XCP is not in the ECU in C. The DBC has the messages of the control alone, and
 its hash is in every release: what describes diagnosis to other tools is the PDX, and the A2L for XCP."""),

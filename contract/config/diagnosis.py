@@ -12,9 +12,9 @@ from contract.config.sources import ours, standard
 
 MOST_STANDARD: Final = 0x7FF
 MOST_EXTENDED: Final = 0x1FFF_FFFF
-_TEXT: Final = re.compile(r"0[xX]([0-9a-fA-F]{1,8})")
+_TEXT: Final = re.compile(r"0[xX]([0-9a-fA-F]{1,3}|[0-9a-fA-F]{8})")
 _SHORT: Final = 3
-"""Digits of an identifier of 11 bits, as candump writes it; one of 29 bits has eight there."""
+"""Digits of an identifier of 11 bits, as candump writes it; one of 29 bits has eight there, others are slips."""
 _NOTATION: Final = "0x and 3 hex digits (11 bits, up to 0x7FF), or 0x and 8 (29 bits, up to 0x1FFFFFFF)"
 _PAGE: Final = "reference/diagnosis.md#identifiers-on-the-bus"
 
@@ -30,11 +30,13 @@ class CanId(NamedTuple):
 
 
 def parse_id(value: int | str) -> CanId | None:
-    """The identifier in a setting, or None: of 11 bits with up to three digits, of 29 with more.
+    """The identifier in a setting, or None: of 11 bits with up to three digits, of 29 with eight.
 
-    A number has the digits that it needs.
+    A number has lost the zeros in front of it: one that needs more than three digits stands for eight.
     """
-    found = _TEXT.fullmatch(f"0x{value:03X}" if isinstance(value, int) and value >= 0 else str(value))
+    if isinstance(value, int):
+        value = f"0x{value:03X}" if value < 1 << 4 * _SHORT else f"0x{value:08X}"
+    found = _TEXT.fullmatch(value)
     if found is None:
         return None
     number, is_extended = int(found[1], 16), len(found[1]) > _SHORT
@@ -49,20 +51,20 @@ _ID_OR_NONE: Final = Rule(wording=f"empty, {_NOTATION}", holds=lambda value: val
 class DiagnosisConfig(
     Settings, section="bus.diagnosis", source=standard("ISO 15765-4", "the first ECU of legislated diagnosis")
 ):
-    """How a tester and a calibration tool reach the ECU. The text of an identifier with three digits has 11 bits, that
-    with eight digits 29: `0x7E0`, `0x18DA10F1`. Both ends of a conversation need the same settings."""
+    """The identifiers by which a tester and a calibration tool reach the ECU: `0x7E0`, with three digits, has 11 bits,
+    `0x18DA10F1`, with eight, has 29. Both ends of a conversation need the same settings."""
 
     request_id: Annotated[int | str, _ID] = "0x7E0"
-    """From the tester to this ECU alone (physical addressing)."""
+    """The tester's requests to this ECU alone (physical addressing)."""
     response_id: Annotated[int | str, _ID] = "0x7E8"
-    """From the ECU."""
+    """The ECU's answers."""
     functional_id: Annotated[int | str, _ID_OR_NONE, ours("others' testers get no answer", page=_PAGE)] = ""
-    """From the tester to every ECU (functional addressing), usually 0x7DF or 0x18DB33F1; nothing is heard under it
-    where there is none."""
+    """The tester's requests to every ECU (functional addressing), usually 0x7DF or 0x18DB33F1; none are heard
+    without it."""
     xcp_command_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D0"
-    """From the calibration tool."""
+    """The calibration tool's commands."""
     xcp_response_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D8"
-    """To the calibration tool."""
+    """The ECU's packets to the calibration tool."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

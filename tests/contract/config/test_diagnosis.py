@@ -15,15 +15,18 @@ FIXED = {"request_id": "0x18DA5AF1", "response_id": "0x18DAF15A", "functional_id
 
 
 def test_digits_tell_the_lengths_apart_on_the_command_line_and_in_a_file(tmp_path):
-    for text, expected in {
+    notations: dict[int | str, CanId] = {
         "0x7E1": CanId(0x7E1),
         "0X6a1": CanId(0x6A1),
         "0x1": CanId(1),
         "0x18da5af1": CanId(0x18DA5AF1, True),
         "0x00000120": CanId(0x120, True),
-        "0x0120": CanId(0x120, True),
+        "0x0CDA5AF1": CanId(0xCDA5AF1, True),
+        0xCDA5AF1: CanId(0xCDA5AF1, True),
+        0x07E0: CanId(0x7E0),
         "0x1FFFFFFF": CanId(0x1FFFFFFF, True),
-    }.items():
+    }
+    for text, expected in notations.items():
         assert parse_id(text) == expected
         assert parse_id(str(expected)) == expected
     path = tmp_path / "own.toml"
@@ -31,15 +34,9 @@ def test_digits_tell_the_lengths_apart_on_the_command_line_and_in_a_file(tmp_pat
         '[bus.diagnosis]\nrequest_id = 0x18DA5AF1\nresponse_id = "0x18daf15a"\nfunctional_id = 0x18DB33F1\n'
         "xcp_command_id = 0x6A0\nxcp_response_id = 1\n"
     )
-    found = load_config(path).bus.diagnosis
-    assert (
-        found
-        == load_config(
-            None,
-            [f"bus.diagnosis.{name}={value}" for name, value in FIXED.items()]
-            + ["bus.diagnosis.xcp_command_id=0x6a0", 'bus.diagnosis.xcp_response_id="0x001"'],
-        ).bus.diagnosis
-    )
+    given = {**FIXED, "xcp_command_id": "0x6a0", "xcp_response_id": '"0x001"'}
+    found = load_config(None, [f"bus.diagnosis.{name}={value}" for name, value in given.items()]).bus.diagnosis
+    assert load_config(path).bus.diagnosis == found
     assert found.heard == {CanId(0x18DA5AF1, True), CanId(0x18DB33F1, True), CanId(0x6A0)}
     assert (found.response, found.xcp_response) == (CanId(0x18DAF15A, True), CanId(1))
     path.write_text(as_toml(sections(load_config(path))))
@@ -50,8 +47,9 @@ def test_digits_tell_the_lengths_apart_on_the_command_line_and_in_a_file(tmp_pat
 
 def test_what_is_no_identifier_is_refused_in_one_line():
     notation = r"must be (empty, )?0x and 3 hex digits \(11 bits, up to 0x7FF\), or 0x and 8 \(29 bits"
-    wrong = ("7E1", "2017", "0x", "0x800", "0xFFF", "0x20000000", "0x018DA5AF1", "-0x1", "0x7G0", " 0x7E1", "0x7E1 ")
-    for value in (*wrong, 0x800, 0x20000000, -1, 10**30):
+    texts = ["7E1", "2017", "0x", "0x800", "0xFFF", "0x07E0", "0x18DA5AF", "0x20000000", "0x018DA5AF1", "-0x1", "0x7G0"]
+    values: list[int | str] = [*texts, " 0x7E1", "0x7E1 ", 0x800, 0x20000000, -1, 10**30]
+    for value in values:
         for name in ("request_id", "functional_id", "xcp_response_id"):
             with pytest.raises(ConfigError, match=rf"^bus\.diagnosis\.{name} = [^\n]+: {notation}[^\n]*$"):
                 DiagnosisConfig(**{name: value})
