@@ -1,7 +1,8 @@
-"""The pressures and commands in a recorded log: frames of our messages whose CRC is right, and counts of all others."""
+"""The pressures, commands and speeds in a recorded log: frames of our messages whose CRC is right, of one channel, and
+counts of all others."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -28,18 +29,22 @@ class LogFrames:
 
     Attributes:
         messages: the set that its pressures are of.
-        pressures, commands: those with a right CRC, in the order of the log; if it was asked, authentic and fresh ones.
-        damaged: frames of the two messages with a wrong CRC or length.
+        channel: that they are from, the only one with sound frames of ours; empty where the log has no channels.
+        pressures, commands, speeds: those with a right CRC, in the order of the log; if it was asked, authentic and
+            fresh ones.
+        damaged: frames of the three messages with a wrong CRC or length.
         forged: frames with a wrong authentication code, or an old freshness value.
-        foreign: all other frames.
+        others: frames that are none of them, by what they are, of all channels.
     """
 
     messages: MessageSet
+    channel: str
     pressures: tuple[CountedFrame, ...]
     commands: tuple[CountedFrame, ...]
+    speeds: tuple[CountedFrame, ...]
     damaged: int
     forged: int
-    foreign: int
+    others: Mapping[str, int]
 
 
 def frames_of(
@@ -51,7 +56,7 @@ def frames_of(
     back_s: float,
 ) -> LogFrames:
     """Sort a log's messages. Raises DatasetError if no pressure or no command has a right CRC, there are pressures of
-    two sets, or times go back.
+    two sets, frames of ours on two channels, or times go back.
 
     Args:
         messages: in the order of the log.
@@ -59,43 +64,24 @@ def frames_of(
         verify: of secured messages; without it, freshness and authentication codes are not looked at.
         back_s: time by which a message may be older than one in front of it.
     """
-    kept: dict[int, list[CountedFrame]] = {}
-    damaged, forged, seen = Counter[int](), Counter[int](), Counter[int]()
+    buses: dict[str, _Bus] = {}
+    others = Counter[str]()
     sets = SETS if only is None else (only,)
-    specs = {spec.frame_id: spec for one in sets for spec in (one.pressure.spec, one.command.spec)}
-    fresh: dict[int, int] = {}
-    latest = float("-inf")
+    specs = {spec.frame_id: spec for one in sets for spec in one.specs}
     for message in messages:
         if message.is_error_frame or message.is_remote_frame:
-            seen[-1] += 1
+            others["error frames" if message.is_error_frame else "remote frames"] += 1
             continue
-        # Extended identifiers are another node's, whatever their number.
-        frame_id = message.arbitration_id + (message.is_extended_id << 32)
-        seen[frame_id] += 1
-        spec = specs.get(frame_id)
-        if spec is None:
-            continue
-        data = bytes(message.data)
-        profile = profile_of(spec)
-        covered = data[: spec.protected]
-        if len(data) != spec.length or not profile.check(covered, data_id=spec.data_id):
-            damaged[frame_id] += 1
-            continue
-        if spec.is_secured and verify is not None:
-            freshness = verify(spec, data)
-            # The same value again is the same frame again, which its counter shows.
-            if freshness is None or freshness < fresh.get(frame_id, 0):
-                forged[frame_id] += 1
-                continue
-            fresh[frame_id] = freshness
-        if message.timestamp < latest - back_s:
-            raise DatasetError(
-                f"{path}: times go back from {latest:.6f} to {message.timestamp:.6f} s: two logs in one file, or "
-                f"a logger whose clock was set; cut it there"
-            )
-        latest = max(latest, message.timestamp)
-        frame = CountedFrame(time_s=message.timestamp, counter=profile.counter_of(covered), data=covered)
-        kept.setdefault(frame_id, []).append(frame)
+        channel = "" if message.channel is None else str(message.channel)
+        buses.setdefault(channel, _Bus()).add(message, specs, verify, back_s)
+    channel = _channel_of(path, buses, specs)
+    bus = buses.get(channel, _Bus())
+    if bus.goes_back is not None:
+        raise DatasetError(
+            f"{path}: times go back from {bus.goes_back[0]:.6f} to {bus.goes_back[1]:.6f} s: two logs in one file, or "
+            f"a logger whose clock was set; cut it there"
+        )
+    kept, damaged, forged, seen = bus.kept, bus.damaged, bus.forged, bus.seen
     present = [one for one in sets if one.pressure.spec.frame_id in kept]
     without = partial(_without, path, damaged, forged, seen)
     if not present:
@@ -108,15 +94,94 @@ def frames_of(
     pressure, command = present[0].pressure.spec, present[0].command.spec
     if command.frame_id not in kept:
         raise without("command", [command], "; without commands it is unknown what the jets did")
-    ids = (pressure.frame_id, command.frame_id)
+    ids = (pressure.frame_id, command.frame_id, present[0].speed.spec.frame_id)
+    others["of other messages"] = seen.total() - sum(seen[one] for one in ids)
+    others["on other channels"] = sum(other.seen.total() for name, other in buses.items() if name != channel)
     return LogFrames(
         messages=present[0],
+        channel=channel,
         pressures=tuple(kept[ids[0]]),
         commands=tuple(kept[ids[1]]),
+        speeds=tuple(kept.get(ids[2], ())),
         damaged=sum(damaged[one] for one in ids),
         forged=sum(forged[one] for one in ids),
-        foreign=sum(seen.values()) - sum(seen[one] for one in ids),
+        others=others,
     )
+
+
+class _Bus:
+    """What one channel carries, by identifier.
+
+    Attributes:
+        kept: frames with a right CRC, without those that are forged.
+        sound: how many have a right CRC.
+        damaged, forged, seen: as `LogFrames` has them; all data frames.
+        goes_back: times in s of a frame and of one behind it that is too old; None without such.
+    """
+
+    def __init__(self) -> None:
+        self.kept: dict[int, list[CountedFrame]] = {}
+        self.sound, self.damaged, self.forged, self.seen = (
+            Counter[int](),
+            Counter[int](),
+            Counter[int](),
+            Counter[int](),
+        )
+        self.goes_back: tuple[float, float] | None = None
+        self._fresh: dict[int, int] = {}
+        self._latest = float("-inf")
+
+    def add(
+        self,
+        message: can.Message,
+        specs: Mapping[int, MessageSpec],
+        verify: Verify | None,
+        back_s: float,
+    ) -> None:
+        """One more data frame."""
+        # Extended identifiers are another node's, whatever their number.
+        frame_id = message.arbitration_id + (message.is_extended_id << 32)
+        self.seen[frame_id] += 1
+        spec = specs.get(frame_id)
+        if spec is None:
+            return
+        data = bytes(message.data)
+        profile = profile_of(spec)
+        covered = data[: spec.protected]
+        if len(data) != spec.length or not profile.check(covered, data_id=spec.data_id):
+            self.damaged[frame_id] += 1
+            return
+        self.sound[frame_id] += 1
+        if spec.is_secured and verify is not None:
+            freshness = verify(spec, data)
+            # The same value again is the same frame again, which its counter shows.
+            if freshness is None or freshness < self._fresh.get(frame_id, 0):
+                self.forged[frame_id] += 1
+                return
+            self._fresh[frame_id] = freshness
+        if message.timestamp < self._latest - back_s:
+            self.goes_back = self.goes_back or (self._latest, message.timestamp)
+        self._latest = max(self._latest, message.timestamp)
+        frame = CountedFrame(time_s=message.timestamp, counter=profile.counter_of(covered), data=covered)
+        self.kept.setdefault(frame_id, []).append(frame)
+
+
+def _channel_of(path: Path, buses: Mapping[str, _Bus], specs: Mapping[int, MessageSpec]) -> str:
+    """The channel with frames of ours. A CRC is right by chance now and then: most of an identifier's frames must be
+    sound, where any channel has such."""
+    ours = {
+        name: [(specs[one].name, count) for one, count in sorted(bus.sound.items()) if count >= bus.damaged[one]]
+        for name, bus in buses.items()
+    }
+    found = [name for name, messages in ours.items() if messages] or [name for name, bus in buses.items() if bus.sound]
+    if len(found) > 1:
+        texts = (
+            f"{name} ({', '.join(f'{count} {message}' for message, count in ours[name])})" for name in sorted(found)
+        )
+        raise DatasetError(
+            f"{path}: holds frames of ours on the channels {' and '.join(texts)}; choose one with --channel"
+        )
+    return found[0] if found else next((name for name, bus in buses.items() if bus.damaged), next(iter(buses), ""))
 
 
 def _without(

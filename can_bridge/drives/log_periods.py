@@ -6,7 +6,7 @@ in which they came. A command for the next period is the action of the row after
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,6 +16,8 @@ from can_bridge.wire.message_sets import MessageSet
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import SENSORS, Mode
 from contract.arrays import Array
+from contract.config.operating_point import OperatingPoint
+from contract.config.vehicle import SpeedConfig
 
 _HELD: Final = (Mode.HOLD, Mode.DECAY, Mode.FAULT)
 """Modes whose commands do not answer the frame that they echo."""
@@ -28,16 +30,23 @@ class Scales:
     """From the wire's units to those of a data set.
 
     Attributes:
-        period_s: control period in s.
-        dynamic_pressure: rho U_inf^2 / 2 in Pa.
-        flow_rate: U_inf W in m2/s.
+        period: control period in W / U_inf.
+        point: W, U_inf and rho, where the log does not have them.
         action_limit: in U_inf W; a command beyond it by half a step of the wire is the limit, rounded.
+        given: settings of the operating point that were given, by their dotted names: the log must not contradict them.
+        believed: when the speed in a log is believed.
     """
 
-    period_s: float
-    dynamic_pressure: float
-    flow_rate: float
+    period: float
+    point: OperatingPoint
     action_limit: float
+    given: frozenset[str] = frozenset()
+    believed: SpeedConfig = field(default_factory=SpeedConfig)
+
+    @property
+    def period_s(self) -> float:
+        """The control period in s."""
+        return self.point.period_ns(self.period) * 1e-9
 
 
 class Samples(NamedTuple):
@@ -97,12 +106,11 @@ def table_of(
     pressure_pa: Array,
     commands: Sequence[CountedFrame],
     messages: MessageSet,
-    scales: Scales,
     clock: Clock,
     modulus: int,
 ) -> Array:
-    """Cp of the four sensors and the action, (n + 1, 5), one row a period from the one before the stretch's first frame
-    to its last; NaN where the log has nothing.
+    """The four pressures in Pa and the jets' flow in m2/s, (n + 1, 5), one row a period from the one before the
+    stretch's first frame to its last; NaN where the log has nothing.
 
     Args:
         pressure_pa: of the stretch's frames.
@@ -110,11 +118,11 @@ def table_of(
         modulus: of the pressures' counter.
     """
     table = np.full((int(stretch.index[-1]) + 2, SENSORS + 1), np.nan)
-    table[stretch.index + 1, :SENSORS] = pressure_pa / scales.dynamic_pressure
+    table[stretch.index + 1, :SENSORS] = pressure_pa
     action = table[:, SENSORS]
     parsed = [(one, frame.time_s) for frame in commands if (one := messages.command.parse(frame.data)) is not None]
     at = (np.array([time_s for _, time_s in parsed]) - clock.start_s) / clock.period_s
-    asked = _limited(np.array([one.flow_m2_per_s if one.enable else 0.0 for one, _ in parsed]), scales)
+    asked = np.array([one.flow_m2_per_s if one.enable else 0.0 for one, _ in parsed])
     later = np.array([one.next_period for one, _ in parsed], dtype=np.intp)
     answers = np.array([one.pressure_counter is not None and one.mode not in _HELD for one, _ in parsed], np.bool_)
     echoed = np.array([one.pressure_counter or 0 for one, _ in parsed], dtype=np.intp)
@@ -133,8 +141,15 @@ def table_of(
     return table
 
 
-def _limited(flow: Array, scales: Scales) -> Array:
-    action, limit = flow / scales.flow_rate, scales.action_limit
+def coefficients_of(table: Array, speed: Array | float, density: Array | float, scales: Scales) -> Array:
+    """Cp and actions, (n, 5), of pressures and flows at a speed of the vehicle in m/s and a density of the air in
+    kg/m3, (n,) each or one for all, as the ECU converts them."""
+    scale = np.empty_like(table)
+    scale[:, :SENSORS] = np.reshape(0.5 * np.asarray(density) * np.square(speed), (-1, 1))
+    scale[:, SENSORS] = np.multiply(speed, scales.point.width)
+    made = table / scale
     # Half a step of the wire, and as little more as a sum's rounding makes.
-    half = 0.5001 * FLOW_RESOLUTION_M2_PER_S / scales.flow_rate
-    return np.where(np.abs(action) <= limit + half, np.clip(action, -limit, limit), action)
+    action, limit = made[:, SENSORS], scales.action_limit
+    half = 0.5001 * FLOW_RESOLUTION_M2_PER_S / scale[:, SENSORS]
+    made[:, SENSORS] = np.where(np.abs(action) <= limit + half, np.clip(action, -limit, limit), action)
+    return made

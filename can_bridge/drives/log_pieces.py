@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from can_bridge.drives.log_periods import Clock
+from can_bridge.drives.vehicle_speed import Travel
 from can_bridge.wire.messages import SENSORS
 from contract.arrays import Array, Mask
 from contract.errors import DatasetError
@@ -23,7 +24,7 @@ class Piece:
     """One uninterrupted part of a drive.
 
     Attributes:
-        first_row: control periods from the log's first pressure to row 0.
+        first_row: control periods from the log's first pressure to row 0, in units of the data set's.
         time_s: of each row on the log's clock, (n,).
         Cp: (n, 4), in the message's order.
         action: commanded at each row, (n,).
@@ -149,6 +150,24 @@ class Cutter:
 
     def _at(self, clock: Clock, place: int) -> str:
         return f"at {max(0.0, clock.start_s + clock.period_s * (place - 1) - self._begin_s):.3f} s"
+
+
+def resampled(piece: Piece, travel: Travel, period: float) -> Piece:
+    """The piece with rows at equal ways travelled, `period` lengths of the body apart, as the ECU reads its window.
+
+    Pressures lie on straight lines between the rows. Jets move on straight lines, too: from the action before a row's
+    to the row's own until the next row (`contract.recording`).
+    """
+    way = travel.at(np.append(piece.time_s, 2 * piece.time_s[-1] - piece.time_s[-2]))
+    wanted = way[0] + period * np.arange(int((way[-2] - way[0]) / period + 1e-6) + 1)
+    reached = np.concatenate([[piece.initial_action], piece.action])
+    return Piece(
+        first_row=round(way[0] / period),
+        time_s=travel.time(wanted),
+        Cp=np.column_stack([np.interp(wanted, way[:-1], column) for column in piece.Cp.T]),
+        action=np.interp(wanted + period, way, reached),
+        initial_action=piece.initial_action,
+    )
 
 
 def _runs(mask: Mask, start: int) -> list[tuple[int, int]]:

@@ -2,10 +2,13 @@
 
 A short gap is filled on the straight line between its neighbours. A long one ends a piece: an episode of a data set is
 one uninterrupted recording. Whether a log may have more than one piece is the caller's choice.
+
+Where the log has the vehicle's speed, that makes the coefficients, row by row. Rows that are then not a control period
+apart, in lengths travelled, are read between the recorded ones, as the ECU reads its window.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -14,17 +17,27 @@ import numpy as np
 
 from can_bridge.drives.counted_frames import number, usual_interval, without_repeats
 from can_bridge.drives.log_frames import Verify, frames_of
-from can_bridge.drives.log_periods import Clock, Scales, clock_of, samples_of, table_of
-from can_bridge.drives.log_pieces import SHORTEST, Cutter, Piece
+from can_bridge.drives.log_periods import Clock, Scales, clock_of, coefficients_of, samples_of, table_of
+from can_bridge.drives.log_pieces import SHORTEST, Cutter, Piece, resampled
+from can_bridge.drives.vehicle_speed import Travel, VehicleSpeeds, vehicle_speeds
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.message_sets import MessageSet
+from contract.arrays import Array
+from contract.config.operating_point import OperatingPoint
 from contract.errors import DatasetError
 
 _OTHER_PERIOD: Final = 0.2
 """Share by which neighbouring frames may be nearer or further than a period at the median: jitter, no other period."""
 _DRIFT: Final = 1e-3
 """Share by which the sender's period may differ from the control period, as in a table with times
-(`contract.recording.findings`); quartz clocks differ by a tenth of it at most."""
+(`contract.recording.findings`); quartz clocks differ by a tenth of it at most. Rows that are further apart or nearer,
+in lengths travelled, are read between the recorded ones."""
+_OUTSIDE: Final = 0.05
+"""Share by which the control period may lie outside those of the speeds in the log."""
+_CONTRADICTS: Final = 0.01
+"""Share by which a setting may: the vehicle's own word has an error, too."""
+_STANDS: Final = 0.2
+"""Share of the control period: vehicles that get no further in a row have pressures as large as the wire's steps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +46,11 @@ class LogReport:
 
     Attributes:
         messages: name of the set of messages.
+        channel: that they are from; empty where the log has none.
+        speed: least, median and greatest speed of the vehicle in m/s, by its own frames; None without them.
+        without_speed: rows in which none was known, or the vehicle stood.
+        dynamic_pressure: in Pa at the median.
+        is_resampled: rows were read between those of the log, because the speed varies.
         frames: pressures and commands used.
         unused: frames that were not, by the reason in words.
         lost: rows without a pressure frame, and rows without a command; known by the counters.
@@ -45,6 +63,11 @@ class LogReport:
     """
 
     messages: str
+    channel: str
+    speed: tuple[float, float, float] | None
+    without_speed: int
+    dynamic_pressure: float
+    is_resampled: bool
     frames: tuple[int, int]
     unused: Mapping[str, int]
     lost: tuple[int, int]
@@ -58,10 +81,12 @@ class LogReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogSeries:
-    """A log's pieces in the order of time, the time of its first row on the log's clock, and the report."""
+    """A log's pieces in the order of time, the time of its first row on the log's clock, the way travelled since then,
+    and the report."""
 
     pieces: tuple[Piece, ...]
     start_s: float
+    travel: Travel
     period_s: float
     report: LogReport
 
@@ -93,27 +118,46 @@ def series_of(
     modulus, command_modulus = (
         profile_of(one.spec).counter_period for one in (log.messages.pressure, log.messages.command)
     )
-    _check_period(path, usual_interval(log.pressures, modulus), scales)
-    stretches, repeated, misplaced = number(log.pressures, period_s=scales.period_s, modulus=modulus)
-    samples = [samples_of(one, log.messages, scales.period_s) for one in stretches]
+    speeds = vehicle_speeds(log.speeds, log.messages, scales.believed)
+    interval_s = usual_interval(log.pressures, modulus)
+    if interval_s is None:
+        raise DatasetError(f"{path}: no two of its pressures follow each other: every other frame is missing")
+    if speeds is None:
+        nominal_s, point = scales.period_s, scales.point
+        _check_period(path, interval_s, scales)
+    else:
+        # The sender's period is a round number of 0.1 ms, but for what clocks differ.
+        nominal_s = round(interval_s, 4) or interval_s
+        nominal_s = nominal_s if abs(interval_s / nominal_s - 1.0) <= _DRIFT else interval_s
+        point = _point_of(path, speeds, nominal_s, scales)
+    stretches, repeated, misplaced = number(log.pressures, period_s=nominal_s, modulus=modulus)
+    samples = [samples_of(one, log.messages, nominal_s) for one in stretches]
     # The sender's period on the log's clock, by the longest stretch; the control period where that is too short.
-    period_s = scales.period_s
+    period_s = nominal_s
     longest = max(range(len(stretches)), key=lambda i: len(stretches[i]))
     if len(stretches[longest]) >= SHORTEST:
         clock = clock_of(stretches[longest], samples[longest].sampled_s)
-        _check_drift(path, clock, len(stretches[longest]), scales)
+        if speeds is None:
+            _check_drift(path, clock, len(stretches[longest]), scales)
         period_s = clock.period_s
     clocks = [clock_of(a, b.sampled_s, period_s) for a, b in zip(stretches, samples, strict=True)]
-    commands = without_repeats(log.commands, command_modulus * scales.period_s / 2)
+    pace, start_s = period_s / nominal_s, clocks[0].start_s
+    travel = Travel.steady(start_s, point.convective_time * pace)
+    if speeds is not None:
+        travel = speeds.travel(point.width, start_s, pace)
+    commands = without_repeats(log.commands, command_modulus * nominal_s / 2)
     begins = [stretch.frames[0].time_s for stretch in stretches]
     cutter = Cutter(path, fill, split, sensors, begins[0], period_s)
-    lost = [0, 0]
+    lost, without_speed = [0, 0], 0
     for i, (stretch, clock) in enumerate(zip(stretches, clocks, strict=True)):
         until = begins[i + 1] if i + 1 < len(begins) else np.inf
         here = [one for one in commands if begins[i] - period_s <= one.time_s < until]
-        table = table_of(stretch, samples[i].pressure_pa, here, log.messages, scales, clock, modulus)
+        table = table_of(stretch, samples[i].pressure_pa, here, log.messages, clock, modulus)
         lost[0] += len(table) - 1 - len(stretch)
         lost[1] += int(np.isnan(table[1:, -1]).sum())
+        speed, density = _air(speeds, clock, len(table), nominal_s, replace(scales, point=point))
+        without_speed += int(np.isnan(speed[1:]).sum())
+        table = coefficients_of(table, speed, density, scales)
         if i > 0:
             cutter.restart(stretches[i - 1].frames[-1].time_s, begins[i])
         cutter.add(table, clock)
@@ -124,31 +168,79 @@ def series_of(
             f"{len(log.pressures)} pressures and {len(log.commands)} commands"
             + (f", and {', '.join(dead)} valid in none" if dead else "")
         )
+    pieces, is_resampled = cutter.pieces, False
+    if speeds is not None:
+        steps = np.concatenate([np.diff(travel.at(piece.time_s)) for piece in pieces])
+        if is_resampled := bool(np.abs(steps / scales.period - 1.0).max() > _DRIFT):
+            pieces = [resampled(piece, travel, scales.period) for piece in pieces]
     unused = {
         "damaged": log.damaged,
         "not authentic": log.forged,
         "repeated": repeated + len(log.commands) - len(commands),
         "out of sequence": misplaced,
-        "of other messages": log.foreign,
+        **log.others,
     }
     report = LogReport(
         messages=log.messages.name,
+        channel=log.channel,
+        speed=None if speeds is None else (speeds.speed.min(), float(np.median(speeds.speed)), speeds.speed.max()),
+        without_speed=without_speed,
+        dynamic_pressure=point.dynamic_pressure,
+        is_resampled=is_resampled,
         frames=(sum(map(len, stretches)), len(commands)),
         unused={reason: count for reason, count in unused.items() if count},
         lost=(lost[0], lost[1]),
         filled=(cutter.filled[0], cutter.filled[1]),
         stale=sum(one.stale for one in samples),
-        drift=period_s / scales.period_s - 1.0,
+        drift=pace - 1.0,
         jitter_s=max(clock.jitter_s for clock in clocks),
         gaps=tuple(cutter.lines),
         checked=(verify is not None) if log.messages.pressure.spec.is_secured else None,
     )
-    return LogSeries(pieces=tuple(cutter.pieces), start_s=clocks[0].start_s, period_s=period_s, report=report)
+    return LogSeries(pieces=tuple(pieces), start_s=start_s, travel=travel, period_s=period_s, report=report)
 
 
-def _check_period(path: Path, interval_s: float | None, scales: Scales) -> None:
-    if interval_s is None:
-        raise DatasetError(f"{path}: no two of its pressures follow each other: every other frame is missing")
+def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales) -> OperatingPoint:
+    """The operating point by the log's median speed and density. Raises DatasetError where a setting that was given is
+    another one, or the control period is of no speed in the log."""
+    median, known = float(np.median(speeds.speed)), speeds.density[np.isfinite(speeds.density)]
+    words = {"speed": (speeds.speed, "m/s"), "density": (known, "kg/m3")}
+    for name, (values, unit) in words.items():
+        setting = float(getattr(scales.point, name))
+        if f"operating_point.{name}" not in scales.given or not len(values):
+            continue
+        if not values.min() * (1 - _CONTRADICTS) <= setting <= values.max() * (1 + _CONTRADICTS):
+            raise DatasetError(
+                f"{path}: operating_point.{name} = {setting:g} {unit}, its VehicleSpeed frames say "
+                f"{float(np.median(values)):g} {unit}: leave the setting out, the log's own makes Cp"
+            )
+    point = replace(scales.point, speed=median, density=float(np.median(known)) if len(known) else scales.point.density)
+    step = period_s / point.width
+    slow, usual, fast = speeds.speed.min() * step, median * step, speeds.speed.max() * step
+    if not slow * (1 - _OUTSIDE) <= scales.period <= fast * (1 + _OUTSIDE):
+        raise DatasetError(
+            f"{path}: its pressures are {period_s * 1e3:.4g} ms apart, which at the {median:g} m/s of its VehicleSpeed "
+            f"frames is a control period of {usual:.4g} W / U_inf, and --period is {scales.period:g} (at the "
+            f"{scales.point.speed:g} m/s of operating_point.speed it would be "
+            f"{period_s / scales.point.convective_time:.4g}): give --period {usual:.4g}"
+        )
+    return point
+
+
+def _air(
+    speeds: VehicleSpeeds | None, clock: Clock, rows: int, nominal_s: float, scales: Scales
+) -> tuple[Array, Array]:
+    """Speed and density at the rows of a table, the first of which is before the stretch; a speed is NaN where none is
+    known, or the vehicle stands."""
+    point = scales.point
+    if speeds is None:
+        return np.full(rows, point.speed), np.full(rows, point.density)
+    speed, density = speeds.at(clock.start_s + clock.period_s * (np.arange(rows, dtype=np.float64) - 1.0))
+    moves = speed * nominal_s / point.width >= _STANDS * scales.period
+    return np.where(moves, speed, np.nan), np.where(np.isnan(density), point.density, density)
+
+
+def _check_period(path: Path, interval_s: float, scales: Scales) -> None:
     if abs(interval_s / scales.period_s - 1.0) > _OTHER_PERIOD:
         raise DatasetError(
             f"{path}: its pressures are {interval_s * 1e3:.4g} ms apart, the control period is "

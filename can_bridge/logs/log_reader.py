@@ -1,114 +1,154 @@
-"""Recorded CAN traffic, whatever wrote it: candump (.log), Vector ASC and BLF, PEAK TRC.
+"""Recorded CAN traffic, whatever wrote it: candump, Vector ASC and BLF, PEAK TRC, ASAM MDF, python-can's tables.
 
-python-can reads the files; what it would pass over in silence is an error here: a file that was cut off, and a frame
-with fewer bytes than its length. Times are those of the file: since the epoch, but of an ASC since its beginning.
+Every line, or object, is a message, an event that is counted by its name, or the end of the reading with its number:
+the counts add up to the lines. Times are those of the file: since the epoch, but of an ASC since its beginning.
 """
 
-import re
-import struct
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack
+from datetime import UTC, datetime, tzinfo
+from gzip import GzipFile
 from pathlib import Path
 from typing import Final
 
 import can
-from can.util import dlc2len
 
+from can_bridge.logs.asc_log import read_asc
+from can_bridge.logs.blf_log import Objects
+from can_bridge.logs.candump_log import read_candump
+from can_bridge.logs.entries import Binary, Entry, Event, Lines
+from can_bridge.logs.mdf_log import Records
+from can_bridge.logs.table_log import COLUMNS, Rows, read_csv
+from can_bridge.logs.trc_log import read_trc
 from contract.errors import BusError
 
-SUFFIXES: Final = (".log", ".asc", ".blf", ".trc")
+SUFFIXES: Final = (".log", ".asc", ".blf", ".trc", ".mf4", ".csv", ".db")
+PACKED: Final = ".gz"
+_UNPACKED: Final = (".mf4", ".db")
+"""Read by libraries that need the file itself."""
 
 GREATEST_TIME_S: Final = 2**63 / 1e9
 """What 64 bits of nanoseconds hold: 292 years on both sides of the epoch."""
 
-_BLF_SIZE: Final = struct.Struct("<4s 12x Q")
-"""Signature, and the file's size at byte 16: what python-can and Vector's binlog write when they close it."""
-_ASC_BEGIN: Final = b"begin triggerblock"
-_ASC_END: Final = b"end triggerblock"
-_HEAD: Final = 4096
-"""Bytes of an ASC in which a trigger block that spans it begins."""
-_WIDE_ID: Final = re.compile(rb"\s([0-9A-Fa-f]{9,})#")
-"""In a candump; python-can cuts it to 29 bits, or takes it for an error frame."""
+
+def suffix_of(path: Path) -> str:
+    """The ending that tells a log's format: the one before .gz, in small letters."""
+    name = path.name.lower()
+    return Path(name.removesuffix(PACKED)).suffix
+
+
+def stem_of(path: Path) -> str:
+    """The file's name without its endings."""
+    return Path(path.stem).stem if path.suffix.lower() == PACKED else path.stem
+
+
+def is_log(path: Path) -> bool:
+    """Whether this is a log, by its name; a CSV by its first line, which python-can's logger writes always alike."""
+    suffix = suffix_of(path)
+    if suffix != ".csv" or path.suffix.lower() == PACKED:
+        return suffix in SUFFIXES
+    try:
+        with path.open("rb") as file:
+            return file.read(len(COLUMNS)) == COLUMNS.encode()
+    except OSError:
+        return False
 
 
 def check_suffix(path: Path) -> None:
-    """Refuse what no reader or writer knows by its name. Raises BusError for another ending."""
-    if path.suffix.lower() not in SUFFIXES:
+    """Refuse what no reader knows by its name. Raises BusError for another ending."""
+    if suffix_of(path) not in SUFFIXES:
         raise BusError(
-            f"{path}: a log must end in {', '.join(SUFFIXES)}; `python -m can.logconvert` makes one of another format"
+            f"{path}: a log must end in {', '.join(SUFFIXES)}, or one of them and {PACKED}; "
+            f"`python -m can.logconvert` makes one of another format"
         )
+    if path.suffix.lower() == PACKED and suffix_of(path) in _UNPACKED:
+        raise BusError(f"{path}: unpack it first (gunzip): {suffix_of(path)} is not read packed")
 
 
-def read_messages(path: Path) -> Iterator[can.Message]:
-    """The messages of a log in the order of the file, as python-can reads them; timestamps in s. Raises BusError naming
-    the file, if it is not there, of another kind, or damaged, after what could be read."""
-    check_suffix(path)
-    if not path.is_file():
-        raise BusError(f"{path}: {'is a directory, must be a log' if path.is_dir() else 'there is no such file'}")
-    before: can.Message | None = None
-    try:
-        cut_off = _is_cut_off(path)
-        with can.LogReader(path) as reader:
-            for number, message in enumerate(reader, 1):
-                if path.suffix.lower() == ".trc" and message.is_fd and message.error_state_indicator:
-                    # It takes PEAK's types FE (error state) and BI (with bit-rate switch, too) for each other.
-                    message.bitrate_switch = not message.bitrate_switch
-                if before is not None:
-                    yield before
-                before = _sound(message, number)
-    except Exception as error:
-        raise BusError(f"{path}: cannot be read as a CAN log ({error or type(error).__name__})") from error
-    if cut_off:
-        # The last frame may be a part of one that was longer.
-        raise BusError(f"{path}: is cut off: {cut_off}")
-    if before is not None:
-        yield before
+class Log:
+    """A log, to be read once, from its first message to its last. Timestamps are in s, channels as the file has them.
 
+    Attributes:
+        events: what was no message so far, by its name.
+        messages: how many were; with the events, as many as lines that hold anything.
+        channels: messages of each channel; an empty name where the format has none.
+        is_local: its times are since the epoch, of a start in local time; without its zone taken for UTC.
+    """
 
-def _sound(message: can.Message, number: int) -> can.Message:
-    """The message, with what python-can's readers get wrong put right. Raises ValueError for missing bytes, or a time
-    that is none."""
-    if not abs(message.timestamp) <= GREATEST_TIME_S:
-        raise ValueError(f"frame {number}: time {message.timestamp} s, must be within {GREATEST_TIME_S:g} s")
-    if message.is_error_frame:
-        return message
-    if message.is_fd and message.is_remote_frame:
-        # CAN FD has no remote frames: so its ASC reader takes a frame without data.
-        message.is_remote_frame, message.dlc = False, 0
-    if message.is_fd and message.dlc != len(message.data) and message.dlc < 16:
-        # Its TRC reader leaves the length code where the length belongs.
-        message.dlc = dlc2len(message.dlc)
-    if not message.is_remote_frame and message.dlc != len(message.data):
-        raise ValueError(f"frame {number}: {message.dlc} bytes announced, {len(message.data)} there")
-    return message
+    def __init__(self, path: Path, *, zone: tzinfo | None = None, channels: Collection[str] = ()) -> None:
+        """Raises BusError for a file that is not there, or of a kind that is not read.
 
+        Args:
+            zone: of starts that a file has in local time.
+            channels: to read; without any, all of them.
+        """
+        check_suffix(path)
+        if not path.is_file():
+            raise BusError(f"{path}: {'is a directory, must be a log' if path.is_dir() else 'there is no such file'}")
+        self.path = path
+        self.events = Counter[str]()
+        self.channels = Counter[str]()
+        self.messages = 0
+        self.is_local = False
+        self._zone, self._only = zone, frozenset(channels)
 
-def _is_cut_off(path: Path) -> str:
-    """How one sees that the end is missing; empty if nothing shows it."""
-    match path.suffix.lower():
-        case ".blf":
-            with path.open("rb") as file:
-                _, announced = _BLF_SIZE.unpack(file.read(_BLF_SIZE.size))
-            there = path.stat().st_size
-            return f"{announced} bytes announced, {there} there" if announced > there else ""
-        case ".asc":
-            with path.open("rb") as file:
-                head = file.read(_HEAD).lower()
-            return "it has no End TriggerBlock" if _ASC_BEGIN in head and _ASC_END not in _tail(path).lower() else ""
-        case ".log" | ".trc":
-            _check_identifiers(path)
-            tail = _tail(path)
-            return "its last line has no end" if tail and not tail.endswith(b"\n") else ""
-    return ""
+    def __iter__(self) -> Iterator[can.Message]:
+        """The messages in the order of the file. Raises BusError naming the file, if it is damaged or a line of it is
+        neither message nor event, after what could be read."""
+        with ExitStack() as stack:
+            try:
+                source, entries = self._opened(stack)
+                for entry in entries:
+                    if isinstance(entry, Event):
+                        self.events[entry.name] += entry.lines
+                        continue
+                    self.messages += 1
+                    channel = str(entry.channel)
+                    self.channels[channel] += 1
+                    if not abs(entry.timestamp) <= GREATEST_TIME_S:
+                        raise ValueError(
+                            f"frame {self.messages}: time {entry.timestamp} s, must be within {GREATEST_TIME_S:g} s"
+                        )
+                    if not self._only or channel in self._only:
+                        yield entry
+                if self.messages + sum(self.events.values()) != source.count:
+                    read = f"{self.messages} messages and {self.events.total()} others"
+                    raise ValueError(f"of {source.count} lines {read} were read")
+            except BusError:
+                raise
+            except Exception as error:
+                raise BusError(f"{self.path}: cannot be read as a CAN log ({error or type(error).__name__})") from error
+        if self._only and not self._only & set(self.channels):
+            names = ", ".join(name or "one without a name" for name in sorted(self.channels)) or "none"
+            raise BusError(f"{self.path}: --channel {', '.join(sorted(self._only))}: it has {names}")
 
+    def _opened(self, stack: ExitStack) -> tuple[Lines | Objects | Rows | Records, Iterator[Entry]]:
+        """What counts its lines, and what they hold."""
+        suffix = suffix_of(self.path)
+        if suffix == ".mf4":
+            records = Records(self.path)
+            return records, records.read(self._since_epoch)
+        if suffix == ".db":
+            rows = Rows(self.path)
+            return rows, rows.read()
+        if self.path.suffix.lower() == PACKED:
+            file: Binary = stack.enter_context(GzipFile(self.path))
+        else:
+            file = stack.enter_context(self.path.open("rb"))
+        if suffix == ".blf":
+            objects = Objects(file)
+            return objects, objects.read(self._since_epoch)
+        lines = Lines(file)
+        match suffix:
+            case ".asc":
+                return lines, read_asc(lines)
+            case ".trc":
+                return lines, read_trc(lines, self._since_epoch)
+            case ".csv":
+                return lines, read_csv(lines)
+        return lines, read_candump(lines, self._since_epoch)
 
-def _check_identifiers(path: Path) -> None:
-    with path.open("rb") as file:
-        for number, line in enumerate(file, 1):
-            if wide := _WIDE_ID.search(line):
-                raise ValueError(f"line {number}: identifier {wide[1].decode()}, must have at most 8 digits")
-
-
-def _tail(path: Path) -> bytes:
-    with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - _HEAD))
-        return file.read()
+    def _since_epoch(self, start: datetime) -> float:
+        self.is_local = True
+        return start.replace(tzinfo=self._zone or UTC).timestamp()

@@ -50,6 +50,7 @@ class Traffic:
     Attributes:
         latest: its newest frame.
         decoded: the content of that; None of a message that is not ours.
+        channel: of the log that the frames are from; empty on a bus.
         first_ns: time of the first frame.
         recent_ns: times of the newest, oldest first, at most RATE_OVER + 1.
         check: of the newest, against the ones before it; None without end-to-end protection, or if its MAC was refused.
@@ -63,7 +64,7 @@ class Traffic:
     latest: Frame
     decoded: Decoded | None
 
-    def __init__(self, e2e: E2eConfig, key: Key | None = None, *, carries: str = "") -> None:
+    def __init__(self, e2e: E2eConfig, key: Key | None = None, channel: str = "", *, carries: str = "") -> None:
         """Without a frame yet.
 
         Args:
@@ -71,7 +72,7 @@ class Traffic:
             key: of secured messages; without it their authentication is not checked.
             carries: what other frames of this identifier are, for people.
         """
-        self._e2e, self._key, self._carries = e2e, key, carries
+        self._e2e, self._key, self.channel, self._carries = e2e, key, channel, carries
         self.count = self.first_ns = self.lost = 0
         self.recent_ns = deque[int](maxlen=RATE_OVER + 1)
         self.check: Check | None = None
@@ -79,12 +80,13 @@ class Traffic:
         self.receiver = ReceiverState()
         self.verifier = VerifierState()
 
-    def add(self, frame: Frame) -> None:
-        """One more frame of the message, stamped with the time it came."""
+    def add(self, frame: Frame, time_ns: int | None = None) -> None:
+        """One more frame of the message, with the time it came: its own stamp, or a log's, which may lie before 0."""
+        time_ns = frame.timestamp_ns if time_ns is None else time_ns
         self.latest, self.decoded = frame, decode(frame)
-        self.first_ns = self.first_ns if self.count else frame.timestamp_ns
+        self.first_ns = self.first_ns if self.count else time_ns
         self.count += 1
-        self.recent_ns.append(frame.timestamp_ns)
+        self.recent_ns.append(time_ns)
         self.check = self.mac = None
         if self.decoded is None:
             return

@@ -3,6 +3,8 @@
 A node needs `can_bridge.bus.backends.python_can`, which lets nothing through but sound data frames that it asked for.
 """
 
+from copy import copy
+
 import can
 
 from can_bridge.bus import conversion
@@ -41,7 +43,11 @@ def open_bus(config: BusConfig) -> RawBus:
 
 
 def frame_of(message: can.Message) -> Frame | None:
-    """The frame in a message, its identifier of either length; None for remote, error and unsound frames."""
+    """The frame in a message, its identifier of either length; None for remote, error and unsound frames. A time before
+    0, as logs have them before a trigger, becomes 0."""
+    if message.timestamp < 0.0:
+        message = copy(message)
+        message.timestamp = 0.0
     frame = conversion.frame_of(message)
     return frame if isinstance(frame, Frame) else None
 

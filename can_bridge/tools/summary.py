@@ -1,10 +1,12 @@
 """The traffic of a log or a bus, message by message: what `stillwake can decode` and `can monitor` show."""
 
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 import can
 
+from can_bridge.logs.entries import error_class
 from can_bridge.secoc.key import Key
 from can_bridge.tools.observed_traffic import Mac, Traffic
 from can_bridge.tools.raw_bus import frame_of, id_text
@@ -28,23 +30,24 @@ class Summary:
             nominal rate throughout.
         key: of secured messages; without it their authentication is not checked.
         most: messages that are kept; of more identifiers only the frames are counted, as `unlisted`.
-        messages: by (extended, identifier).
-        remote, errors, unsound: frames that carry no data, and such as no wire carries.
+        messages: by (channel, extended, identifier): counters of two buses have nothing to do with each other.
+        errors: error frames, by what they report.
+        remote, unsound: frames that carry no data, and such as no wire carries.
         first_s, last_s: earliest and latest time of a frame of any kind, wherever it stands; None without one.
-        busy_ns: how long the data frames occupied the bus, their stuff bits counted, intermissions included.
+        busy_ns: how long the data frames occupied each bus, their stuff bits counted, intermissions included.
     """
 
     config: BusConfig
     key: Key | None = field(default=None, repr=False)
     most: int | None = None
-    messages: dict[tuple[bool, int], Traffic] = field(default_factory=dict)
+    messages: dict[tuple[str, bool, int], Traffic] = field(default_factory=dict)
+    errors: Counter[str] = field(default_factory=Counter)
     unlisted: int = 0
     remote: int = 0
-    errors: int = 0
     unsound: int = 0
     first_s: float | None = None
     last_s: float | None = None
-    busy_ns: int = 0
+    busy_ns: Counter[str] = field(default_factory=Counter)
 
     @property
     def frames(self) -> int:
@@ -72,22 +75,30 @@ class Summary:
         return 0.0 if self.first_s is None or self.last_s is None else self.last_s - self.first_s
 
     @property
+    def loads(self) -> dict[str, float]:
+        """Share of the time that data frames occupied each bus, by its channel; nothing where all have one time."""
+        return {name: ns / 1e9 / self.span_s for name, ns in sorted(self.busy_ns.items())} if self.span_s > 0 else {}
+
+    @property
     def load(self) -> float | None:
-        """Share of the time that data frames occupied the bus; None where all have one time."""
-        return self.busy_ns / 1e9 / self.span_s if self.span_s > 0 else None
+        """The same of the busiest; None where all frames have one time."""
+        return max(self.loads.values(), default=None)
 
     def figures(self) -> dict[str, Any]:
         """For `--json`: rates in 1/s, times in s."""
         return {
             "frames": self.frames,
             "remote_frames": self.remote,
-            "error_frames": self.errors,
+            "error_frames": self.errors.total(),
+            "error_classes": dict(self.errors),
             "unsound_frames": self.unsound,
             "first_s": self.first_s,
             "last_s": self.last_s,
             "bus_load": self.load,
+            "bus_loads": self.loads,
             "messages": [
                 {
+                    "channel": one.channel or None,
                     "id": id_text(one.latest),
                     "message": one.name or None,
                     "frames": one.count,
@@ -109,37 +120,40 @@ class Summary:
         self.last_s = time_s if self.last_s is None else max(time_s, self.last_s)
         frame = frame_of(message)
         if frame is None:
-            self.errors += message.is_error_frame
+            if message.is_error_frame:
+                self.errors[error_class(message)] += 1
             self.remote += message.is_remote_frame and not message.is_error_frame
             self.unsound += not (message.is_error_frame or message.is_remote_frame)
             return None
-        self.busy_ns += frame_ns(
+        channel = "" if message.channel is None else str(message.channel)
+        self.busy_ns[channel] += frame_ns(
             frame,
             nominal_bitrate=self.config.nominal_bitrate,
             data_bitrate=self.config.data_bitrate if message.bitrate_switch else self.config.nominal_bitrate,
         )
-        place = (frame.is_extended, frame.frame_id)
+        place = (channel, frame.is_extended, frame.frame_id)
         if place not in self.messages and len(self.messages) == self.most:
             self.unlisted += 1
             return None
         traffic = self.messages.get(place)
         if traffic is None:
             carries = self.config.diagnosis.names.get(frame.identifier, "")
-            traffic = self.messages[place] = Traffic(self.config.e2e, self.key, carries=carries)
-        traffic.add(frame)
+            traffic = self.messages[place] = Traffic(self.config.e2e, self.key, channel, carries=carries)
+        traffic.add(frame, round(time_s * 1e9))
         return traffic
 
 
 def rows(summary: Summary, *, matching: str = "") -> list[tuple[Traffic, list[Cell]]]:
-    """The messages with their signals, ordered by identifier; of one that is not known, or not readable, its bytes.
+    """The messages with their signals, ordered by channel and identifier; of one that is not known, or not readable,
+    its bytes.
 
     Args:
-        matching: words that message, identifier or signal must contain, all of them; case does not count.
+        matching: words that message, identifier, channel or signal must contain, all of them; case does not count.
     """
     words = matching.lower().split()
     shown = []
     for _, traffic in sorted(summary.messages.items()):
-        head = f"{traffic.name or 'unknown'} {id_text(traffic.latest)}"
+        head = f"{traffic.name or 'unknown'} {id_text(traffic.latest)} {traffic.channel}"
         cells = [one for one in _cells(traffic) if all(word in f"{head} {one[0]}".lower() for word in words)]
         if cells:
             shown.append((traffic, cells))

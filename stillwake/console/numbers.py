@@ -1,6 +1,7 @@
-"""Numbers as options take them: those that no later step could use are refused by the option's name."""
+"""Numbers as options take them: what no later step could use is refused by the option's name. And counts in words."""
 
 import os
+from collections.abc import Mapping
 from math import isfinite
 from typing import Final
 
@@ -25,6 +26,11 @@ def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> 
         plural = "period" if least == 1 else "periods"
         raise ConfigError(f"{option} {duration:g}: must be at least {least * period:g} t_c, {least} control {plural}")
     return steps
+
+
+def listed(counts: Mapping[str, int]) -> str:
+    """Counts in one line, the largest first; those of 0 are left out."""
+    return ", ".join(f"{name} {count}" for name, count in sorted(counts.items(), key=lambda one: -one[1]) if count)
 
 
 def cores() -> int:

@@ -79,9 +79,9 @@ class TimeSeries:
             )
         return np.asarray(np.interp(times, self.t, self.values))
 
-    def shifted(self, *, scale: float, origin: float) -> "TimeSeries":
-        """The same with times multiplied by `scale` and then counted from `origin`."""
-        return TimeSeries(path=self.path, name=self.name, t=self.t * scale + origin, values=self.values)
+    def at_times(self, t: Array) -> "TimeSeries":
+        """The same with other times of its rows, (n,)."""
+        return TimeSeries(path=self.path, name=self.name, t=t, values=self.values)
 
 
 @dataclass(frozen=True, kw_only=True)

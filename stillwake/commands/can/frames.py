@@ -15,8 +15,9 @@ from rich.table import Table
 from contract.atomic import replacing
 from contract.errors import BusError, ConfigError
 from contract.results import versions
-from stillwake.commands.can.options import BUS, UNCHECKED, key_of, positive
+from stillwake.commands.can.options import BUS, UNCHECKED, Channel, key_of, positive
 from stillwake.console.bus_option import BusName, with_bus
+from stillwake.console.numbers import listed
 from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
 from stillwake.console.progress import now_and_then
 from stillwake.console.settings import DIAGNOSIS, settings
@@ -26,6 +27,7 @@ from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console,
 if TYPE_CHECKING:
     import can
 
+    from can_bridge.logs.log_reader import Log
     from can_bridge.tools.observed_traffic import Traffic
     from can_bridge.tools.summary import Summary
     from contract.config.vehicle import BusConfig
@@ -132,11 +134,15 @@ def _frames(
 
 
 def decode(
-    file: Annotated[Path, typer.Argument(help="Log: .log (candump), .asc, .blf or .trc.", show_default=False)],
+    file: Annotated[
+        Path,
+        typer.Argument(help="Log: .log (candump), .asc, .blf, .trc, .mf4, .csv or .db, or packed.", show_default=False),
+    ],
     summary: Annotated[bool, typer.Option("--summary", help="The tables at the end alone.")] = False,
     csv_file: Annotated[
         Path | None, typer.Option("--csv", help="Also write a row for every signal here.", metavar="FILE")
     ] = None,
+    channel: Channel = None,
     overwrite: Overwrite = False,
     json_file: JsonFile = None,
     config_file: ConfigFile = None,
@@ -145,18 +151,19 @@ def decode(
     """Print a recorded log as signals with units, and the verdicts of its end-to-end checks.
 
     A line for each frame, then a table of the messages: counts, rates, losses,
-    checks and the load of the bus, whose bit rates are settings. A counter is
-    compared with the frame before it. With --set bus.key=FILE the MAC and
-    freshness of secured messages are checked first. Frames of diagnosis have a
-    name, by the identifiers in the settings. Of other messages it prints the
-    bytes; `cantools decode` reads those.
+    checks and the load of the bus, whose bit rates are settings, and how many
+    lines are what else. A counter is compared with the frame before it on the
+    same channel. With --set bus.key=FILE the MAC and freshness of secured
+    messages are checked first. Frames of diagnosis have a name, by the
+    identifiers in the settings. Of other messages it prints the bytes;
+    `cantools decode` reads those.
     """
-    from can_bridge.logs.log_reader import check_suffix, read_messages
+    from can_bridge.logs.log_reader import Log
     from can_bridge.tools.summary import Summary
 
     uses = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.e2e", "bus.key", DIAGNOSIS)
     config = settings("can decode", config_file, overrides, uses=uses).config.bus
-    check_suffix(file)
+    log = Log(file, channels=() if channel is None else (channel,))
     check_json(json_file)
     if csv_file is not None:
         if csv_file.resolve() == file.resolve():
@@ -168,7 +175,7 @@ def decode(
     with _csv_rows(csv_file) as write_rows, bar if summary else nullcontext():
         task = bar.add_task(f"reading {file.name}", total=None, note="")
         show = now_and_then(lambda done: bar.update(task, completed=done))
-        for number, message in enumerate(read_messages(file), 1):
+        for number, message in enumerate(log, 1):
             traffic = found.add(message)
             if summary:
                 show(number)
@@ -176,23 +183,24 @@ def decode(
                 continue
             write_rows(traffic)
             if not summary:
-                console.print(_line(traffic))
+                console.print(_line(traffic, first=next(iter(log.channels))))
         if found.first_s is None:
             raise BusError(f"{file}: holds no CAN frame")
     used = {name: value for name, value in asdict(config).items() if name in ("nominal_bitrate", "data_bitrate", "e2e")}
     facts = {"log": file.name, "config": used, "versions": versions("python-can")}
-    save_json(json_file, figures=found.figures(), facts=facts)
-    _print_summary(found)
+    save_json(json_file, figures={**found.figures(), "events": dict(log.events)}, facts=facts)
+    _print_summary(found, log)
     for path in (csv_file, json_file):
         if path is not None:
             console.print(f"wrote {path}")
 
 
-def _line(traffic: "Traffic") -> str:
+def _line(traffic: "Traffic", first: str) -> str:
+    """The newest frame in words; with its channel where that is not the first of the log."""
     from can_bridge.tools.raw_bus import id_text
 
     frame, decoded = traffic.latest, traffic.decoded
-    head = f"({frame.timestamp_ns / 1e9:.6f}) {id_text(frame)}"
+    head = f"({traffic.last_ns / 1e9:.6f}) {id_text(frame)}"
     if decoded is None or not decoded.signals:
         what = traffic.name or "unknown" if decoded is None else f"{decoded.spec.name}, not readable"
         body = f"{what}: {frame.data.hex(' ') or 'empty'}"
@@ -201,7 +209,8 @@ def _line(traffic: "Traffic") -> str:
         body = f"{decoded.spec.name}: {', '.join(named)}"
     verdicts = [] if traffic.check is None else [f"E2E {traffic.verdict}"]
     verdicts += [] if traffic.mac is None else [f"MAC {traffic.mac.value}"]
-    return f"{head} {body}" + (f"  [{', '.join(verdicts)}]" if verdicts else "")
+    where = f"  on {traffic.channel}" if traffic.channel != first else ""
+    return f"{head} {body}" + (f"  [{', '.join(verdicts)}]" if verdicts else "") + where
 
 
 @contextmanager
@@ -215,31 +224,34 @@ def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
 
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(("time_s", "id", "message", "e2e", "mac", "signal", "value", "unit", "text"))
+        writer.writerow(("time_s", "id", "message", "e2e", "mac", "signal", "value", "unit", "text", "channel"))
 
         def write(traffic: "Traffic") -> None:
             frame, mac = traffic.latest, "" if traffic.mac is None else traffic.mac.value
             e2e = "" if traffic.check is None else CHECK_TEXT[traffic.check]
-            head = (f"{frame.timestamp_ns / 1e9:.6f}", id_text(frame), traffic.name, e2e, mac)
+            head = (f"{traffic.last_ns / 1e9:.6f}", id_text(frame), traffic.name, e2e, mac)
             signals = () if traffic.decoded is None else traffic.decoded.signals
-            writer.writerows((*head, *one) for one in signals or [("", "", "", frame.data.hex())])
+            rows = signals or [("", "", "", frame.data.hex())]
+            writer.writerows((*head, *one, traffic.channel) for one in rows)
 
         yield write
 
 
-def _print_summary(found: "Summary") -> None:
+def _print_summary(found: "Summary", log: "Log") -> None:
     from can_bridge.tools.raw_bus import id_text
 
     # Times count from the first frame, so that all columns fit into 80.
     begin_ns = min((one.first_ns for one in found.messages.values()), default=0)
+    several = len(found.busy_ns) > 1
     table = Table(box=SIMPLE_HEAD, padding=0)
-    for name in ("id", "message"):
+    for name in (*(("channel",) if several else ()), "id", "message"):
         table.add_column(name, overflow="fold")
     for name in ("frames", "rate, 1/s", "first, s", "last, s", "lost"):
         table.add_column(name, justify="right")
     table.add_column("checks")
     for _, one in sorted(found.messages.items()):
         table.add_row(
+            *((one.channel,) if several else ()),
             id_text(one.latest),
             one.name or "unknown",
             str(one.count),
@@ -252,9 +264,14 @@ def _print_summary(found: "Summary") -> None:
     console.print(table)
     if found.unchecked_macs:
         console.print(f"{found.unchecked_macs} secured frames, {UNCHECKED}")
-    load = "-" if found.load is None else f"{100 * found.load:.2f} %"
-    console.print(
-        f"{found.frames} data frames, {found.remote} remote, {found.errors} error frames"
-        + (f", {found.unsound} such as no wire carries" if found.unsound else "")
-        + f" in {found.span_s:.6f} s from {begin_ns / 1e9:.6f}; load of the bus by data frames {load}"
+    loads = ", ".join(
+        f"{name} {100 * load:.2f} %" if several else f"{100 * load:.2f} %" for name, load in found.loads.items()
     )
+    console.print(
+        f"{found.frames} data frames, {found.remote} remote, {found.errors.total()} error frames"
+        + (f" ({listed(found.errors)})" if found.errors else "")
+        + (f", {found.unsound} such as no wire carries" if found.unsound else "")
+        + f" in {found.span_s:.6f} s from {begin_ns / 1e9:.6f}; load of the bus by data frames {loads or '-'}"
+    )
+    if log.events:
+        console.print(f"lines that are no frames: {listed(log.events)}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from contract.errors import BusError, ConfigError
-from stillwake.commands.can.options import BUS, Duration, key_of, positive
+from stillwake.commands.can.options import BUS, Channel, Duration, key_of, positive
 from stillwake.console.bus_option import BusName, with_bus
 from stillwake.console.progress import now_and_then
 from stillwake.console.settings import DIAGNOSIS, settings
@@ -32,6 +32,7 @@ def monitor(
     log: Annotated[
         Path | None, typer.Option(help="Show the table of this log, at its end, in place of a bus.", metavar="FILE")
     ] = None,
+    channel: Channel = None,
     seconds: Duration = None,
     match: Annotated[str, typer.Option("--filter", help="Show rows with these words in message, id or signal.")] = "",
     bus_name: BusName = None,
@@ -58,6 +59,8 @@ def monitor(
         positive("--for", seconds)
         if log is not None:
             raise ConfigError("--for: goes with a bus; a log is read to its end")
+    if channel is not None and log is None:
+        raise ConfigError("--channel: goes with --log; a bus is named with --bus")
     title = str(log) if log is not None else f"{config.interface} {config.channel}"
 
     summary = Summary(config=config, key=key_of(config.key), most=MOST_MESSAGES)
@@ -66,7 +69,7 @@ def monitor(
         return screen(summary, now_s, source=title, matching=match, width=console.width)
 
     if log is not None:
-        _read(summary, log)
+        _read(summary, log, channel)
         console.print(table(summary.last_s or 0.0))
         return
     from can_bridge.tools.raw_bus import open_bus
@@ -76,14 +79,14 @@ def monitor(
         _follow(bus, summary, table, lambda: is_stopped() or time.monotonic() >= end)
 
 
-def _read(summary: "Summary", log: Path) -> None:
-    from can_bridge.logs.log_reader import check_suffix, read_messages
+def _read(summary: "Summary", log: Path, channel: str | None) -> None:
+    from can_bridge.logs.log_reader import Log
 
-    check_suffix(log)
+    messages = Log(log, channels=() if channel is None else (channel,))
     with progress_bar("frames") as bar:
         task = bar.add_task(f"reading {log.name}", total=None, note="")
         show = now_and_then(lambda done: bar.update(task, completed=done))
-        for number, message in enumerate(read_messages(log), 1):
+        for number, message in enumerate(messages, 1):
             summary.add(message)
             show(number)
     if summary.last_s is None:
@@ -133,5 +136,5 @@ def _hear(bus: "RawBus", summary: "Summary", wait_s: float) -> None:
         message = bus.receive_message(wait_s if i == 0 else 0.0)
         if message is None:
             break
-        message.timestamp = time.monotonic()
+        message.timestamp, message.channel = time.monotonic(), None
         summary.add(message)

@@ -34,7 +34,7 @@ def line(summary: Summary, seconds: float) -> str:
 
 
 def _others(summary: Summary) -> int:
-    return summary.remote + summary.errors
+    return summary.remote + summary.errors.total()
 
 
 def _heading(summary: Summary, matching: str, source: str) -> Text:
@@ -63,11 +63,14 @@ def _table(summary: Summary, matching: str, now_ns: int, width: int) -> Table:
     for name, width in (("age, s", 6), ("1/s", 6), ("lost", 4), ("refused", 7)):
         table.add_column(name, justify="right", no_wrap=True, min_width=width)
     table.add_column("E2E", no_wrap=True, min_width=14)
+    several = len(summary.busy_ns) > 1
     for traffic, cells in rows(summary, matching=matching):
         age_s = traffic.age_ns(now_ns) / 1e9
         style = "dim" if age_s > STALE_S else ""
         table.add_row(
-            Text(traffic.name or "unknown", style="bold"),
+            Text(
+                f"{traffic.channel} {traffic.name or 'unknown'}" if several else traffic.name or "unknown", style="bold"
+            ),
             Text(id_text(traffic.latest), style="bold"),
             "",
             f"{age_s:.2f}",

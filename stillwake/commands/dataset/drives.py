@@ -1,17 +1,22 @@
 """Recorded drives among the files of `stillwake dataset import`: logs of the bus, with forces from elsewhere."""
 
 import hashlib
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from datetime import timedelta, timezone, tzinfo
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
 
 from contract.config.loading import Loaded
-from contract.errors import DatasetError
+from contract.errors import ConfigError, DatasetError
 from contract.recording.facts import PlantFacts
 from contract.sensor_layout import SensorLayout
+from stillwake.console.numbers import listed
 
 if TYPE_CHECKING:
     import can
@@ -19,13 +24,14 @@ if TYPE_CHECKING:
     from can_bridge.drives.log_frames import Verify
     from can_bridge.drives.log_periods import Scales
     from can_bridge.drives.log_to_series import LogReport, LogSeries
+    from can_bridge.logs.log_reader import Log
     from contract.recording.episode import Role
     from contract.recording.facts import ForcesClock
     from contract.recording.importing.assemble import Source
     from contract.recording.importing.forces import TimeSeries
     from contract.recording.importing.units import Reference
 
-USES: Final = ("operating_point", "bus.frames", "bus.key")
+USES: Final = ("operating_point", "bus.frames", "bus.key", "ecu.speed.oldest_ms", "ecu.speed.most_acceleration")
 """Settings by which a log is read."""
 _COUNTED: Final = 10_000
 """Frames between two reports of progress."""
@@ -42,6 +48,8 @@ class DriveOptions:
         references: by Cd and Cl, what 1 is in those files.
         clock: of the forces' times; None where the file has it.
         shift_s: seconds to add to the forces' times.
+        channels: of the logs, to read; none where the frames tell by themselves.
+        zone: of logs that begin in local time: a name such as Europe/Berlin, or +02:00; empty if it is not known.
     """
 
     fill: int
@@ -51,18 +59,36 @@ class DriveOptions:
     references: "Mapping[str, Reference]"
     clock: "ForcesClock | None"
     shift_s: float
+    channels: Sequence[str]
+    zone: tzinfo | None
 
     @property
     def given(self) -> bool:
         """Whether any of them was."""
-        return bool(self.split or self.forces or self.names or self.clock or self.shift_s)
+        options = (self.split, self.forces, self.names, self.clock, self.shift_s, self.channels, self.zone)
+        return any(map(bool, options))
 
 
 def is_log(path: Path) -> bool:
-    """Whether this is a log of the bus, by its name."""
-    from can_bridge.logs.log_reader import SUFFIXES
+    """Whether this is a log of the bus; a CSV by its first line."""
+    from can_bridge.logs import log_reader
 
-    return path.suffix.lower() in SUFFIXES
+    return log_reader.is_log(path)
+
+
+def zone_of(text: str) -> tzinfo | None:
+    """The zone of a name such as Europe/Berlin, or of +02:00; None for an empty text. Raises ConfigError."""
+    if not text:
+        return None
+    try:
+        if offset := re.fullmatch(r"([+-])(\d\d):?(\d\d)", text):
+            minutes = 60 * int(offset[2]) + int(offset[3])
+            return timezone(timedelta(minutes=-minutes if offset[1] == "-" else minutes))
+        return ZoneInfo(text)
+    except (ValueError, OSError, ZoneInfoNotFoundError):
+        raise ConfigError(
+            f"--log-zone {text}: must be a zone's name, such as Europe/Berlin or UTC, or +02:00"
+        ) from None
 
 
 def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
@@ -104,8 +130,14 @@ def _pair(text: str, logs: Sequence[Path]) -> tuple[Path | None, Path]:
 
 def names_of(logs: Sequence[Path]) -> dict[Path, str]:
     """What the episodes of each log are called: as its file, with the folder in front where two files share a name."""
-    stems = [log.stem for log in logs]
-    return {log: log.stem if stems.count(log.stem) == 1 else f"{log.resolve().parent.name} {log.stem}" for log in logs}
+    from can_bridge.logs.log_reader import stem_of
+
+    stems = [stem_of(log) for log in logs]
+    names = (
+        stem if stems.count(stem) == 1 else f"{log.resolve().parent.name} {stem}"
+        for log, stem in zip(logs, stems, strict=True)
+    )
+    return dict(zip(logs, names, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,6 +147,7 @@ class Drive:
     path: Path
     sources: "tuple[Source, ...]"
     report: "LogReport"
+    log: "Log"
 
 
 def read_drive(
@@ -131,10 +164,9 @@ def read_drive(
     """Read a log and its forces. Raises DatasetError, BusError, KeyFileError for what does not fit, by the file's name.
     `progress` is called with what is being read, and how many frames of it so far."""
     from can_bridge.drives.log_to_series import series_of
-    from can_bridge.logs.log_reader import read_messages
+    from can_bridge.logs.log_reader import Log
     from can_bridge.wire.message_sets import message_set
     from can_bridge.wire.messages import SENSORS
-    from contract.recording.findings import STEP_TOLERANCE
     from contract.recording.importing.assemble import Made, Source
 
     if len(layout) != SENSORS:
@@ -142,9 +174,10 @@ def read_drive(
             f"{path}: a Pressure message has {SENSORS} sensors, --sensors names {len(layout)}: name those of the "
             f"message, in its order"
         )
+    log = Log(path, zone=options.zone, channels=options.channels)
     series = series_of(
         path,
-        _counted(path, read_messages(path), progress),
+        _counted(path, log, progress),
         scales,
         fill=options.fill,
         split=options.split,
@@ -152,21 +185,15 @@ def read_drive(
         only=message_set(loaded.config.bus) if loaded.given & {"bus.frames", "bus.key"} else None,
         verify=_verifier(loaded),
     )
-    forces_found = _forces(forces, series, scales, options, loaded.config.operating_point.convective_time)
-    # As a table of one's own with times has it; and a gap of `fill` rows, with as much room for jitter.
-    slack_s = STEP_TOLERANCE * series.period_s
-    longest_s = (options.fill + 1.5) * series.period_s
-    period = scales.period_s / loaded.config.operating_point.convective_time
+    forces_found = _forces(forces, series, log, options)
     digest, forces_digest = _sha256(path), _sha256(forces)
     sources = []
     for number, piece in enumerate(series.pieces, 1):
-        values = {
-            name: one.at(piece.time_s, longest_gap=longest_s, slack=slack_s) for name, one in forces_found.items()
-        }
+        values = {name: one.at(piece.time_s, **_room(series, options.fill)) for name, one in forces_found.items()}
         made = Made(
             name=name if len(series.pieces) == 1 else f"{name} {number}",
             series={
-                "t": period * (piece.first_row + np.arange(len(piece), dtype=np.float64)),
+                "t": scales.period * (piece.first_row + np.arange(len(piece), dtype=np.float64)),
                 "action": piece.action,
                 "Cp": piece.Cp,
                 **values,
@@ -175,6 +202,8 @@ def read_drive(
             provenance={
                 "source_sha256": digest,
                 "messages": series.report.messages,
+                "channel": series.report.channel,
+                "speed": None if series.report.speed is None else [float(one) for one in series.report.speed],
                 "first_pressure_s": series.start_s,
                 "drift": series.report.drift,
                 "filled": list(series.report.filled),
@@ -183,21 +212,21 @@ def read_drive(
             },
         )
         sources.append(Source(path=path, role=role, made=made))
-    return Drive(path=path, sources=tuple(sources), report=series.report)
+    return Drive(path=path, sources=tuple(sources), report=series.report, log=log)
 
 
 def scales_of(facts: PlantFacts, loaded: Loaded) -> "Scales":
     """Units of the wire by the operating point."""
     from can_bridge.drives.log_periods import Scales
 
-    point = loaded.config.operating_point
     assert facts.control_period is not None
     assert facts.action_limit is not None
     return Scales(
-        period_s=point.period_ns(facts.control_period) * 1e-9,
-        dynamic_pressure=point.dynamic_pressure,
-        flow_rate=point.flow_rate_scale,
+        period=facts.control_period,
+        point=loaded.config.operating_point,
         action_limit=facts.action_limit,
+        given=loaded.given,
+        believed=loaded.config.ecu.speed,
     )
 
 
@@ -209,8 +238,14 @@ def notes_on(drive: Drive) -> list[str]:
         f"{drive.path}: {report.messages}, {pressures} pressures and {commands} commands; "
         f"clock {report.drift * 1e6:+.0f} ppm, jitter up to {report.jitter_s * 1e3:.2f} ms"
     ]
+    lines.append(f"{drive.path}: {_speed_line(report)}")
+    if len(drive.log.channels) > 1:
+        counts = ", ".join(f"{name} {count}" for name, count in sorted(drive.log.channels.items()))
+        lines.append(f"{drive.path}: read from the channel {report.channel}; frames by channel: {counts}")
+    if events := listed(drive.log.events):
+        lines.append(f"{drive.path}: {drive.log.messages} frames; lines of other kinds: {events}")
     if report.unused:
-        unused = ", ".join(f"{count} {reason}" for reason, count in report.unused.items())
+        unused = ", ".join(f"{count} {reason}" for reason, count in report.unused.items() if count)
         lines.append(f"{drive.path}: frames not used: {unused}")
     if any(report.lost) or report.stale or any(report.filled):
         stale = f", {report.stale} too old" if report.stale else ""
@@ -223,6 +258,16 @@ def notes_on(drive: Drive) -> list[str]:
     return lines + list(report.gaps)
 
 
+def _speed_line(report: "LogReport") -> str:
+    if report.speed is None:
+        return "no speed of the vehicle in it: operating_point makes Cp"
+    slow, median, fast = report.speed
+    without = f"; {report.without_speed} rows without one" if report.without_speed else ""
+    between = "; rows read between those of the log, at equal ways travelled" if report.is_resampled else ""
+    span = f" ({slow:g} to {fast:g})" if slow < fast else ""
+    return f"Cp by the {median:g} m/s{span} of its VehicleSpeed frames{without}{between}"
+
+
 def _verifier(loaded: Loaded) -> "Verify | None":
     from can_bridge.secoc.key import read_key
     from can_bridge.secoc.securing import verify
@@ -233,14 +278,10 @@ def _verifier(loaded: Loaded) -> "Verify | None":
     return lambda spec, data: verify(data, spec, key)
 
 
-def _forces(
-    path: Path, series: "LogSeries", scales: "Scales", options: DriveOptions, convective_time: float
-) -> "dict[str, TimeSeries]":
+def _forces(path: Path, series: "LogSeries", log: "Log", options: DriveOptions) -> "dict[str, TimeSeries]":
     """Cd and Cl with times on the log's clock."""
     from contract.recording.importing.forces import read_forces
 
-    # The sender's own seconds, seen on the log's clock, are as much longer as its periods are.
-    pace = series.period_s / scales.period_s
     table = read_forces(path, options.names, options.references)
     clock = options.clock or table.clock
     if clock is None:
@@ -248,9 +289,39 @@ def _forces(
             f"{path}: give with --forces-clock what its times are: log (s on the log's clock), start (s since the "
             f"log's first pressure) or t_c (W / U_inf since then)"
         )
-    scale = {"log": 1.0, "start": 1.0, "t_c": convective_time * pace}[clock]
+    if clock == "t_c":
+        return {name: one.at_times(series.travel.time(one.t) + options.shift_s) for name, one in table.forces.items()}
     origin = (0.0 if clock == "log" else series.start_s) + options.shift_s
-    return {name: one.shifted(scale=scale, origin=origin) for name, one in table.forces.items()}
+    found = {name: one.at_times(one.t + origin) for name, one in table.forces.items()}
+    if clock == "log" and log.is_local and options.zone is None:
+        _check_zone(log.path, series, found["Cd"], options.fill)
+    return found
+
+
+def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) -> None:
+    """Refuse a log that begins in local time, where its forces do not tell the zone: they cover it in another one than
+    UTC, too, or in none."""
+    zones = []
+    for minutes in range(-12 * 60, 14 * 60 + 1, 15):
+        with suppress(DatasetError):
+            for piece in series.pieces:
+                force.at(piece.time_s - 60.0 * minutes, **_room(series, fill))
+            zones.append(minutes)
+    if zones and zones != [0]:
+        texts = [f"{'-' if one < 0 else '+'}{abs(one) // 60:02d}:{abs(one) % 60:02d}" for one in zones]
+        shown = f"{texts[0]} to {texts[-1]}" if len(texts) > 3 else " and ".join(texts)
+        raise DatasetError(
+            f"{log}: begins in local time, and does not state its zone; the forces cover it in the zones {shown}: "
+            f"name the right one with --log-zone"
+        )
+
+
+def _room(series: "LogSeries", fill: int) -> dict[str, float]:
+    """For `TimeSeries.at`, as a table of one's own with times has it; and a gap of `fill` rows, with as much room for
+    jitter."""
+    from contract.recording.findings import STEP_TOLERANCE
+
+    return {"slack": STEP_TOLERANCE * series.period_s, "longest_gap": (fill + 1.5) * series.period_s}
 
 
 def _counted(path: Path, messages: "Iterable[can.Message]", progress: Callable[[str], None]) -> "Iterator[can.Message]":

@@ -5,7 +5,6 @@ from typing import Annotated, Final
 
 import typer
 
-from contract.config.loading import Loaded
 from contract.errors import ConfigError, DatasetError, OutputError
 from contract.recording.facts import ForcesClock
 from stillwake.commands.dataset.drives import (
@@ -17,6 +16,7 @@ from stillwake.commands.dataset.drives import (
     notes_on,
     read_drive,
     scales_of,
+    zone_of,
 )
 from stillwake.commands.dataset.listing import episodes_table, sensors_line
 from stillwake.console.outputs import Overwrite, check_dataset_name, check_output
@@ -25,8 +25,8 @@ from stillwake.console.settings import settings
 from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
 
 LOGS: Final = "Recorded drives"
-SAME: Final = 1e-6
-"""Relative difference up to which two dynamic pressures are one."""
+SAME: Final = 0.02
+"""Relative difference up to which two dynamic pressures are one: a speed on the bus has an error of one per cent."""
 
 
 def import_(
@@ -86,6 +86,22 @@ def import_(
             rich_help_panel=LOGS,
         ),
     ] = [],  # noqa: B006
+    log_zone: Annotated[
+        str,
+        typer.Option(
+            help="Time zone of logs that begin in local time (BLF, TRC, MDF, candump -t A), such as Europe/Berlin or "
+            "+02:00.",
+            show_default=False,
+            rich_help_panel=LOGS,
+        ),
+    ] = "",
+    channel: Annotated[
+        list[str],
+        typer.Option(
+            help="Channel to read of a log that has several with these messages (repeatable).",
+            rich_help_panel=LOGS,
+        ),
+    ] = [],  # noqa: B006
     fill: Annotated[
         int,
         typer.Option(
@@ -115,10 +131,11 @@ def import_(
     initial_action, the action before the first row (otherwise 0). Row k has
     what was measured at t_k and the action commanded then.
 
-    A log of the CAN bus (.log, .asc, .blf, .trc) has pressures and
-    commands of the four sensors in --sensors, in the order of the message;
-    its drag and lift come from --forces. Units are those of operating_point in
-    --config or --set. docs/how-to/train-from-a-can-log.md has examples.
+    A log of the CAN bus (.log, .asc, .blf, .trc, .mf4, python-can's .csv and
+    .db, packed ones with .gz) has pressures and commands of the four sensors
+    in --sensors, in the order of the message; its drag and lift come from
+    --forces. The vehicle's speed in the log makes Cp; without it, and for the
+    body's width, operating_point in --config or --set does. docs/how-to/train-from-a-can-log.md has examples.
 
     --train, --test, --extended and --controlled set what an episode is for;
     training needs the first two. The file's name becomes the episode's. Nothing
@@ -159,12 +176,16 @@ def import_(
         references=references,
         clock=forces_clock,
         shift_s=forces_shift,
+        channels=channel,
+        zone=zone_of(log_zone),
     )
     loaded = settings("dataset import", config_file, overrides, uses=USES)
     facts = PlantFacts(control_period=period, action_limit=limit, reynolds=reynolds)
-    _checked_for_logs(logs, options, loaded, dynamic_pressure)
+    if not logs and (options.given or loaded.in_overrides):
+        raise ConfigError("--forces, --split, --channel, --log-zone and settings are for CAN logs, and no file is one")
     log_forces, names = forces_of(logs, forces), names_of(logs)
     notes: list[str] = []
+    has_local_start = False
 
     def told(path: Path, note: str) -> None:
         notes.append(f"note: {path}: {note}")
@@ -182,9 +203,13 @@ def import_(
             drive = read_drive(
                 path, names[path], role, log_forces[path], layout, scales_of(facts, loaded), options, loaded, show
             )
+            _check_pressure(path, drive.report.dynamic_pressure, dynamic_pressure)
             read += 1
             sources += drive.sources
             notes += notes_on(drive)
+            has_local_start = has_local_start or drive.log.is_local
+        if log_zone and not has_local_start:
+            raise ConfigError(f"--log-zone {log_zone}: no log begins in local time")
 
         def reading(path: Path) -> None:
             nonlocal read
@@ -210,17 +235,12 @@ def import_(
     console.print(f"wrote {output}; next: stillwake dataset check {output}")
 
 
-def _checked_for_logs(logs: list[Path], options: DriveOptions, loaded: Loaded, dynamic_pressure: float | None) -> None:
-    """Refuse what would have no effect or contradicts itself."""
-    if not logs:
-        if options.given or loaded.in_overrides:
-            raise ConfigError("--forces, --split and settings are for CAN logs, and no file is one")
-        return
-    own = loaded.config.operating_point.dynamic_pressure
-    if dynamic_pressure is not None and abs(dynamic_pressure / own - 1.0) > SAME:
+def _check_pressure(log: Path, own: float, given: float | None) -> None:
+    """Refuse one that contradicts a log's."""
+    if given is not None and abs(given / own - 1.0) > SAME:
         raise ConfigError(
-            f"--dynamic-pressure {dynamic_pressure:g}: operating_point has {own:g} Pa, by which the logs' pressures "
-            f"are divided: put one of the two right"
+            f"--dynamic-pressure {given:g}: {log} has {own:g} Pa, by which its pressures are divided: put one of the "
+            f"two right"
         )
 
 

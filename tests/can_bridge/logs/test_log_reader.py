@@ -1,6 +1,11 @@
-"""What python-can writes is read back; what is damaged is refused by name."""
+"""What python-can writes, and logs in every notation of the field, are read with nothing lost; damage is named."""
 
+import gzip
+import struct
+import zlib
 from contextlib import suppress
+from datetime import timedelta, timezone
+from itertools import product
 from pathlib import Path
 
 import can
@@ -8,9 +13,11 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
-from can_bridge.logs.log_reader import read_messages
+from can_bridge.logs.entries import error_class
+from can_bridge.logs.log_reader import Log
 from contract.errors import BusError
 from tests.can_bridge.can_messages import can_messages
+from tests.can_bridge.logs.log_texts import asc, candump, candump_l, frames, trc
 from tests.examples import examples
 from tests.refused import refused
 
@@ -69,7 +76,7 @@ def test_what_python_can_writes_is_read_back(tmp_path_factory, log):
         path = tmp_path_factory.mktemp("log") / f"frames{suffix}"
         kept = expected(suffix, log)
         write(path, kept)
-        got = list(read_messages(path))
+        got = list(Log(path))
         assert [identity(one) for one in got] == [identity(one) for one in kept], suffix
         if got:
             times, wanted = [one.timestamp for one in got], [one.timestamp for one in kept]
@@ -85,7 +92,7 @@ def test_trc_types_are_those_of_pcan(tmp_path):
     head = ";$FILEVERSION=2.1\n;$STARTTIME=45000.0\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
     path = tmp_path / "a.trc"
     path.write_text(head + "".join(f"{line}\n" for line in lines))
-    got = list(read_messages(path))
+    got = list(Log(path))
     flags = [(one.is_fd, one.bitrate_switch, one.error_state_indicator) for one in got[1:5]]
     assert flags == [(True, False, False), (True, True, False), (True, False, True), (True, True, True)]
     assert [(one.dlc, len(one.data)) for one in got[:5]] == [(2, 2), *[(12, 12)] * 4]
@@ -105,17 +112,24 @@ def test_damage_is_named_in_one_line(tmp_path):
         (".blf", lambda content: b"", unreadable),
         (".blf", lambda content: b"PK" + content[2:], unreadable),
         (".asc", lambda content: content[: content.rindex(b"00")], "bytes announced|no End TriggerBlock"),
-        (".log", lambda content: content[:-20], f"{unreadable}|its last line has no end"),
+        (".log", lambda content: content[:-20], "line 40: .*(its last line has no end|is no line of candump)"),
+        (".asc", lambda content: content.replace(b" d 8 00", b" d 8 0", 1), "line 6: 8 bytes announced, 7 there"),
+        (".asc", lambda content: content.replace(b" Rx ", b" ", 1), "line 6: .* has neither Rx nor Tx"),
+        (".asc", lambda content: content.replace(b"1.003", b"1,003", 1).replace(b"0.003000 1", b"0,003 1"), "line 9: "),
         (".log", lambda content: b"\xff\xfe\x00", unreadable),
         (".log", lambda content: content.replace(time_of_4, b"nan"), no_time.format("nan")),
         (".log", lambda content: content.replace(time_of_4, b"1e300"), no_time.format("1e.300")),
         (".log", lambda content: content.replace(b" 00000003#", b" FFFFFFFFFF#"), "line 4: identifier FFFFFFFFFF,"),
-        (".trc", lambda content: content[:-10], f"{unreadable}|its last line has no end"),
+        (".log", lambda content: content.replace(b"#0000", b"#zz00", 1), "line 1: 'zz0000.*' is no data of a frame"),
+        (".log", lambda content: b"nonsense\n" + content, "line 1: 'nonsense' is no line of candump"),
+        (".trc", lambda content: content[:-10], "line 58: 8 bytes announced, [0-7] there"),
+        (".trc", lambda content: content.replace(b" DT ", b" XY ", 1), "line 19: type 'XY' is not one of this format"),
+        (".trc", lambda content: content.replace(b"=2.1", b"=3.0", 1), "line 1: version '3.0', must be 1.0, 1.1"),
     ]:
         path = one_log(tmp_path / f"a{suffix}")
         path.write_bytes(damage(path.read_bytes()))
         with refused(BusError, rf"a\{suffix}: .*({words})") as caught:
-            list(read_messages(path))
+            list(Log(path))
         assert "\n" not in str(caught.value), (suffix, words)
 
 
@@ -124,12 +138,12 @@ def test_every_cut_is_an_error_or_ends_between_two_frames(tmp_path):
     for suffix in [".blf", ".asc", ".trc", ".log"]:
         path = one_log(tmp_path / f"a{suffix}")
         content = path.read_bytes()
-        whole = [identity(one) for one in read_messages(path)]
+        whole = [identity(one) for one in Log(path)]
         for cut in range(0, len(content), 211):
             path.write_bytes(content[:cut])
             got = []
             with suppress(BusError):
-                for one in read_messages(path):
+                for one in Log(path):
                     got.append(identity(one))
                 assert suffix in (".trc", ".log") or len(got) in (0, len(whole)), suffix
             assert got == whole[: len(got)], suffix
@@ -137,13 +151,344 @@ def test_every_cut_is_an_error_or_ends_between_two_frames(tmp_path):
 
 def test_other_files_are_refused_by_name(tmp_path):
     (tmp_path / "folder.log").mkdir()
-    (tmp_path / "a.csv").touch()
+    (tmp_path / "a.csv").write_text("name,x,y\n")
     for name, words in (
-        ("a.csv", r"a\.csv: a log must end in \.log, \.asc, \.blf, \.trc; "),
-        ("a.mf4", r"`python -m can\.logconvert` makes one of another format"),
-        ("a", "a log must end in"),
+        ("a.txt", r"a\.txt: a log must end in \.log, \.asc, \.blf, \.trc, \.mf4, \.csv, \.db, or"),
+        ("a", r"`python -m can\.logconvert` makes one of another format"),
+        ("a.db.gz", "unpack it first"),
+        ("a.csv", "cannot be read as a CAN log .its head is none|line 1: 'name,x,y': must be timestamp,arbitration_id"),
         ("missing.blf", "there is no such file"),
         ("folder.log", "is a directory"),
     ):
         with refused(BusError, words):
-            list(read_messages(tmp_path / name))
+            list(Log(tmp_path / name))
+
+
+def written(path: Path, lines: list[str], *, encoding: str = "utf-8", end: str = "\n", last: bool = True) -> Log:
+    text = end.join(lines) + (end if last else "")
+    packed = gzip.compress if path.suffix == ".gz" else bytes
+    path.write_bytes(packed(text.encode(encoding)))
+    return Log(path)
+
+
+def check(
+    log: Log, messages: list[can.Message], what: object, *, shift_s: float = 0.0, lines: int | None = None
+) -> None:
+    """The log holds these data frames; and each of its lines is one, an error frame, or counted by its name."""
+    got = list(log)
+    data = [one for one in got if not one.is_error_frame]
+    assert [identity(one)[:4] + identity(one)[7:] for one in data] == [
+        identity(one)[:4] + identity(one)[7:] for one in messages
+    ], what
+    wanted = [one.timestamp + shift_s for one in messages]
+    assert [one.timestamp for one in data] == pytest.approx(wanted, abs=RESOLUTION_S, rel=0), what
+    if lines is not None:
+        assert len(got) + log.events.total() == lines, what
+
+
+def test_an_asc_is_read_in_every_combination_of_what_its_writers_do(tmp_path):
+    sent = frames()
+    for case in product((16, 10), *[(False, True)] * 4, (0.0, -0.9), (True, False)):
+        base, relative, symbolic, requests, events, shift_s, block = case
+        lines = asc(
+            sent,
+            base=base,
+            relative=relative,
+            symbolic=symbolic,
+            requests=requests,
+            events=events,
+            shift_s=shift_s,
+            block=block,
+        )
+        log = written(tmp_path / "a.asc", lines)
+        check(log, sent, case, shift_s=shift_s, lines=len(lines))
+        assert log.events["transmit request"] == (6 if requests else 0), case
+        assert {"status", "statistics", "system variable", "trigger", "overload frame"} <= set(log.events) or not events
+    lines = asc(sent, events=True)
+    for encoding, end, last in (("utf-8-sig", "\n", True), ("cp1252", "\r\n", True), ("utf-16", "\r\n", False)):
+        text = ["// Prüfstand Süd", *lines]
+        check(written(tmp_path / "a.asc", text, encoding=encoding, end=end, last=last), sent, encoding, lines=len(text))
+    check(written(tmp_path / "b.asc.gz", lines), sent, "gz")
+
+
+def test_lines_of_vectors_own_description_are_what_it_says(tmp_path):
+    """ "CAN, Log & Trigger ASC Logging Format" 1.4, by its grammar; names of messages are made up."""
+    line_and_meaning: list[tuple[str, object]] = [
+        ("2.5 1 64 Rx d 8 00 01 02 03 04 05 06 07 Length = 1 BitCount = 2 ID = 100", (0x64, False, False, 8, True)),
+        ("2.5 1 18EBFF00x Tx d 8 01 A0 0F A6 60 3B D1 40", (0x18EBFF00, True, False, 8, False)),
+        ("2.5 2 3FF Tx d D 55 AA 01 02 03 04 05 06 Length = 1 BitCount = 9 ID = 1023", (0x3FF, False, False, 8, False)),
+        ("2.5 1 Engine Rx d 1 05 Length = 0 BitCount = 0 ID = 1023", (0x3FF, False, False, 1, True)),
+        (
+            "2.5 CANFD 3 Rx 30a Generic_12 1 1 8 8 01 02 03 04 05 06 07 08 1 133 303000 e 4 4 2 2",
+            (0x30A, False, True, 8, True),
+        ),
+        ("2.5 CANFD 3 Rx 30a 0 0 8 8 01 02 03 04 05 06 07 08 1 133 200000 e 4 4 2 2", (0x30A, False, False, 8, True)),
+        ("2.5 CANFD 3 Rx 30a 0 0 f 8 01 02 03 04 05 06 07 08 1 133 200000 e 4 4 2 2", (0x30A, False, False, 8, True)),
+        ("2.5 CANFD 1 Rx 7 Face 0 0 0 0 1 133 1000 e 4 4 2 2", (7, False, True, 0, True)),
+        ("2.5 CANFD 3 Tx 50005x 0 1 5 0 140000 73 200050 7a60 4 4 2 2", ("remote", 5)),
+        ("2.5 1 100 Rx r", ("remote", 0)),
+        ("2.5 3 200 Tx r Length = 1704000 BitCount = 145 ID = 88888888x", ("remote", 0)),
+        ("2.5 4 300 Rx r 8 Length = 1704000 BitCount = 145 ID = 88888888x", ("remote", 8)),
+        ("2.5 1 ErrorFrame", "error"),
+        ("2.5 1 ErrorFrame ECC: 10100010", "error"),
+        (
+            "2.5 CANFD 5 Tx ErrorFrame Not Acknowledge error, dominant error flag fffe c7 31ca Arb. 556 44 0 0 f 64",
+            "error",
+        ),
+        ("2.5 1 Engine Rx d 1 05", "frame by a name that is not ours"),
+        (
+            "2.5 CANFD 1 Rx Face 1 0 8 8 01 02 03 04 05 06 07 08 1 133 3000 e 4 4 2 2",
+            "frame by a name that is not ours",
+        ),
+        ("2.5 1 J1939TP FEE3p 6 0 0 - Rx d 23 A0 0F A6", "J1939 transport"),
+        ("2.5 CAN 2 Status:chip status warning level - TxErr: 132 RxErr: 0", "status"),
+        ("2.5 log trigger event", "trigger"),
+        ("2.5 EnvWind := 3", "environment variable"),
+        ("2.5 CAN 1 Gateway::Engine::Speed = 3", "signal"),
+        ("2.5 TFS: [1,2] test case begins", "test step"),
+        ("2.5 Comment: 0 the rig was moved", "comment"),
+        ("2.5 0 ffffff 0 GMGroup: a GMMarker: b GMDescription: c", "marker"),
+        ("//2.5 previous log file: a.asc", "comment"),
+    ]
+    for line, meaning in line_and_meaning:
+        log = written(tmp_path / "a.asc", ["base hex  timestamps absolute", "no internal events logged", f" {line}"])
+        got = list(log)
+        if isinstance(meaning, str) and meaning != "error":
+            assert (got, log.events[meaning]) == ([], 1), line
+            continue
+        (one,) = got
+        if meaning == "error":
+            assert one.is_error_frame, line
+        elif one.is_remote_frame:
+            assert ("remote", one.dlc) == meaning, line
+        else:
+            found = (one.arbitration_id, one.is_extended_id, one.is_fd, len(one.data), one.is_rx)
+            assert found == meaning, line
+    for line in (
+        "2.5 1 120 Rx",
+        "2.5 1 120 d 8 00",
+        "2.5 CANFD 1 Rx 120 1 0 a 12 00",
+        "2.5 %",
+        "End of my log",
+        "2.5 1 Pressure d",
+    ):
+        with refused(BusError, r"line 2: "):
+            list(written(tmp_path / "a.asc", ["2.4 1 64 Rx d 0", line]))
+
+
+def test_trigger_blocks_lie_on_one_clock(tmp_path):
+    """Two blocks a day and a bit apart: times that begin again are moved by the blocks' dates, in any language."""
+    sent = frames(4)
+    first, second = asc(sent)[:-1], asc(sent)[4:]
+    for date, shift_s in (
+        (second[0].replace("27 10:00", "28 10:01"), 86_460.0),
+        (second[0].replace("Nov", "nov."), None),
+    ):
+        later = [date.replace("Fri", "ven."), *second[1:]]
+        lines = [*first, "End TriggerBlock", *later]
+        if shift_s is None:
+            with refused(BusError, "its time goes back .* with a trigger block, whose date"):
+                list(written(tmp_path / "a.asc", lines))
+            continue
+        moved = [*sent, *frames(4)]
+        for one in moved[4:]:
+            one.timestamp += shift_s
+        check(written(tmp_path / "a.asc", lines), moved, date, lines=len(lines))
+    # Times of one measurement go on through its blocks.
+    going_on = asc(sent, shift_s=100.0)
+    moved = [*sent, *frames(4)]
+    for one in moved[4:]:
+        one.timestamp += 100.0
+    check(written(tmp_path / "a.asc", [*first, "End TriggerBlock", *going_on[4:]]), moved, "on")
+
+
+def test_candump_is_read_from_a_file_and_from_a_screen(tmp_path):
+    sent = frames()
+    for what, lines in (
+        ("-L", candump_l(sent)),
+        ("-L -x", [f"{line} R" for line in candump_l(sent)]),
+        ("-t a", candump(sent, "a")),
+        ("-t A", candump(sent, "A")),
+        ("-t a -x", candump(sent, "a", extra="  RX B -")),
+        ("-t a -a", candump(sent, "a", tail="   '........'")),
+        ("-t a -c", [f"\x1b[31m{line}\x1b[0m" for line in candump(sent, "a")]),
+    ):
+        log = written(tmp_path / "a.log", list(lines))
+        check(log, sent, what, lines=len(sent))
+        assert log.is_local is (what == "-t A")
+    check(written(tmp_path / "a.log", list(candump(sent, "z"))), sent, "-t z", shift_s=-0.25)
+    zone = timezone(timedelta(hours=2))
+    log = Log(tmp_path / "b.log", zone=zone) if written(tmp_path / "b.log", list(candump(sent, "A"))) else None
+    assert log is not None
+    check(log, sent, "zone", shift_s=-7200.0)
+    for times, text in (
+        ("d", "goes back from .*candump -t d.*; record with `candump -L`"),
+        ("", "line 1: has no time: record"),
+    ):
+        # Periods of two lengths, as a bus has them.
+        unequal = frames()
+        for k, one in enumerate(unequal):
+            one.timestamp += 0.004 * (k % 2)
+        with refused(BusError, text):
+            list(written(tmp_path / "a.log", list(candump(unequal, times))))
+    with refused(BusError, "14 of 16 frames are not later than the one before: .*candump -t d"):
+        list(written(tmp_path / "a.log", list(candump(sent, "d"))))
+
+
+def test_error_frames_of_linux_are_known_by_bit_29_and_named_by_their_class(tmp_path):
+    """linux/can/error.h."""
+    classes = {
+        0x1: "transmit timeout",
+        0x2: "arbitration lost",
+        0x4: "controller",
+        0x8: "protocol",
+        0x10: "transceiver",
+    }
+    classes |= {
+        0x20: "no acknowledgement",
+        0x40: "bus off",
+        0x80: "bus error",
+        0x100: "restarted",
+        0x200: "error counters",
+    }
+    classes |= {0x88: "protocol and bus error", 0: "not stated"}
+    lines = [f"(1.{k:06d}) can0 {0x20000000 | one:08X}#0004000000000000" for k, one in enumerate(classes)]
+    screen = [
+        f" (1.{k:06d})  can0  {0x20000000 | one:08X}   [8]  00 04 00 00 00 00 00 00   ERRORFRAME"
+        for k, one in enumerate(classes)
+    ]
+    explained = [text for line in screen for text in (line, "\tcontroller-problem{rx-error-warning}")]
+    for text in (lines, screen, explained):
+        log = written(tmp_path / "a.log", text)
+        assert [error_class(one) for one in log if one.is_error_frame] == list(classes.values())
+        assert log.messages + log.events.total() == len(text)
+    other = ["(1.0) can0 123#R4", "(1.1) can0 123##0", "(1.2) can0 123###00", "(1.3) can0 123#11.22_9", "# a comment"]
+    log = written(tmp_path / "a.log", other)
+    assert [(one.is_remote_frame, one.is_fd, one.dlc) for one in log] == [
+        (True, False, 4),
+        (False, True, 0),
+        (False, False, 2),
+    ]
+    assert log.events == {"CAN XL frame": 1, "comment": 1}
+
+
+def test_peaks_traces_of_every_version_are_read(tmp_path):
+    """PEAK, "PEAK CAN TRC File Format" (2020): its columns, and its lines that are no frames."""
+    for version in ("1.0", "1.1", "1.2", "1.3", "2.0", "2.1"):
+        sent = [one for one in frames() if one.is_fd is False or version[0] == "2"]
+        lines = trc(sent, version)
+        for encoding, end, last in (("utf-8", "\r\n", True), ("cp1252", "\n", False)):
+            text = [*lines[:-1], ";   Prüfstand", lines[-1]]
+            log = written(tmp_path / "a.trc", text, encoding=encoding, end=end, last=last)
+            check(log, sent, version, lines=len(text))
+            assert log.is_local is (version != "1.0")
+    for head, line, name in (
+        ([], "     2)      1842  0008  4  ERROR 00 19 08 08", "error"),
+        ([], "     2)     17540  FFFFFFFF  4  00 00 00 08 -- -- -- -- BUSHEAVY", "hardware status"),
+        ([";$FILEVERSION=1.1"], "     2)     17540.3  Warng  FFFFFFFF  4  00 00 00 08  BUSHEAVY", "hardware status"),
+        ([";$FILEVERSION=1.1"], "     2)     17540.3  Error      0008  4  00 19 08 08", "error"),
+        ([";$FILEVERSION=1.3"], "     2)  17540.300 1  Warng FFFFFFFF -  4    00 00 00 08 BUSHEAVY", "hardware status"),
+        (trc([], "2.0"), "      2     17540.300 ST          Rx    00 00 00 08", "hardware status"),
+        (trc([], "2.0"), "      2     17540.300 ER          Rx    04 00 02 00 00", "error"),
+        (trc([], "2.1"), "      2     17540.300 ER 1         - Rx -  5    04 00 02 00 00", "error"),
+        (trc([], "2.1"), "      2     17540.300 EC 1         - Rx -  2    02 01", "error counters"),
+        (trc([], "2.1"), "      2     17540.300 EV User-defined event", "user-defined event"),
+        (trc([], "1.1"), "     2)      1842.1  Rx         0131  12  31 00 00 00 02 00 00 00", "8 bytes"),
+        (trc([], "2.1"), "      2     17540.300 DT 1      0131 Rx -  15    31 00 00 00 02 00 00 00", "8 bytes"),
+    ):
+        log = written(tmp_path / "a.trc", [*head, line])
+        got = list(log)
+        if name == "error":
+            assert [error_class(one) for one in got] == ["protocol"], line
+        elif name == "8 bytes":
+            assert [(one.dlc, len(one.data)) for one in got] == [(8, 8)], line
+        else:
+            assert (got, log.events[name]) == ([], 1), line
+
+
+def blf(objects: list[tuple[int, bytes]], *, packed: bool = True) -> bytes:
+    """After Vector's binlog_objects.h: a header, and objects with stamps of 1 ms, 2 ms, ... in one container."""
+    inside = b""
+    for k, (kind, body) in enumerate(objects, 1):
+        head = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 32 + len(body), kind, 2, 0, 0, 1_000_000 * k)
+        inside += head + body + bytes(len(body) % 4)
+    content = zlib.compress(inside) if packed else inside
+    container = struct.pack("<4sHHLLH6xL4x", b"LOBJ", 16, 1, 32 + len(content), 10, 2 if packed else 0, len(inside))
+    rest = container + content + bytes((32 + len(content)) % 4)
+    start = struct.pack("<8H", 2026, 11, 5, 27, 12, 0, 0, 0)
+    return struct.pack("<4sL8xQQLL", b"LOGG", 144, 144 + len(rest), 0, 0, 0) + start + bytes(88) + rest
+
+
+def test_objects_of_a_blf_are_frames_requests_and_events_by_their_names(tmp_path):
+    data = bytes(range(1, 9))
+    classic = [(1, struct.pack("<HBBL8s", 2, flags, 12, 0x123, data)) for flags in (0, 1, 2)]
+    remote = (86, struct.pack("<HBBL8s8x", 2, 0x80, 3, 0x80000005, bytes(8)))
+    fd = (100, struct.pack("<HBBLLBBB5x64s", 1, 0, 9, 0x120, 0, 0, 7, 12, bytes(range(12)) + bytes(52)))
+    fd64 = [
+        (
+            101,
+            struct.pack("<BBBBLLLLLLLHBBL", 1, 9, 12, 0, 0x120, 0, 0x3000, 0, 0, 0, 0, 0, way, 0, 0) + bytes(range(12)),
+        )
+        for way in (0, 2)
+    ]
+    others = [(kind, bytes(16)) for kind in (4, 65, 91, 96, 31, 999)]
+    errors = [
+        (2, struct.pack("<HH", 1, 0)),
+        (73, struct.pack("<HHLBBBxLLH2x8s", 1, 0, 0, 0, 0, 0, 0, 0, 0, bytes(8))),
+        (104, bytes([1] + [0] * 47)),
+    ]
+    objects = [*classic, remote, fd, *fd64, *others, *errors]
+    for packed in (True, False):
+        (tmp_path / "a.blf").write_bytes(blf(objects, packed=packed))
+        log = Log(tmp_path / "a.blf", zone=timezone(timedelta(hours=2)))
+        got = list(log)
+        assert [
+            (one.arbitration_id, one.dlc, bytes(one.data), one.is_fd, one.is_rx, one.channel) for one in got[:2]
+        ] == [
+            (0x123, 8, data, False, True, "2"),
+            (0x123, 8, data, False, False, "2"),
+        ]
+        assert (got[2].is_remote_frame, got[2].is_extended_id, got[2].dlc) == (True, True, 3)
+        assert [(bytes(one.data), one.bitrate_switch, one.error_state_indicator) for one in got[3:5]] == [
+            (bytes(range(12)), True, True),
+            (bytes(range(12)), True, False),
+        ]
+        assert [one.is_error_frame for one in got[5:]] == [True] * 3
+        named = {
+            "statistics": 1,
+            "text": 1,
+            "driver overrun": 1,
+            "marker": 1,
+            "driver error": 1,
+            "object of type 999": 1,
+        }
+        assert log.events == {"transmit request": 2, **named}
+        assert (log.is_local, got[0].timestamp) == (True, pytest.approx(1795773600.001))
+
+
+def test_tables_and_measurements_that_python_can_writes_are_read(tmp_path):
+    pytest.importorskip("asammdf")
+    sent = frames()
+    error = can.Message(timestamp=sent[-1].timestamp, is_error_frame=True)
+    for suffix in (".csv", ".db", ".mf4", ".log.gz", ".trc.gz"):
+        kept = [one for one in sent if not one.is_fd or not suffix.startswith(".trc")]
+        for one in kept:
+            one.timestamp += EPOCH_S
+        write(tmp_path / f"a{suffix}", [*kept, *([] if suffix.startswith(".trc") else [error])])
+        log = Log(tmp_path / f"a{suffix}")
+        check(log, kept, suffix)
+        assert log.messages == len(kept) + (not suffix.startswith(".trc")), suffix
+        for one in kept:
+            one.timestamp -= EPOCH_S
+
+
+def test_a_channel_is_chosen_by_its_name(tmp_path):
+    sent = frames()
+    lines = [*candump_l(sent[:8]), *candump_l(sent[8:], "can1")]
+    path = tmp_path / "a.log"
+    path.write_text("\n".join(lines) + "\n")
+    log = Log(path, channels=("can1",))
+    check(log, sent[8:], "can1")
+    assert log.channels == {"can0": 8, "can1": 8}
+    with refused(BusError, "--channel can7: it has can0, can1"):
+        list(Log(path, channels=("can7",)))

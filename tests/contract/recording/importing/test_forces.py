@@ -53,7 +53,7 @@ def test_series_that_are_none_are_refused_and_times_move_to_another_clock():
     ):
         with pytest.raises(DatasetError, match=text):
             series(t, values)
-    moved = series([0.0, 2.0], [5.0, 6.0]).shifted(scale=0.1, origin=1000.0)
+    moved = series([0.0, 2.0], [5.0, 6.0]).at_times(np.array([1000.0, 1000.2]))
     assert moved.t.tolist() == [1000.0, 1000.2]
     assert moved.values.tolist() == [5.0, 6.0]
 

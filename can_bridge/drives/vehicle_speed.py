@@ -1,0 +1,107 @@
+"""The vehicle's speed along a drive, by its own frames: what makes pressures Cp and seconds convective times.
+
+It is believed as the ECU believes it (`ecu.speed`): a speed that no vehicle gets to so fast is left out, and the last
+one stays in force for a while. Between two that are believed it lies on a straight line.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from can_bridge.drives.counted_frames import CountedFrame
+from can_bridge.wire.message_sets import MessageSet
+from contract.arrays import Array
+from contract.config.vehicle import SpeedConfig
+
+_SHORTEST_S: Final = 0.1
+"""Over which a change is judged, at least: its rounding is no acceleration."""
+_SLOWEST: Final = 1e-3
+"""In m/s: a vehicle that stands gets no further, but the distance still rises."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VehicleSpeeds:
+    """What the frames say.
+
+    Attributes:
+        time_s: when each was measured, on the log's clock, rising, (n,).
+        speed: in m/s, (n,).
+        density: of the air in kg/m3, NaN where the vehicle does not know it, (n,).
+        oldest_s: time over which a speed stays in force.
+    """
+
+    time_s: Array
+    speed: Array
+    density: Array
+    oldest_s: float
+
+    def at(self, time_s: Array) -> tuple[Array, Array]:
+        """Speed and density at times of rows, (m,) each; the speed is NaN where none is in force."""
+        behind = np.clip(np.searchsorted(self.time_s, time_s), 1, len(self.time_s) - 1) if len(self.time_s) > 1 else 0
+        nearest = np.minimum(np.abs(time_s - self.time_s[behind]), np.abs(time_s - self.time_s[behind - 1]))
+        speed = np.interp(time_s, self.time_s, self.speed)
+        return np.where(nearest <= self.oldest_s, speed, np.nan), np.interp(time_s, self.time_s, self.density)
+
+    def travel(self, width: float, start_s: float, pace: float) -> "Travel":
+        """The way in lengths of the body, from a time on the log's clock, which is fast by the factor `pace`."""
+        speed = np.maximum(self.speed, _SLOWEST) / (width * pace)
+        if len(speed) == 1:
+            return Travel.steady(start_s, 1.0 / float(speed[0]))
+        way = np.concatenate([[0.0], np.cumsum(np.diff(self.time_s) * (speed[1:] + speed[:-1]) / 2)])
+        travel = Travel(time_s=self.time_s, way=way)
+        return Travel(time_s=self.time_s, way=way - travel.at(np.array([start_s]))[0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Travel:
+    """The way travelled, in lengths W of the body: time in W / U_inf, whatever U_inf was. Straight beyond its ends.
+
+    Attributes:
+        time_s, way: rising, (n,), n at least 2.
+    """
+
+    time_s: Array
+    way: Array
+
+    @classmethod
+    def steady(cls, start_s: float, convective_time: float) -> "Travel":
+        """At one speed, from a start on."""
+        return cls(time_s=np.array([start_s, start_s + convective_time]), way=np.array([0.0, 1.0]))
+
+    def at(self, time_s: Array) -> Array:
+        """The way at times."""
+        return _line(time_s, self.time_s, self.way)
+
+    def time(self, way: Array) -> Array:
+        """The times of ways."""
+        return _line(way, self.way, self.time_s)
+
+
+def _line(wanted: Array, x: Array, y: Array) -> Array:
+    inside = np.interp(wanted, x, y)
+    below, above = (y[1] - y[0]) / (x[1] - x[0]), (y[-1] - y[-2]) / (x[-1] - x[-2])
+    return np.asarray(inside + np.minimum(wanted - x[0], 0.0) * below + np.maximum(wanted - x[-1], 0.0) * above)
+
+
+def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config: SpeedConfig) -> VehicleSpeeds | None:
+    """The speeds that are believed; None where no frame has one."""
+    kept: list[tuple[float, float, float]] = []
+    oldest_s = config.oldest_ms * 1e-3
+    for frame in frames:
+        value = messages.speed.parse(frame.data)
+        if value is None or value.speed_m_per_s is None or value.age_ns * 1e-9 > oldest_s:
+            continue
+        time_s, speed = frame.time_s - value.age_ns * 1e-9, value.speed_m_per_s
+        density = np.nan if value.density_kg_per_m3 is None else value.density_kg_per_m3
+        if kept:
+            passed = time_s - kept[-1][0]
+            most = config.most_acceleration * max(passed, _SHORTEST_S)
+            if passed <= 0 or (passed <= oldest_s and abs(speed - kept[-1][1]) > most):
+                continue
+        kept.append((time_s, speed, density))
+    if not kept:
+        return None
+    time, speeds, densities = np.array(kept).T
+    return VehicleSpeeds(time_s=time, speed=speeds, density=densities, oldest_s=oldest_s)

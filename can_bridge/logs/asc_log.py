@@ -1,0 +1,271 @@
+"""Vector's ASC: "CAN, Log & Trigger ASC Logging Format", 1.4. Times are in s since the measurement or the trigger.
+
+    0.000144 1  120  Rx  d 8 00 01 02 03 04 05 06 07                        classic CAN
+    0.000144 CANFD   1 Rx   120  Pressure  1 0 a 16 00 01 ..  <eight numbers>   on a channel of CAN FD
+
+A name may stand in place of an identifier. Of the eight numbers the third tells what a frame was: bit 12 says CAN FD,
+bit 4 remote; both kinds of channel carry classic frames.
+"""
+
+import re
+from collections.abc import Iterator
+from typing import Final
+
+from can_bridge.logs.entries import (
+    COMMENT,
+    HEADER,
+    IDS,
+    NOT_OURS,
+    REQUEST,
+    XL,
+    Entry,
+    Event,
+    Lines,
+    bytes_of,
+    data_frame,
+    error_frame,
+    length_of,
+    remote_frame,
+)
+from can_bridge.wire.frame import MAX_FRAME_ID
+from contract.printable import quoted
+
+_HEX: Final = re.compile(r"[0-9A-Fa-f]+")
+_DECIMAL: Final = re.compile(r"[0-9]+")
+_TIME: Final = re.compile(r"[+-]?\d+(?:\.\d+)?")
+_BASE: Final = re.compile(r"\bbase\s+(hex|dec)\b", re.IGNORECASE)
+_TIMESTAMPS: Final = re.compile(r"\btimestamps\s+(absolute|relative)\b", re.IGNORECASE)
+_BEGIN: Final = re.compile(r"begin\s+triggerblock\b(.*)", re.IGNORECASE)
+_END: Final = re.compile(r"end\s+triggerblock\b", re.IGNORECASE)
+_DATE: Final = re.compile(r"(\d{1,2})\s+(\d{1,2}):(\d\d):(\d\d(?:\.\d+)?)(?:\s+([ap])m)?\s+(\d{4})", re.IGNORECASE)
+"""Day, time and year of "Fri Nov 27 10:00:00.000 2026", whatever language the names are in."""
+_NUMBER_OF_NAME: Final = re.compile(r"\bID\s*=\s*(\d+)(x?)", re.IGNORECASE)
+"""Behind a classic frame, since version 8: the identifier in decimal."""
+_DIRECTIONS: Final = ("rx", "tx", "txrq")
+_NUMERIC: Final = "0123456789+-("
+"""How a header does not begin."""
+_TRAILING: Final = 6
+"""Numbers behind the bytes of a line for CAN FD, at least; version 8 has two more."""
+_FLAGS: Final = 2
+"""Place among them."""
+_FD_FLAG, _REMOTE_FLAG = 0x1000, 0x10
+_DAY_S: Final = 86_400.0
+_EVENTS: Final = {
+    "start": "start of measurement",
+    "log": "trigger",
+    "sv": "system variable",
+    "comment": COMMENT,
+    "//": COMMENT,
+    "tfs": "test step",
+    "gps": "GPS",
+    "can": "status",
+    "canxl": XL,
+    "statistic": "statistics",
+    "overloadframe": "overload frame",
+    "j1939tp": "J1939 transport",
+}
+"""Names of what is no frame, by its first word."""
+
+
+def read_asc(lines: Lines) -> Iterator[Entry]:
+    """What the lines hold. Raises ValueError, by the number of a line that is neither frame nor event nor header."""
+    base, is_relative, in_block, has_times = 16, False, False, False
+    clock = _Clock()
+    for number, line in lines:
+        text = line.strip()
+        words = text.split()
+        try:
+            if text.startswith(("//", ";")):
+                yield Event(COMMENT)
+            elif begin := _BEGIN.match(text):
+                clock.begin(begin[1], is_relative=is_relative)
+                in_block = True
+                yield Event(HEADER)
+            elif _END.match(text):
+                in_block = False
+                yield Event(HEADER)
+            elif _TIME.fullmatch(words[0]) and len(words) > 1:
+                if not line.endswith("\n") and in_block:
+                    break
+                has_times = True
+                time_s = clock.of(float(words[0]), is_relative=is_relative)
+                entry = _entry(time_s, words, text, base)
+                if not isinstance(entry, Event):
+                    clock.place(entry.timestamp, is_relative=is_relative)
+                    entry.timestamp += clock.offset_s
+                yield entry
+            elif (found := _BASE.search(text)) or _TIMESTAMPS.search(text):
+                base = base if found is None else 10 if found[1].lower() == "dec" else 16
+                timestamps = _TIMESTAMPS.search(text)
+                is_relative = is_relative if timestamps is None else timestamps[1].lower() == "relative"
+                yield Event(HEADER)
+            elif not has_times or "internal events logged" in text.lower() or words[0].lower() == "date":
+                if text[0] in _NUMERIC:
+                    raise ValueError(f"{quoted(text, 60)} has no time in seconds, with a decimal point")
+                yield Event(HEADER)
+            else:
+                raise ValueError(f"{quoted(text, 60)} is neither frame nor event")
+        except ValueError as error:
+            raise ValueError(f"line {number}: {error}") from None
+    if in_block:
+        raise ValueError("is cut off: it has no End TriggerBlock")
+
+
+class _Clock:
+    """Seconds on one clock, where times count from the line before, or begin again with a trigger block.
+
+    Attributes:
+        offset_s: from the times of this block to those of the first one.
+    """
+
+    def __init__(self) -> None:
+        self.offset_s = 0.0
+        self._sum_s = self._latest = 0.0
+        self._has_frames = False
+        self._first_date: str | None = None
+        self._date = ""
+        self._is_new = False
+
+    def begin(self, date: str, *, is_relative: bool) -> None:
+        if self._first_date is None:
+            self._first_date = date
+        self._date, self._is_new = date, self._has_frames
+        if is_relative and self._is_new and (since := _between(self._first_date, date)) is not None:
+            self._sum_s = max(self._sum_s, since)
+
+    def of(self, time_s: float, *, is_relative: bool) -> float:
+        self._sum_s += time_s
+        return self._sum_s if is_relative else time_s
+
+    def place(self, time_s: float, *, is_relative: bool) -> None:
+        """Put a frame behind those of the blocks before: where its time, the first of a block, is not, times count
+        from the block's own date."""
+        if self._is_new and not is_relative and time_s + self.offset_s < self._latest:
+            since = _between(self._first_date or "", self._date)
+            if since is None or time_s + since < self._latest:
+                raise ValueError(
+                    f"its time goes back from {self._latest:.6f} to {time_s:.6f} s with a trigger block, whose date "
+                    f"{quoted(self._date.strip(), 60)} does not tell by how much"
+                )
+            self.offset_s = since
+        self._is_new, self._has_frames = False, True
+        self._latest = max(self._latest, time_s + self.offset_s)
+
+
+def _between(first: str, second: str) -> float | None:
+    """Seconds between two dates less than a month apart; None where one cannot be read."""
+    found = [_DATE.search(text) for text in (first, second)]
+    if found[0] is None or found[1] is None:
+        return None
+    days, seconds = [], []
+    for one in found:
+        assert one is not None
+        hour = int(one[2]) % 12 + 12 * (one[5].lower() == "p") if one[5] else int(one[2])
+        days.append(int(one[1]))
+        seconds.append(3600.0 * hour + 60.0 * int(one[3]) + float(one[4]))
+    months = [text[: one.start()].split()[-1:] for text, one in zip((first, second), found, strict=True) if one]
+    if months[0] == months[1]:
+        return (days[1] - days[0]) * _DAY_S + seconds[1] - seconds[0]
+    # At the end of a month a day has passed: nobody's trigger blocks are further apart, and months have many names.
+    return _DAY_S + seconds[1] - seconds[0] if days[1] < days[0] else None
+
+
+def _entry(time_s: float, words: list[str], text: str, base: int) -> Entry:
+    kind = words[1].lower()
+    if kind == "canfd":
+        return _on_fd_channel(time_s, words, base)
+    if not kind.isdigit():
+        return _event(words[1], text)
+    if len(words) < 3:
+        raise ValueError(f"{quoted(text, 60)} is neither frame nor event")
+    word = words[2].lower()
+    if word.startswith("errorframe"):
+        return error_frame(time_s, words[1])
+    if word.split(":")[0] in _EVENTS:
+        return _event(words[2], text)
+    direction = words[3].lower() if len(words) > 3 else ""
+    if direction not in _DIRECTIONS:
+        if words[2] in IDS or _identifier(words[2], base) is not None:
+            raise ValueError(f"{quoted(text, 60)} has neither Rx nor Tx behind the identifier")
+        return _event(words[2], text)
+    if direction == "txrq":
+        return Event(REQUEST)
+    if len(words) < 5:
+        raise ValueError(f"{quoted(text, 60)} ends before its length")
+    found = _identifier(words[2], base)
+    if found is None and (numbered := _NUMBER_OF_NAME.search(text)):
+        found = int(numbered[1]), bool(numbered[2])
+    if found is None:
+        return Event(NOT_OURS)
+    is_rx, (frame_id, is_extended) = direction == "rx", found
+    match words[4].lower():
+        case "r":
+            code = words[5] if len(words) > 5 and not words[5].lower().startswith("length") else "0"
+            return remote_frame(time_s, words[1], frame_id, int(code, base), is_extended=is_extended, is_rx=is_rx)
+        case "d" if len(words) > 5:
+            data = bytes_of(words[6:], length_of(int(words[5], base), is_fd=False), base)
+            return data_frame(time_s, words[1], frame_id, data, is_extended=is_extended, is_rx=is_rx)
+    raise ValueError(f"{quoted(text, 60)} is neither data (d) nor remote (r), with a length")
+
+
+def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
+    if len(words) < 5 or words[3].lower() not in _DIRECTIONS:
+        raise ValueError(f"{quoted(' '.join(words), 60)} has neither Rx nor Tx behind the channel")
+    channel, direction = words[2], words[3].lower()
+    if words[4].lower() == "errorframe":
+        return error_frame(time_s, channel)
+    if direction == "txrq":
+        return Event(REQUEST)
+    # The name behind the identifier is often left out.
+    rest = words[5:] if words[5:6] and words[5] in ("0", "1") else words[6:]
+    if len(rest) < 4:
+        raise ValueError(f"{quoted(' '.join(words), 60)} ends before its length")
+    found = _identifier(words[4], base)
+    if found is None:
+        return Event(NOT_OURS)
+    frame_id, is_extended = found
+    brs, esi, length = rest[0] == "1", rest[1] == "1", int(rest[3])
+    trailing = rest[4 + length :]
+    flags = int(trailing[_FLAGS], 16) if len(trailing) >= _TRAILING else 0
+    is_rx = direction == "rx"
+    code = int(rest[2], base)
+    # Writers that know nothing of the flags leave them 0.
+    is_fd = bool(flags & _FD_FLAG) or brs or length > 8 or not (flags or (length == 8 and code > 8))
+    if not is_fd and flags & _REMOTE_FLAG:
+        return remote_frame(
+            time_s, channel, frame_id, length_of(code, is_fd=False), is_extended=is_extended, is_rx=is_rx
+        )
+    if length != length_of(code, is_fd=is_fd):
+        raise ValueError(f"length code {code} stands for {length_of(code, is_fd=is_fd)} bytes, not for {length}")
+    data = bytes_of(rest[4:], length, base)
+    return data_frame(
+        time_s, channel, frame_id, data, is_extended=is_extended, is_fd=is_fd, is_rx=is_rx, brs=brs, esi=esi
+    )
+
+
+def _event(word: str, text: str) -> Event:
+    """By its first word; variables and signals, whose first words are their own names, by their marks."""
+    if "GMGroup:" in text:
+        return Event("marker")
+    if not word[:1].isascii() or not (word[0].isalpha() or word[0] == "/"):
+        raise ValueError(f"{quoted(text, 60)} is neither frame nor event")
+    if ":=" in text:
+        return Event("environment variable")
+    if "::" in text and "=" in text and "SV:" not in text:
+        return Event("signal")
+    name = word.lower().rstrip(":").split(":")[0]
+    return Event(_EVENTS.get("//" if name.startswith("//") else name, word.rstrip(":")))
+
+
+def _identifier(word: str, base: int) -> tuple[int, bool] | None:
+    """Number, and whether it has 29 bits; None for a name that is not one of our messages'."""
+    name = word.rpartition("::")[2]
+    if name in IDS:
+        return IDS[name], False
+    is_extended = word[-1:] in ("x", "X")
+    digits = word[:-1] if is_extended else word
+    if not (_HEX if base == 16 else _DECIMAL).fullmatch(digits):
+        return None
+    number = int(digits, base)
+    # Names begin with a letter, and some have the digits of a number: such as no identifier can be.
+    return (number, is_extended) if is_extended or number <= MAX_FRAME_ID or word[0].isdigit() else None

@@ -1,0 +1,206 @@
+"""Vector's BLF: objects, most of them in compressed containers. Vector publishes no description; this follows what
+Vector's binlog and python-can write.
+
+Every object has a type. Frames become messages, whatever else there is counts under its name: nothing is passed over.
+"""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from datetime import datetime
+from typing import Final
+
+import can
+
+from can_bridge.logs.entries import (
+    COMMENT,
+    REQUEST,
+    Binary,
+    Entry,
+    Event,
+    SinceEpoch,
+    data_frame,
+    error_frame,
+    length_of,
+    remote_frame,
+)
+
+_FILE: Final = struct.Struct("<4s L 8x Q Q 8x 8H")
+"""Signature, length of the header, size of the file, size unpacked, start as a Windows SYSTEMTIME."""
+_BASE: Final = struct.Struct("<4s H H L L")
+"""Signature, length of the header and its version, size, type."""
+_STAMP: Final = struct.Struct("<L 4x Q")
+"""Flags of the time, and the time since the start."""
+_CONTAINER: Final = struct.Struct("<H 6x L 4x")
+_CLASSIC: Final = struct.Struct("<H B B L 8s")
+"""Channel, flags, length code, identifier, data."""
+_FD: Final = struct.Struct("<H B B L L B B B 5x 64s")
+"""The same with time on the wire and bits in between, then flags of CAN FD and bytes that are there."""
+_FD_64: Final = struct.Struct("<B B B x L 4x L 18x B B 4x")
+"""Channel, length code, bytes that are there, identifier, flags, direction, place of what follows the data."""
+_CHANNEL: Final = struct.Struct("<H")
+_TEN_MICROSECONDS: Final = 1
+"""Flag of a time that is not in ns."""
+
+_MESSAGES: Final = (1, 86)
+_CONTAINER_TYPE, _FD_TYPE, _FD_64_TYPE, _FD_ERROR_TYPE = 10, 100, 101, 104
+_FRAMES: Final = (*_MESSAGES, _FD_TYPE, _FD_64_TYPE, 2, 73, _FD_ERROR_TYPE)
+"""Types of messages and error frames."""
+_NAMES: Final = {
+    3: "overload frame",
+    4: "statistics",
+    5: "trigger",
+    **dict.fromkeys((6, 7, 8, 9), "environment variable"),
+    **dict.fromkeys((31, 74), "driver error"),
+    44: "driver synchronised",
+    46: "GPS",
+    51: "clock time",
+    65: "text",
+    72: "system variable",
+    91: "driver overrun",
+    92: COMMENT,
+    96: "marker",
+    115: "restore point",
+    125: "data lost, begin",
+    126: "data lost, end",
+}
+_EXTENDED: Final = 0x80000000
+_REMOTE: Final = 0x80
+_DIRECTION: Final = 0xF
+_TX, _TX_REQUEST = 1, 2
+
+
+class Objects:
+    """The objects of a BLF.
+
+    Attributes:
+        count: objects so far, containers left out.
+    """
+
+    def __init__(self, file: Binary) -> None:
+        self.count = 0
+        self._file = file
+
+    def read(self, since_epoch: SinceEpoch) -> Iterator[Entry]:
+        """What they hold. Raises ValueError for a file that is no BLF, or was cut off."""
+        head = self._file.read(_FILE.size)
+        if head[:4] != b"LOGG" or len(head) < _FILE.size:
+            raise ValueError("its head is none of a BLF")
+        _, header_size, announced, _, *start = _FILE.unpack(head)
+        there = len(head) + len(self._file.read(header_size - _FILE.size))
+        year, month, _, day, hour, minute, second, millisecond = start
+        start_ns = 0
+        if year:
+            begin = datetime(year, month, day, hour, minute, second, millisecond * 1000)
+            start_ns = round(since_epoch(begin) * 1e3) * 1_000_000
+        outside, inside = _Stream(), _Stream()
+        while block := self._file.read(1 << 20):
+            there += len(block)
+            for kind, one, header in outside.objects(block):
+                if kind != _CONTAINER_TYPE:
+                    yield self._entry(kind, one, header, start_ns)
+                    continue
+                for kind_inside, object_inside, header_inside in inside.objects(_unpacked(one)):
+                    yield self._entry(kind_inside, object_inside, header_inside, start_ns)
+        if announced > there:
+            raise ValueError(f"is cut off: {announced} bytes announced, {there} there")
+        if outside.has_rest or inside.has_rest:
+            raise ValueError("is cut off: its last object is not whole")
+
+    def _entry(self, kind: int, one: bytes, header: int, start_ns: int) -> Entry:
+        self.count += 1
+        if kind not in _FRAMES:
+            return Event(_NAMES.get(kind, f"object of type {kind}"))
+        flags, stamp = _STAMP.unpack_from(one, _BASE.size)
+        time_s = (start_ns + stamp * (10_000 if flags == _TEN_MICROSECONDS else 1)) / 1e9
+        if kind in _MESSAGES:
+            channel, flags, code, frame_id, data = _CLASSIC.unpack_from(one, header)
+            return _frame(time_s, channel, frame_id, code, data, is_remote=bool(flags & _REMOTE), direction=flags)
+        if kind == _FD_TYPE:
+            channel, flags, code, frame_id, _, _, fd, valid, data = _FD.unpack_from(one, header)
+            is_remote = bool(flags & _REMOTE)
+            return _frame(
+                time_s, channel, frame_id, code, data[:valid], is_remote=is_remote, direction=flags, fd=fd & 7
+            )
+        if kind == _FD_64_TYPE:
+            channel, code, valid, frame_id, flags, direction, behind = _FD_64.unpack_from(one, header)
+            # What is announced and not there is zero, as Vector's own programs read it.
+            data = one[header + _FD_64.size : behind or None][:valid].ljust(valid, b"\0")
+            is_remote, fd = bool(flags & 0x10), flags >> 12 & 7
+            return _frame(time_s, channel, frame_id, code, data, is_remote=is_remote, direction=direction, fd=fd)
+        (channel,) = _CHANNEL.unpack_from(one, header)
+        return error_frame(time_s, str(channel & (0xFF if kind == _FD_ERROR_TYPE else 0xFFFF)))
+
+
+class _Stream:
+    """Objects one behind the other; the last one of a block may go on in the next."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    @property
+    def has_rest(self) -> bool:
+        return b"LOBJ" in self._rest
+
+    def objects(self, block: bytes) -> Iterator[tuple[int, bytes, int]]:
+        """Type, whole object, and length of its header. Raises ValueError where none begins."""
+        data, at = self._rest + block, 0
+        while True:
+            # Up to three bytes of padding lie in between, by the type.
+            begin = data.find(b"LOBJ", at, at + 8)
+            if begin < 0:
+                if len(data) - at >= 8:
+                    raise ValueError(f"no object begins where one must, behind {at} bytes of a block")
+                break
+            if len(data) - begin < _BASE.size:
+                break
+            _, header, _, size, kind = _BASE.unpack_from(data, begin)
+            if size < _BASE.size or header > size:
+                raise ValueError(f"object of {size} bytes: is shorter than its header")
+            if len(data) - begin < size:
+                break
+            yield kind, data[begin : begin + size], header
+            at = begin + size
+        self._rest = data[at:]
+
+
+def _unpacked(container: bytes) -> bytes:
+    method, _ = _CONTAINER.unpack_from(container, _BASE.size)
+    packed = container[_BASE.size + _CONTAINER.size :]
+    if method not in (0, 2):
+        raise ValueError(f"container is compressed by method {method}, must be 0 (not) or 2 (zlib)")
+    return zlib.decompressobj().decompress(packed) if method == 2 else packed
+
+
+def _frame(
+    time_s: float,
+    channel: int,
+    frame_id: int,
+    code: int,
+    data: bytes,
+    *,
+    is_remote: bool,
+    direction: int,
+    fd: int = 0,
+) -> can.Message | Event:
+    """`fd` has three bits: CAN FD, bit rate switched, sender error passive."""
+    if direction & _DIRECTION == _TX_REQUEST:
+        return Event(REQUEST)
+    is_extended, number = bool(frame_id & _EXTENDED), frame_id & ~_EXTENDED
+    is_rx, is_fd = direction & _DIRECTION != _TX, bool(fd & 1)
+    length = length_of(code, is_fd=is_fd)
+    if is_remote and not is_fd:
+        return remote_frame(time_s, str(channel), number, length, is_extended=is_extended, is_rx=is_rx)
+    if len(data) < length:
+        raise ValueError(f"{length} bytes announced, {len(data)} there")
+    return data_frame(
+        time_s,
+        str(channel),
+        number,
+        data[:length],
+        is_extended=is_extended,
+        is_fd=is_fd,
+        is_rx=is_rx,
+        brs=bool(fd & 2),
+        esi=bool(fd & 4),
+    )

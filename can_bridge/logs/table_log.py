@@ -1,0 +1,72 @@
+"""The tables that python-can's logger writes: CSV, and an SQLite database. Neither has channels, nor tells CAN FD from
+classic CAN: what is ours or longer than 8 bytes is known all the same."""
+
+import base64
+import binascii
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Final
+from urllib.parse import quote
+
+from can_bridge.logs.entries import FD_IDS, HEADER, Entry, Event, Lines, data_frame, error_frame, remote_frame
+from contract.printable import quoted
+
+COLUMNS: Final = "timestamp,arbitration_id,extended,remote,error,dlc,data"
+"""First line of such a CSV."""
+
+
+def read_csv(lines: Lines) -> Iterator[Entry]:
+    """What the lines hold. Raises ValueError, by the number of a line that is no such row."""
+    for number, line in lines:
+        text = line.strip()
+        try:
+            if number == 1:
+                if text != COLUMNS:
+                    raise ValueError(f"{quoted(text, 60)}: must be {COLUMNS}, as python-can's logger writes it")
+                yield Event(HEADER)
+                continue
+            values = text.split(",")
+            if len(values) != COLUMNS.count(",") + 1:
+                raise ValueError(f"{len(values)} values, must be {COLUMNS.count(',') + 1}")
+            flags, dlc = [value == "1" for value in values[2:5]], int(values[5])
+            yield _entry(float(values[0]), int(values[1], 16), flags, dlc, base64.b64decode(values[6], validate=True))
+        except (ValueError, binascii.Error) as error:
+            raise ValueError(f"line {number}: {error}") from None
+
+
+class Rows:
+    """The rows of such a database.
+
+    Attributes:
+        count: so far.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.count = 0
+        self._path = path
+
+    def read(self) -> Iterator[Entry]:
+        """What they hold. Raises ValueError, by the number of a row that is none; sqlite3.Error for another file."""
+        with closing(sqlite3.connect(f"file:{quote(str(self._path))}?mode=ro", uri=True)) as database:
+            columns = COLUMNS.replace("timestamp", "ts")
+            for row in database.execute(f"SELECT {columns} FROM messages ORDER BY rowid"):
+                self.count += 1
+                try:
+                    time_s, frame_id, *flags, dlc, data = row
+                    yield _entry(float(time_s), frame_id, [bool(one) for one in flags], dlc, bytes(data or b""))
+                except (ValueError, TypeError) as error:
+                    raise ValueError(f"row {self.count}: {error}") from None
+
+
+def _entry(time_s: float, frame_id: int, flags: list[bool], dlc: int, data: bytes) -> Entry:
+    is_extended, is_remote, is_error = flags
+    if is_error:
+        return error_frame(time_s, "", frame_id)
+    if is_remote:
+        return remote_frame(time_s, "", frame_id, dlc, is_extended=is_extended)
+    if dlc != len(data):
+        raise ValueError(f"{dlc} bytes announced, {len(data)} there")
+    is_fd = len(data) > 8 or (frame_id in FD_IDS and not is_extended)
+    return data_frame(time_s, "", frame_id, data, is_extended=is_extended, is_fd=is_fd, brs=is_fd)

@@ -1,0 +1,116 @@
+"""PEAK's trace files, versions 1.0 to 2.1: "PEAK CAN TRC File Format", 2020. Times are in ms since the start.
+
+The columns of 2.0 and 2.1 are named in the header; those of 1.0 to 1.3 are fixed.
+"""
+
+from collections.abc import Iterator
+from datetime import datetime, timedelta
+from typing import Final
+
+from can_bridge.logs.entries import (
+    COMMENT,
+    HEADER,
+    Entry,
+    Event,
+    Lines,
+    SinceEpoch,
+    bytes_of,
+    data_frame,
+    error_frame,
+    length_of,
+    remote_frame,
+)
+from can_bridge.wire.frame import FD_LENGTHS
+from contract.printable import quoted
+
+_COLUMNS: Final = {"1.0": "NOIL", "1.1": "NOTIL", "1.2": "NOBTIL", "1.3": "NOBTIRL"}
+"""In front of the data: number, time, bus, type or direction, identifier, reserved, length code."""
+_DAY_ZERO: Final = datetime(1899, 12, 30)
+_WARNING: Final = "FFFFFFFF"
+"""In place of an identifier."""
+_STATUS: Final = "hardware status"
+_EVENTS: Final = {
+    "ST": _STATUS,
+    "WARNG": _STATUS,
+    "EC": "error counters",
+    "EV": "user-defined event",
+    "OV": "overload frame",
+}
+_FD: Final = {"FD": (False, False), "FB": (True, False), "FE": (False, True), "BI": (True, True)}
+"""Types of CAN FD frames: whether they switched the bit rate, and whether their sender was error passive."""
+_PROTOCOL: Final = 0x8
+"""The class of what PEAK calls an error frame: a bit, form, stuff or other error (linux/can/error.h)."""
+
+
+def read_trc(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
+    """What the lines hold. Raises ValueError, by the number of a line that is not of the file's version."""
+    columns, start_s = list(_COLUMNS["1.0"]), 0.0
+    for number, line in lines:
+        text = line.strip()
+        try:
+            if not text.startswith(";"):
+                yield _entry(text, columns, start_s, is_whole=line.endswith("\n"))
+                continue
+            name, _, value = text[1:].strip().partition("=")
+            match name.upper():
+                case "$FILEVERSION":
+                    columns = list(_COLUMNS.get(value, ""))
+                    if value not in _COLUMNS and value not in ("2.0", "2.1"):
+                        raise ValueError(f"version {quoted(value)}, must be {', '.join(_COLUMNS)}, 2.0 or 2.1")
+                case "$STARTTIME":
+                    start_s = since_epoch(_DAY_ZERO + timedelta(days=float(value.replace(",", "."))))
+                case "$COLUMNS":
+                    columns = value.split(",")
+            yield Event(HEADER if name.startswith("$") else COMMENT)
+        except (ValueError, OverflowError) as error:
+            raise ValueError(f"line {number}: {error}") from None
+
+
+def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> Entry:
+    if not columns:
+        raise ValueError("stands before ;$COLUMNS, which this version must have")
+    head = [name for name in columns if name != "D"]
+    words = text.split()
+    kind = words[columns.index("T")].upper() if "T" in columns and len(words) > columns.index("T") else ""
+    if kind in _EVENTS:
+        return Event(_EVENTS[kind])
+    if len(words) < 3:
+        raise ValueError(f"{quoted(text, 60)} ends before its length")
+    time_s = start_s + float(words[columns.index("O")]) / 1e3
+    channel = words[columns.index("B")] if "B" in columns else ""
+    if kind in ("ER", "ERROR"):
+        return error_frame(time_s, channel, _PROTOCOL)
+    if len(words) < len(head):
+        raise ValueError(f"{quoted(text, 60)} ends before its length")
+    values = dict(zip(head, words, strict=False))
+    rest = words[len(head) :]
+    frame_id = values["I"]
+    if frame_id.upper() == _WARNING:
+        return Event(_STATUS)
+    if rest[:1] == ["ERROR"]:
+        return error_frame(time_s, channel, _PROTOCOL)
+    is_fd = kind in _FD
+    if "l" in values:
+        length = int(values["l"])
+        if length not in FD_LENGTHS[: None if is_fd else 9]:
+            raise ValueError(f"{length} bytes are no length of {'CAN FD' if is_fd else 'classic CAN'}")
+    elif "L" in values:
+        code = int(values["L"])
+        # Some write the length there; where a line may be cut off, its bytes do not tell.
+        is_length = is_fd and code in FD_LENGTHS and (code > 15 or (is_whole and len(rest) == code))
+        length = code if is_length else length_of(code, is_fd=is_fd)
+    else:
+        raise ValueError("has neither length nor length code: ;$COLUMNS must have l or L")
+    direction = values.get("d", kind).upper()
+    is_extended, number, is_rx = len(frame_id) > 4, int(frame_id, 16), direction != "TX"
+    if kind == "RR" or (rest[:1] == ["RTR"]):
+        return remote_frame(time_s, channel, number, length, is_extended=is_extended, is_rx=is_rx)
+    if kind not in ("", "RX", "TX", "DT", *_FD) or direction not in ("", "RX", "TX", "DT"):
+        raise ValueError(f"type {quoted(kind)} is not one of this format")
+    data = bytes_of(rest, length)
+    if len(rest) > length:
+        raise ValueError(f"{length} bytes announced, {len(rest)} there")
+    brs, esi = _FD.get(kind, (False, False))
+    return data_frame(
+        time_s, channel, number, data, is_extended=is_extended, is_fd=is_fd, is_rx=is_rx, brs=brs, esi=esi
+    )

@@ -1,0 +1,132 @@
+"""One log in the notations of the field, written after the formats' own descriptions, and by nothing of ours."""
+
+from collections.abc import Iterator, Sequence
+
+import can
+
+LENGTHS = [*range(9), 12, 16, 20, 24, 32, 48, 64]
+NAMES = {0x120: "Pressure", 0x128: "VehicleSpeed", 0x130: "JetCommand", 0x140: "EcuStatus"}
+DATE = "Fri Nov 27 10:00:00.000 2026"
+
+
+def frames(count: int = 16) -> list[can.Message]:
+    """Of our CAN FD set, 5 ms apart from 0.25 s on, with another node's classic frame of 29 bits now and then."""
+    made = []
+    for k in range(count):
+        if k % 5 == 4:
+            one = can.Message(arbitration_id=0x18FEF100, is_extended_id=True, data=bytes([k] * 6))
+        else:
+            frame_id, length = ((0x120, 16), (0x128, 8), (0x130, 8), (0x140, 24))[k % 5]
+            data = bytes((7 * k + j) % 256 for j in range(length))
+            one = can.Message(
+                arbitration_id=frame_id, is_extended_id=False, is_fd=True, bitrate_switch=True, data=data, dlc=length
+            )
+        one.timestamp = 0.25 + 0.005 * k
+        made.append(one)
+    return made
+
+
+def asc_line(one: can.Message, time_s: float, *, base: int, direction: str, symbolic: bool) -> str:
+    """Of a channel of CAN FD where the frame is one, else of a classic channel."""
+    number = f"{one.arbitration_id:x}" if base == 16 else f"{one.arbitration_id}"
+    shown = " ".join(f"{byte:02X}" if base == 16 else str(byte) for byte in one.data)
+    ident = f"{number}{'x' if one.is_extended_id else ''}"
+    if symbolic and one.arbitration_id in NAMES:
+        ident = NAMES[one.arbitration_id]
+    if not one.is_fd:
+        return (
+            f"{time_s:11.6f} 1  {ident:<15} {direction:<4} d {one.dlc} {shown}  Length = 0 BitCount = 0 ID = 419361024x"
+        )
+    code = LENGTHS.index(one.dlc)
+    code_text = f"{code:x}" if base == 16 else str(code)
+    return (
+        f"{time_s:11.6f} CANFD   1 {direction:<4} {ident:>10}  {'':<28} 1 0 {code_text} {one.dlc:2d} {shown}"
+        f"        0    0     3000        0        0        0        0        0"
+    )
+
+
+def asc(
+    messages: Sequence[can.Message],
+    *,
+    base: int = 16,
+    relative: bool = False,
+    symbolic: bool = False,
+    requests: bool = False,
+    events: bool = False,
+    shift_s: float = 0.0,
+    block: bool = True,
+) -> list[str]:
+    """Its lines: `requests` puts a request before each frame of the ECU, `events` something else behind every frame."""
+    timed: list[tuple[float, str]] = []
+
+    def line(one: can.Message, time_s: float, direction: str) -> None:
+        # The time is put in afterwards.
+        timed.append((time_s, asc_line(one, 0.0, base=base, direction=direction, symbolic=symbolic).split(None, 1)[1]))
+
+    for k, one in enumerate(messages):
+        time_s, is_ours = one.timestamp + shift_s, one.arbitration_id in (0x130, 0x140)
+        if requests and is_ours:
+            line(one, time_s - 1e-4, "TxRq")
+        line(one, time_s, "Tx" if is_ours and requests else "Rx")
+        if events:
+            other = ("CAN 1 Status:chip status error active", "1  Statistic: D 2 R 0 XD 0 XR 0 E 0 O 0 B 0.04%")
+            timed.append(
+                (time_s, (*other, "SV: 2 0 1 ::Rig::Wind = 3", "log direct start (0ms)", "1  OverloadFrame")[k % 5])
+            )
+    before, body = 0.0, []
+    for time_s, rest in timed:
+        body.append(f"{time_s - before if relative else time_s:11.6f} {rest}")
+        before = time_s
+    head = [
+        f"date {DATE}",
+        f"base {'hex' if base == 16 else 'dec'}  timestamps {'relative' if relative else 'absolute'}",
+    ]
+    start = [
+        "internal events logged",
+        "// version 9.0.0",
+        f"Begin Triggerblock {DATE}",
+        "   0.000000 Start of measurement",
+    ]
+    return [*head, *start, *body, "End TriggerBlock"] if block else [*head, *body]
+
+
+def candump_l(messages: Sequence[can.Message], channel: str = "can0") -> Iterator[str]:
+    """Of `candump -L`."""
+    for one in messages:
+        number = f"{one.arbitration_id:08X}" if one.is_extended_id else f"{one.arbitration_id:03X}"
+        data = bytes(one.data).hex().upper()
+        yield f"({one.timestamp:017.6f}) {channel} {number}#{'#1' if one.is_fd else ''}{data}"
+
+
+def candump(messages: Sequence[can.Message], times: str, *, extra: str = "", tail: str = "") -> Iterator[str]:
+    """Of candump on a screen: `times` is its option -t, empty without; `extra` what -x puts before the identifier."""
+    first = before = messages[0].timestamp
+    for one in messages:
+        number = f"{one.arbitration_id:08X}" if one.is_extended_id else f"{one.arbitration_id:03X}"
+        length = f"[{one.dlc:02d}]" if one.is_fd else f"[{one.dlc}]"
+        seconds = {"a": one.timestamp, "z": one.timestamp - first, "d": one.timestamp - before}.get(times, 0.0)
+        stamp = {"": "", "A": f" (1970-01-01 00:00:{one.timestamp:09.6f})"}.get(times, f" ({seconds:010.6f})")
+        yield f"{stamp}  can0{extra}  {number:>5}  {length:>4}  {one.data.hex(' ').upper()}{tail}"
+        before = one.timestamp
+
+
+def trc(messages: Sequence[can.Message], version: str) -> list[str]:
+    """Of PEAK's programs; those before 2.0 have no frames of CAN FD."""
+    lines = []
+    for k, one in enumerate(messages, 1):
+        number = f"{one.arbitration_id:08X}" if one.is_extended_id else f"{one.arbitration_id:04X}"
+        data, ms = one.data.hex(" ").upper(), 1e3 * one.timestamp
+        kind, code = ("FB" if one.is_fd else "DT"), LENGTHS.index(one.dlc)
+        lines.append(
+            {
+                "1.0": f"{k:6d}) {ms:9.3f}  {number:>8}  {one.dlc}  {data}",
+                "1.1": f"{k:6d}) {ms:11.3f}  Rx     {number:>8}  {one.dlc}  {data}",
+                "1.2": f"{k:6d}) {ms:11.3f} 1  Rx     {number:>8}  {one.dlc}  {data}",
+                "1.3": f"{k:6d}) {ms:11.3f} 1  Rx     {number:>8} -  {one.dlc}    {data}",
+                "2.0": f"{k:7d} {ms:13.3f} {kind} {number:>8} Rx {one.dlc:2d}  {data}",
+                "2.1": f"{k:7d} {ms:13.3f} {kind} 1  {number:>8} Rx -  {code:2d}    {data}",
+            }[version]
+        )
+    columns = {"2.0": [";$COLUMNS=N,O,T,I,d,l,D"], "2.1": [";$COLUMNS=N,O,T,B,I,d,R,L,D"]}.get(version, [])
+    head = [] if version == "1.0" else [f";$FILEVERSION={version}", ";$STARTTIME=25569", *columns]
+    return [*head, ";", *lines]
