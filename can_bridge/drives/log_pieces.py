@@ -15,6 +15,8 @@ from contract.errors import DatasetError
 
 SHORTEST: Final = 16
 """Rows of a piece: fewer show neither the sender's clock nor anything to a model."""
+_SAME: Final = 1e-6
+"""Control periods by which a row may lie outside a piece: rounding."""
 _SHOWN: Final = 5
 """Filled gaps of one stretch that are listed one by one."""
 
@@ -159,14 +161,15 @@ def resampled(piece: Piece, travel: Travel, period: float) -> Piece:
     to the row's own until the next row (`contract.recording`).
     """
     way = travel.at(np.append(piece.time_s, 2 * piece.time_s[-1] - piece.time_s[-2]))
-    wanted = way[0] + period * np.arange(int((way[-2] - way[0]) / period + 1e-6) + 1)
+    first = int(np.ceil(way[0] / period - _SAME))
+    wanted = period * np.arange(first, int(way[-2] / period + _SAME) + 1, dtype=np.float64)
     reached = np.concatenate([[piece.initial_action], piece.action])
     return Piece(
-        first_row=round(way[0] / period),
+        first_row=first,
         time_s=travel.time(wanted),
         Cp=np.column_stack([np.interp(wanted, way[:-1], column) for column in piece.Cp.T]),
         action=np.interp(wanted + period, way, reached),
-        initial_action=piece.initial_action,
+        initial_action=float(np.interp(wanted[0], way, reached)),
     )
 
 

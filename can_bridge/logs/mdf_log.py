@@ -11,7 +11,7 @@ import can
 import numpy as np
 
 from can_bridge.logs.entries import Entry, Event, SinceEpoch, data_frame, error_frame, length_of, remote_frame
-from contract.errors import BusError
+from contract.errors import BusError, install
 
 _DATA, _ERROR, _REMOTE = "CAN_DataFrame", "CAN_ErrorFrame", "CAN_RemoteFrame"
 _NAMES: Final = {"CAN_OverloadFrame": "overload frame"}
@@ -37,8 +37,8 @@ class Records:
             from asammdf import MDF
         except ImportError as error:
             raise BusError(
-                f"{self._path}: ASAM MDF is read by asammdf: pip install 'stillwake[mdf]'; or, where python-can has "
-                f"it, `python -m can.logconvert {self._path.name} {self._path.stem}.blf`"
+                f"{self._path}: ASAM MDF is read by asammdf: {install('mdf')}; or convert it elsewhere: "
+                f"`python -m can.logconvert {self._path.name} {self._path.stem}.blf`"
             ) from error
         with MDF(self._path) as opened:
             measurement: Any = opened

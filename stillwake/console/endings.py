@@ -24,6 +24,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "flash": ("udsoncan", "isotp"),
     "mcu": ("ziglang", "unicorn", "capstone", "elftools"),
     "fmu": ("pythonfmu3",),
+    "mdf": ("asammdf",),
 }
 """Packages, by the names they are imported by, that an extra of `pyproject.toml` brings."""
 LEARNING: Final = ("train", "identify", "export", "mcu")

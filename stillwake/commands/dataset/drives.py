@@ -87,7 +87,7 @@ def zone_of(text: str) -> tzinfo | None:
         return ZoneInfo(text)
     except (ValueError, OSError, ZoneInfoNotFoundError):
         raise ConfigError(
-            f"--log-zone {text}: must be a zone's name, such as Europe/Berlin or UTC, or +02:00"
+            f"--log-zone {text}: must be a name such as Europe/Berlin or UTC, or such as +02:00"
         ) from None
 
 
@@ -185,6 +185,7 @@ def read_drive(
         only=message_set(loaded.config.bus) if loaded.given & {"bus.frames", "bus.key"} else None,
         verify=_verifier(loaded),
     )
+    _check_limit(path, series, scales)
     forces_found = _forces(forces, series, log, options)
     digest, forces_digest = _sha256(path), _sha256(forces)
     sources = []
@@ -296,6 +297,20 @@ def _forces(path: Path, series: "LogSeries", log: "Log", options: DriveOptions) 
     if clock == "log" and log.is_local and options.zone is None:
         _check_zone(log.path, series, found["Cd"], options.fill)
     return found
+
+
+def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
+    """Refuse actions that are beyond the limit because the vehicle was slow: the jets' own limit is a flow rate."""
+    from contract.recording.findings import LIMIT_TOLERANCE
+
+    largest = max(float(np.abs(piece.action).max()) for piece in series.pieces)
+    slowest = scales.point.speed if series.report.speed is None else series.report.speed[0]
+    if largest > scales.action_limit * (1.0 + LIMIT_TOLERANCE) >= largest * slowest / scales.point.speed:
+        raise DatasetError(
+            f"{path}: actions reach {largest:.4g} U_inf W, beyond the limit of {scales.action_limit:g}: at {slowest:g} "
+            f"m/s the same jets are more of U_inf W than at {scales.point.speed:g} m/s; give --limit "
+            f"{np.ceil(largest * 1e4) / 1e4:g}"
+        )
 
 
 def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) -> None:

@@ -30,6 +30,7 @@ SUFFIX: Final = {"fd": "", "classic": "Classic", "secured": "Secured"}
 DATA_IDS: Final = {
     **{"Pressure": 0x5701, "JetCommand": 0x5702, "PressureClassic": 0x71, "JetCommandClassic": 0x72},
     **{"PressureSecured": 0x5704, "JetCommandSecured": 0x5705},
+    **{"VehicleSpeed": 0x5707, "VehicleSpeedClassic": 0x74, "VehicleSpeedSecured": 0x5708},
 }
 MODULUS: Final = {"fd": 256, "classic": 16, "secured": 256}
 KEY: Final = bytes(range(1, 17))
@@ -83,6 +84,12 @@ def command(
         **{"Mode": "CONTROL", "Enable": 1, "PressureCounterValid": 1, "NextPeriod": 0},
     }
     return framed(f"JetCommand{SUFFIX[one.kind]}", usual | values, k + 7, one.kind, time_s)
+
+
+def speed(kind: str, k: int, time_s: float, value: float | None, density: float = 0.0) -> can.Message:
+    """The VehicleSpeed of period k, in m/s, and the density of the air in kg/m3; 0 where it is not known."""
+    values = {"Speed": 0xFFFF * 0.005 if value is None else value, "AirDensity": density, "Age": 0.0}
+    return framed(f"VehicleSpeed{SUFFIX[kind]}", values, k, kind, time_s)
 
 
 def framed(name: str, values: dict[str, Any], counter: int, kind: str, time_s: float) -> can.Message:

@@ -1,5 +1,6 @@
 """`stillwake dataset import` of logs: the loop's own capture is the recorded run, and faults end in one line."""
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from contract.sensors import TRUCK
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.series_csv import write_csv
-from tests.can_bridge.drives.drive_log import FLOW, KEY, PRESSURE, STEP, drive, log_of, write
+from tests.can_bridge.drives.drive_log import FLOW, KEY, PRESSURE, STEP, drive, log_of, speed, write
 from tests.conftest import Coarse, Outcome
 
 Cli = Callable[..., Outcome]
@@ -118,7 +119,9 @@ def test_the_loops_own_capture_is_the_run_within_half_a_step(
 
 # python-can writes no CAN FD frames into TRC.
 def test_every_format_of_logs_gives_the_drive(place: Place) -> None:
-    for kind, suffix in (("fd", ".log"), ("fd", ".asc"), ("secured", ".blf"), ("classic", ".trc")):
+    pairs = [("fd", ".log"), ("fd", ".asc"), ("secured", ".blf"), ("classic", ".trc")]
+    pairs += [("fd", ".csv"), ("fd", ".db"), ("fd", ".mf4"), ("classic", ".log.gz")]
+    for kind, suffix in pairs:
         one = drive(kind, 200, 2)
         log = write(place.folder / f"other{suffix}", log_of(one))
         outcome = place.call("--forces", place.folder / "forces.csv", "--overwrite", log=log)
@@ -158,8 +161,11 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused: Callable[
             "--forces forces.csv --forces-map Cd=drag": "no column 'drag' for the forces' table; it has t [t_c], Cd, C",
             "--forces forces.csv --set operating_point.speed=50": "20 ms apart, the control period is 10 ms",
             "--forces forces.csv --set mpc.horizon=3": "`dataset import` does not use it",
-            "--forces forces.csv --dynamic-pressure 300": "operating_point has 375 Pa",
+            "--forces forces.csv --dynamic-pressure 300": "drive.log has 375 Pa",
             "--forces forces.csv --limit 0.01": "beyond the limit of 0.01",
+            "--forces forces.csv --channel can7": "drive.log: --channel can7: it has vcan0",
+            "--forces forces.csv --log-zone Mars": "--log-zone Mars: must be a name such as Europe/Berlin or UTC",
+            "--forces forces.csv --log-zone +02:00": "--log-zone +02:00: no log begins in local time",
             "--forces forces.csv --set bus.frames=classic": "holds no pressure, PressureClassic (0x121)",
         },
     )
@@ -172,3 +178,56 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused: Callable[
         (*call, "--sensors", "sensors.csv", "--train", "table.csv"),
         {"--split": without, "--forces forces.csv": without, "--set operating_point.speed=20": without},
     )
+
+
+def test_a_log_that_begins_in_local_time_is_read_in_its_zone_or_the_zone_is_asked_for(place: Place) -> None:
+    """12:00 at two hours east of Greenwich, as Vector's programs write it; and forces of the same day by the clock."""
+    start = 1_795_773_600.0
+    one = drive("fd", 200, 7)
+    log = write(place.folder / "drive.blf", log_of(one, start_s=start + 7200.0))
+    values = forces(200)
+    at = {**values, "t": start + 0.1 * values["t"]}
+    true = write_forces(place.folder / "true.csv", at, "t,Cd,Cl")
+    # A balance that went on for two hours and a bit: other forces in the hours after.
+    later = {"t": start + 7200.0 + 0.1 * values["t"], "Cd": values["Cd"] + 1.0, "Cl": values["Cl"]}
+    long = write_forces(place.folder / "long.csv", {name: np.append(at[name], later[name]) for name in at}, "t,Cd,Cl")
+    clock = ("--forces-clock", "log", "--overwrite")
+    for table, zones in ((true, "+02:00"), (long, "+00:00 and +02:00")):
+        asked = place.call("--forces", table, *clock, log=log)
+        assert asked.code == 1
+        assert (
+            f"drive.blf: begins in local time, and does not state its zone; the forces cover it in the zones {zones}:"
+            in asked.err
+        )
+        for zone in ("+02:00", "Europe/Helsinki"):
+            outcome = place.call("--forces", table, *clock, "--log-zone", zone, log=log)
+            assert outcome.code == 0, outcome.err
+            same_forces(place.read.episodes[0])
+    # Forces of the hour that python-can meant, and of no other, show that it was UTC.
+    write_forces(place.folder / "true.csv", later, "t,Cd,Cl")
+    assert place.call("--forces", true, *clock, log=log).code == 0
+
+
+def test_a_drive_at_another_speed_states_it_and_needs_no_setting(place: Place) -> None:
+    one = drive("fd", 200, 8)
+    said = [speed("fd", k, 1000.0 + (k + 0.01) * 0.02, 20.0) for k in range(200)]
+    log = write(place.folder / "slow.log", sorted([*log_of(one), *said], key=lambda message: message.timestamp))
+    asked = place.call("--forces", place.folder / "forces.csv", log=log)
+    assert (asked.code, "give --period 0.16" in asked.err) == (1, True)
+    call = ("--forces", place.folder / "forces.csv", "--period", 0.16)
+    assert "beyond the limit of 0.075: at 20 m/s the same jets" in place.call(*call, log=log).err
+    outcome = place.call(*call, "--limit", 0.08, log=log)
+    assert outcome.code == 0, outcome.err
+    assert "slow.log: Cp by the 20 m/s of its VehicleSpeed frames" in outcome.out
+    (episode,) = place.read.episodes
+    np.testing.assert_allclose(episode.series["Cp"], one.Cp / 0.64, atol=CP_QUANTUM / 2)
+    np.testing.assert_allclose(episode.series["t"], 0.16 * np.arange(200), atol=1e-9)
+    # Forces in t_c of the vehicle's own speed.
+    np.testing.assert_allclose(episode.series["Cd"], 1.0 + 0.1 * np.sin(0.16 * np.arange(200)), atol=1e-3)
+
+
+def test_a_measurement_without_asammdf_names_the_extra(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    (place.folder / "drive.mf4").touch()
+    monkeypatch.setitem(sys.modules, "asammdf", None)
+    outcome = place.call("--forces", place.folder / "forces.csv", log=place.folder / "drive.mf4")
+    assert (outcome.code, "pip install '.[mdf]'" in outcome.err) == (1, True)

@@ -9,6 +9,7 @@ from typing import Any
 import can
 import pytest
 
+from tests.can_bridge.logs.log_texts import asc, candump_l, frames
 from tests.stillwake.commands.can.virtual_bus import VIRTUAL, flat, taken, write
 
 
@@ -89,3 +90,35 @@ def test_monitor_of_a_log_shows_its_end(cli: Callable[..., Any], tmp_path: Path)
     only = cli("can", "monitor", "--log", tmp_path / "a.asc", "--filter", "flow").out
     assert "Flow 1.9 m2/s" in flat(only)
     assert "Missed" not in only
+
+
+def test_the_summary_counts_what_is_no_frame_by_its_name_and_reads_each_bus_by_itself(
+    cli: Callable[..., Any], tmp_path: Path
+) -> None:
+    """The same 16 frames, 5 ms apart; a request, status or statistic is not on the bus."""
+    sent = frames()
+    (tmp_path / "plain.asc").write_text("\n".join(asc(sent)) + "\n")
+    plain = cli("can", "decode", tmp_path / "plain.asc", "--summary").out
+    for name, lines, words in (
+        ("requests", asc(sent, requests=True), "transmit request 6"),
+        ("relative", asc(sent, relative=True, events=True), "statistics 3"),
+        ("before", asc(sent, shift_s=-0.3), "header 5, "),
+    ):
+        (tmp_path / f"{name}.asc").write_text("\n".join(lines) + "\n")
+        shown = cli("can", "decode", tmp_path / f"{name}.asc", "--summary", "--json", tmp_path / f"{name}.json").out
+        assert flat(shown).split("data frames, ")[0] == flat(plain).split("data frames, ")[0], name
+        assert "16 data frames, 0 remote, 0 error frames in 0.075000 s" in shown, name
+        assert f"lines that are no frames: {words}" in shown or words in shown.rpartition("no frames:")[2], name
+        figures = json.loads((tmp_path / f"{name}.json").read_text())["figures"]
+        assert figures["frames"] + sum(figures["events"].values()) == len(lines), name
+    errors = ["(0.2) can0 20000004#0004000000000000", "(0.3) can0 20000088#00"]
+    lines = [errors[0], *candump_l(sent), *candump_l(sent, "can1"), errors[1]]
+    (tmp_path / "two.log").write_text("\n".join(lines) + "\n")
+    both = flat(cli("can", "decode", tmp_path / "two.log", "--summary").out)
+    assert "2 error frames (controller 1, protocol and bus error 1)" in both
+    assert "can0 120 Pressure 4" in both and "can1 120 Pressure 4" in both
+    one = flat(cli("can", "decode", tmp_path / "two.log", "--summary", "--channel", "can1").out)
+    assert "16 data frames, 0 remote, 0 error frames" in one
+    assert "it has can0, can1" in cli("can", "decode", tmp_path / "two.log", "--channel", "can2").err
+    assert "can1 Pressure" in flat(cli("can", "monitor", "--log", tmp_path / "two.log").out)
+    assert "--channel: goes with --log" in cli("can", "monitor", "--channel", "can1").err
