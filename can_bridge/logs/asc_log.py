@@ -18,6 +18,7 @@ from can_bridge.logs.entries import (
     NOT_OURS,
     REQUEST,
     XL,
+    CutOffError,
     Entry,
     Event,
     Lines,
@@ -108,7 +109,7 @@ def read_asc(lines: Lines) -> Iterator[Entry]:
         except ValueError as error:
             raise ValueError(f"line {number}: {error}") from None
     if in_block:
-        raise ValueError("is cut off: it has no End TriggerBlock")
+        raise CutOffError("it has no End TriggerBlock")
 
 
 class _Clock:
@@ -247,12 +248,12 @@ def _event(word: str, text: str) -> Event:
     """By its first word; variables and signals, whose first words are their own names, by their marks."""
     if "GMGroup:" in text:
         return Event("marker")
-    if not word[:1].isascii() or not (word[0].isalpha() or word[0] == "/"):
-        raise ValueError(f"{quoted(text, 60)} is neither frame nor event")
     if ":=" in text:
         return Event("environment variable")
     if "::" in text and "=" in text and "SV:" not in text:
         return Event("signal")
+    if not word[:1].isascii() or not (word[0].isalpha() or word[0] == "/"):
+        raise ValueError(f"{quoted(text, 60)} is neither frame nor event")
     name = word.lower().rstrip(":").split(":")[0]
     return Event(_EVENTS.get("//" if name.startswith("//") else name, word.rstrip(":")))
 

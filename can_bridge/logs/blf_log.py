@@ -16,6 +16,7 @@ from can_bridge.logs.entries import (
     COMMENT,
     REQUEST,
     Binary,
+    CutOffError,
     Entry,
     Event,
     SinceEpoch,
@@ -103,9 +104,9 @@ class Objects:
                 for kind_inside, object_inside, header_inside in inside.objects(_unpacked(one)):
                     yield self._entry(kind_inside, object_inside, header_inside, start_ns)
         if announced > there:
-            raise ValueError(f"is cut off: {announced} bytes announced, {there} there")
+            raise CutOffError(f"{announced} bytes announced, {there} there")
         if outside.has_rest or inside.has_rest:
-            raise ValueError("is cut off: its last object is not whole")
+            raise CutOffError("its last object is not whole")
 
     def _entry(self, kind: int, one: bytes, header: int, start_ns: int) -> Entry:
         self.count += 1

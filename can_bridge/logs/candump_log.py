@@ -15,6 +15,7 @@ from typing import Final
 from can_bridge.logs.entries import (
     COMMENT,
     XL,
+    CutOffError,
     Entry,
     Event,
     Lines,
@@ -105,7 +106,7 @@ def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:
     if (log := _LOG.fullmatch(text)) is not None:
         time, channel, frame_id, body, direction = log.groups()
         if not is_whole and direction is None:
-            raise ValueError("is cut off: its last line has no end, and may be the part of one")
+            raise CutOffError("its last line has no end, and may be the part of one")
         if body.startswith("##"):
             return Event(XL)
         return _logged(clock.of(time, channel), channel, frame_id, body, is_rx=direction not in ("T", "t"))

@@ -53,6 +53,10 @@ class Event(NamedTuple):
     lines: int = 1
 
 
+class CutOffError(Exception):
+    """The end of a file is missing; the message says by what that shows."""
+
+
 Entry = can.Message | Event
 
 

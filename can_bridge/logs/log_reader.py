@@ -17,7 +17,7 @@ import can
 from can_bridge.logs.asc_log import read_asc
 from can_bridge.logs.blf_log import Objects
 from can_bridge.logs.candump_log import read_candump
-from can_bridge.logs.entries import Binary, Entry, Event, Lines
+from can_bridge.logs.entries import Binary, CutOffError, Entry, Event, Lines
 from can_bridge.logs.mdf_log import Records
 from can_bridge.logs.table_log import COLUMNS, Rows, read_csv
 from can_bridge.logs.trc_log import read_trc
@@ -117,6 +117,8 @@ class Log:
                     raise ValueError(f"of {source.count} lines {read} were read")
             except BusError:
                 raise
+            except CutOffError as error:
+                raise BusError(f"{self.path}: is cut off: {error}") from error
             except Exception as error:
                 raise BusError(f"{self.path}: cannot be read as a CAN log ({error or type(error).__name__})") from error
         if self._only and not self._only & set(self.channels):

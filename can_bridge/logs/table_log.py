@@ -30,7 +30,7 @@ def read_csv(lines: Lines) -> Iterator[Entry]:
             values = text.split(",")
             if len(values) != COLUMNS.count(",") + 1:
                 raise ValueError(f"{len(values)} values, must be {COLUMNS.count(',') + 1}")
-            flags, dlc = [value == "1" for value in values[2:5]], int(values[5])
+            flags, dlc = [bool(int(value)) for value in values[2:5]], int(values[5])
             yield _entry(float(values[0]), int(values[1], 16), flags, dlc, base64.b64decode(values[6], validate=True))
         except (ValueError, binascii.Error) as error:
             raise ValueError(f"line {number}: {error}") from None

@@ -4,11 +4,12 @@ import gzip
 import struct
 import zlib
 from contextlib import suppress
-from datetime import timedelta, timezone
+from datetime import datetime, timedelta, timezone
 from itertools import product
 from pathlib import Path
 
 import can
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
@@ -112,7 +113,11 @@ def test_damage_is_named_in_one_line(tmp_path):
         (".blf", lambda content: b"", unreadable),
         (".blf", lambda content: b"PK" + content[2:], unreadable),
         (".asc", lambda content: content[: content.rindex(b"00")], "bytes announced|no End TriggerBlock"),
-        (".log", lambda content: content[:-20], "line 40: .*(its last line has no end|is no line of candump)"),
+        (
+            ".log",
+            lambda content: content[:-20],
+            "is cut off: its last line has no end|line 40: .* is no line of candump",
+        ),
         (".asc", lambda content: content.replace(b" d 8 00", b" d 8 0", 1), "line 6: 8 bytes announced, 7 there"),
         (".asc", lambda content: content.replace(b" Rx ", b" ", 1), "line 6: .* has neither Rx nor Tx"),
         (".asc", lambda content: content.replace(b"1.003", b"1,003", 1).replace(b"0.003000 1", b"0,003 1"), "line 9: "),
@@ -245,6 +250,7 @@ def test_lines_of_vectors_own_description_are_what_it_says(tmp_path):
         ("2.5 CAN 2 Status:chip status warning level - TxErr: 132 RxErr: 0", "status"),
         ("2.5 log trigger event", "trigger"),
         ("2.5 EnvWind := 3", "environment variable"),
+        ("2.5 \xd6ltemperatur := 3", "environment variable"),
         ("2.5 CAN 1 Gateway::Engine::Speed = 3", "signal"),
         ("2.5 TFS: [1,2] test case begins", "test step"),
         ("2.5 Comment: 0 the rig was moved", "comment"),
@@ -493,3 +499,26 @@ def test_a_channel_is_chosen_by_its_name(tmp_path):
     assert log.channels == {"can0": 8, "can1": 8}
     with refused(BusError, "--channel can7: it has can0, can1"):
         list(Log(path, channels=("can7",)))
+
+
+def test_a_measurement_with_other_groups_and_without_optional_fields_is_read(tmp_path):
+    """Written by asammdf: a classic bus, identifiers of 29 bits marked by their uppermost, beside an analog signal."""
+    asammdf = pytest.importorskip("asammdf")
+    kinds = [("ID", "<u4"), ("DLC", "<u1"), ("DataBytes", "(8,)u1")]
+    samples = np.zeros(3, dtype=[(f"CAN_DataFrame.{name}", kind) for name, kind in kinds])
+    samples["CAN_DataFrame.ID"] = [0x120, 0x80000005, 7]
+    samples["CAN_DataFrame.DLC"] = [8, 12, 2]
+    samples["CAN_DataFrame.DataBytes"] = np.arange(24).reshape(3, 8)
+    times = np.array([0.25, 0.5, 0.75])
+    with asammdf.MDF(version="4.10") as measurement:
+        measurement.start_time = datetime(2026, 11, 27, 12, tzinfo=timezone(timedelta(hours=2)))
+        measurement.append(asammdf.Signal(np.arange(5.0), np.arange(5.0), name="Wind"))
+        measurement.append(asammdf.Signal(samples, times, name="CAN_DataFrame"))
+        measurement.save(tmp_path / "a.mf4")
+    log = Log(tmp_path / "a.mf4")
+    assert [(one.timestamp, one.arbitration_id, one.is_extended_id, bytes(one.data), one.is_fd) for one in log] == [
+        (1795773600.25, 0x120, False, bytes(range(8)), False),
+        (1795773600.5, 5, True, bytes(range(8, 16)), False),
+        (1795773600.75, 7, False, bytes([16, 17]), False),
+    ]
+    assert (log.events, log.is_local) == ({"record of Wind": 5}, False)
