@@ -12,7 +12,10 @@ from collections.abc import Iterator
 from typing import Final
 
 from can_bridge.logs.entries import (
+    BRS,
     COMMENT,
+    ESI,
+    FD,
     HEADER,
     IDS,
     NOT_OURS,
@@ -21,12 +24,12 @@ from can_bridge.logs.entries import (
     CutOffError,
     Entry,
     Event,
+    Ident,
     Lines,
     bytes_of,
-    data_frame,
     error_frame,
+    frame,
     length_of,
-    remote_frame,
 )
 from can_bridge.wire.frame import MAX_FRAME_ID
 from contract.printable import quoted
@@ -198,14 +201,14 @@ def _entry(time_s: float, words: list[str], text: str, base: int) -> Entry:
         found = int(numbered[1]), bool(numbered[2])
     if found is None:
         return Event(NOT_OURS)
-    is_rx, (frame_id, is_extended) = direction == "rx", found
+    is_rx = direction == "rx"
     match words[4].lower():
         case "r":
             code = words[5] if len(words) > 5 and not words[5].lower().startswith("length") else "0"
-            return remote_frame(time_s, words[1], frame_id, int(code, base), is_extended=is_extended, is_rx=is_rx)
+            return frame(time_s, words[1], found, None, dlc=int(code, base), is_rx=is_rx)
         case "d" if len(words) > 5:
             data = bytes_of(words[6:], length_of(int(words[5], base), is_fd=False), base)
-            return data_frame(time_s, words[1], frame_id, data, is_extended=is_extended, is_rx=is_rx)
+            return frame(time_s, words[1], found, data, is_rx=is_rx)
     raise ValueError(f"{quoted(text, 60)} is neither data (d) nor remote (r), with a length")
 
 
@@ -224,24 +227,18 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
     found = _identifier(words[4], base)
     if found is None:
         return Event(NOT_OURS)
-    frame_id, is_extended = found
-    brs, esi, length = rest[0] == "1", rest[1] == "1", int(rest[3])
+    code, length, is_rx = int(rest[2], base), int(rest[3]), direction == "rx"
     trailing = rest[4 + length :]
     flags = int(trailing[_FLAGS], 16) if len(trailing) >= _TRAILING else 0
-    is_rx = direction == "rx"
-    code = int(rest[2], base)
+    fd = BRS * (rest[0] == "1") | ESI * (rest[1] == "1")
     # Writers that know nothing of the flags leave them 0.
-    is_fd = bool(flags & _FD_FLAG) or brs or length > 8 or not (flags or (length == 8 and code > 8))
-    if not is_fd and flags & _REMOTE_FLAG:
-        return remote_frame(
-            time_s, channel, frame_id, length_of(code, is_fd=False), is_extended=is_extended, is_rx=is_rx
-        )
-    if length != length_of(code, is_fd=is_fd):
-        raise ValueError(f"length code {code} stands for {length_of(code, is_fd=is_fd)} bytes, not for {length}")
-    data = bytes_of(rest[4:], length, base)
-    return data_frame(
-        time_s, channel, frame_id, data, is_extended=is_extended, is_fd=is_fd, is_rx=is_rx, brs=brs, esi=esi
-    )
+    if flags & _FD_FLAG or fd & BRS or length > 8 or not (flags or (length == 8 and code > 8)):
+        fd |= FD
+    elif flags & _REMOTE_FLAG:
+        return frame(time_s, channel, found, None, dlc=length_of(code, is_fd=False), is_rx=is_rx)
+    if length != length_of(code, is_fd=bool(fd & FD)):
+        raise ValueError(f"length code {code} does not stand for {length} bytes")
+    return frame(time_s, channel, found, bytes_of(rest[4:], length, base), fd=fd if fd & FD else 0, is_rx=is_rx)
 
 
 def _event(word: str, text: str) -> Event:
@@ -258,7 +255,7 @@ def _event(word: str, text: str) -> Event:
     return Event(_EVENTS.get("//" if name.startswith("//") else name, word.rstrip(":")))
 
 
-def _identifier(word: str, base: int) -> tuple[int, bool] | None:
+def _identifier(word: str, base: int) -> Ident | None:
     """Number, and whether it has 29 bits; None for a name that is not one of our messages'."""
     name = word.rpartition("::")[2]
     if name in IDS:

@@ -20,10 +20,9 @@ from can_bridge.logs.entries import (
     Entry,
     Event,
     SinceEpoch,
-    data_frame,
     error_frame,
+    frame,
     length_of,
-    remote_frame,
 )
 
 _FILE: Final = struct.Struct("<4s L 8x Q Q 8x 8H")
@@ -89,11 +88,9 @@ class Objects:
             raise ValueError("its head is none of a BLF")
         _, header_size, announced, _, *start = _FILE.unpack(head)
         there = len(head) + len(self._file.read(header_size - _FILE.size))
-        year, month, _, day, hour, minute, second, millisecond = start
-        start_ns = 0
-        if year:
-            begin = datetime(year, month, day, hour, minute, second, millisecond * 1000)
-            start_ns = round(since_epoch(begin) * 1e3) * 1_000_000
+        year, month, _, day, hour, minute, second, ms = start
+        begin = datetime(year, month, day, hour, minute, second, ms * 1000) if year else None
+        start_ns = 0 if begin is None else round(since_epoch(begin) * 1e3) * 1_000_000
         outside, inside = _Stream(), _Stream()
         while block := self._file.read(1 << 20):
             there += len(block)
@@ -116,19 +113,15 @@ class Objects:
         time_s = (start_ns + stamp * (10_000 if flags == _TEN_MICROSECONDS else 1)) / 1e9
         if kind in _MESSAGES:
             channel, flags, code, frame_id, data = _CLASSIC.unpack_from(one, header)
-            return _frame(time_s, channel, frame_id, code, data, is_remote=bool(flags & _REMOTE), direction=flags)
+            return _frame(time_s, channel, frame_id, code, data, flags)
         if kind == _FD_TYPE:
             channel, flags, code, frame_id, _, _, fd, valid, data = _FD.unpack_from(one, header)
-            is_remote = bool(flags & _REMOTE)
-            return _frame(
-                time_s, channel, frame_id, code, data[:valid], is_remote=is_remote, direction=flags, fd=fd & 7
-            )
+            return _frame(time_s, channel, frame_id, code, data[:valid], flags, fd & 7)
         if kind == _FD_64_TYPE:
             channel, code, valid, frame_id, flags, direction, behind = _FD_64.unpack_from(one, header)
             # What is announced and not there is zero, as Vector's own programs read it.
             data = one[header + _FD_64.size : behind or None][:valid].ljust(valid, b"\0")
-            is_remote, fd = bool(flags & 0x10), flags >> 12 & 7
-            return _frame(time_s, channel, frame_id, code, data, is_remote=is_remote, direction=direction, fd=fd)
+            return _frame(time_s, channel, frame_id, code, data, direction | (flags & 0x10) << 3, flags >> 12 & 7)
         (channel,) = _CHANNEL.unpack_from(one, header)
         return error_frame(time_s, str(channel & (0xFF if kind == _FD_ERROR_TYPE else 0xFFFF)))
 
@@ -174,34 +167,15 @@ def _unpacked(container: bytes) -> bytes:
 
 
 def _frame(
-    time_s: float,
-    channel: int,
-    frame_id: int,
-    code: int,
-    data: bytes,
-    *,
-    is_remote: bool,
-    direction: int,
-    fd: int = 0,
+    time_s: float, channel: int, frame_id: int, code: int, data: bytes, flags: int, fd: int = 0
 ) -> can.Message | Event:
-    """`fd` has three bits: CAN FD, bit rate switched, sender error passive."""
-    if direction & _DIRECTION == _TX_REQUEST:
+    """`flags` has the direction and the remote bit, `fd` those of `can_bridge.logs.entries.FD` and behind."""
+    if flags & _DIRECTION == _TX_REQUEST:
         return Event(REQUEST)
-    is_extended, number = bool(frame_id & _EXTENDED), frame_id & ~_EXTENDED
-    is_rx, is_fd = direction & _DIRECTION != _TX, bool(fd & 1)
-    length = length_of(code, is_fd=is_fd)
-    if is_remote and not is_fd:
-        return remote_frame(time_s, str(channel), number, length, is_extended=is_extended, is_rx=is_rx)
+    length, is_rx = length_of(code, is_fd=bool(fd)), flags & _DIRECTION != _TX
+    ident = (frame_id & ~_EXTENDED, bool(frame_id & _EXTENDED))
+    if flags & _REMOTE and not fd:
+        return frame(time_s, str(channel), ident, None, dlc=length, is_rx=is_rx)
     if len(data) < length:
         raise ValueError(f"{length} bytes announced, {len(data)} there")
-    return data_frame(
-        time_s,
-        str(channel),
-        number,
-        data[:length],
-        is_extended=is_extended,
-        is_fd=is_fd,
-        is_rx=is_rx,
-        brs=bool(fd & 2),
-        esi=bool(fd & 4),
-    )
+    return frame(time_s, str(channel), ident, data[:length], fd=fd, is_rx=is_rx)

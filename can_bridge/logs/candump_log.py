@@ -13,20 +13,24 @@ from datetime import datetime
 from typing import Final
 
 from can_bridge.logs.entries import (
+    BRS,
     COMMENT,
+    ESI,
+    FD,
     XL,
     CutOffError,
     Entry,
     Event,
+    Ident,
     Lines,
     SinceEpoch,
     bytes_of,
-    data_frame,
+    check_length,
     error_frame,
+    frame,
     length_of,
-    remote_frame,
 )
-from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
+from can_bridge.wire.frame import FD_LENGTHS
 from contract.printable import quoted
 
 _ERROR: Final = 0x20000000
@@ -36,8 +40,8 @@ _SCREEN: Final = re.compile(
     r"(?:\(([^)]*)\)\s+)?(\S+)\s+(?:(RX|TX) [B-] [E-]\s+)?([0-9A-Fa-f]+)\s+(?:\[(\d+)\]|\{([0-9A-Fa-f]+)\})(?:\s+(.*))?"
 )
 _COLOUR: Final = re.compile(r"\x1b\[[0-9;]*m")
-_CLASSIC: Final = re.compile(r"((?:[0-9A-Fa-f]{2}\.?)*)(?:_([9A-Fa-f]))?")
-_FD: Final = re.compile(r"#([0-9A-Fa-f])((?:[0-9A-Fa-f]{2}\.?)*)")
+_FD: Final = re.compile(r"#([0-9A-Fa-f])(.*)")
+_DATA: Final = re.compile(r"((?:[0-9A-Fa-f]{2}\.?)*)(?:_[9A-Fa-f])?")
 _REMOTE: Final = re.compile(r"[Rr]([0-9])?(?:_[9A-Fa-f])?")
 _RELATIVE: Final = re.compile(r"\d{3}\.\d{6}")
 """candump pads the seconds of -t z and -t d to three digits, and those since the epoch to ten."""
@@ -104,63 +108,51 @@ class _Clock:
 
 def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:
     if (log := _LOG.fullmatch(text)) is not None:
-        time, channel, frame_id, body, direction = log.groups()
+        time, channel, digits, body, direction = log.groups()
         if not is_whole and direction is None:
             raise CutOffError("its last line has no end, and may be the part of one")
         if body.startswith("##"):
             return Event(XL)
-        return _logged(clock.of(time, channel), channel, frame_id, body, is_rx=direction not in ("T", "t"))
-    if (screen := _SCREEN.fullmatch(text)) is not None:
-        time, channel, direction, frame_id, length, code, rest = screen.groups()
-        if length is not None and int(length) > FD_LENGTHS[-1]:
-            return Event(XL)
-        time_s, number, is_extended = clock.of(time, channel), *_identifier(frame_id)
-        if number & _ERROR and is_extended:
-            return error_frame(time_s, channel, number & ~_ERROR)
-        is_rx, rest = direction != "TX", rest or ""
-        # {} has the length code, [8] the bytes of classic CAN, [08] those of CAN FD.
-        is_fd = code is None and len(length) > 1
-        count = length_of(int(code, 16), is_fd=False) if length is None else int(length)
-        if rest.startswith("remote request"):
-            return remote_frame(time_s, channel, number, count, is_extended=is_extended, is_rx=is_rx)
-        _check_length(count, is_fd=is_fd)
-        words = rest.split()
-        if "`" in rest:
-            raise ValueError(f"its bytes are in reverse order (candump -S): {_REMEDY}")
-        data = bytes_of(words, count)
-        if words[count:] and not words[count].startswith("'"):
-            raise ValueError(f"{count} bytes announced, {len(words)} there")
-        return data_frame(time_s, channel, number, data, is_extended=is_extended, is_fd=is_fd, is_rx=is_rx)
-    raise ValueError(f"{quoted(text, 60)} is no line of candump")
+        return _logged(clock.of(time, channel), channel, _ident(digits), body, is_rx=direction not in ("T", "t"))
+    if (screen := _SCREEN.fullmatch(text)) is None:
+        raise ValueError(f"{quoted(text, 60)} is no line of candump")
+    time, channel, direction, digits, length, code, rest = screen.groups()
+    if length is not None and int(length) > FD_LENGTHS[-1]:
+        return Event(XL)
+    time_s, ident, is_rx, rest = clock.of(time, channel), _ident(digits), direction != "TX", rest or ""
+    if ident[1] and ident[0] & _ERROR:
+        return error_frame(time_s, channel, ident[0] & ~_ERROR)
+    # {} has the length code, [8] the bytes of classic CAN, [08] those of CAN FD.
+    fd = FD if code is None and len(length) > 1 else 0
+    count = length_of(int(code, 16), is_fd=False) if length is None else check_length(int(length), is_fd=bool(fd))
+    if rest.startswith("remote request"):
+        return frame(time_s, channel, ident, None, dlc=count, is_rx=is_rx)
+    if "`" in rest:
+        raise ValueError(f"its bytes are in reverse order (candump -S): {_REMEDY}")
+    words = rest.split()
+    data = bytes_of(words, count)
+    if words[count:] and not words[count].startswith("'"):
+        raise ValueError(f"{count} bytes announced, {len(words)} there")
+    return frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)
 
 
-def _logged(time_s: float, channel: str, frame_id: str, body: str, *, is_rx: bool) -> Entry:
-    number, is_extended = _identifier(frame_id)
-    if number & _ERROR and is_extended:
-        return error_frame(time_s, channel, number & ~_ERROR)
+def _logged(time_s: float, channel: str, ident: Ident, body: str, *, is_rx: bool) -> Entry:
+    if ident[1] and ident[0] & _ERROR:
+        return error_frame(time_s, channel, ident[0] & ~_ERROR)
     if remote := _REMOTE.fullmatch(body):
-        return remote_frame(time_s, channel, number, int(remote[1] or 0), is_extended=is_extended, is_rx=is_rx)
-    if fd := _FD.fullmatch(body):
-        flags, data = int(fd[1], 16), bytes.fromhex(fd[2].replace(".", ""))
-        _check_length(len(data), is_fd=True)
-        brs, esi = bool(flags & 1), bool(flags & 2)
-        return data_frame(
-            time_s, channel, number, data, is_extended=is_extended, is_fd=True, is_rx=is_rx, brs=brs, esi=esi
-        )
-    if classic := _CLASSIC.fullmatch(body):
-        data = bytes.fromhex(classic[1].replace(".", ""))
-        _check_length(len(data), is_fd=False)
-        return data_frame(time_s, channel, number, data, is_extended=is_extended, is_rx=is_rx)
-    raise ValueError(f"{quoted(body, 60)} is no data of a frame")
+        return frame(time_s, channel, ident, None, dlc=int(remote[1] or 0), is_rx=is_rx)
+    fd = 0
+    if flags := _FD.fullmatch(body):
+        fd, body = FD | BRS * (int(flags[1], 16) & 1) | ESI * (int(flags[1], 16) >> 1 & 1), flags[2]
+    if (bare := _DATA.fullmatch(body)) is None:
+        raise ValueError(f"{quoted(body, 60)} is no data of a frame")
+    data = bytes.fromhex(bare[1].replace(".", ""))
+    check_length(len(data), is_fd=bool(fd))
+    return frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)
 
 
-def _identifier(text: str) -> tuple[int, bool]:
-    """The number, and whether it is extended: candump writes three digits, or eight."""
-    if len(text) > 8:
-        raise ValueError(f"identifier {text}, must have at most 8 digits")
-    return int(text, 16), len(text) > 3
-
-
-def _check_length(length: int, *, is_fd: bool) -> None:
-    if length not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
-        raise ValueError(f"{length} bytes are no length of {'CAN FD' if is_fd else 'classic CAN'}")
+def _ident(digits: str) -> Ident:
+    """candump writes three digits, or eight of an extended one."""
+    if len(digits) > 8:
+        raise ValueError(f"identifier {digits}, must have at most 8 digits")
+    return int(digits, 16), len(digits) > 3

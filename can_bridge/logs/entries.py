@@ -9,7 +9,7 @@ from typing import BinaryIO, Final, NamedTuple, cast
 
 import can
 
-from can_bridge.wire.frame import FD_LENGTHS
+from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_EXTENDED_ID
 from can_bridge.wire.message_specs import SPECS
 
 HEADER: Final = "header"
@@ -24,21 +24,14 @@ IDS: Final = {spec.name: spec.frame_id for spec in SPECS}
 """Identifiers of our messages, by the names that a log written with our DBC has for them."""
 FD_IDS: Final = frozenset(spec.frame_id for spec in SPECS if spec.is_fd)
 
-MOST_ID: Final = 0x1FFFFFFF
-_PROTOCOL, _NO_ACK = 0x8, 0x20
-ERROR_CLASSES: Final = {
-    0x1: "transmit timeout",
-    0x2: "arbitration lost",
-    0x4: "controller",
-    _PROTOCOL: "protocol",
-    0x10: "transceiver",
-    _NO_ACK: "no acknowledgement",
-    0x40: "bus off",
-    0x80: "bus error",
-    0x100: "restarted",
-    0x200: "error counters",
-}
-"""Names of the bits that say what an error frame reports, after Linux (linux/can/error.h), in its identifier."""
+FD, BRS, ESI = 1, 2, 4
+"""Of a frame: it is one of CAN FD, it switched the bit rate, its sender was error passive."""
+PROTOCOL, NO_ACK = 0x8, 0x20
+_CLASSES: Final = ("transmit timeout", "arbitration lost", "controller", "protocol", "transceiver")
+ERROR_CLASSES: Final = (*_CLASSES, "no acknowledgement", "bus off", "bus error", "restarted", "error counters")
+"""Names of the bits, from the lowest, that say in an error frame's identifier what it reports (linux/can/error.h)."""
+
+_BYTE: Final = {16: re.compile("[0-9A-Fa-f]{2}"), 10: re.compile("[0-9]{1,3}")}
 
 Binary = BinaryIO | GzipFile
 """An open file, packed or not."""
@@ -58,11 +51,13 @@ class CutOffError(Exception):
 
 
 Entry = can.Message | Event
+Ident = tuple[int, bool]
+"""An identifier, and whether it has 29 bits."""
 
 
 def error_class(message: can.Message) -> str:
     """What an error frame reports, in words."""
-    names = [name for bit, name in ERROR_CLASSES.items() if message.arbitration_id & bit]
+    names = [name for bit, name in enumerate(ERROR_CLASSES) if message.arbitration_id >> bit & 1]
     return " and ".join(names) or "not stated"
 
 
@@ -71,53 +66,29 @@ def error_frame(time_s: float, channel: str, classes: int = 0) -> can.Message:
     return can.Message(timestamp=time_s, is_error_frame=True, arbitration_id=classes, channel=channel)
 
 
-def data_frame(
-    time_s: float,
-    channel: str,
-    frame_id: int,
-    data: bytes,
-    *,
-    is_extended: bool,
-    is_fd: bool = False,
-    is_rx: bool = True,
-    brs: bool = False,
-    esi: bool = False,
+def frame(
+    time_s: float, channel: str, ident: Ident, data: bytes | None, *, fd: int = 0, is_rx: bool = True, dlc: int = 0
 ) -> can.Message:
-    """A data frame. Raises ValueError for an identifier that is none."""
-    _check_id(frame_id)
+    """A data frame, or without data a remote frame of a length. Raises ValueError for an identifier that is none.
+
+    Args:
+        fd: bits of `FD`, `BRS` and `ESI`; 0 for classic CAN.
+    """
+    if not 0 <= ident[0] <= MAX_EXTENDED_ID:
+        raise ValueError(f"identifier {ident[0]:X}, must have at most 29 bits")
     return can.Message(
         timestamp=time_s,
-        arbitration_id=frame_id,
-        is_extended_id=is_extended,
-        is_fd=is_fd,
+        arbitration_id=ident[0],
+        is_extended_id=ident[1],
+        is_remote_frame=data is None,
+        is_fd=bool(fd & FD),
         is_rx=is_rx,
-        bitrate_switch=brs,
-        error_state_indicator=esi,
-        dlc=len(data),
+        bitrate_switch=bool(fd & BRS),
+        error_state_indicator=bool(fd & ESI),
+        dlc=dlc if data is None else len(data),
         data=data,
         channel=channel,
     )
-
-
-def remote_frame(
-    time_s: float, channel: str, frame_id: int, dlc: int, *, is_extended: bool, is_rx: bool = True
-) -> can.Message:
-    """A remote frame. Raises ValueError for an identifier that is none."""
-    _check_id(frame_id)
-    return can.Message(
-        timestamp=time_s,
-        arbitration_id=frame_id,
-        is_extended_id=is_extended,
-        is_remote_frame=True,
-        is_rx=is_rx,
-        dlc=dlc,
-        channel=channel,
-    )
-
-
-def _check_id(frame_id: int) -> None:
-    if not 0 <= frame_id <= MOST_ID:
-        raise ValueError(f"identifier {frame_id:X}, must have at most 29 bits")
 
 
 def length_of(code: int, *, is_fd: bool) -> int:
@@ -128,11 +99,17 @@ def length_of(code: int, *, is_fd: bool) -> int:
     return FD_LENGTHS[code] if is_fd else min(code, 8)
 
 
+def check_length(length: int, *, is_fd: bool) -> int:
+    """The length itself. Raises ValueError for one that no frame has."""
+    if length not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
+        raise ValueError(f"{length} bytes are no length of {'CAN FD' if is_fd else 'classic CAN'}")
+    return length
+
+
 def bytes_of(words: list[str], length: int, base: int = 16) -> bytes:
     """The first `length` words as bytes. Raises ValueError where they are fewer, or one is no byte: a hexadecimal byte
     has two digits, so that one cut in half is seen."""
-    digits = re.compile("[0-9A-Fa-f]{2}" if base == 16 else "[0-9]{1,3}")
-    there = [word for word in words[:length] if digits.fullmatch(word)]
+    there = [word for word in words[:length] if _BYTE[base].fullmatch(word)]
     if len(there) < length:
         raise ValueError(f"{length} bytes announced, {len(there)} there")
     return bytes(int(word, base) for word in there)

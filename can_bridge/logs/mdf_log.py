@@ -10,13 +10,25 @@ from typing import Any, Final
 import can
 import numpy as np
 
-from can_bridge.logs.entries import Entry, Event, SinceEpoch, data_frame, error_frame, length_of, remote_frame
+from can_bridge.logs.entries import (
+    BRS,
+    ESI,
+    FD,
+    NO_ACK,
+    PROTOCOL,
+    Entry,
+    Event,
+    SinceEpoch,
+    error_frame,
+    frame,
+    length_of,
+)
 from contract.errors import BusError, install
 
 _DATA, _ERROR, _REMOTE = "CAN_DataFrame", "CAN_ErrorFrame", "CAN_RemoteFrame"
 _NAMES: Final = {"CAN_OverloadFrame": "overload frame"}
 _EXTENDED: Final = 0x80000000
-_ERROR_TYPES: Final = {1: 0x8, 2: 0x8, 3: 0x8, 4: 0x8, 5: 0x20}
+_ERROR_TYPES: Final = {**dict.fromkeys((1, 2, 3, 4), PROTOCOL), 5: NO_ACK}
 """From the standard's types (bit, form, stuff, CRC, acknowledgement) to Linux' classes."""
 
 
@@ -75,19 +87,16 @@ def _frames(kind: str, fields: Mapping[str, Any], start_s: float) -> Iterator[ca
         if kind == _ERROR:
             yield error_frame(time_s, channel, _ERROR_TYPES.get(of("ErrorType", row), 0))
             continue
-        frame_id = of("ID", row)
+        frame_id, is_rx, fd = of("ID", row), not of("Dir", row), FD if of("EDL", row) else 0
         is_extended = bool(of("IDE", row)) if "IDE" in columns else bool(frame_id & _EXTENDED)
-        frame_id &= ~_EXTENDED
-        is_rx, is_fd = not of("Dir", row), bool(of("EDL", row))
-        length = length_of(of("DLC", row), is_fd=is_fd) if "DLC" in columns else of("DataLength", row)
+        ident = (frame_id & ~_EXTENDED, is_extended)
+        length = length_of(of("DLC", row), is_fd=bool(fd)) if "DLC" in columns else of("DataLength", row)
         if kind == _REMOTE:
-            yield remote_frame(time_s, channel, frame_id, length, is_extended=is_extended, is_rx=is_rx)
+            yield frame(time_s, channel, ident, None, dlc=length, is_rx=is_rx)
             continue
         there = of("DataLength", row) if "DataLength" in columns else length
         data = np.asarray(columns["DataBytes"][row], dtype=np.uint8).tobytes()[:there]
         if len(data) != length:
             raise ValueError(f"record {row + 1} of {kind}: {length} bytes announced, {len(data)} there")
-        brs, esi = bool(of("BRS", row)), bool(of("ESI", row))
-        yield data_frame(
-            time_s, channel, frame_id, data, is_extended=is_extended, is_fd=is_fd, is_rx=is_rx, brs=brs, esi=esi
-        )
+        fd |= (BRS * (of("BRS", row) == 1) | ESI * (of("ESI", row) == 1)) if fd else 0
+        yield frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)

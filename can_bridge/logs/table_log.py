@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
-from can_bridge.logs.entries import FD_IDS, HEADER, Entry, Event, Lines, data_frame, error_frame, remote_frame
+from can_bridge.logs.entries import BRS, FD, FD_IDS, HEADER, Entry, Event, Lines, error_frame, frame
 from contract.printable import quoted
 
 COLUMNS: Final = "timestamp,arbitration_id,extended,remote,error,dlc,data"
@@ -65,8 +65,8 @@ def _entry(time_s: float, frame_id: int, flags: list[bool], dlc: int, data: byte
     if is_error:
         return error_frame(time_s, "", frame_id)
     if is_remote:
-        return remote_frame(time_s, "", frame_id, dlc, is_extended=is_extended)
+        return frame(time_s, "", (frame_id, is_extended), None, dlc=dlc)
     if dlc != len(data):
         raise ValueError(f"{dlc} bytes announced, {len(data)} there")
     is_fd = len(data) > 8 or (frame_id in FD_IDS and not is_extended)
-    return data_frame(time_s, "", frame_id, data, is_extended=is_extended, is_fd=is_fd, brs=is_fd)
+    return frame(time_s, "", (frame_id, is_extended), data, fd=FD | BRS if is_fd else 0)

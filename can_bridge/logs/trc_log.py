@@ -8,17 +8,21 @@ from datetime import datetime, timedelta
 from typing import Final
 
 from can_bridge.logs.entries import (
+    BRS,
     COMMENT,
+    ESI,
+    FD,
     HEADER,
+    PROTOCOL,
     Entry,
     Event,
     Lines,
     SinceEpoch,
     bytes_of,
-    data_frame,
+    check_length,
     error_frame,
+    frame,
     length_of,
-    remote_frame,
 )
 from can_bridge.wire.frame import FD_LENGTHS
 from contract.printable import quoted
@@ -36,10 +40,8 @@ _EVENTS: Final = {
     "EV": "user-defined event",
     "OV": "overload frame",
 }
-_FD: Final = {"FD": (False, False), "FB": (True, False), "FE": (False, True), "BI": (True, True)}
-"""Types of CAN FD frames: whether they switched the bit rate, and whether their sender was error passive."""
-_PROTOCOL: Final = 0x8
-"""The class of what PEAK calls an error frame: a bit, form, stuff or other error (linux/can/error.h)."""
+_FD: Final = {"FD": FD, "FB": FD | BRS, "FE": FD | ESI, "BI": FD | BRS | ESI}
+"""Types of CAN FD frames."""
 
 
 def read_trc(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
@@ -79,7 +81,7 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
     time_s = start_s + float(words[columns.index("O")]) / 1e3
     channel = words[columns.index("B")] if "B" in columns else ""
     if kind in ("ER", "ERROR"):
-        return error_frame(time_s, channel, _PROTOCOL)
+        return error_frame(time_s, channel, PROTOCOL)
     if len(words) < len(head):
         raise ValueError(f"{quoted(text, 60)} ends before its length")
     values = dict(zip(head, words, strict=False))
@@ -88,12 +90,10 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
     if frame_id.upper() == _WARNING:
         return Event(_STATUS)
     if rest[:1] == ["ERROR"]:
-        return error_frame(time_s, channel, _PROTOCOL)
+        return error_frame(time_s, channel, PROTOCOL)
     is_fd = kind in _FD
     if "l" in values:
-        length = int(values["l"])
-        if length not in FD_LENGTHS[: None if is_fd else 9]:
-            raise ValueError(f"{length} bytes are no length of {'CAN FD' if is_fd else 'classic CAN'}")
+        length = check_length(int(values["l"]), is_fd=is_fd)
     elif "L" in values:
         code = int(values["L"])
         # Some write the length there; where a line may be cut off, its bytes do not tell.
@@ -102,15 +102,12 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
     else:
         raise ValueError("has neither length nor length code: ;$COLUMNS must have l or L")
     direction = values.get("d", kind).upper()
-    is_extended, number, is_rx = len(frame_id) > 4, int(frame_id, 16), direction != "TX"
-    if kind == "RR" or (rest[:1] == ["RTR"]):
-        return remote_frame(time_s, channel, number, length, is_extended=is_extended, is_rx=is_rx)
+    ident, is_rx = (int(frame_id, 16), len(frame_id) > 4), direction != "TX"
+    if kind == "RR" or rest[:1] == ["RTR"]:
+        return frame(time_s, channel, ident, None, dlc=length, is_rx=is_rx)
     if kind not in ("", "RX", "TX", "DT", *_FD) or direction not in ("", "RX", "TX", "DT"):
         raise ValueError(f"type {quoted(kind)} is not one of this format")
     data = bytes_of(rest, length)
     if len(rest) > length:
         raise ValueError(f"{length} bytes announced, {len(rest)} there")
-    brs, esi = _FD.get(kind, (False, False))
-    return data_frame(
-        time_s, channel, number, data, is_extended=is_extended, is_fd=is_fd, is_rx=is_rx, brs=brs, esi=esi
-    )
+    return frame(time_s, channel, ident, data, fd=_FD.get(kind, 0), is_rx=is_rx)

@@ -6,6 +6,11 @@ import can
 
 LENGTHS = [*range(9), 12, 16, 20, 24, 32, 48, 64]
 NAMES = {0x120: "Pressure", 0x128: "VehicleSpeed", 0x130: "JetCommand", 0x140: "EcuStatus"}
+OTHERS = (
+    *("CAN 1 Status:chip status error active", "1  Statistic: D 2 R 0 XD 0 XR 0 E 0 O 0 B 0.04%"),
+    *("SV: 2 0 1 ::Rig::Wind = 3", "log direct start (0ms)", "1  OverloadFrame"),
+)
+"""Lines of an ASC that are no frames."""
 DATE = "Fri Nov 27 10:00:00.000 2026"
 
 
@@ -26,29 +31,23 @@ def frames(count: int = 16) -> list[can.Message]:
     return made
 
 
-def asc_line(one: can.Message, time_s: float, *, base: int, direction: str, symbolic: bool) -> str:
-    """Of a channel of CAN FD where the frame is one, else of a classic channel."""
-    number = f"{one.arbitration_id:x}" if base == 16 else f"{one.arbitration_id}"
-    shown = " ".join(f"{byte:02X}" if base == 16 else str(byte) for byte in one.data)
+def asc_line(one: can.Message, *, decimal: bool, direction: str, symbolic: bool) -> str:
+    """All but its time; of a channel of CAN FD where the frame is one, else of a classic channel."""
+    number = f"{one.arbitration_id}" if decimal else f"{one.arbitration_id:x}"
+    shown = " ".join(str(byte) if decimal else f"{byte:02X}" for byte in one.data)
     ident = f"{number}{'x' if one.is_extended_id else ''}"
     if symbolic and one.arbitration_id in NAMES:
         ident = NAMES[one.arbitration_id]
     if not one.is_fd:
-        return (
-            f"{time_s:11.6f} 1  {ident:<15} {direction:<4} d {one.dlc} {shown}  Length = 0 BitCount = 0 ID = 419361024x"
-        )
-    code = LENGTHS.index(one.dlc)
-    code_text = f"{code:x}" if base == 16 else str(code)
-    return (
-        f"{time_s:11.6f} CANFD   1 {direction:<4} {ident:>10}  {'':<28} 1 0 {code_text} {one.dlc:2d} {shown}"
-        f"        0    0     3000        0        0        0        0        0"
-    )
+        return f"1  {ident:<15} {direction:<4} d {one.dlc} {shown}  Length = 0 BitCount = 0 ID = 419361024x"
+    code = f"{LENGTHS.index(one.dlc)}" if decimal else f"{LENGTHS.index(one.dlc):x}"
+    return f"CANFD   1 {direction:<4} {ident:>10}  {'':<28} 1 0 {code} {one.dlc:2d} {shown}  0    0     3000 0 0 0 0 0"
 
 
 def asc(
     messages: Sequence[can.Message],
     *,
-    base: int = 16,
+    decimal: bool = False,
     relative: bool = False,
     symbolic: bool = False,
     requests: bool = False,
@@ -60,8 +59,7 @@ def asc(
     timed: list[tuple[float, str]] = []
 
     def line(one: can.Message, time_s: float, direction: str) -> None:
-        # The time is put in afterwards.
-        timed.append((time_s, asc_line(one, 0.0, base=base, direction=direction, symbolic=symbolic).split(None, 1)[1]))
+        timed.append((time_s, asc_line(one, decimal=decimal, direction=direction, symbolic=symbolic)))
 
     for k, one in enumerate(messages):
         time_s, is_ours = one.timestamp + shift_s, one.arbitration_id in (0x130, 0x140)
@@ -69,24 +67,14 @@ def asc(
             line(one, time_s - 1e-4, "TxRq")
         line(one, time_s, "Tx" if is_ours and requests else "Rx")
         if events:
-            other = ("CAN 1 Status:chip status error active", "1  Statistic: D 2 R 0 XD 0 XR 0 E 0 O 0 B 0.04%")
-            timed.append(
-                (time_s, (*other, "SV: 2 0 1 ::Rig::Wind = 3", "log direct start (0ms)", "1  OverloadFrame")[k % 5])
-            )
+            timed.append((time_s, OTHERS[k % len(OTHERS)]))
     before, body = 0.0, []
     for time_s, rest in timed:
         body.append(f"{time_s - before if relative else time_s:11.6f} {rest}")
         before = time_s
-    head = [
-        f"date {DATE}",
-        f"base {'hex' if base == 16 else 'dec'}  timestamps {'relative' if relative else 'absolute'}",
-    ]
-    start = [
-        "internal events logged",
-        "// version 9.0.0",
-        f"Begin Triggerblock {DATE}",
-        "   0.000000 Start of measurement",
-    ]
+    base = f"base {'dec' if decimal else 'hex'}  timestamps {'relative' if relative else 'absolute'}"
+    head = [f"date {DATE}", base]
+    start = ["internal events logged", "// version 9", f"Begin Triggerblock {DATE}", "   0.0 Start of measurement"]
     return [*head, *start, *body, "End TriggerBlock"] if block else [*head, *body]
 
 
