@@ -121,23 +121,13 @@ class _Bus:
 
     def __init__(self) -> None:
         self.kept: dict[int, list[CountedFrame]] = {}
-        self.sound, self.damaged, self.forged, self.seen = (
-            Counter[int](),
-            Counter[int](),
-            Counter[int](),
-            Counter[int](),
-        )
+        self.sound, self.damaged = Counter[int](), Counter[int]()
+        self.forged, self.seen = Counter[int](), Counter[int]()
         self.goes_back: tuple[float, float] | None = None
         self._fresh: dict[int, int] = {}
         self._latest = float("-inf")
 
-    def add(
-        self,
-        message: can.Message,
-        specs: Mapping[int, MessageSpec],
-        verify: Verify | None,
-        back_s: float,
-    ) -> None:
+    def add(self, message: can.Message, specs: Mapping[int, MessageSpec], verify: Verify | None, back_s: float) -> None:
         """One more data frame."""
         # Extended identifiers are another node's, whatever their number.
         frame_id = message.arbitration_id + (message.is_extended_id << 32)

@@ -17,6 +17,8 @@ from contract.config.vehicle import SpeedConfig
 
 _SHORTEST_S: Final = 0.1
 """Over which a change is judged, at least: its rounding is no acceleration."""
+_STARTS: Final = 10
+"""Speeds at the beginning of a log that may be wrong."""
 _SLOWEST: Final = 1e-3
 """In m/s: a vehicle that stands gets no further, but the distance still rises."""
 
@@ -86,22 +88,36 @@ def _line(wanted: Array, x: Array, y: Array) -> Array:
 
 
 def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config: SpeedConfig) -> VehicleSpeeds | None:
-    """The speeds that are believed; None where no frame has one."""
-    kept: list[tuple[float, float, float]] = []
+    """The speeds that are believed; None where no frame has one. What was believed for less than the time that a speed
+    stays in force, and then contradicted, was not true."""
     oldest_s = config.oldest_ms * 1e-3
+    said = []
     for frame in frames:
         value = messages.speed.parse(frame.data)
-        if value is None or value.speed_m_per_s is None or value.age_ns * 1e-9 > oldest_s:
-            continue
-        time_s, speed = frame.time_s - value.age_ns * 1e-9, value.speed_m_per_s
-        density = np.nan if value.density_kg_per_m3 is None else value.density_kg_per_m3
-        if kept:
-            passed = time_s - kept[-1][0]
-            most = config.most_acceleration * max(passed, _SHORTEST_S)
-            if passed <= 0 or (passed <= oldest_s and abs(speed - kept[-1][1]) > most):
-                continue
-        kept.append((time_s, speed, density))
-    if not kept:
+        if value is not None and value.speed_m_per_s is not None and value.age_ns * 1e-9 <= oldest_s:
+            density = np.nan if value.density_kg_per_m3 is None else value.density_kg_per_m3
+            said.append((frame.time_s - value.age_ns * 1e-9, value.speed_m_per_s, density))
+    spans = _spans(said, config)
+    for _ in range(_STARTS):
+        if len(spans) > 1 and spans[0][-1][0] - spans[0][0][0] < oldest_s:
+            said = said[len(spans[0]) :]
+            spans = _spans(said, config)
+    long = [span for span in spans if span[-1][0] - span[0][0] >= oldest_s] or spans
+    if not long:
         return None
-    time, speeds, densities = np.array(kept).T
+    time, speeds, densities = np.array([one for span in long for one in span]).T
     return VehicleSpeeds(time_s=time, speed=speeds, density=densities, oldest_s=oldest_s)
+
+
+def _spans(said: list[tuple[float, float, float]], config: SpeedConfig) -> list[list[tuple[float, float, float]]]:
+    """What is believed of times, speeds and densities, in spans between which no vehicle gets so fast."""
+    spans: list[list[tuple[float, float, float]]] = []
+    for one in said:
+        passed = one[0] - spans[-1][-1][0] if spans else np.inf
+        is_near = bool(spans) and abs(one[1] - spans[-1][-1][1]) <= config.most_acceleration * max(passed, _SHORTEST_S)
+        if passed <= 0 or (passed <= config.oldest_ms * 1e-3 and not is_near):
+            continue
+        if not is_near:
+            spans.append([])
+        spans[-1].append(one)
+    return spans

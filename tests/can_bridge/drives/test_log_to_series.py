@@ -436,7 +436,7 @@ def test_rows_of_a_speed_that_varies_lie_at_equal_ways() -> None:
 def test_rows_without_a_speed_are_gaps_and_jumps_are_not_believed() -> None:
     one = drive("fd", 120, 23)
     jumps: list[float | None] = [25.0] * 120
-    jumps[40] = jumps[41] = 60.0
+    jumps[0] = jumps[40] = jumps[41] = 60.0
     same(read(with_speeds(one, jumps)), one)
     # 0.5 s is the oldest that is believed, on either side of a gap.
     silent: list[float | None] = [25.0] * 120
