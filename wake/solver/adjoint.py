@@ -11,7 +11,7 @@ import numpy as np
 from contract.arrays import Array
 from wake.solver import adjoint_kernels, kernels
 from wake.solver.flow import Flow
-from wake.solver.navier_stokes import STAGE_END, THREADS, A, B, FlowSolver, gusting
+from wake.solver.navier_stokes import STAGE_END, A, B, FlowSolver, gusting
 
 
 class FlowAdjoint:
@@ -45,13 +45,12 @@ class FlowAdjoint:
         """
         to_from = to_to = 0.0
         steps = len(starts)
-        with THREADS.limit(limits=1, user_api="blas"):
-            for step in range(steps - 1, -1, -1):
-                ramp = (step + np.array(STAGE_END)) / steps
-                actions = action_from + (action_to - action_from) * (step + np.array(STAGE_END)) / steps
-                to_actions = self._step(bar, starts[step], dt, actions, *gusting(wind, dt, step))
-                to_to += float(ramp @ to_actions)
-                to_from += float((1.0 - ramp) @ to_actions)
+        for step in range(steps - 1, -1, -1):
+            ramp = (step + np.array(STAGE_END)) / steps
+            actions = action_from + (action_to - action_from) * (step + np.array(STAGE_END)) / steps
+            to_actions = self._step(bar, starts[step], dt, actions, *gusting(wind, dt, step))
+            to_to += float(ramp @ to_actions)
+            to_from += float((1.0 - ramp) @ to_actions)
         return to_from, to_to
 
     def _step(self, bar: Flow, start: Array, dt: float, actions: Array, wind: Array, gained: Array) -> Array:

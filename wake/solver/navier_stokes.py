@@ -15,7 +15,6 @@ of the ground the same velocities come with a pressure gradient of -dU/dt along 
 from collections.abc import Callable
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from contract.arrays import Array
 from contract.errors import PlantError
@@ -29,9 +28,6 @@ A = np.array([0.0, -5.0 / 9.0, -153.0 / 128.0])
 B = np.array([1.0 / 3.0, 15.0 / 16.0, 8.0 / 15.0])
 STAGE_END = (1.0 / 3.0, 3.0 / 4.0, 1.0)
 _STEADY = np.zeros(len(STAGE_END))
-
-# One BLAS thread: the matrices are small, and several plants usually share the cores.
-THREADS = ThreadpoolController()
 
 
 class FlowSolver:
@@ -109,12 +105,11 @@ class FlowSolver:
         # The first stage multiplies the old rate by zero, which would keep what a diverged run left there.
         self._rates.u[:] = 0.0
         self._rates.v[:] = 0.0
-        with THREADS.limit(limits=1, user_api="blas"):
-            for step in range(steps):
-                if starts is not None:
-                    starts[step] = flow.flat
-                ramp = [action_from + (action_to - action_from) * (step + end) / steps for end in STAGE_END]
-                self._step(flow, dt, ramp, *gusting(wind, dt, step))
+        for step in range(steps):
+            if starts is not None:
+                starts[step] = flow.flat
+            ramp = [action_from + (action_to - action_from) * (step + end) / steps for end in STAGE_END]
+            self._step(flow, dt, ramp, *gusting(wind, dt, step))
         fastest = max(float(flow.u.max()), -float(flow.u.min()))
         if not fastest < 20.0:
             flow.flat[:] = self._before.flat
