@@ -12,6 +12,7 @@ import numpy.typing as npt
 from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.config.body_sensors import layout_of
 from contract.config.plant import FlowConfig
+from contract.copies import CopiedWhole
 from contract.errors import ConfigError, PlantError
 from contract.ledger import LEDGER_FIELDS
 from wake.pictures.drawing import WakePicture
@@ -27,7 +28,7 @@ _SILENCE_S: Final = 3.0
 """After which a reset reports what it is doing; a compiled one takes less."""
 
 
-class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
+class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     """One step is one control period of 0.2 t_c.
 
     Observation: Cp at the named sensors, in their order, float32. Action: jet flow rate in U_inf W, shape (1,), within
@@ -39,12 +40,16 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     whether this step's action lay beyond the bound and was cut to it, with `clipped_count`, how often in this episode.
 
     `reset` starts at a random phase of the shedding cycle: between 0 and `max_phase_steps` uncontrolled control periods
-    after the start. The same seed gives the same phase, and so the same trajectory under the same
-    actions, to the bit. Phases are kept once they have been computed, so that only the first resets take time.
+    after the start. The same seed gives the same phase, and so the same trajectory under the same actions, to the bit,
+    whatever the number of threads. Phases are kept once they have been computed, so that only the first resets take
+    time.
     Options of `reset`:
 
     - `phase_steps`: this phase instead of a random one;
     - `start`: a `wake.truck.state.State` to start from instead, at a control period's start.
+
+    A copy (`copy.copy` and `copy.deepcopy` give the same) or a pickle, taken at any time, is an environment of its own
+    that goes on as this one does, to the bit: flow, actions, episode, and the generators that draw phases and actions.
 
     Args:
         sensor_names: the observed sensors; all by default, the truck's 90.
@@ -145,6 +150,10 @@ class TruckWakeEnv(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
         if self._picture is None:
             self._picture = WakePicture(self.plant, "vorticity", self._names)
         return self._picture.pixels()
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A copy draws a picture of its own plant, when it is asked for one.
+        return self.__dict__ | {"_picture": None}
 
     def _start(self, options: Mapping[str, Any]) -> State:
         unknown = set(options) - {"start", "phase_steps"}

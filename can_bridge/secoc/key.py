@@ -3,11 +3,12 @@
 import os
 import stat
 from pathlib import Path
-from typing import Final
+from typing import ClassVar, Final
 
 from cryptography.hazmat.primitives.ciphers.algorithms import AES
 from cryptography.hazmat.primitives.cmac import CMAC
 
+from contract.copies import NeverCopied
 from contract.errors import KeyFileError
 
 KEY_LENGTH: Final = 16
@@ -17,9 +18,11 @@ _LONGEST: Final = 2 * KEY_LENGTH + 2
 """Bytes of a key file: hexadecimal digits and the end of a line."""
 
 
-class Key:
+class Key(NeverCopied):
     """A 128-bit key, prepared for use. It shows itself nowhere: not when printed, and it cannot be pickled. Raises
     ValueError for another length, or a key of zeros, which is an empty memory's."""
+
+    INSTEAD: ClassVar = "a key shows itself nowhere; make another one of the same secret"
 
     def __init__(self, secret: bytes) -> None:
         if len(secret) != KEY_LENGTH:

@@ -1,6 +1,6 @@
 """ONNX Runtime computes the estimates of pressures from each other, on one thread: on the ECU and in benchmarks."""
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -20,6 +20,7 @@ class OnnxEstimator:
     it does not end on zeros. Of the sizes the horizon does not matter."""
 
     def __init__(self, model: bytes, sizes: Sizes) -> None:
+        self._made_of = model, sizes
         shapes = estimator_shapes(sizes.window, sizes.sensors)
         feeds = {ESTIMATOR_INPUT: np.zeros(shapes[ESTIMATOR_INPUT], dtype=np.float32)}
         graph = BoundedGraph(name=ESTIMATOR, model=model, shapes=shapes, feeds=feeds, outputs=(ESTIMATOR_OUTPUT,))
@@ -28,6 +29,9 @@ class OnnxEstimator:
         self._session = graph.session()
         graph.run_on_zeros(self._session, _WARM_UP_STEPS, WARM_UP_LIMIT_S)
         self._shape = shapes[ESTIMATOR_OUTPUT]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return OnnxEstimator, self._made_of
 
     @classmethod
     def of(cls, bundle: Bundle) -> "OnnxEstimator | None":

@@ -1,6 +1,6 @@
 """A release's controller as ONNX Runtime computes it, on one thread: in the ECU, the export's gates and benchmarks."""
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import onnxruntime
@@ -18,9 +18,10 @@ that needs a thousand times as long never ends, or is no controller."""
 
 class OnnxController:
     """Runs `controller.onnx`. Raises BundleControllerError if the model does not load or its shapes contradict the
-    sizes. `description` is what computes the step, for people."""
+    sizes. A copy has a session of its own. `description` is what computes the step, for people."""
 
     def __init__(self, model: bytes, sizes: Sizes) -> None:
+        self._made_of = model, sizes
         self._graph = _graph(model, sizes)
         self._session = self._graph.session()
         self._knows_speed = any(item.name == "speed" for item in self._session.get_overridable_initializers())
@@ -37,6 +38,9 @@ class OnnxController:
         controller = cls(model, sizes)
         controller.description += f", {bundle.manifest.precision}"
         return controller
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return OnnxController, self._made_of, {"description": self.description}
 
     def warm_up(self, steps: int, limit_s: float = WARM_UP_LIMIT_S) -> None:
         """Run on zeros, so that the first real step does not pay for ONNX Runtime's first allocations. Raises

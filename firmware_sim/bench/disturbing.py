@@ -25,7 +25,7 @@ from firmware_sim.bench.run_faults import NONE_BEFORE, NodeFault, NodeFaults
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import VirtualLoop
 from firmware_sim.runs.metadata import InjectedFault
-from wake.plant.gust import Gust
+from wake.plant.gust import Gust, Wind
 from wake.plant.protocol import Disturbable, Plant
 
 S = TypeVar("S", bound=Span)
@@ -237,7 +237,7 @@ class Disturbing:
         self._flow = plant, before
         if gusts:
             # A gust is in the air: it comes on top of the vehicle's speed.
-            plant.wind = lambda t: (0.0 if wind is None else wind(t)) + sum(one(t) for one in gusts)
+            plant.wind = partial(_blown, wind, tuple(gusts))
         try:
             yield
         finally:
@@ -265,3 +265,7 @@ class Disturbing:
             if one.is_active(now_ns):
                 self._acted[place] += 1
                 yield place, one
+
+
+def _blown(wind: Wind | None, gusts: tuple[Gust, ...], t: float) -> float:
+    return (0.0 if wind is None else wind(t)) + sum(one(t) for one in gusts)

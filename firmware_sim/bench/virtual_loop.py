@@ -24,6 +24,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import ClassVar
 
 from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
 from can_bridge.bus.simulated.medium import SimulatedBus
@@ -31,6 +32,7 @@ from can_bridge.wire.bit_timing import worst_case_ns
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
+from contract.copies import NeverCopied
 from contract.errors import BusError
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
 from firmware_sim.ecu.stepped import SteppedEcu
@@ -64,7 +66,7 @@ def _pressure_frame_ns(config: Config) -> int:
     return worst_case_ns(frame, nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate)
 
 
-class VirtualLoop:
+class VirtualLoop(NeverCopied):
     """Runs control periods one by one. Raises BusError if a pressure frame takes a whole control period or longer.
 
     Args:
@@ -77,6 +79,8 @@ class VirtualLoop:
     Attributes:
         planned_ns: compute time of every step so far that planned.
     """
+
+    INSTEAD: ClassVar = "bus and nodes call each other; run the same again, it goes the same way to the bit"
 
     def __init__(
         self,

@@ -5,6 +5,7 @@ they had reached to the flow that is asked for, and so does the stream to the ve
 """
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
+        self._made_with = kwargs
         self.description = "The flow around the truck, or another body, with its two jets"
         self.license = "MIT"
         folder = Path(self.resources)
@@ -80,6 +82,13 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
             return Fmi3StepResult(status=Fmi3Status.error)
         self._speed, self.time = after, current_time + step_size
         return Fmi3StepResult()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # The outputs' getters are of this object: a copy has to be made anew.
+        return partial(StillwakePlant, **self._made_with), (), self._get_fmu_state()
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._set_fmu_state(state)
 
     def _get_fmu_state(self) -> dict[str, Any]:
         """What `_set_fmu_state` takes; kept in memory only."""

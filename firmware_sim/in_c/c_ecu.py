@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, Unpack
+from typing import Any, ClassVar, Final, Unpack
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
@@ -18,6 +18,7 @@ from contract.config.tree import Config
 from contract.controller.c_folder import library_sources, read_sources
 from contract.controller.calibration import NAMES, Calibration
 from contract.controller.image_payload import with_layout
+from contract.copies import NeverCopied
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
 from firmware_sim.ecu.ecu_state import Around, EcuState, Trace
@@ -36,7 +37,7 @@ ESTIMATOR: Final = "sw_estimator_settings.h"
 """Generated for a release with a sensor estimator."""
 
 
-class CEcuState:
+class CEcuState(NeverCopied):
     """What can be read and set of an ECU in C, wherever it runs.
 
     Args:
@@ -46,6 +47,8 @@ class CEcuState:
         calibrate: has `sw_ecu_calibrate` run with an `sw_calibration`; what it returns.
         restore: has `sw_ecu_restore` run with a pointer to an `sw_ecu_state`, or does the same; what it returns.
     """
+
+    INSTEAD: ClassVar = "it stands in memory of C; give its state to restore of another ECU of the same sources"
 
     def __init__(self, structs: Structs, ecu: Any, bundle_hash: int, calibrate: _Answer, restore: _Answer) -> None:
         self.structs = structs

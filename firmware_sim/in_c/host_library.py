@@ -8,7 +8,7 @@ import ctypes
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ import numpy.typing as npt
 from contract.arrays import Array
 from contract.controller.c_folder import library_sources
 from contract.controller.interface import FORCES, TERMS, ControllerError, ControlStep, Sizes
+from contract.copies import NeverCopied
 from contract.errors import LibraryError
 from firmware_sim.in_c.compiler import OPTIMISED, compile_c, compiler_version, host_compiler
 
@@ -23,7 +24,7 @@ _OK: Final = 0
 _ALIGNMENT: Final = 64
 
 
-class CController:
+class CController(NeverCopied):
     """A library compiled and loaded, with the structures and the scratch memory that its caller owns. Raises
     LibraryError if there is no compiler, or it does not take the files.
 
@@ -36,6 +37,8 @@ class CController:
     Attributes:
         description: what computes the step, for people.
     """
+
+    INSTEAD: ClassVar = "it is a loaded library; make another one of the same sources"
 
     def __init__(
         self,

@@ -8,9 +8,10 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from contract.config.tree import Config
+from contract.copies import NeverCopied
 from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle
 from firmware_sim.bench.virtual_loop import check_bit_rates
@@ -36,7 +37,7 @@ _SELDOM: Final = 5
 """Periods from one table of the bus to the next."""
 
 
-class LiveSession:
+class LiveSession(NeverCopied):
     """One loop and what its viewers have set. Raises StillwakeError if plant or ECU cannot be had, or do not fit each
     other, the bundle and the vehicle.
 
@@ -51,6 +52,8 @@ class LiveSession:
         kept: latest periods that a page should keep, and that wait for `messages` at most.
         clock: wall clock in s.
     """
+
+    INSTEAD: ClassVar = "bus and nodes call each other; make another one, which goes the same way to the bit"
 
     def __init__(
         self,

@@ -1,11 +1,12 @@
 """A Cortex-M7 under Unicorn: its memories, calls of functions, executed blocks and the deepest stack."""
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import unicorn
 from unicorn import arm_const, unicorn_const
 
+from contract.copies import NeverCopied
 from contract.errors import McuError
 from firmware_sim.mcu.block_counter import BlockCounter
 from firmware_sim.mcu.cores import CORTEX_M7, Core
@@ -22,13 +23,15 @@ _UNTOUCHED: Final = 0xA5
 _RETURN: Final = FLASH + FLASH_BYTES - 0x100
 
 
-class EmulatedCore:
+class EmulatedCore(NeverCopied):
     """A core with a program in its flash, which is switched off.
 
     Args:
         memories: address and bytes of each that can be written.
         stack: address and bytes of the lowest place of one of them.
     """
+
+    INSTEAD: ClassVar = "it stands in memory of the emulator; make another one of the same firmware"
 
     def __init__(self, firmware: Firmware, memories: Sequence[tuple[int, int]], stack: tuple[int, int]) -> None:
         self._symbols, self._stack = firmware.symbols, stack

@@ -16,7 +16,7 @@ from stillwake.console.terminal import make_console, visible
 
 EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "sim": (
-        *("h5py", "numba", "scipy", "gymnasium", "matplotlib", "PIL", "threadpoolctl", "distributed", "dask"),
+        *("h5py", "numba", "scipy", "gymnasium", "matplotlib", "PIL", "distributed", "dask"),
         *("jinja2", "llvmlite", "tornado"),
     ),
     "train": ("torch", "shap", "onnx", "safetensors", "h5py", "scipy", "cyclonedx"),

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import ceil
 from pathlib import Path
 from typing import Final
@@ -11,6 +12,7 @@ import numpy as np
 from contract.arrays import Array, Index
 from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
+from contract.copies import CopiedWhole
 from contract.errors import ConfigError
 from contract.model import model_folder
 from contract.runtime.onnx_session import OnnxController
@@ -31,7 +33,7 @@ AT_REST: Final = 60.0
 """Convective times in which the wake without jets settles at a speed, and as long an average: twelve cycles."""
 
 
-class DifferentiableWake:
+class DifferentiableWake(CopiedWhole):
     """A plant at the beginning of control periods, with the differences of some of its sensors. `columns` (2 p,) are
     those of the sensors among the plant's, in pairs."""
 
@@ -44,8 +46,8 @@ class DifferentiableWake:
         """Go on from there with an empty tape, at speeds (n + 1,) in design speeds; a faster one takes more steps."""
         plant, config = self.plant, self._config
         plant.config = replace(config, substeps=ceil(config.substeps * max(1.0, float(speeds.max()))))
-        times, faster = config.control_period * np.arange(len(speeds)), speeds - 1.0
-        plant.wind = (lambda t: float(np.interp(t, times, faster))) if faster.any() else None
+        times, faster = config.control_period * np.arange(len(speeds), dtype=np.float64), speeds - 1.0
+        plant.wind = partial(_between, times=times, values=faster) if faster.any() else None
         plant.reset(State(flat=state.flat, substep=0, action=state.action))
         self._speeds = speeds
         self._tape.restart()
@@ -97,6 +99,10 @@ class DifferentiableWake:
         sample, speed = self.plant.sample(), self._speed
         q = speed**2
         return Seen(Cp=sample.Cp[self._columns] / q, Cd=sample.Cd / q, Cl=sample.Cl / q, Uy=sample.Uy_probe / speed)
+
+
+def _between(t: float, *, times: Array, values: Array) -> float:
+    return float(np.interp(t, times, values))
 
 
 def differentiable_wake(

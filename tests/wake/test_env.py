@@ -1,7 +1,12 @@
+import copy
 import dataclasses
+import multiprocessing
+import pickle
 import warnings
+from collections.abc import Callable
 from typing import Any
 
+import cloudpickle
 import gymnasium
 import numpy as np
 import pytest
@@ -127,3 +132,40 @@ def test_what_does_not_fit_is_refused_by_its_value(env):
     for use in (lambda: fresh.step(action(0.0)), fresh.render):
         with pytest.raises(gymnasium.error.ResetNeeded):
             use()
+
+
+def gone_on_with(env: TruckWakeEnv) -> list[Any]:
+    """All that it shows over the rest of an episode, a picture, and the beginning of the next one."""
+    seen: list[Any] = []
+    for _ in range(2):
+        drawn = env.action_space.sample()
+        observation, reward, _, truncated, info = env.step(drawn)
+        seen += [drawn, observation, reward, truncated, list(info.values()), env.plant.flow.u.copy()]
+    seen.append(env.render())
+    observation, info = env.reset()
+    return [*seen, observation, list(info.values()), env.step(env.action_space.sample())[0]]
+
+
+def test_a_copy_goes_on_as_the_environment_does_and_leaves_it_alone(coarse):
+    """Taken within an episode, after a picture; whatever copies it, and in another process."""
+    env = TruckWakeEnv(WATCHED, config=coarse.flow, start=coarse.start, max_phase_steps=3, render_mode="rgb_array")
+    env.reset(seed=5)
+    env.action_space.seed(6)
+    env.step(env.action_space.sample())
+    env.render()
+    stood = env.plant.flow.flat.copy()
+    ways: dict[str, Callable[[Any], Any]] = {
+        "copy": copy.copy,
+        "deepcopy": copy.deepcopy,
+        "pickle": lambda one: pickle.loads(pickle.dumps(one)),
+        "cloudpickle": lambda one: cloudpickle.loads(cloudpickle.dumps(one)),
+        "wrapped": lambda one: copy.deepcopy(gymnasium.wrappers.TimeLimit(one, 9)).unwrapped,
+    }
+    found = {name: gone_on_with(copied(env)) for name, copied in ways.items()}
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        found["spawned"] = pool.apply(gone_on_with, (env,))
+    np.testing.assert_array_equal(env.plant.flow.flat, stood)
+    expected = gone_on_with(env)
+    for name, seen in found.items():
+        for here, there in zip(expected, seen, strict=True):
+            np.testing.assert_array_equal(here, there, err_msg=name)

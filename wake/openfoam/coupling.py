@@ -11,8 +11,9 @@ import errno
 import os
 import time
 from pathlib import Path
-from typing import Final, Self
+from typing import ClassVar, Final, Self
 
+from contract.copies import NeverCopied
 from contract.errors import PlantError
 from wake.openfoam import jets
 from wake.openfoam.jets import JETS
@@ -25,13 +26,15 @@ PATIENCE_S: Final = 120.0
 _POLL_S: Final = (2e-4, 5e-3)
 
 
-class JetPipes:
+class JetPipes(NeverCopied):
     """The controller's ends of the pipes.
 
     Args:
         folder: the case, as `jets.write_pipes` has laid it out.
         patience_s: longest wait for one time step.
     """
+
+    INSTEAD: ClassVar = "it holds pipes to a process; make others"
 
     def __init__(self, folder: Path, mesh: Mesh, child: IcoFoam, patience_s: float = PATIENCE_S) -> None:
         self._folder = folder

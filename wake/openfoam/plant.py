@@ -8,7 +8,7 @@ writes its fields.
 import shutil
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from contract import sensors
 from contract.arrays import Array
 from contract.config.body import TRUCK_BODY
 from contract.config.plant import FlowConfig
+from contract.copies import NeverCopied
 from contract.errors import PlantError
 from wake.openfoam import case, fields, jets
 from wake.openfoam.coupling import PATIENCE_S, JetPipes
@@ -28,7 +29,7 @@ from wake.plant.sample import Sample
 from wake.solver.grid import Grid, truck_grid
 
 
-class OpenFoamWake:
+class OpenFoamWake(NeverCopied):
     """The flow around the truck. Use it in a `with`, or `close` it: icoFoam is a child process. Raises PlantError if
     icoFoam is not installed, does not take the state, or fails.
 
@@ -39,6 +40,8 @@ class OpenFoamWake:
         duration: longest time that can be run after a `reset`, t_c.
         patience_s: longest wait for one time step.
     """
+
+    INSTEAD: ClassVar = "icoFoam is a process; give its state() to another OpenFoamWake"
 
     def __init__(
         self,

@@ -7,8 +7,9 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import Final, Self
+from typing import ClassVar, Final, Self
 
+from contract.copies import NeverCopied
 from contract.errors import PlantError
 
 LOG: Final = "log.icoFoam"
@@ -26,9 +27,11 @@ def require_installed(program: str = PROGRAM) -> None:
         raise PlantError(f"the openfoam plant needs OpenFOAM's {program}: install the Debian package `openfoam`")
 
 
-class IcoFoam:
+class IcoFoam(NeverCopied):
     """One run of icoFoam on a case; its output goes to the case's `log.icoFoam`. Raises PlantError if icoFoam is not
     installed. `command` is what to run in it; icoFoam, or another program in tests."""
+
+    INSTEAD: ClassVar = "it is a process; start another one"
 
     def __init__(self, folder: Path, command: tuple[str, ...] = (PROGRAM,)) -> None:
         require_installed(command[0])

@@ -8,6 +8,7 @@ import csv
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import ceil, isfinite
 from pathlib import Path
 from typing import Final
@@ -68,13 +69,13 @@ class Drive:
 
     def wind(self, point: OperatingPoint, begin: float = 0.0) -> Wind:
         """By how much the stream exceeds U, for a plant whose clock shows `begin` in t_c at the drive's time 0."""
+        # No closure, so that a plant with it can be pickled.
+        return partial(self._exceeds, point, begin)
+
+    def _exceeds(self, point: OperatingPoint, begin: float, t: float) -> float:
         t_c, gust = point.convective_time, self.gust
-
-        def exceeds(t: float) -> float:
-            ahead = self.speed((t - begin) * t_c) / point.speed - 1.0
-            return ahead if gust is None else ahead + gust(t - begin - self.times[0] / t_c)
-
-        return exceeds
+        ahead = self.speed((t - begin) * t_c) / point.speed - 1.0
+        return ahead if gust is None else ahead + gust(t - begin - self.times[0] / t_c)
 
     def substeps(self, flow: FlowConfig, point: OperatingPoint) -> FlowConfig:
         """The flow's settings with as many more time steps as its fastest stream needs."""

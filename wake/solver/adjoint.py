@@ -9,12 +9,13 @@ from collections.abc import Callable
 import numpy as np
 
 from contract.arrays import Array
+from contract.copies import CopiedWhole
 from wake.solver import adjoint_kernels, kernels
 from wake.solver.flow import Flow
 from wake.solver.navier_stokes import STAGE_END, A, B, FlowSolver, gusting
 
 
-class FlowAdjoint:
+class FlowAdjoint(CopiedWhole):
     """Carries sensitivities backwards over the runs of a `FlowSolver`, whose present viscosity it uses."""
 
     def __init__(self, solver: FlowSolver) -> None:

@@ -7,7 +7,7 @@ one behind the outlet; p is (nx + 1, ny), its last column behind the outlet. Unp
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -58,7 +58,7 @@ class Layout:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Flow:
-    """One buffer, `flat`, and its padded views u, v and p."""
+    """One buffer, `flat`, and its padded views u, v and p; of a copy they are views of the copy's."""
 
     flat: Array
     u: Array
@@ -76,6 +76,10 @@ class Flow:
         layout = Layout(shape)
         u, v, p = (flat[layout.entries(name)].reshape(layout.padded(name)) for name in _ORDER)
         return cls(flat=flat, u=u, v=v, p=p)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        more_x, more_y = _PADDED["p"]
+        return Flow.of, (self.flat, (self.p.shape[0] - more_x, self.p.shape[1] - more_y))
 
     @property
     def faces_u(self) -> Array:

@@ -17,6 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from contract.arrays import Array
+from contract.copies import CopiedWhole
 from contract.errors import PlantError
 from wake.solver import kernels, poisson, stability
 from wake.solver.boundary import Boundary
@@ -30,7 +31,7 @@ STAGE_END = (1.0 / 3.0, 3.0 / 4.0, 1.0)
 _STEADY = np.zeros(len(STAGE_END))
 
 
-class FlowSolver:
+class FlowSolver(CopiedWhole):
     """Advances a `Flow` on one grid around one body.
 
     Args:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from contract.arrays import Array
+from contract.copies import CopiedWhole
 from contract.errors import PlantError
 from contract.ledger import LEDGER_FIELDS
 from wake.plant.sample import Sample
@@ -33,12 +34,12 @@ class _Period:
     t: float
 
 
-class Tape:
+class Tape(CopiedWhole):
     """Records control periods of a plant from its present state on, and carries sensitivities back over them.
 
     The flow at the start of each time step is kept as long as memory allows; the oldest periods then keep that at their
     start alone and run again on the way back, which costs one period more. Raises PlantError if the plant is within a
-    control period.
+    control period. A copy has a plant of its own.
 
     Args:
         plant: at the beginning of a control period; its wind has to stay the same one.

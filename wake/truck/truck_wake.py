@@ -14,6 +14,7 @@ from contract.arrays import Array
 from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.config.body_sensors import layout_of
 from contract.config.plant import FlowConfig
+from contract.copies import CopiedWhole
 from contract.errors import PlantError
 from wake.plant.gust import Wind
 from wake.plant.sample import Sample
@@ -27,9 +28,11 @@ from wake.truck.state import Origin, State, check_body, check_grid, check_reynol
 from wake.truck.surface import Surface
 
 
-class TruckWake:
+class TruckWake(CopiedWhole):
     """The flow around the truck, or around another body. Raises ConfigError if the grid is too coarse for the slots;
     PlantError if the time step is bound to diverge on this grid.
+
+    A copy is a plant of its own, which goes on as this one does, to the bit; so is a pickle, if `wind` can be pickled.
 
     Args:
         config: Reynolds number, control period, substeps, action bound and the grid's refinement.

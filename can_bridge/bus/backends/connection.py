@@ -2,12 +2,13 @@
 
 import struct
 from contextlib import suppress
-from typing import Final, Self
+from typing import ClassVar, Final, Self
 
 import can
 
 from can_bridge.bus.backends.opening import one_line
 from can_bridge.bus.rejection import Rejection, UnusableReceptionError
+from contract.copies import NeverCopied
 from contract.errors import BusError
 
 GARBAGE_LIMIT: Final = 1000
@@ -19,8 +20,10 @@ _UNREADABLE: Final = (ValueError, IndexError, struct.error)
 """What the parsers of backends raise on what they were sent."""
 
 
-class Connection:
+class Connection(NeverCopied):
     """Holds an open python-can bus. Use as a context manager, or `close` it."""
+
+    INSTEAD: ClassVar = "it is open on this process alone; open another one"
 
     def __init__(self, bus: can.BusABC) -> None:
         """Take over an open bus, which is closed together with this object."""

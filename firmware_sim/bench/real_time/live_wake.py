@@ -11,13 +11,14 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 
 from contract.arrays import Array
 from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
+from contract.copies import NeverCopied
 from contract.errors import PlantError, StillwakeError
 from firmware_sim.bench.real_time.speed import Speed
 from firmware_sim.ecu.real_time.privileges import stay_ordinary
@@ -27,7 +28,7 @@ LONGEST_END_S: Final = 5.0
 """What the process is given to end by itself: the longest control period, and Python's own end."""
 
 
-class LiveWake:
+class LiveWake(NeverCopied):
     """Use as a context manager; its start takes seconds. Raises StillwakeError if the plant cannot be made.
 
     Args:
@@ -40,6 +41,8 @@ class LiveWake:
         description: solver, grid and time step.
         speed: measured before the start.
     """
+
+    INSTEAD: ClassVar = "its solver is a process; make another one"
 
     def __init__(
         self,

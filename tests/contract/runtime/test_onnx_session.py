@@ -1,5 +1,7 @@
 """ONNX Runtime as the controller of a bundle: its shapes are the manifest's, and its answers are the graph's."""
 
+import copy
+import pickle
 import resource
 from dataclasses import replace
 
@@ -35,6 +37,16 @@ def test_the_controller_is_the_bundles(release):
     assert np.abs(free.plan).max() <= manifest.action_limit
     assert free.cost < held.cost
     assert free.forces.shape == (horizon, 2)
+
+
+def test_a_copy_computes_the_same_in_a_session_of_its_own(release):
+    controller = OnnxController.of(release)
+    window, horizon = np.ones((release.manifest.window, 5)), release.manifest.mpc.horizon
+    given = (window, np.zeros(horizon), np.ones(horizon))
+    for one in (copy.copy(controller), pickle.loads(pickle.dumps(controller))):
+        assert one._session is not controller._session
+        assert one.description == controller.description
+        np.testing.assert_array_equal(one.control_step(*given).plan, controller.control_step(*given).plan)
 
 
 def test_a_model_that_contradicts_its_manifest_is_refused(release):

@@ -84,6 +84,7 @@ def test_a_step_is_a_function_of_state_time_and_frames(bench_of, events, delay):
         assert identical(outcome, bench.ecu.next(before, *period))
         assert identical(outcome, other.next(pickle.loads(kept), *period))
         third.restore(copy.deepcopy(before))
+        third = pickle.loads(pickle.dumps(third))
         assert third.trace.action == before.memory.under_way.newest
         assert third.step(*period) == bench.ecu.step(*period) == outcome.frames
         assert bench.ecu.state == third.state == outcome.state

@@ -1,12 +1,16 @@
 """The plant's FMU, imported by another library, and the loop that both FMUs close."""
 
+import copy
+import json
 import math
+import pickle
 
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 
+from contract.config.loading import to_tree
 from export.to_c.source_folders import fmu_sources
 from firmware_sim.bench.ecus import C, loop_ecu
 from firmware_sim.bench.simulation import Simulation
@@ -96,3 +100,25 @@ def test_the_command_writes_it_and_refuses_a_plant_that_cannot_begin(cli, tmp_pa
     assert "the shipped start is of 500" in done.err
     assert not path.exists()
     assert cli("plant-fmu", path).code == 0 and path.exists()
+
+
+def test_a_copy_of_what_runs_in_it_reads_its_own_outputs(tmp_path):
+    from firmware_sim.fmu.plant_slave import SETTINGS, StillwakePlant
+
+    (tmp_path / SETTINGS).write_text(json.dumps(to_tree(CONFIG)), encoding="utf-8")
+    slave = StillwakePlant(instance_name="wake", resources=str(tmp_path))
+    slave.vehicle_speed = 24.0
+    slave.do_step(0.0, PERIOD_S)
+
+    def drag(one: StillwakePlant) -> float:
+        (variable,) = (variable for variable in one.vars.values() if variable.name == "Cd")
+        return float(variable.getter())
+
+    before = drag(slave)
+    copies = [copy.copy(slave), copy.deepcopy(slave), pickle.loads(pickle.dumps(slave))]
+    for one in (*copies, slave):
+        assert drag(one) == before
+        one.vehicle_speed = 23.0
+        one.do_step(PERIOD_S, PERIOD_S)
+    assert len({drag(one) for one in (*copies, slave)}) == 1
+    assert drag(slave) != before
