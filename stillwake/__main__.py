@@ -8,6 +8,10 @@ from stillwake.console import own_rooms  # noqa: F401  (refuses to go on where a
 
 # isort: split
 
+from stillwake.console.memory import check_memory  # before numpy
+
+# isort: split
+
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
@@ -115,7 +119,12 @@ def main() -> None:
         # A terminal that lacks a character, or a file name that is no UTF-8, must not end a command.
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
-    sys.exit(status_of(app))
+
+    def command() -> None:
+        check_memory(sys.argv[1:])
+        app()
+
+    sys.exit(status_of(command))
 
 
 if __name__ == "__main__":

@@ -5,11 +5,13 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Mapping
+from concurrent.futures import BrokenExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 from contract.errors import StillwakeError, install
+from stillwake.console.memory import lacks_memory
 from stillwake.console.own_rooms import ROOMS, explain
 from stillwake.console.stopping import INTERRUPTED, outcome
 from stillwake.console.terminal import make_console, visible
@@ -58,16 +60,20 @@ def _status_of(command: Callable[[], object]) -> int:
     except KeyboardInterrupt:
         return _stopped()
     except StillwakeError as error:
-        return _fail(str(error), status=error.status)
+        return _out_of_memory(error) if lacks_memory(error) else _fail(str(error), status=error.status)
     except ModuleNotFoundError as error:
         return _fail(missing(error.name or str(error), sys.argv[1] if len(sys.argv) > 1 else ""))
-    except MemoryError as error:
-        return _fail(f"not enough memory{f': {error}' if str(error) else ''}")
+    except BrokenExecutor:
+        return _fail("a worker process ended: it was killed, perhaps because there was not enough memory")
     except OSError as error:
+        if lacks_memory(error):
+            return _out_of_memory(error)
         if error.filename is None and error.errno in (errno.EPIPE, errno.ENOSPC):
             raise
         return _fail(_reason(error))
-    except Exception:  # noqa: BLE001  (a fault of ours ends with its traceback, and a line on what to do)
+    except Exception as error:  # noqa: BLE001  (a fault of ours ends with its traceback, and a line on what to do)
+        if lacks_memory(error):
+            return _out_of_memory(error)
         with suppress(OSError):
             traceback.print_exc()
         return _fail(REPORT)
@@ -87,6 +93,10 @@ def missing(module: str, command: str = "") -> str:
         if top in EXTRAS[extra]:
             return f"this command needs {top}: {install(extra)}"
     return f"this command needs {top}, which is not installed"
+
+
+def _out_of_memory(error: Exception) -> int:
+    return _fail(f"not enough memory{f': {error}' if str(error) else ''}")
 
 
 def _stopped() -> int:

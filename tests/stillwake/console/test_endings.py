@@ -4,16 +4,20 @@ import errno
 import importlib
 import os
 import re
+import resource
 import subprocess
 import sys
 import tomllib
 from collections.abc import Callable
+from concurrent.futures import BrokenExecutor
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from contract.errors import ConfigError
 from stillwake.console.endings import EXTRAS, REPORT, missing, status_of
+from stillwake.console.memory import shortage
 from stillwake.console.own_rooms import HOME, ROOMS
 
 PROJECT = tomllib.loads((HOME / "pyproject.toml").read_text(encoding="utf-8"))
@@ -27,6 +31,8 @@ def raising(error: BaseException) -> Callable[[], None]:
 
 
 def test_what_a_user_can_cause_is_one_line(capsys):
+    damaged = ConfigError("a.npz: damaged")
+    damaged.__cause__ = MemoryError()
     for error, line in (
         (ConfigError("ecu.x = 1: must be 2"), "ecu.x = 1: must be 2"),
         (ConfigError("a\nb\x1b[2J [/x] \udcff"), "a b\\x1b[2J [/x] \\udcff"),
@@ -34,6 +40,10 @@ def test_what_a_user_can_cause_is_one_line(capsys):
         (FileNotFoundError(errno.ENOENT, "No such file or directory", b"/\xff"), "/\\udcff: No such file or directory"),
         (OSError("timed out"), "timed out"),
         (MemoryError("Unable to allocate 1 PiB"), "not enough memory: Unable to allocate 1 PiB"),
+        (ImportError("x.so: failed to map segment"), "not enough memory: x.so: failed to map segment"),
+        (RuntimeError("can't start new thread"), "not enough memory: can't start new thread"),
+        (damaged, "not enough memory: a.npz: damaged"),
+        (BrokenExecutor(), "a worker process ended: it was killed, perhaps because there was not enough memory"),
         (ModuleNotFoundError("no torch", name="torch"), missing("torch")),
         (SystemExit("as text"), "as text"),
     ):
@@ -86,6 +96,24 @@ def test_extras_and_rooms_are_the_projects():
     assert {f"{room}*" for room in ROOMS} == set(PROJECT["tool"]["setuptools"]["packages"]["find"]["include"])
 
 
+def test_too_little_memory_is_named_before_the_work(cli, monkeypatch, tmp_path):
+    """OpenBLAS would ask for ever. What the command then needs is enough: the number is the one to set."""
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    for kind, option, least in ((resource.RLIMIT_AS, "-v", 850 << 10), (resource.RLIMIT_DATA, "-d", 425 << 10)):
+        limits = {kind: (1024 * least - 1, resource.RLIM_INFINITY)}
+        monkeypatch.setattr(resource, "getrlimit", lambda of, at=limits: at.get(of, (resource.RLIM_INFINITY,) * 2))
+        done = cli("run", tmp_path / "out")
+        assert (done.code, done.out) == (1, "")
+        assert re.fullmatch(
+            rf"error: not enough memory: ulimit {option} allows \d+ MB, run needs \d+: set it to {least} or more\n",
+            done.err,
+        )
+        assert cli("run", "--help").code == cli("config").code == 0
+        limits[kind] = 1024 * least, resource.RLIM_INFINITY
+        assert shortage("run") is None
+    assert not any(tmp_path.iterdir())
+
+
 @pytest.mark.processes
 def test_where_it_is_called_from_and_where_it_prints_to(tmp_path: Path) -> None:
     """In processes: a file that hides a package of ours, a full disk, a reader that has gone, an ASCII terminal."""
@@ -103,6 +131,11 @@ def test_where_it_is_called_from_and_where_it_prints_to(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, '[bus]\nchannel = "Z\\xfcrich"\n', "")
     with Path("/dev/full").open("w") as full:
         done = stillwake("config", stdout=full)
+    for limit, command in ((90, "config"), (500, "run")):
+        bound = partial(resource.setrlimit, resource.RLIMIT_AS, (limit << 20, limit << 20))
+        short = stillwake(command, "out", preexec_fn=bound)
+        assert (short.returncode, short.stdout, short.stderr.count("\n")) == (1, "", 1)
+        assert short.stderr.startswith(f"error: not enough memory: ulimit -v allows {limit} MB, ")
     line = "error: cannot write to standard output: No space left on device\n"
     assert (done.returncode, done.stderr) == (1, line)
     read, write = os.pipe()
