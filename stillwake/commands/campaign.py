@@ -14,6 +14,7 @@ from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release.checks import Bundle
 from contract.results import versions
+from stillwake.console.claims import claim
 from stillwake.console.numbers import cores
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.progress import steps_begin
@@ -105,6 +106,7 @@ def campaign(
         console.print(*lines, sep="\n")
         return
     folder = CampaignFolder(output)
+    claim(output, folder=True)
     folder.check(planned.label(), overwrite=overwrite)
     console.print(*describe(release), sep="\n")
     result = _conducted(planned, folder, cores() if workers is None else workers, scheduler)

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 import typer
 
-from contract.atomic import check_writable
 from contract.config.tree import Config
 from contract.errors import ConfigError
+from stillwake.console.claims import claim
 from stillwake.console.numbers import steps_of
 from stillwake.console.settings import settings
 from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
@@ -94,7 +94,7 @@ def mean(
     from wake.truck.recirculation import recirculation_length
 
     check_suffix(output)
-    check_writable(output)
+    claim(output)
     config = settings("picture mean", config_file, overrides, uses=MOVING).config
     actions = _actions(config, duration, forcing, amplitude, frequency, seed, run)
     skip = steps_of("--settle", settle, config.flow.control_period, least=0)
@@ -138,7 +138,7 @@ def animate(
     from wake.pictures.drawing import WakePicture
 
     check_target(output)
-    check_writable(output)
+    claim(output)
     config = settings("animate", config_file, overrides, uses=MOVING).config
     left_out = steps_of("--skip", skip, config.flow.control_period, least=0)
     actions = _actions(config, duration, forcing, amplitude, frequency, seed, run)
@@ -158,7 +158,7 @@ def _still(output: Path, field: Field, state: Path | None, sensors: str, config:
     from wake.pictures.drawing import WakePicture, check_suffix, save_figure
 
     check_suffix(output)
-    check_writable(output)
+    claim(output)
     wake = _start(config, state)
     save_figure(output, WakePicture(wake, field, _names(sensors)).update())
     console.print(f"wrote {output}")

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.progress import TaskID
 
-from contract.atomic import check_writable
 from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release.checks import Bundle
+from stillwake.console.claims import claim
 from stillwake.console.numbers import cores
 from stillwake.console.outputs import Overwrite, check_dataset_name, check_output
 from stillwake.console.settings import settings
@@ -123,7 +123,7 @@ def record(
     is_forced = under is None and from_steady is None
     uses = ("body", "flow", "forcing" if is_forced else "forcing.exploration_time")
     config = settings("record", config_file, overrides, uses=uses).config
-    check_writable(output)
+    claim(output)
     check_dataset_name(output)
     lengths = {"training": training, "chirp": chirp, "uncontrolled": uncontrolled}
     of_controlled = {"controlled": controlled, "exploration": exploration}

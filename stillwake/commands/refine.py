@@ -14,6 +14,7 @@ from contract.model.model_folder import check_free
 from contract.results import versions
 from contract.shipped import model as shipped_model
 from contract.shipped import recording as shipped_recording
+from stillwake.console.claims import claim
 from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
 from stillwake.console.settings import settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, Threads, console, progress_bar
@@ -56,7 +57,7 @@ def refine(
     from train import model_store
     from train.refinement.pipeline import refine_model
 
-    check_writable(output, folder=True)
+    claim(output, folder=True)
     check_free(output)
     check_output(output, overwrite=overwrite, folder=True, occupant="there is a model already")
     folder = unfinished.folder_of(output)

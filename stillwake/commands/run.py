@@ -18,6 +18,7 @@ from contract.config.tree import Config
 from contract.controller.calibration import Calibration
 from contract.errors import ConfigError, LibraryError, StillwakeError
 from contract.release.checks import Bundle
+from stillwake.console.claims import claim
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import REAL_BUS, WEIGHTS, settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, print_table, progress_bar, visible
@@ -139,6 +140,7 @@ def run(
         raise ConfigError(f"--ecu {ecu}: must be one of {', '.join(ECUS)}")
     disturbances = [*map(parse_node_fault, fault), *map(parse_disturbance, disturb)]
     folder = RunFolder(output)
+    claim(output, folder=True)
     folder.check_free(overwrite=overwrite)
     check_json(json_file)
     uses = (*_USES, "mpc", *(["openfoam"] if plant == "openfoam" else []))

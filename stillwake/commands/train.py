@@ -14,6 +14,7 @@ from contract.config.loading import training as training_settings
 from contract.config.tree import Config
 from contract.model.model_folder import check_free
 from contract.shipped import recording as shipped_recording
+from stillwake.console.claims import claim
 from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
 from stillwake.console.settings import settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, Threads, console, progress_bar
@@ -63,7 +64,7 @@ def train(
     config = settings("train", config_file, overrides, uses=USES, base=training_settings(quick=quick)).config
     recording = shipped_recording() if dataset is None else dataset
     chosen = tuple(name.strip() for name in sensors.split(",")) if sensors else None
-    check_writable(output, folder=True)
+    claim(output, folder=True)
     check_free(output)
     check_output(output, overwrite=overwrite, folder=True, occupant="there is a model already")
     check_writable(unfinished.folder_of(output), folder=True)

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from contract.atomic import check_writable
 from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.release.checks import Bundle
 from contract.results import versions
 from stillwake.console.bus_option import BusName, with_bus
+from stillwake.console.claims import claim
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import REAL_BUS, settings
 from stillwake.console.stopping import until_stopped
@@ -92,7 +92,7 @@ def vehicle(
     """
     check_json(json_file)
     if stage_times is not None:
-        check_writable(stage_times)
+        claim(stage_times)
     loaded = settings("vehicle", config_file, with_bus(bus_name, overrides), uses=_USES)
     config = slowed(loaded.config, slow_down)
     for option, given in {"--dataset": dataset, "--episode": episode, "--from": begin or None}.items():

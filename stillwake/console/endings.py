@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from contract.errors import StillwakeError, install
+from stillwake.console.claims import release
 from stillwake.console.memory import lacks_memory
 from stillwake.console.own_rooms import ROOMS, explain
 from stillwake.console.stopping import INTERRUPTED, outcome
@@ -42,7 +43,10 @@ def status_of(command: Callable[[], object]) -> int:
     An exception that no user should be able to cause keeps its traceback, and a line asks to report it.
     """
     try:
-        status = _status_of(command)
+        try:
+            status = _status_of(command)
+        finally:
+            release()
         if sys.stdout is not None:
             sys.stdout.flush()
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Where a command writes: checked before it works, and never replaced unless the user asks for it."""
+"""Where a command writes: checked before it works, its own until it ends, and never replaced unless the user asks."""
 
 from collections.abc import Mapping
 from datetime import date
@@ -7,9 +7,9 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from contract.atomic import check_writable
 from contract.errors import OutputError
 from contract.results import write_result
+from stillwake.console.claims import claim
 
 DATASET_SUFFIXES: Final = (".h5", ".hdf5")
 """How a data set's name ends."""
@@ -28,7 +28,7 @@ def check_dataset_name(path: Path) -> None:
 
 def check_output(path: Path, *, overwrite: bool, folder: bool = False, occupant: str = "", mark: str = "") -> None:
     """Refuse a place that cannot be written, or that holds something and is not to be replaced. Raises OutputError if
-    something is there; StillwakeError if nothing can be written there.
+    something is there, or another command writes there; StillwakeError if nothing can be written there.
 
     Args:
         overwrite: whether the user asked to replace what is there.
@@ -36,7 +36,7 @@ def check_output(path: Path, *, overwrite: bool, folder: bool = False, occupant:
         occupant: what is there, in words, for the message.
         mark: a file that a folder of this kind has; one without it is never replaced.
     """
-    check_writable(path, folder=folder)
+    claim(path, folder=folder)
     if mark and folder and path.is_dir() and any(path.iterdir()) and not (path / mark).exists():
         raise OutputError(f"{path}: there is something else; name another folder")
     if not overwrite and path.exists() and not (folder and not any(path.iterdir())):
@@ -48,7 +48,7 @@ def check_output(path: Path, *, overwrite: bool, folder: bool = False, occupant:
 def check_json(path: Path | None) -> None:
     """Refuse a place for figures that cannot be written; figures are replaced by newer ones."""
     if path is not None:
-        check_writable(path)
+        claim(path)
 
 
 def save_json(path: Path | None, *, figures: Any, facts: Mapping[str, Any]) -> None:

@@ -1,4 +1,6 @@
+import os
 import re
+import stat
 from pathlib import Path
 
 import pytest
@@ -85,3 +87,71 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(tmp_path, mon
         assert sorted(item.name for item in tmp_path.rglob("*")) == ["file", "folder"], target
     with pytest.raises(StillwakeError, match="file/target"), replacing(tmp_path / "file" / "target"):
         pytest.fail("nothing can be written here")
+
+
+def mode(path: Path) -> int:
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+def test_what_a_link_leads_to_is_replaced_and_keeps_its_mode(tmp_path):
+    """Also through a chain, through a folder on the way, and where there is nothing yet; the links stay."""
+    before = os.umask(0o027)
+    try:
+        for write, old_mode, new_mode in ((write_file, 0o604, 0o640), (write_directory, 0o705, 0o750)):
+            place = tmp_path / write.__name__
+            (place / "real").mkdir(parents=True)
+            (place / "way").symlink_to("real")
+            (place / "link").symlink_to("way/target")
+            (place / "chain").symlink_to(place / "link")
+            target = place / "real" / "target"
+            for text, path in enumerate(("chain", "link", "way/target", "real/target", "chain")):
+                check_writable(place / path, folder=write is write_directory)
+                with replacing(place / path) as temporary:
+                    assert temporary.parent == target.parent, "on the same file system"
+                    write(temporary, str(text))
+                assert content(target) == content(place / "chain") == str(text)
+                assert mode(target) == (old_mode if text else new_mode)
+                target.chmod(old_mode)
+                if target.is_dir():
+                    (target / "inside").chmod(0o600)
+                    assert text == 0 or mode(target / "inside") == 0o600
+            assert (place / "link").readlink() == Path("way/target") and (place / "chain").is_symlink()
+            assert [item.name for item in target.parent.iterdir()] == ["target"]
+        # A directory that keeps what else is in it.
+        with replacing(tmp_path / "write_directory" / "chain", keep=True) as temporary:
+            write_directory(temporary, "kept")
+            (temporary / "more").write_text("")
+        assert (content(target), mode(target), mode(target / "inside"), mode(target / "more")) == (
+            *("kept", 0o705, 0o600),
+            0o640,
+        )
+    finally:
+        os.umask(before)
+
+
+def test_a_place_that_would_not_show_what_is_written_is_refused(tmp_path, capfd):
+    (tmp_path / "file").write_text("old")
+    (tmp_path / "other").hardlink_to(tmp_path / "file")
+    (tmp_path / "round").symlink_to("round")
+    (tmp_path / "gone").symlink_to("disk/results")
+    (tmp_path / "file_link").symlink_to("other")
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "fifo_link").symlink_to("fifo")
+    there = sorted(tmp_path.iterdir())
+    for name, reason in (
+        ("other", r"the file has 2 names \(hard links\), and the others would keep the old one"),
+        ("file_link", r"the file has 2 names"),
+        ("round", "Too many levels of symbolic links"),
+        ("gone", r".*gone is a link to disk/results, which is not there"),
+        ("gone/run", r".*gone is a link to disk/results, which is not there"),
+        ("fifo", "it is neither a file nor a directory"),
+        ("fifo_link", "it is neither a file nor a directory"),
+        ("/dev/stdout", "this command prints to it; name another file"),
+        ("/dev/fd/2", "this command prints to it"),
+    ):
+        with pytest.raises(StillwakeError, match=f"^cannot write {tmp_path / name}: {reason}"):
+            check_writable(tmp_path / name, folder=name == "gone/run")
+        if name.startswith("gone"):
+            with pytest.raises(StillwakeError, match="is not there"), replacing(tmp_path / name):
+                pytest.fail("nothing can be written here")
+    assert sorted(tmp_path.iterdir()) == there

@@ -9,12 +9,13 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from contract.atomic import check_writable, replacing
+from contract.atomic import replacing
 from contract.config.tree import Config
 from contract.controller.calibration import NAMES
 from contract.errors import ConfigError
 from contract.results import versions
 from stillwake.console.bus_option import BusName, with_bus
+from stillwake.console.claims import claim
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import TESTERS_BUS, settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console
@@ -162,7 +163,7 @@ def _write_a2l(path: Path, bundle: Path | None, trust: str | None, config: Confi
     from firmware_sim.ecu.calibrating import limits_of, release_calibration
     from firmware_sim.ecu.fit import check_vehicle
 
-    check_writable(path)
+    claim(path)
     release = open_release(bundle, trust)
     check_vehicle(release, config)
     text = a2l_text(

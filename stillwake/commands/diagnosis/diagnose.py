@@ -7,9 +7,10 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from contract.atomic import check_writable, replacing
+from contract.atomic import replacing
 from contract.results import versions
 from stillwake.console.bus_option import BusName, with_bus
+from stillwake.console.claims import claim
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import TESTERS_BUS, settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console
@@ -69,7 +70,7 @@ def pdx(
     from can_bridge.odx.pdx import pdx as described
     from firmware_sim.runs.reasons import BECAUSE
 
-    check_writable(output)
+    claim(output)
     config = settings("diagnose pdx", config_file, overrides, uses=TESTERS_BUS).config
     with replacing(output) as part:
         part.write_bytes(described(config.bus, BECAUSE))

@@ -1,0 +1,81 @@
+"""One command at a time writes to a place: the others are refused before they work, and nothing is lost.
+
+A lock of the system's on a hidden file beside the place, `.NAME.lock`. It ends with the process, however that ends; a
+file that a killed one left counts for nothing. Linux passes it on to an NFS server, so that it holds among machines
+too. On a file system without locks there are none, and nothing is refused.
+"""
+
+import atexit
+import fcntl
+import os
+import socket
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Final
+
+from contract.atomic import check_writable, leads_to
+from contract.errors import OutputError, StillwakeError
+
+_HELD: Final = ExitStack()
+_PLACES: Final = set[Path]()
+
+
+def claim(path: Path, *, folder: bool = False) -> None:
+    """Have a place to write to until the command ends. Raises StillwakeError if nothing can be written there, as
+    `contract.atomic.check_writable`; OutputError if another command is writing there."""
+    check_writable(path, folder=folder)
+    place = leads_to(path)
+    if place in _PLACES:
+        return
+    missing = [parent for parent in place.parents if not parent.exists()]
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        for parent in reversed(missing):
+            # Each stays unless it is empty.
+            _HELD.callback(_quietly, parent.rmdir)
+        _lock(path, place.with_name(f".{place.name}.lock"))
+    except OSError as error:
+        raise StillwakeError(f"cannot write {path}: {error.strerror or error}") from error
+    _PLACES.add(place)
+    _HELD.callback(_PLACES.discard, place)
+
+
+@atexit.register
+def release() -> None:
+    """Give back what this command has claimed."""
+    _HELD.close()
+
+
+def _lock(path: Path, file: Path) -> None:
+    while True:
+        held = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.read(held, 200).decode(errors="replace").strip()
+            os.close(held)
+            raise OutputError(
+                f"{path}: another command is writing there{f' ({holder})' if holder else ''}; wait until it has ended, "
+                "or name another place"
+            ) from None
+        except OSError:
+            # No locks on this file system.
+            os.close(held)
+            _quietly(file.unlink)
+            return
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(held), file.stat()):
+                break
+        # The one before has taken it away meanwhile.
+        os.close(held)
+    with suppress(OSError):
+        os.ftruncate(held, 0)
+        os.write(held, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
+    _HELD.callback(os.close, held)
+    _HELD.callback(_quietly, file.unlink)
+
+
+def _quietly(act: Callable[[], None]) -> None:
+    with suppress(OSError):
+        act()
