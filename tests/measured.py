@@ -1,7 +1,7 @@
-"""Run a command, print what it cost, and fail where it cost more than it may.
+"""Run a command and print what it cost. Its status is the command's: a slow machine fails nobody, unless `--hold`.
 
-python tests/measured.py --wall-s 90 COMMAND [ARGUMENT ...]
-python tests/measured.py --cpu-minutes 19 COMMAND [ARGUMENT ...]
+python tests/measured.py --wall-s 60 COMMAND [ARGUMENT ...]
+python tests/measured.py --hold --cpu-minutes 9 COMMAND [ARGUMENT ...]
 """
 
 import argparse
@@ -12,10 +12,11 @@ import time
 
 
 def main() -> int:
-    """The command's status, or 1 if it was good and too expensive."""
+    """The command's status; 1 if that was good, and the command too expensive where the budget is held."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cpu-minutes", type=float, default=float("inf"), help="of the command and all its children")
     parser.add_argument("--wall-s", type=float, default=float("inf"), help="by the clock")
+    parser.add_argument("--hold", action="store_true", help="fail beyond the budget")
     parser.add_argument("command", nargs=argparse.REMAINDER)
     options = parser.parse_args()
     began = time.monotonic()
@@ -27,16 +28,18 @@ def main() -> int:
         text
         for over, text in (
             (cpu_minutes > options.cpu_minutes, f"{options.cpu_minutes:g} CPU minutes"),
-            (wall_s > options.wall_s, f"{options.wall_s:g} s by the clock on two quiet cores"),
+            (wall_s > options.wall_s, f"{options.wall_s:g} s by the clock"),
         )
         if over
     ]
-    if status == 0 and allowed:
-        sys.stderr.write(
-            f"all passed, over budget: {' and '.join(allowed)} are allowed; whoever adds a slow test takes one out\n"
-        )
-        return 1
-    return status
+    if status or not allowed:
+        return status
+    budget = f"{' and '.join(allowed)} are the budget on two quiet cores"
+    if not options.hold:
+        sys.stderr.write(f"ALL PASSED. It took longer than planned ({budget}): this machine is slower or busy\n")
+        return 0
+    sys.stderr.write(f"OVER BUDGET, all passed: {budget}; whoever adds a slow test takes one out\n")
+    return 1
 
 
 if __name__ == "__main__":
