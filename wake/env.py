@@ -12,9 +12,9 @@ import numpy.typing as npt
 from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.config.body_sensors import layout_of
 from contract.config.plant import FlowConfig
-from contract.copies import CopiedWhole
 from contract.errors import ConfigError, PlantError
 from contract.ledger import LEDGER_FIELDS
+from contract.runtime.copies import CopiedWhole
 from wake.pictures.drawing import WakePicture
 from wake.plant.sample import Sample
 from wake.truck.state import State, developed_state

@@ -8,8 +8,8 @@ from typing import ClassVar, Final
 from cryptography.hazmat.primitives.ciphers.algorithms import AES
 from cryptography.hazmat.primitives.cmac import CMAC
 
-from contract.copies import NeverCopied
 from contract.errors import KeyFileError
+from contract.runtime.copies import NeverCopied
 
 KEY_LENGTH: Final = 16
 """Bytes: AES-128."""

@@ -1,1 +1,1 @@
-"""What runs the graphs of a release bundle: ONNX Runtime within bounds."""
+"""What runs the graphs of a release bundle: ONNX Runtime within bounds; and how what runs is copied."""

@@ -32,8 +32,8 @@ from can_bridge.wire.bit_timing import worst_case_ns
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
-from contract.copies import NeverCopied
 from contract.errors import BusError
+from contract.runtime.copies import NeverCopied
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
 from firmware_sim.ecu.stepped import SteppedEcu
 from firmware_sim.runs.run_log import BusTotals, Row

@@ -18,9 +18,9 @@ from contract.config.tree import Config
 from contract.controller.c_folder import library_sources, read_sources
 from contract.controller.calibration import NAMES, Calibration
 from contract.controller.image_payload import with_layout
-from contract.copies import NeverCopied
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
+from contract.runtime.copies import NeverCopied
 from firmware_sim.ecu.ecu_state import Around, EcuState, Trace
 from firmware_sim.in_c import c_settings
 from firmware_sim.in_c.c_structs import Structs, c_time

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from contract.arrays import Array
 from contract.controller.c_folder import library_sources
 from contract.controller.interface import FORCES, TERMS, ControllerError, ControlStep, Sizes
-from contract.copies import NeverCopied
 from contract.errors import LibraryError
+from contract.runtime.copies import NeverCopied
 from firmware_sim.in_c.compiler import OPTIMISED, compile_c, compiler_version, host_compiler
 
 _OK: Final = 0

@@ -11,9 +11,9 @@ from dataclasses import asdict, replace
 from typing import Any, ClassVar, Final
 
 from contract.config.tree import Config
-from contract.copies import NeverCopied
 from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle
+from contract.runtime.copies import NeverCopied
 from firmware_sim.bench.virtual_loop import check_bit_rates
 from firmware_sim.ecu.calibrating import release_calibration
 from firmware_sim.ecu.ecu_state import EcuState

@@ -6,8 +6,8 @@ from typing import Any, ClassVar, Final
 import unicorn
 from unicorn import arm_const, unicorn_const
 
-from contract.copies import NeverCopied
 from contract.errors import McuError
+from contract.runtime.copies import NeverCopied
 from firmware_sim.mcu.block_counter import BlockCounter
 from firmware_sim.mcu.cores import CORTEX_M7, Core
 from firmware_sim.mcu.elf import Firmware

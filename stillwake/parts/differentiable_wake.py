@@ -12,9 +12,9 @@ import numpy as np
 from contract.arrays import Array, Index
 from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
-from contract.copies import CopiedWhole
 from contract.errors import ConfigError
 from contract.model import model_folder
+from contract.runtime.copies import CopiedWhole
 from contract.runtime.onnx_session import OnnxController
 from export.program.from_training import program_of
 from export.to_onnx.control_step import build_controller

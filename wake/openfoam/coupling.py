@@ -13,8 +13,8 @@ import time
 from pathlib import Path
 from typing import ClassVar, Final, Self
 
-from contract.copies import NeverCopied
 from contract.errors import PlantError
+from contract.runtime.copies import NeverCopied
 from wake.openfoam import jets
 from wake.openfoam.jets import JETS
 from wake.openfoam.mesh import Mesh

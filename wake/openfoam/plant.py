@@ -16,8 +16,8 @@ from contract import sensors
 from contract.arrays import Array
 from contract.config.body import TRUCK_BODY
 from contract.config.plant import FlowConfig
-from contract.copies import NeverCopied
 from contract.errors import PlantError
+from contract.runtime.copies import NeverCopied
 from wake.openfoam import case, fields, jets
 from wake.openfoam.coupling import PATIENCE_S, JetPipes
 from wake.openfoam.interpolation import CellInterpolation

@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 from typing import ClassVar, Final, Self
 
-from contract.copies import NeverCopied
 from contract.errors import PlantError
+from contract.runtime.copies import NeverCopied
 
 LOG: Final = "log.icoFoam"
 PROGRAM: Final = "icoFoam"

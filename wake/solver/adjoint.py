@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from contract.arrays import Array
-from contract.copies import CopiedWhole
+from contract.runtime.copies import CopiedWhole
 from wake.solver import adjoint_kernels, kernels
 from wake.solver.flow import Flow
 from wake.solver.navier_stokes import STAGE_END, A, B, FlowSolver, gusting

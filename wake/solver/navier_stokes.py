@@ -17,8 +17,8 @@ from collections.abc import Callable
 import numpy as np
 
 from contract.arrays import Array
-from contract.copies import CopiedWhole
 from contract.errors import PlantError
+from contract.runtime.copies import CopiedWhole
 from wake.solver import kernels, poisson, stability
 from wake.solver.boundary import Boundary
 from wake.solver.flow import Flow

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from contract.arrays import Array
-from contract.copies import CopiedWhole
 from contract.errors import PlantError
 from contract.ledger import LEDGER_FIELDS
+from contract.runtime.copies import CopiedWhole
 from wake.plant.sample import Sample
 from wake.solver.adjoint import FlowAdjoint
 from wake.solver.flow import Flow

@@ -14,8 +14,8 @@ from contract.arrays import Array
 from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.config.body_sensors import layout_of
 from contract.config.plant import FlowConfig
-from contract.copies import CopiedWhole
 from contract.errors import PlantError
+from contract.runtime.copies import CopiedWhole
 from wake.plant.gust import Wind
 from wake.plant.sample import Sample
 from wake.solver import boundary, stability

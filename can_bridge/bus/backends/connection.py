@@ -8,8 +8,8 @@ import can
 
 from can_bridge.bus.backends.opening import one_line
 from can_bridge.bus.rejection import Rejection, UnusableReceptionError
-from contract.copies import NeverCopied
 from contract.errors import BusError
+from contract.runtime.copies import NeverCopied
 
 GARBAGE_LIMIT: Final = 1000
 """Errors of a backend's parser in a row, without an idle moment or a good frame between them, after which the bus

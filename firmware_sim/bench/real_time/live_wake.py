@@ -18,8 +18,8 @@ import numpy as np
 from contract.arrays import Array
 from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
-from contract.copies import NeverCopied
 from contract.errors import PlantError, StillwakeError
+from contract.runtime.copies import NeverCopied
 from firmware_sim.bench.real_time.speed import Speed
 from firmware_sim.ecu.real_time.privileges import stay_ordinary
 from wake.plant.drive import Drive
