@@ -8,6 +8,9 @@ import numpy.typing as npt
 Array: TypeAlias = npt.NDArray[np.float64]
 """Numbers in double precision."""
 
+Precision: TypeAlias = npt.DTypeLike
+"""Of what is computed with: np.float64, or np.float32 where a flow is trained through."""
+
 Index: TypeAlias = npt.NDArray[np.intp]
 """Positions in another array; `np.arange` and `np.argsort` return such."""
 

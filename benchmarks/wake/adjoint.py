@@ -2,8 +2,9 @@
 
     python -m benchmarks adjoint [--json FILE] [--refinement 0.75 ...]
 
-One core. Of the summed wall drag of a window under random actions, from the shipped wake. Forward and backward periods
-are timed in turn; the figures are medians.
+One core. Of the summed wall drag of a window under random actions, from the shipped wake, in double precision and in
+single. Both precisions, forward and backward periods are timed in turn; the figures are medians. Differences of whole
+runs judge the gradient of double precision, and that one judges single's.
 """
 
 from dataclasses import replace
@@ -15,10 +16,12 @@ import numpy as np
 import typer
 
 from benchmarks.common.command_line import JsonFile, console, save, track
+from contract.arrays import Array
 from contract.config.plant import FlowConfig
 from contract.results import versions
+from wake.truck.averages import over_cycles
 from wake.truck.regrid import moved
-from wake.truck.state import developed_state
+from wake.truck.state import State, developed_state
 from wake.truck.tape import Tape, no_weights
 from wake.truck.truck_wake import TruckWake
 
@@ -26,6 +29,9 @@ SUBSTEPS: Final = {1.0: 30}
 """Steps a period of the default mesh; coarser ones have the roads' 15."""
 WINDOW, ROUNDS, STEP = 20, 5, 1e-5
 """Control periods, windows timed, and half the difference of an action that gradients are held against."""
+LONG: Final = 500
+"""Periods without jets over whose last half the drag of both precisions is averaged."""
+PRECISIONS: Final = {"double": np.float64, "single": np.float32}
 
 
 def main(
@@ -33,45 +39,80 @@ def main(
     refinement: Annotated[list[float], typer.Option(help="Mesh: divides every spacing.")] = [0.75, 1.0],  # noqa: B006
 ) -> None:
     """Measure each mesh and print a line."""
-    figures = [_measure(one) for one in track(refinement, "meshes", "meshes")]
+    figures = [row for one in track(refinement, "meshes", "meshes") for row in _measure(one)]
     for row in figures:
         console.print(row)
     facts = {"window": WINDOW, "rounds": ROUNDS, "step": STEP, "versions": versions("stillwake", "numpy", "numba")}
     save(json_file, figures=figures, facts=facts)
 
 
-def _measure(refinement: float) -> dict[str, Any]:
-    plant = TruckWake(FlowConfig(refinement=refinement, substeps=SUBSTEPS.get(refinement, 15)))
-    start = moved(developed_state(), TruckWake().grid, plant, duration=2.0)
+def _measure(refinement: float) -> list[dict[str, Any]]:
+    flow = FlowConfig(refinement=refinement, substeps=SUBSTEPS.get(refinement, 15))
+    plants = {name: TruckWake(flow, precision=precision) for name, precision in PRECISIONS.items()}
+    start = moved(developed_state(), TruckWake().grid, plants["double"], duration=2.0)
     actions = np.random.default_rng(1).uniform(-0.05, 0.05, WINDOW)
-    drag = replace(no_weights(len(plant.layout)), Cd=1.0)
-    tape, times = Tape(plant), []
+    tapes = {name: Tape(plant) for name, plant in plants.items()}
+    times: dict[str, list[tuple[float, float, float]]] = {name: [] for name in plants}
+    gradients = dict[str, Any]()
     for _ in range(1 + ROUNDS):
-        began = process_time()
-        _drag(plant, start, actions)
-        plain = process_time()
-        plant.reset(start)
-        tape.restart()
-        for action in actions:
-            tape.advance(action)
-        taped = process_time()
-        gradient = np.array([tape.back(drag) for _ in actions])[::-1]
-        times.append((plain - began, taped - plain, process_time() - taped))
+        for name, plant in plants.items():
+            gradients[name], spent = _visit(plant, tapes[name], start, actions)
+            times[name].append(spent)
     moves = STEP * np.eye(WINDOW)[:: WINDOW // 4]
-    slopes = [
-        (_drag(plant, start, actions + move) - _drag(plant, start, actions - move)) / (2 * STEP) for move in moves
+    double = plants["double"]
+    slopes = np.array(
+        [(_drag(double, start, actions + move) - _drag(double, start, actions - move)) / (2 * STEP) for move in moves]
+    )
+    errors = {
+        "double": np.abs(gradients["double"][:: WINDOW // 4] - slopes).max() / np.abs(slopes).max(),
+        "single": np.abs(gradients["single"] - gradients["double"]).max() / np.abs(gradients["double"]).max(),
+    }
+    return [
+        {
+            "precision": name,
+            "cells": plant.grid.shape[0] * plant.grid.shape[1],
+            "gradient_error": float(errors[name]),
+            "drag": _mean_drag(plant, start),
+            **_costs(times[name][1:]),
+            "memory_mb": tapes[name].memory_mb / WINDOW,
+        }
+        for name, plant in plants.items()
     ]
-    forward, recording, back = (median(column) / WINDOW for column in zip(*times[1:], strict=True))
+
+
+def _visit(plant: TruckWake, tape: Tape, start: State, actions: Array) -> tuple[Array, tuple[float, float, float]]:
+    """The gradient, and the seconds of a run without tape, with it, and backwards."""
+    drag = replace(no_weights(len(plant.layout)), Cd=1.0)
+    began = process_time()
+    _drag(plant, start, actions)
+    plain = process_time()
+    plant.reset(start)
+    tape.restart()
+    for action in actions:
+        tape.advance(action)
+    taped = process_time()
+    gradient = np.array([tape.back(drag) for _ in actions])[::-1]
+    return gradient, (plain - began, taped - plain, process_time() - taped)
+
+
+def _costs(times: list[tuple[float, float, float]]) -> dict[str, float]:
+    forward, recording, back = (median(column) / WINDOW for column in zip(*times, strict=True))
     return {
-        "cells": plant.grid.shape[0] * plant.grid.shape[1],
-        "gradient_error": float(np.abs(gradient[:: WINDOW // 4] - slopes).max() / np.abs(slopes).max()),
         "periods_ratio": back / forward,
         "recording_ratio": recording / forward,
         "forward_ms": 1e3 * forward,
-        "memory_mb": tape.memory_mb / WINDOW,
+        "gradient_periods_per_s": 1.0 / (recording + back),
     }
 
 
-def _drag(plant: TruckWake, start: Any, actions: Any) -> float:
+def _drag(plant: TruckWake, start: State, actions: Array) -> float:
     plant.reset(start)
     return sum(plant.advance(action).Cd for action in actions)
+
+
+def _mean_drag(plant: TruckWake, start: State) -> float:
+    """Of the wake without jets, over the cycles of the last half."""
+    plant.reset(start)
+    samples = [plant.advance(0.0) for _ in range(LONG)][LONG // 2 :]
+    t, Cl, Cd = (np.array([getattr(sample, name) for sample in samples]) for name in ("t", "Cl", "Cd"))
+    return float(over_cycles(t, Cl).mean(Cd))

@@ -20,6 +20,7 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from benchmarks.common.command_line import JsonFile, console, save, track
+from benchmarks.wake.adjoint import PRECISIONS
 from contract.arrays import Array
 from contract.config.plant import FlowConfig
 from contract.results import versions
@@ -36,10 +37,10 @@ _PARTS: Final = {
     "fill_edges": "edges",
     "fill_walls": "walls",
 }
-# Doubles read or written per cell, were every array touched once a pass: a stage moves u, v, p and both rates, and
+# Numbers read or written per cell, were every array touched once a pass: a stage moves u, v, p and both rates, and
 # writes four of them; the correction moves u, v, p and phi.
-_STAGE_DOUBLES: Final = 9
-_CORRECTION_DOUBLES: Final = 7
+_STAGE_NUMBERS: Final = 9
+_CORRECTION_NUMBERS: Final = 7
 _SETTLE: Final = 3.0
 
 
@@ -49,26 +50,32 @@ def main(
     rounds: Annotated[int, typer.Option(help="Visits of every case.")] = 9,
 ) -> None:
     """Measure and print two tables."""
-    plants = [_plant(value) for value in refinement]
+    cases = [(value, name) for value in refinement for name in PRECISIONS]
+    plants = [_plant(*case) for case in cases]
     spent: list[defaultdict[str, list[float]]] = [defaultdict(list) for _ in plants]
     with threadpool_limits(1):
         for _ in track(range(rounds), "rounds", "rounds"):
             for wake, times in zip(plants, spent, strict=True):
                 _visit(wake, times)
-    rows = [_row(wake, value, times) for wake, value, times in zip(plants, refinement, spent, strict=True)]
+    rows = [
+        {"precision": name, **_row(wake, value, times)}
+        for wake, (value, name), times in zip(plants, cases, spent, strict=True)
+    ]
     table = Table(*(name for name in rows[0] if name != "shares"))
     shares = Table("cells", *rows[0]["shares"])
     for row in rows:
-        table.add_row(*(f"{value:.4g}" for name, value in row.items() if name != "shares"))
+        table.add_row(
+            *(value if isinstance(value, str) else f"{value:.4g}" for name, value in row.items() if name != "shares")
+        )
         shares.add_row(str(row["cells"]), *(f"{100 * share:.0f} %" for share in row["shares"].values()))
     console.print(table)
     console.print(shares)
     save(json_file, figures=rows, facts={"rounds": rounds, "versions": versions("stillwake", "numpy", "numba")})
 
 
-def _plant(refinement: float) -> TruckWake:
+def _plant(refinement: float, precision: str) -> TruckWake:
     substeps = round(FlowConfig().substeps * max(1.0, refinement))
-    wake = TruckWake(FlowConfig(substeps=substeps, refinement=refinement))
+    wake = TruckWake(FlowConfig(substeps=substeps, refinement=refinement), precision=PRECISIONS[precision])
     develop(wake, _SETTLE)
     return wake
 
@@ -84,10 +91,11 @@ def _visit(wake: TruckWake, times: defaultdict[str, list[float]]) -> None:
         wake.advance(0.0)
     for name, seconds in parts.items():
         times[name].append(seconds)
-    a, b, c = (np.ones(wake.grid.shape) for _ in range(3))
+    precision = wake.solver.precision
+    a, b, c = (np.ones(wake.grid.shape, precision) for _ in range(3))
     times["triad"].append(min(_clock(lambda: _triad(a, b, c)) for _ in range(20)))
     h = wake.grid.shape[1] // 2
-    rows, square = np.ones((wake.grid.shape[0], h)), np.ones((h, h))
+    rows, square = np.ones((wake.grid.shape[0], h), precision), np.ones((h, h), precision)
     times["product"].append(min(_clock(lambda: rows @ square) for _ in range(20)))
 
 
@@ -96,10 +104,11 @@ def _row(wake: TruckWake, refinement: float, times: dict[str, list[float]]) -> d
     cells, h = nx * ny, ny // 2
     period = {name: median(values) for name, values in times.items()}
     parts = {label: sum(period[key] for key, other in _PARTS.items() if other == label) for label in _PARTS.values()}
-    # One element of the triad moves three doubles.
-    bandwidth = 3 * 8 * cells / period["triad"]
+    # One element of the triad moves three numbers.
+    size = wake.flow.flat.itemsize
+    bandwidth = 3 * size * cells / period["triad"]
     arithmetic = 2 * nx * h * h / period["product"]
-    sweeps = 8 * cells * (3 * _STAGE_DOUBLES + _CORRECTION_DOUBLES)
+    sweeps = size * cells * (3 * _STAGE_NUMBERS + _CORRECTION_NUMBERS)
     # Two transforms there and two back, each for the even and the odd half.
     transforms = 4 * 2 * nx * h * h
     return {
@@ -150,7 +159,8 @@ def _clock(work: Callable[[], object]) -> float:
 
 @njit(cache=True, fastmath={"contract"})
 def _triad(a: Array, b: Array, c: Array) -> None:
+    half = a.dtype.type(0.5)
     for i in range(a.shape[0]):
         ai, bi, ci = a[i], b[i], c[i]
         for j in range(ai.shape[0]):
-            ai[j] = bi[j] + 0.5 * ci[j]
+            ai[j] = bi[j] + half * ci[j]

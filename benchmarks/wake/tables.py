@@ -42,7 +42,7 @@ def _steps(results: Path) -> str:
         shares = ", ".join(f"{label} {100 * share:.0f} %" for label, share in row["shares"].items())
         rows.append(
             (
-                f"{row['cells']:,}",
+                f"{row['cells']:,}, {row['precision']}",
                 row["cpu_s_per_t_c"],
                 row["forced_cpu_s_per_t_c"],
                 row["ns_per_cell_and_step"],
@@ -59,8 +59,14 @@ def _steps(results: Path) -> str:
 
 
 def _adjoint(results: Path) -> str:
-    names = ("cells", "gradient_error", "forward_ms", "recording_ratio", "periods_ratio", "memory_mb")
-    heads = ("cells", "error of the gradient", "forward, ms", "recorded, in forward periods", "back", "MB kept")
+    names = (
+        "precision", "cells", "gradient_error", "forward_ms", "recording_ratio", "periods_ratio",
+        "gradient_periods_per_s", "memory_mb", "drag",
+    )  # fmt: skip
+    heads = (
+        "precision", "cells", "error of the gradient", "forward, ms", "recorded, in forward periods", "back",
+        "gradient periods a second", "MB kept", "Cd without jets",
+    )  # fmt: skip
     return table(heads, [tuple(row[name] for name in names) for row in read(results / "adjoint.json")["figures"]])
 
 

@@ -184,6 +184,8 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     which a controller does what it does on the default one."""
     substeps: AtLeastOne[int] = 15
     """Time steps a control period on that mesh, at the design speed; more at higher ones."""
+    single_precision: bool = True
+    """Whether the flow of the training has 32 bits, in two thirds of the time; the gradient is that of 64 to 1e-5."""
     batch: AtLeastOne[int] = 1
     """Stretches that an update rests on, each of another stream."""
     slowest: Annotated[float, within(0.1, 1.0, "the design speed belongs to the range")] = 1.0

@@ -80,7 +80,7 @@ class DifferentiableWake(CopiedWhole):
         if not on_base.any():
             return None
         periods = round(over / speed / self._config.control_period)
-        plant = TruckWake(self._config, body=self.plant.body)
+        plant = TruckWake(self._config, body=self.plant.body, precision=self.plant.solver.precision)
         plant.config = replace(self._config, substeps=ceil(self._config.substeps * max(1.0, speed)))
         plant.reset(State(flat=state.flat, substep=0, action=0.0))
         plant.scale(speed)
@@ -131,7 +131,8 @@ def differentiable_wake(
 
 def wake_of(config: Config, sensors: Sequence[str]) -> DifferentiableWake:
     """The plant of a refinement on its mesh, at rest."""
-    plant = TruckWake(mesh_of(config).flow, body=config.body)
+    precision = np.float32 if config.refine.single_precision else np.float64
+    plant = TruckWake(mesh_of(config).flow, body=config.body, precision=precision)
     return DifferentiableWake(plant, layout_of(config.body).indices(sensors))
 
 

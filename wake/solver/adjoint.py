@@ -12,7 +12,7 @@ from contract.arrays import Array
 from contract.runtime.copies import CopiedWhole
 from wake.solver import adjoint_kernels, kernels
 from wake.solver.flow import Flow
-from wake.solver.navier_stokes import STAGE_END, A, B, FlowSolver, gusting
+from wake.solver.navier_stokes import A, B, FlowSolver, gusting, stage_ends
 
 
 class FlowAdjoint(CopiedWhole):
@@ -21,10 +21,10 @@ class FlowAdjoint(CopiedWhole):
     def __init__(self, solver: FlowSolver) -> None:
         self._solver = solver
         shape = solver.grid.shape
-        self._work = Flow.zeros(shape)
+        self._work = Flow.zeros(shape, solver.precision)
         self._rates = kernels.Rates(u=np.zeros_like(self._work.u), v=np.zeros_like(self._work.v))
         self._second = kernels.Rates(u=np.zeros_like(self._work.u), v=np.zeros_like(self._work.v))
-        self._phi, self._b = np.zeros(shape), np.zeros(shape)
+        self._phi, self._b = np.zeros(shape, solver.precision), np.zeros(shape, solver.precision)
 
     def run(
         self,
@@ -44,30 +44,29 @@ class FlowAdjoint(CopiedWhole):
             starts: what `FlowSolver.run` kept of the run, (steps, size of the buffer).
             dt, action_from, action_to, wind: as they were in the run.
         """
-        to_from = to_to = 0.0
-        steps = len(starts)
-        for step in range(steps - 1, -1, -1):
-            ramp = (step + np.array(STAGE_END)) / steps
-            actions = action_from + (action_to - action_from) * (step + np.array(STAGE_END)) / steps
-            to_actions = self._step(bar, starts[step], dt, actions, *gusting(wind, dt, step))
-            to_to += float(ramp @ to_actions)
-            to_from += float((1.0 - ramp) @ to_actions)
-        return to_from, to_to
-
-    def _step(self, bar: Flow, start: Array, dt: float, actions: Array, wind: Array, gained: Array) -> Array:
-        solver, domain = self._solver, self._solver.domain
-        grid, walls = solver.grid, domain.walls
-        bars = kernels.Fields(u=bar.u, v=bar.v, p=bar.p)
-        profile = solver.slot_profile[domain.slot_rows]
-        slot_velocity = np.multiply.outer(actions, profile)
+        solver, steps = self._solver, len(starts)
+        slot_velocity = solver.slot_velocity(action_from, action_to, steps)
         slot_bar = np.zeros_like(slot_velocity)
+        for step in range(steps - 1, -1, -1):
+            self._step(bar, starts[step], dt, slot_velocity[step], slot_bar[step], *gusting(wind, dt, step))
+        to_actions = slot_bar @ solver.slot_profile[solver.domain.slot_rows]
+        ramp = stage_ends(steps) / steps
+        return float(np.sum((1.0 - ramp) * to_actions)), float(np.sum(ramp * to_actions))
+
+    def _step(
+        self, bar: Flow, start: Array, dt: float, slot_velocity: Array, slot_bar: Array, wind: Array, gained: Array
+    ) -> None:
+        solver, domain, walls = self._solver, self._solver.domain, self._solver.domain.walls
+        bars = kernels.Fields(u=bar.u, v=bar.v, p=bar.p)
         adjoint_kernels.back_walls(bar.u, bar.v, walls)
         adjoint_kernels.back_edges(bar.u, bar.v)
-        adjoint_kernels.back_correct(bars, self._phi, dt, grid.dxc, grid.dyc, domain.runs)
+        adjoint_kernels.back_correct(bars, self._phi, dt, solver.between, domain.spacing.dyc, domain.runs)
         solver.poisson.solve_into(self._phi, self._b)
-        adjoint_kernels.back_divergence(self._b, bar.u, bar.v, grid.dx, grid.dy, solver.boundary.cell_runs)
+        adjoint_kernels.back_divergence(
+            self._b, bar.u, bar.v, domain.spacing.dx, domain.spacing.dy, solver.boundary.cell_runs
+        )
         kernels.clear_walls(bar.u, bar.v, walls)
-        flow, work = Flow.of(start, grid.shape), self._work
+        flow, work = Flow.of(start, solver.grid.shape), self._work
         adjoint_kernels.back_stages(
             bars,
             slot_bar,
@@ -82,4 +81,3 @@ class FlowAdjoint(CopiedWhole):
             gained,
             domain,
         )
-        return slot_bar @ profile

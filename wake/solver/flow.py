@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from contract.arrays import Array
+from contract.arrays import Array, Precision
 from wake.solver.grid import Component
 
 _ORDER: Final[tuple[Component, ...]] = ("u", "v", "p")
@@ -66,9 +66,9 @@ class Flow:
     p: Array
 
     @classmethod
-    def zeros(cls, shape: tuple[int, int]) -> "Flow":
+    def zeros(cls, shape: tuple[int, int], precision: Precision = np.float64) -> "Flow":
         """A flow at rest on a grid of `shape` = (nx, ny) cells."""
-        return cls.of(np.zeros(Layout(shape).size), shape)
+        return cls.of(np.zeros(Layout(shape).size, precision), shape)
 
     @classmethod
     def of(cls, flat: Array, shape: tuple[int, int]) -> "Flow":

@@ -88,14 +88,17 @@ def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
     Rows are sliced to start at the run, and the x- and y-terms take a loop each: with indices that could be negative,
     or more arrays than it can prove distinct, the compiler does not vectorise.
     """
+    real = u.dtype.type
+    one, two, half, nu = real(1.0), real(2.0), real(0.5), real(nu)
+    a = real(a)
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
-    half_rdy, nu_rdy, rdyc = 0.5 / dy, nu / dy, 1.0 / dyc
+    half_rdy, nu_rdy, rdyc = half / dy, nu / dy, one / dyc
     along = np.empty_like(dy)
     for r in range(runs.shape[0]):
         i, j0, n = runs[r, 0], runs[r, 1], runs[r, 2] - runs[r, 1]
         inner, wide = slice(j0 + 1, j0 + n + 1), slice(j0, j0 + n + 2)
-        rdxc = 1.0 / dxc[i]
-        quarter = 0.25 * rdxc
+        rdxc = one / dxc[i]
+        quarter = real(0.25) * rdxc
         diff_w, diff_e = nu / dx[i - 1] * rdxc, nu / dx[i] * rdxc
         um, uw, ue = u[i, inner], u[i - 1, inner], u[i + 1, inner]
         pw, pe = p[i - 1, j0 : j0 + n], p[i, j0 : j0 + n]
@@ -104,10 +107,10 @@ def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
             along[k] = (
                 diff_e * east
                 - diff_w * west
-                - quarter * ((2.0 * um[k] + east) * east + (2.0 * um[k] - west) * west)
+                - quarter * ((two * um[k] + east) * east + (two * um[k] - west) * west)
                 - (pe[k] - pw[k]) * rdxc
             )
-        left, right = 0.5 * dx[i - 1] * rdxc, 0.5 * dx[i] * rdxc
+        left, right = half * dx[i - 1] * rdxc, half * dx[i] * rdxc
         qi, uy, vw, ve = q[i, inner], u[i, wide], v[i, j0 : j0 + n + 1], v[i + 1, j0 : j0 + n + 1]
         hy, ny, cy = half_rdy[j0 : j0 + n], nu_rdy[j0 : j0 + n], rdyc[j0 : j0 + n + 1]
         for k in range(n):
@@ -121,37 +124,39 @@ def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
 @njit(cache=True, fastmath={"contract"})
 def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """q = a q + dv/dt on the open v-faces, the pressure p's gradient included; loops as in `u_rate`."""
+    real = u.dtype.type
+    one, half, quarter, nu, a = real(1.0), real(0.5), real(0.25), real(nu), real(a)
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
-    rdy, rdyc = 1.0 / dy, 1.0 / dyc
+    rdy, rdyc = one / dy, one / dyc
     # Shares of the rows below and above a v-face in the flow through its cell's sides.
-    below, above = 0.5 * dy[:-1] * rdyc[1:-1], 0.5 * dy[1:] * rdyc[1:-1]
+    below, above = half * dy[:-1] * rdyc[1:-1], half * dy[1:] * rdyc[1:-1]
     along = np.empty_like(dyc)
     for r in range(runs.shape[0]):
         i, j0, n = runs[r, 0], runs[r, 1], runs[r, 2] - runs[r, 1]
         inner, wide = slice(j0, j0 + n), slice(j0 - 1, j0 + n + 1)
-        half_rdx = 0.5 / dx[i]
+        half_rdx = half / dx[i]
         diff_w, diff_e = nu / dxc[i] / dx[i], nu / dxc[i + 1] / dx[i]
         vy, pi, cy, my = v[i + 1, wide], p[i, j0 - 1 : j0 + n], rdyc[inner], rdy[j0 - 1 : j0 + n]
         for k in range(n):
             north, south = vy[k + 2] - vy[k + 1], vy[k + 1] - vy[k]
             along[k] = cy[k] * (
                 nu * (north * my[k + 1] - south * my[k])
-                - 0.25 * ((vy[k + 2] + vy[k + 1]) * north + (vy[k + 1] + vy[k]) * south)
+                - quarter * ((vy[k + 2] + vy[k + 1]) * north + (vy[k + 1] + vy[k]) * south)
                 - (pi[k + 1] - pi[k])
             )
         vm, vw, ve = v[i + 1, inner], v[i, inner], v[i + 2, inner]
         uw, ue = u[i, j0 : j0 + n + 1], u[i + 1, j0 : j0 + n + 1]
         lo, hi, qi = below[j0 - 1 : j0 + n - 1], above[j0 - 1 : j0 + n - 1], q[i + 1, inner]
         for k in range(n):
-            along[k] += (diff_e - half_rdx * (lo[k] * ue[k] + hi[k] * ue[k + 1])) * (ve[k] - vm[k])
-        for k in range(n):
-            across = (diff_w + half_rdx * (lo[k] * uw[k] + hi[k] * uw[k + 1])) * (vm[k] - vw[k])
-            qi[k] = a * qi[k] + along[k] - across
+            east = (diff_e - half_rdx * (lo[k] * ue[k] + hi[k] * ue[k + 1])) * (ve[k] - vm[k])
+            west = (diff_w + half_rdx * (lo[k] * uw[k] + hi[k] * uw[k + 1])) * (vm[k] - vw[k])
+            qi[k] = a * qi[k] + (along[k] + east) - west
 
 
 @njit(cache=True, fastmath={"contract"})
 def _add_scaled(field: Array, q: Array, scale: float, runs: Index, pad_i: int, pad_j: int) -> None:
     """field += scale q on the open faces."""
+    scale = field.dtype.type(scale)
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j
         fi, qi = field[i, j0:j1], q[i, j0:j1]
@@ -163,7 +168,7 @@ def _add_scaled(field: Array, q: Array, scale: float, runs: Index, pad_i: int, p
 def _fill_ghosts(flat: Array, ghosts: GhostMap) -> None:
     target, start, source, weight = ghosts.target, ghosts.start, ghosts.source, ghosts.weight
     for k in range(target.shape[0]):
-        total = 0.0
+        total = flat.dtype.type(0.0)
         for e in range(start[k], start[k + 1]):
             total += weight[e] * flat[source[e]]
         flat[target[k]] = total
@@ -172,6 +177,7 @@ def _fill_ghosts(flat: Array, ghosts: GhostMap) -> None:
 @njit(cache=True)
 def fill_edges(u: Array, v: Array, inflow_v: Array) -> None:
     """The padding: slip sides and outflow for u, inflow and outflow for v."""
+    two = u.dtype.type(2.0)
     nx, ny = u.shape[0] - 2, u.shape[1] - 2
     for j in range(ny):
         u[nx + 1, j + 1] = u[nx, j + 1]
@@ -179,7 +185,7 @@ def fill_edges(u: Array, v: Array, inflow_v: Array) -> None:
         u[i, 0] = u[i, 1]
         u[i, ny + 1] = u[i, ny]
     for j in range(ny + 1):
-        v[0, j] = 2.0 * inflow_v[j] - v[1, j]
+        v[0, j] = two * inflow_v[j] - v[1, j]
         v[nx + 1, j] = v[nx, j]
 
 
@@ -203,6 +209,7 @@ def clear_walls(u: Array, v: Array, walls: Walls) -> None:
 @njit(cache=True)
 def _shift(field: Array, by: float, runs: Index, pad_i: int, pad_j: int) -> None:
     """field += by on the open faces."""
+    by = field.dtype.type(by)
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j
         for j in range(j0, j1):
@@ -275,25 +282,26 @@ def divergence(b: Array, u: Array, v: Array, dx: Array, dy: Array, runs: Index) 
 def correct(flow: Fields, phi: Array, dt: float, dxc: Array, dyc: Array, runs: Runs) -> None:
     """Subtract grad phi from the open faces and the outlet, where phi = 0, and add phi / dt to the pressure."""
     u, v, p, u_runs, v_runs = flow.u, flow.v, flow.p, runs.u, runs.v
+    one = phi.dtype.type(1.0)
     nx, ny = phi.shape
     for r in range(u_runs.shape[0]):
         i, j0, j1 = u_runs[r, 0], u_runs[r, 1], u_runs[r, 2]
         if i == nx:
             continue
-        rd = 1.0 / dxc[i]
+        rd = one / dxc[i]
         ui, pw, pe = u[i, j0 + 1 : j1 + 1], phi[i - 1, j0:j1], phi[i, j0:j1]
         for k in range(j1 - j0):
             ui[k] -= (pe[k] - pw[k]) * rd
-    rd = 1.0 / dxc[nx]
+    rd = one / dxc[nx]
     for j in range(ny):
         u[nx, j + 1] += phi[nx - 1, j] * rd
-    rdyc = 1.0 / dyc
+    rdyc = one / dyc
     for r in range(v_runs.shape[0]):
         i, j0, j1 = v_runs[r, 0], v_runs[r, 1], v_runs[r, 2]
         vi, pi, c = v[i + 1, j0:j1], phi[i, j0 - 1 : j1], rdyc[j0:j1]
         for k in range(j1 - j0):
             vi[k] -= (pi[k + 1] - pi[k]) * c[k]
-    rdt = 1.0 / dt
+    rdt = one / phi.dtype.type(dt)
     for i in range(nx):
         pi, fi = p[i], phi[i]
         for j in range(ny):

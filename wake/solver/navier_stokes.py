@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from contract.arrays import Array
+from contract.arrays import Array, Precision
 from contract.errors import PlantError
 from contract.runtime.copies import CopiedWhole
 from wake.solver import kernels, poisson, stability
@@ -38,6 +38,8 @@ class FlowSolver(CopiedWhole):
         viscosity: 1 / Re.
         slot_profile: velocity on the faces at `grid.rear` per unit action, (ny,); None for no jets.
         inflow_u, inflow_v: velocity at the inlet, (ny,) at the u-faces and (ny + 1,) at the v-faces.
+        precision: of the flows that it advances. The grid and the factors of the projection are made in double
+            precision first.
     """
 
     def __init__(
@@ -48,34 +50,46 @@ class FlowSolver(CopiedWhole):
         slot_profile: Array | None = None,
         inflow_u: Array | None = None,
         inflow_v: Array | None = None,
+        precision: Precision = np.float64,
     ) -> None:
         ny = grid.shape[1]
+        self.precision = precision
         self.grid = grid
         self.boundary = boundary
         self.viscosity = viscosity
-        self.poisson = poisson.build(grid, boundary.fluid)
+        self.poisson = poisson.build(grid, boundary.fluid, precision)
         self.slot_profile = np.zeros(ny) if slot_profile is None else slot_profile
+        # The projection has no mirrored cells.
+        self.between = grid.dxc.astype(precision)
         dxc = grid.dxc.copy()
         dxc[0], dxc[-1] = grid.dx[0], grid.dx[-1]
         self.domain = kernels.Domain(
             viscosity=viscosity,
-            spacing=kernels.Spacing(dx=np.append(grid.dx, grid.dx[-1]), dxc=dxc, dy=grid.dy, dyc=grid.dyc),
+            spacing=kernels.Spacing(
+                *(each.astype(precision) for each in (np.append(grid.dx, grid.dx[-1]), dxc, grid.dy, grid.dyc))
+            ),
             runs=kernels.Runs(u=boundary.u_runs, v=boundary.v_runs),
-            walls=kernels.Walls(u=boundary.u_ghosts, v=boundary.v_ghosts),
+            walls=kernels.Walls(
+                *(
+                    ghosts._replace(weight=ghosts.weight.astype(precision))
+                    for ghosts in (boundary.u_ghosts, boundary.v_ghosts)
+                )
+            ),
             inflow=kernels.Inflow(
-                u=np.ones(ny) if inflow_u is None else inflow_u, v=np.zeros(ny + 1) if inflow_v is None else inflow_v
+                u=(np.ones(ny) if inflow_u is None else inflow_u).astype(precision),
+                v=(np.zeros(ny + 1) if inflow_v is None else inflow_v).astype(precision),
             ),
             slot_column=grid.rear,
             slot_rows=np.flatnonzero(self.slot_profile).astype(np.int64),
         )
-        self._before = Flow.zeros(grid.shape)
+        self._before = Flow.zeros(grid.shape, precision)
         self._rates = kernels.Rates(u=np.zeros_like(self._before.u), v=np.zeros_like(self._before.v))
-        self._b = np.zeros(grid.shape)
-        self._phi = np.zeros(grid.shape)
+        self._b = np.zeros(grid.shape, precision)
+        self._phi = np.zeros(grid.shape, precision)
 
     def start(self) -> Flow:
         """Uniform flow around the body, made divergence-free: a start to be followed by small steps."""
-        flow = Flow.zeros(self.grid.shape)
+        flow = Flow.zeros(self.grid.shape, self.precision)
         flow.faces_u[0] = self.domain.inflow.u
         flow.faces_u[1:][self.boundary.open_u[1:]] = 1.0
         self.run(flow, dt=1e-6, steps=1, action_from=0.0, action_to=0.0)
@@ -106,11 +120,11 @@ class FlowSolver(CopiedWhole):
         # The first stage multiplies the old rate by zero, which would keep what a diverged run left there.
         self._rates.u[:] = 0.0
         self._rates.v[:] = 0.0
+        slot_velocity = self.slot_velocity(action_from, action_to, steps)
         for step in range(steps):
             if starts is not None:
                 starts[step] = flow.flat
-            ramp = [action_from + (action_to - action_from) * (step + end) / steps for end in STAGE_END]
-            self._step(flow, dt, ramp, *gusting(wind, dt, step))
+            self._step(flow, dt, slot_velocity[step], *gusting(wind, dt, step))
         fastest = max(float(flow.u.max()), -float(flow.u.min()))
         if not fastest < 20.0:
             flow.flat[:] = self._before.flat
@@ -125,20 +139,24 @@ class FlowSolver(CopiedWhole):
             f"the flow diverged within {steps} steps of dt = {dt:.3g}: {stability.advice(convective, viscous, dt)}"
         )
 
+    def slot_velocity(self, action_from: float, action_to: float, steps: int) -> Array:
+        """The jets' velocities at the end of each stage of a ramp's steps, (steps, 3, slots' rows)."""
+        actions = action_from + (action_to - action_from) * stage_ends(steps) / steps
+        return np.multiply.outer(actions, self.slot_profile[self.domain.slot_rows]).astype(self.precision)
+
     def set_viscosity(self, viscosity: float) -> None:
         """Use another viscosity from the next step on."""
         self.viscosity = viscosity
         self.domain = self.domain._replace(viscosity=viscosity)
 
-    def _step(self, flow: Flow, dt: float, actions: list[float], wind: Array, gained: Array) -> None:
-        grid, domain = self.grid, self.domain
+    def _step(self, flow: Flow, dt: float, slot_velocity: Array, wind: Array, gained: Array) -> None:
+        domain = self.domain
         fields, walls = kernels.Fields(u=flow.u, v=flow.v, p=flow.p), domain.walls
-        slot_velocity = np.multiply.outer(actions, self.slot_profile[domain.slot_rows])
         kernels.stages(fields, self._rates, A, dt * B, slot_velocity, wind, gained, domain)
         kernels.clear_walls(flow.u, flow.v, walls)
-        kernels.divergence(self._b, flow.u, flow.v, grid.dx, grid.dy, self.boundary.cell_runs)
+        kernels.divergence(self._b, flow.u, flow.v, domain.spacing.dx, domain.spacing.dy, self.boundary.cell_runs)
         self.poisson.solve_into(self._b, self._phi)
-        kernels.correct(fields, self._phi, dt, grid.dxc, grid.dyc, domain.runs)
+        kernels.correct(fields, self._phi, dt, self.between, domain.spacing.dyc, domain.runs)
         kernels.fill_edges(flow.u, flow.v, domain.inflow.v)
         kernels.fill_walls(flow.u, flow.v, walls)
 
@@ -149,6 +167,11 @@ class FlowSolver(CopiedWhole):
         b = np.zeros(self.grid.shape)
         kernels.divergence(b, u, v, self.grid.dx, self.grid.dy, self.boundary.cell_runs)
         return b / np.outer(self.grid.dx, self.grid.dy)
+
+
+def stage_ends(steps: int) -> Array:
+    """The end of each stage, in steps from the first one's beginning, (steps, 3)."""
+    return np.add.outer(np.arange(steps), STAGE_END)
 
 
 def gusting(wind: Callable[[float], float] | None, dt: float, step: int) -> tuple[Array, Array]:

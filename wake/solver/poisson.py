@@ -25,20 +25,20 @@ import numpy.typing as npt
 from numba import njit
 from scipy.linalg import eigh_tridiagonal
 
-from contract.arrays import Array
+from contract.arrays import Array, Precision
 from wake.solver.grid import Grid
 
 Links = npt.NDArray[np.int64]
 Factors = tuple[Array, Array, Array, Array, Links, Array]
 Work = tuple[Array, Array, Array, Array, Array]
 
-_VECTOR: Final = 8
-"""Doubles that the widest registers hold."""
+_VECTOR: Final = 64
+"""Bytes of the widest registers."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HalfSolver:
-    """One parity. With h = ny/2 rows, padded by zeros to a multiple of 8, and m cut links of the lower half.
+    """One parity. With h = ny/2 rows, padded by zeros to whole vectors, and m cut links of the lower half.
 
     Attributes:
         q: eigenvectors of the y-operator in columns, (h, h), normalised with the cell heights.
@@ -61,7 +61,8 @@ class HalfSolver:
     @classmethod
     def of(cls, q: Array, pivot: Array, coupling: Array, links: Links, capacitance: Array) -> "HalfSolver":
         """One with work arrays of its own; q and pivot may have been padded or not."""
-        nx, h = len(pivot), -(-len(q) // _VECTOR) * _VECTOR
+        whole = _VECTOR // q.itemsize
+        nx, h = len(pivot), -(-len(q) // whole) * whole
         pivot = _aligned(pivot, (nx, h))
         q = _aligned(q, (h, h))
         first, second, third = (_aligned(pivot, (nx, h)) for _ in range(3))
@@ -72,7 +73,7 @@ class HalfSolver:
             coupling=coupling,
             links=links,
             capacitance=capacitance,
-            work=(first, second, third, np.empty(len(links)), np.empty(len(links))),
+            work=(first, second, third, *np.empty((2, len(links)), q.dtype)),
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -106,14 +107,15 @@ class PoissonSolver:
         _join(even, odd, phi)
 
 
-def build(grid: Grid, fluid: npt.NDArray[np.bool_]) -> PoissonSolver:
-    """Factorise for a grid and a fluid mask (nx, ny), both symmetric in y."""
+def build(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision = np.float64) -> PoissonSolver:
+    """Factorise, in double precision, for a grid and a fluid mask (nx, ny), both symmetric in y."""
     if not np.array_equal(fluid, fluid[:, ::-1]) or fluid.shape[1] % 2:
         raise ValueError("the Poisson solver needs an even number of rows and a body symmetric in y")
-    return PoissonSolver(even=_build_half(grid, fluid, even=True), odd=_build_half(grid, fluid, even=False))
+    even, odd = (_build_half(grid, fluid, precision, even=even) for even in (True, False))
+    return PoissonSolver(even=even, odd=odd)
 
 
-def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], *, even: bool) -> HalfSolver:
+def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision, *, even: bool) -> HalfSolver:
     nx, ny = grid.shape
     h = ny // 2
     # On a scale on which the operator is symmetric with cells of unequal height.
@@ -143,7 +145,9 @@ def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], *, even: bool) -> Half
         # carries no flux because nothing in there is a source.
         links, stiffness = links[1:], stiffness[1:]
     coupling = coupling[:nx].copy()
-    return HalfSolver.of(q, pivot, coupling, links, _capacitance(q, pivot, coupling, links, stiffness))
+    capacitance = _capacitance(q, pivot, coupling, links, stiffness)
+    q, pivot, coupling, capacitance = (each.astype(precision) for each in (q, pivot, coupling, capacitance))
+    return HalfSolver.of(q, pivot, coupling, links, capacitance)
 
 
 def _cut_links(grid: Grid, fluid: npt.NDArray[np.bool_], h: int) -> tuple[Links, Array]:
@@ -175,8 +179,8 @@ def _capacitance(q: Array, pivot: Array, coupling: Array, links: Links, stiffnes
 
 def _aligned(values: Array, shape: tuple[int, int]) -> Array:
     """A copy that begins where a vector register's share of memory does, padded by zeros to a shape."""
-    room = np.zeros(shape[0] * shape[1] + _VECTOR)
-    begin = -room.ctypes.data // room.itemsize % _VECTOR
+    room = np.zeros(shape[0] * shape[1] + _VECTOR // values.itemsize, values.dtype)
+    begin = -room.ctypes.data % _VECTOR // room.itemsize
     copy = room[begin : begin + shape[0] * shape[1]].reshape(shape)
     copy[: values.shape[0], : values.shape[1]] = values
     return copy
@@ -214,7 +218,7 @@ def _gather(spectral: Array, links: Links, q: Array, out: Array) -> None:
     h = q.shape[0]
     for m in range(links.shape[0]):
         i1, j1, i2, j2 = links[m, 0], links[m, 1], links[m, 2], links[m, 3]
-        total = 0.0
+        total = q.dtype.type(0.0)
         for k in range(h):
             total += spectral[i2, k] * q[j2, k] - spectral[i1, k] * q[j1, k]
         out[m] = total
@@ -264,7 +268,7 @@ def _product(a: Array, b: Array, out: Array) -> None:
 def _times(matrix: Array, vector: Array, out: Array) -> None:
     """out = -matrix vector."""
     for i in range(matrix.shape[0]):
-        row, total = matrix[i], 0.0
+        row, total = matrix[i], matrix.dtype.type(0.0)
         for k in range(row.shape[0]):
             total += row[k] * vector[k]
         out[i] = -total
@@ -290,21 +294,26 @@ def _solve_half(
 @njit(cache=True, fastmath={"contract"})
 def _split(b: Array, even: Array, odd: Array) -> None:
     """The even and the odd part of b, on the lower half."""
-    nx, ny = b.shape
-    h = ny // 2
+    half = b.dtype.type(0.5)
+    nx, h, last = b.shape[0], b.shape[1] // 2, np.uintp(b.shape[1] // 2 - 1)
     for i in range(nx):
-        for j in range(h):
-            even[i, j] = 0.5 * (b[i, j] + b[i, ny - 1 - j])
-            odd[i, j] = 0.5 * (b[i, j] - b[i, ny - 1 - j])
+        lower, upper, even_i, odd_i = b[i, :h], b[i, h:], even[i], odd[i]
+        # An index without sign cannot count from the end, and leaves the compiler its vectors.
+        for j in range(np.uintp(h)):
+            even_i[j] = half * (lower[j] + upper[last - j])
+        for j in range(np.uintp(h)):
+            odd_i[j] = half * (lower[j] - upper[last - j])
         # Also of the padding: a flow that diverged leaves there what is not finite.
-        even[i, h:] = odd[i, h:] = 0.0
+        even_i[h:] = odd_i[h:] = half * 0
 
 
 @njit(cache=True, fastmath={"contract"})
 def _join(even: Array, odd: Array, phi: Array) -> None:
-    nx, ny = phi.shape
-    h = ny // 2
+    """The sum of both parts on both halves."""
+    nx, h, last = phi.shape[0], phi.shape[1] // 2, np.uintp(phi.shape[1] // 2 - 1)
     for i in range(nx):
-        for j in range(h):
-            phi[i, j] = even[i, j] + odd[i, j]
-            phi[i, ny - 1 - j] = even[i, j] - odd[i, j]
+        lower, upper, even_i, odd_i = phi[i, :h], phi[i, h:], even[i], odd[i]
+        for j in range(np.uintp(h)):
+            lower[j] = even_i[j] + odd_i[j]
+        for j in range(np.uintp(h)):
+            upper[last - j] = even_i[j] - odd_i[j]

@@ -52,7 +52,7 @@ def moved(
         duration: time without jets after the interpolation, t_c.
         progress: called with (time, duration) after every control period.
     """
-    flow = interpolated(state, source, wake.grid)
+    flow = Flow.of(interpolated(state, source, wake.grid).flat.astype(wake.solver.precision), wake.grid.shape)
     pressure = flow.p.copy()
     # A step of next to no time fills edges and walls and removes the divergence; its pressure is that impulse's.
     wake.solver.run(flow, dt=1e-6, steps=1, action_from=0.0, action_to=0.0)

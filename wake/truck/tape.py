@@ -58,7 +58,7 @@ class Tape(CopiedWhole):
         self._spare: list[Array] = []
         self.memory_mb = 0.0
         self._end = np.empty_like(plant.flow.flat)
-        self.bar = Flow.zeros(plant.grid.shape)
+        self.bar = Flow.zeros(plant.grid.shape, plant.solver.precision)
         self.bar_action = 0.0
         self.restart()
 
@@ -145,7 +145,7 @@ class Tape(CopiedWhole):
         while self._spare:
             if len(spare := self._spare.pop()) == steps:
                 return spare
-        return np.empty((steps, self._end.size))
+        return np.empty((steps, self._end.size), self._end.dtype)
 
     def _make_room(self, flow_mb: float, substeps: int) -> None:
         needed_mb = (1 + substeps) * flow_mb

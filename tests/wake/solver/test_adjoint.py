@@ -41,9 +41,13 @@ def pairs(solver: FlowSolver) -> dict[str, tuple[Change, Callable[[Flow, Flow], 
         kernels.v_rate(flow.v, 1.0, old.u, old.v, old.p, nu, spacing, runs.v)
 
     def back_rate(bar: Flow, flow: Flow) -> None:
-        old = Flow.of(bar.flat.copy(), grid.shape)
-        adjoint_kernels.back_u_rate(fields(bar), old.u, flow.u, flow.v, nu, spacing, runs.u)
-        adjoint_kernels.back_v_rate(fields(bar), old.v, flow.u, flow.v, nu, spacing, runs.v)
+        gained = Flow.zeros(grid.shape)
+        for mine, theirs, is_open in (
+            (gained.faces_u, bar.faces_u, solver.boundary.open_u),
+            (gained.faces_v, bar.faces_v, solver.boundary.open_v),
+        ):
+            mine[is_open] = theirs[is_open]
+        adjoint_kernels.back_rates(fields(bar), kernels.Rates(u=gained.u, v=gained.v), flow.u, flow.v, nu, spacing)
 
     def project(flow: Flow) -> None:
         kernels.clear_walls(flow.u, flow.v, domain.walls)

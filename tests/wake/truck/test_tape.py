@@ -78,6 +78,24 @@ def test_gradients_by_actions_and_start_are_those_of_differences(plant):
     plant.reset(start)
 
 
+@pytest.mark.slow  # numba compiles single precision
+def test_single_precision_has_the_gradients_of_double(plant):
+    """Rounding is 6e-8 a number, and a hundred steps leave 1e-5 of the largest slope: ten times that is allowed."""
+    single = TruckWake(plant.config, body=SQUARE, precision=np.float32)
+    single.wind, start, weights = plant.wind, plant.state(), weights_of(plant, 3)
+    found = []
+    for each in (plant, single):
+        each.reset(start)
+        tape = Tape(each)
+        samples = [tape.advance(0.05 * (-1) ** k) for k in range(PERIODS)]
+        found.append((samples[-1].Cd, [tape.back(w) for w in reversed(weights)]))
+        assert tape.bar.flat.dtype == each.flow.flat.dtype
+    (drag, slopes), (single_drag, single_slopes) = found
+    assert single_drag == pytest.approx(drag, rel=1e-5)
+    assert single_slopes == pytest.approx(slopes, abs=1e-4 * np.abs(slopes).max())
+    plant.reset(start)
+
+
 def test_a_tape_ends_before_its_memory_does_and_starts_again(plant):
     start = plant.state()
     tape = Tape(plant, 25 * start.flat.nbytes / 1e6)
