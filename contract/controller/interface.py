@@ -37,6 +37,8 @@ INPUTS: Final = ("window", "plan", "free", "weights", "speed")
 OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
 TERMS: Final = tuple(item.name for item in fields(CostWeights))
 """Cost terms in the order of every array of them."""
+REFUSALS: Final = {1: "a number is not finite", 2: "this build, or the processor's mode, computes not as IEEE 754 does"}
+"""What the C library's statuses mean, but for 0, an answer."""
 FORCES: Final = 2
 """(Cd, Cl)."""
 

@@ -146,8 +146,12 @@ class CEcu(CEcuState):
         self._room = ffi.new("char[]", sizes[1] + _ALIGNMENT)
         start = -int(ffi.cast("uintptr_t", self._room)) % _ALIGNMENT
         self.ecu = ecu = ffi.cast("sw_ecu *", self._room + start)
-        self.lib.sw_ecu_init(ecu)
-
+        # Of older versions it returns nothing.
+        if self.lib.sw_ecu_init(ecu):
+            raise LibraryError(
+                f"the compiled ECU refuses: {' '.join(flags)}, or this process's floating-point mode, changes "
+                f"arithmetic that its decisions rest on; GCC needs -ffp-contract=off"
+            )
         lib, buffer = self.lib, ffi.from_buffer
         super().__init__(structs, ecu, bundle_hash,
             lambda packed: int(lib.sw_ecu_calibrate(ecu, buffer("sw_calibration *", packed))),

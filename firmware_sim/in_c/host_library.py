@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from contract.arrays import Array
 from contract.controller.c_folder import library_sources
-from contract.controller.interface import FORCES, TERMS, ControllerError, ControlStep, Sizes
+from contract.controller.interface import FORCES, REFUSALS, TERMS, ControllerError, ControlStep, Sizes
 from contract.errors import LibraryError
 from contract.runtime.copies import NeverCopied
 from firmware_sim.in_c.compiler import OPTIMISED, compile_c, compiler_version, host_compiler
@@ -58,6 +58,9 @@ class CController(NeverCopied):
                 self._step, reset = self._library.sw_control_step, self._library.sw_input_reset
             except (OSError, AttributeError) as error:
                 raise LibraryError(f"the compiled library does not load: {error}") from error
+        # Libraries of older versions do not look.
+        if (looks := getattr(self._library, "sw_arithmetic", None)) is not None and (status := looks()) != _OK:
+            raise LibraryError(f"the compiled library refuses: {REFUSALS[status]} ({' '.join(flags)})")
         self.description = f"{compiler_version(command)}, {' '.join(flags)}"
         horizon = sizes.horizon
         self._input = _structure(
@@ -104,7 +107,7 @@ class CController(NeverCopied):
             ctypes.c_void_p(self._workspace.ctypes.data), ctypes.byref(self._input), ctypes.byref(self._output)
         )
         if status != _OK:
-            raise ControllerError(f"the C library answered with status {status}: a number is not finite")
+            raise ControllerError(f"the C library answered with status {status}: {REFUSALS[status]}")
         found = self._output
         new_plan, forces, terms, cost = (
             np.array(value, dtype=np.float64) for value in (found.plan, found.forces, found.terms, found.cost)

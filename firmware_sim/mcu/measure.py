@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from contract.controller.c_folder import Rows, Settings, read_recorded, read_sources, rows_from_text, rows_text
-from contract.controller.interface import TERMS
+from contract.controller.interface import REFUSALS, TERMS
 from contract.errors import McuError
 from firmware_sim.mcu.build import compile_for_cortex_m7, compile_replay
 from firmware_sim.mcu.cores import CORTEX_M7, Core
@@ -140,8 +140,8 @@ def _replay(machine: Machine, rows: Rows, window: int, horizon: int) -> Rows:
     for i, row in enumerate(rows, start=1):
         machine.write("mcu_row", row.astype("<f4").tobytes())
         # Like the host's example, which does not answer before the window is full.
-        if machine.call("mcu_step" if i >= window else "mcu_push") != 0:
-            raise McuError(f"row {i}: a number is not finite")
+        if (status := machine.call("mcu_step" if i >= window else "mcu_push")) != 0:
+            raise McuError(f"row {i}: {REFUSALS[status]}")
         if i >= window:
             output = np.frombuffer(machine.read("mcu_output", 4 * (3 * horizon + len(TERMS) + 1)), dtype="<f4")
             answers.append((output[0], output[-1]))

@@ -17,7 +17,7 @@ EXP, LOGISTIC, TANH, INVERSE_SQRT, SQRT = range(5)
 def apply(request, tmp_path_factory, shared_builds):
     """One of the functions over an array of float32, compiled with and without optimisation."""
     path = tmp_path_factory.mktemp("math") / "math.so"
-    contents = {"shim.c": SHIM, "sw_math.h": static_sources("float32")["sw_math.h"]}
+    contents = {name: static_sources("float32")[name] for name in ("sw_math.h", "sw_compiler.h")} | {"shim.c": SHIM}
     shared_builds.compile_c(contents, path, compiler=host_compiler(), flags=("-shared", "-fPIC", request.param))
     library = ctypes.CDLL(str(path))
 

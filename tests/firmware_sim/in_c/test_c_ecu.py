@@ -1,16 +1,22 @@
 """A release's C, its ECU and its control step, through the bindings: as the ECU in Python, or refused in one line."""
 
+import ctypes
+import platform
 import shutil
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from can_bridge.bus.interface import BusHealth, BusState
+from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.controller import CostWeights
 from contract.config.vehicle import BusConfig, EcuConfig, SpeedConfig
 from contract.controller.c_folder import ECU_SETTINGS, library_sources
+from contract.controller.interface import ControllerError
 from contract.errors import ConfigError, LibraryError
 from contract.release.manifest import SpeedRange
 from firmware_sim.ecu.ecu import Ecu
@@ -207,6 +213,54 @@ def test_answers_may_be_written_over_what_came_and_nothing_may_have_come(c, pyth
 def test_arithmetic_in_which_its_decisions_would_differ_is_refused(sources, flags):
     with pytest.raises(LibraryError, match="#error"):
         CEcu(sources, flags=(*FLAGS, "-fsyntax-only", *flags))
+
+
+X86 = platform.machine() == "x86_64"
+MODE = b"#include <xmmintrin.h>\nvoid set_mode(unsigned mode); void set_mode(unsigned mode) { _mm_setcsr(mode); }\n"
+PLAIN, SMALL_AS_ZERO, ROUNDING_UP = 0x1F80, 0x9FC0, 0x5F80
+"""Modes of an x86 processor, for a thread."""
+
+
+@pytest.mark.skipif(not X86, reason="modes of an x86 processor")
+@each("mode", [SMALL_AS_ZERO, ROUNDING_UP])
+def test_a_mode_of_the_processor_that_another_library_sets_shuts_the_jets(release, sources, tmp_path, mode):
+    """As a library that was linked with -ffast-math does where it is loaded. The control step alone answers with no
+    plan, and neither is opened."""
+    library = tmp_path / f"{mode}.so"
+    c = CEcu({**sources, "mode.c": MODE}, flags=FLAGS, library=library)
+    set_mode, periods = ctypes.CDLL(str(library)).set_mode, Feed().periods(INTO_CONTROL + 8)
+    controller = CController(library_sources(sources), release.bundle.manifest.sizes, flags=FLAGS)
+    inputs = np.zeros((WINDOW, 5)), np.zeros(8), np.ones(8)
+    modes = []
+    for period, (now_ns, frames) in enumerate(periods):
+        set_mode(mode if period >= INTO_CONTROL + 4 else PLAIN)
+        try:
+            command = c.step(now_ns, frames)[0]
+            if period >= INTO_CONTROL + 4:
+                with pytest.raises(ControllerError, match="status 2: this build, or the processor's mode"):
+                    controller.control_step(*inputs)
+                for refused in (
+                    lambda: CEcu(sources, flags=FLAGS),
+                    lambda: CController(library_sources(sources), release.bundle.manifest.sizes, flags=FLAGS),
+                ):
+                    with pytest.raises(LibraryError, match="refuses"):
+                        refused()
+        finally:
+            set_mode(PLAIN)
+        modes.append(c.trace.mode)
+    assert modes[INTO_CONTROL + 3] is Mode.CONTROL
+    assert modes[INTO_CONTROL + 4 :] == [Mode.FAULT] * 4 and c.status().reason is Reason.INTERNAL
+    parsed = message_set(CONFIG.bus).command.parse(command.data)
+    assert parsed is not None and (parsed.enable, parsed.flow_m2_per_s) == (False, 0.0)
+    controller.control_step(*inputs)
+
+
+@pytest.mark.skipif(not X86 or " fma " not in Path("/proc/cpuinfo").read_text(), reason="a processor without fusing")
+def test_decisions_that_are_contracted_are_refused_where_the_control_step_is_not(release, sources):
+    flags = ("-O2", "-march=native", "-ffp-contract=fast")
+    with pytest.raises(LibraryError, match=r"^the compiled ECU refuses: -O2 .*-ffp-contract=off$"):
+        CEcu(sources, flags=flags)
+    CController(library_sources(sources), release.bundle.manifest.sizes, flags=flags)
 
 
 @each(

@@ -1,6 +1,7 @@
 """The controller on an emulated Cortex-M7: the host's numbers to the bit, and budgets that a change may not exceed."""
 
 import platform
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,22 @@ def agrees(measured: mcu.Measurement) -> bool:
     processor = Path("/proc/cpuinfo")
     fuses = platform.machine() == "aarch64" or (processor.exists() and " fma " in processor.read_text())
     return measured.identical if fuses else measured.action_difference <= 2.5e-5
+
+
+@pytest.mark.mcu
+def test_a_core_that_takes_small_numbers_as_zero_gives_no_plan():
+    """The mode FZ of its FPU; nor with another rounding."""
+    sources, rows = sources_and_rows(random_program(1, model=SMALL, mpc=MpcConfig(horizon=7)), "float32")
+    begin, own = b"int mcu_step(void)\n{\n", files("firmware_sim").joinpath("mcu/c/mcu.c").read_bytes()
+    mode = b'    __asm__ volatile("vmsr fpscr, %0" : : "r"(mcu_mode));\n'
+    assert own.count(begin) == 1
+    planted = own.replace(begin, b"extern unsigned mcu_mode;\nunsigned mcu_mode;\n" + begin + mode)
+    machine = Machine(read_elf(compile_for_cortex_m7(sources, {"mcu.c": planted})))
+    machine.call("mcu_reset")
+    machine.write("mcu_row", rows[0].astype("<f4").tobytes())
+    for fpscr, status in ((0, 0), (1 << 24, 2), (1 << 22, 2), (0, 0)):
+        machine.write("mcu_mode", fpscr.to_bytes(4, "little"))
+        assert machine.call("mcu_step") == status, fpscr
 
 
 @pytest.mark.mcu

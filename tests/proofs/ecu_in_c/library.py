@@ -16,7 +16,7 @@ from tests.proofs.ecu_in_c.variants import bundle_of
 EXACT: Final = ("-O1", "-ffp-contract=off")
 """No multiplication is fused with an addition: decisions are compared to the bit."""
 SHARED: Final = (*EXACT, "-shared", "-fPIC")
-NETWORKS: Final = ("sw_estimator.c", "sw_estimator.h", "sw_image.c", "sw_image.h")
+NETWORKS: Final = ("sw_estimator.c", "sw_estimator.h", "sw_inexact.c", "sw_image.c", "sw_image.h")
 """Sources of the ECU that are not compared here: their answers, and the numbers behind them, are given."""
 TWIN: Final = "twin.h"
 STAND_INS: Final = ("sw_workspace.h", "sw_weights.h", "sw_estimator.h")
@@ -29,7 +29,9 @@ def ecu_files() -> dict[str, bytes]:
     """Sources and headers of the ECU, without its networks."""
     root = files("export.to_c").joinpath("sources")
     found = {item.name: item.read_bytes() for item in root.joinpath("ecu").iterdir() if item.name[-2:] in (".c", ".h")}
-    found |= {name: root.joinpath("common", name).read_bytes() for name in ("stillwake.h", "sw_program.h")}
+    found |= {
+        name: root.joinpath("common", name).read_bytes() for name in ("stillwake.h", "sw_compiler.h", "sw_program.h")
+    }
     return {name: content for name, content in found.items() if name not in NETWORKS}
 
 

@@ -48,7 +48,7 @@ static void begin(void)
     static const sw_equipment equipment = {
         &rules, access_key, SW_BOARD_HARDWARE, SW_BOARD_SERIAL, SW_BOARD_SOFTWARE, random, 0,
     };
-    sw_node_init(&node, &equipment, &sw_board_flash, message);
+    (void)sw_node_init(&node, &equipment, &sw_board_flash, message);
 }
 
 static int control(int64_t now_ns, int count, sw_frame *answers)
@@ -87,7 +87,7 @@ static sw_ecu ecu;
 /* For whoever looks from outside: a debugger, a test bench. */
 sw_ecu *const sw_board_ecu = &ecu;
 
-static void begin(void) { sw_ecu_init(&ecu); }
+static void begin(void) { (void)sw_ecu_init(&ecu); }
 
 static int control(int64_t now_ns, int count, sw_frame *answers)
 {

@@ -64,7 +64,10 @@ int main(int argc, char **argv)
         fprintf(stderr, "usage: replay [rows [expected answers]]: a file cannot be read\n");
         return 1;
     }
-    sw_input_reset(&input);
+    if (sw_input_reset(&input) != SW_OK) {
+        fprintf(stderr, "this build computes otherwise than IEEE 754: compile without -ffast-math and its parts\n");
+        return 1;
+    }
     for (int row = 1; read_row(rows, pressures, &previous_action); row++) {
         float drag = 0.0f, lift = 0.0f;
         sw_input_push(&input, pressures, previous_action);

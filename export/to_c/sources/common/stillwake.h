@@ -53,11 +53,20 @@ typedef struct {
 
 typedef enum {
     SW_OK = 0,
-    SW_NOT_FINITE = 1 /* an input or a result is not a finite number: do not command the plan */
+    SW_NOT_FINITE = 1,      /* an input or a result is not a finite number: do not command the plan */
+    SW_WRONG_ARITHMETIC = 2 /* this build, or the processor as it is set now, computes otherwise; the plan is zeros */
 } sw_status;
 
-/* Start: an empty window, no plan, every action free, the program's cost weights, the design speed. */
-void sw_input_reset(sw_input *input);
+/* SW_OK, or SW_WRONG_ARITHMETIC: by a known answer whether sums, divisions, and small numbers are as IEEE 754 has them. Some
+ * flags of a compiler change that (-ffast-math and its parts), and so do modes of a processor (small numbers as zero,
+ * rounding). Every control step looks by itself.
+ */
+sw_status sw_arithmetic(void);
+
+/* Start: an empty window, no plan, every action free, the program's cost weights, the design speed. Answers as
+ * sw_arithmetic.
+ */
+sw_status sw_input_reset(sw_input *input);
 
 /* Move the window on by one row: pressures Cp at the sensors, and the action commanded one step before. */
 void sw_input_push(sw_input *input, const float pressures[SW_SENSORS], float previous_action);
@@ -66,8 +75,11 @@ void sw_input_push(sw_input *input, const float pressures[SW_SENSORS], float pre
 sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output);
 
 /* The same two with the numbers of any program that this library has the sizes of. */
-void sw_input_reset_of(const sw_program *program, sw_input *input);
+sw_status sw_input_reset_of(const sw_program *program, sw_input *input);
 sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, const sw_input *input, sw_output *output);
+
+/* An answer of zeros; SW_WRONG_ARITHMETIC. */
+sw_status sw_refused(sw_output *output);
 
 /* sizeof(sw_workspace), for callers in other languages. */
 size_t sw_workspace_bytes(void);

@@ -2,7 +2,7 @@
 #include "stillwake.h"
 #include "sw_weights.h"
 
-void sw_input_reset_of(const sw_program *program, sw_input *input)
+sw_status sw_input_reset_of(const sw_program *program, sw_input *input)
 {
     const sw_weights *w = program->weights;
     for (int row = 0; row < SW_WINDOW; row++) {
@@ -14,6 +14,7 @@ void sw_input_reset_of(const sw_program *program, sw_input *input)
     }
     for (int i = 0; i < SW_TERMS; i++) input->weights[i] = w->default_weights[i];
     input->speed = 1.0f;
+    return sw_arithmetic();
 }
 
 void sw_input_push(sw_input *input, const float pressures[SW_SENSORS], float previous_action)

@@ -6,9 +6,7 @@
 
 #include <stdint.h>
 
-#ifdef __FAST_MATH__
-#error "rounding by adding a large number, as sw_exp does, needs IEEE arithmetic: compile without -ffast-math"
-#endif
+#include "sw_compiler.h"
 
 static inline float sw_min(float a, float b) { return a < b ? a : b; }
 static inline float sw_max(float a, float b) { return a > b ? a : b; }

@@ -2,10 +2,10 @@
 #include "stillwake.h"
 #include "sw_weights.h"
 
-void sw_input_reset(sw_input *input)
+sw_status sw_input_reset(sw_input *input)
 {
     const sw_program own = SW_OWN_PROGRAM;
-    sw_input_reset_of(&own, input);
+    return sw_input_reset_of(&own, input);
 }
 
 sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output)

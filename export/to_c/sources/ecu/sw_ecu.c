@@ -256,7 +256,7 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
     with_row(state, cp);
     const uint8_t sensor_fault = check_sensors(ecu, cp, reading);
     const uint8_t no_benefit = check_benefit(state, ecu->numbers.release, cp != NULL);
-    const uint8_t faults[] = {state->timing.fault, bus_fault(&state->health, &ecu->surroundings.health),
+    const uint8_t faults[] = {sw_inexact(), state->timing.fault, bus_fault(&state->health, &ecu->surroundings.health),
                               (uint8_t)(state->other_ecu.is_there ? SW_REASON_OTHER_ECU : SW_REASON_NONE),
                               sensor_fault, no_benefit, ecu->surroundings.fault};
     inputs->usable = received.usable;
@@ -282,7 +282,7 @@ static sw_gated act(sw_ecu *ecu, const sw_timing *before, int64_t now_ns)
     return passed;
 }
 
-void sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
+int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
 {
     sw_calibration own;
     unsigned char *bytes = (unsigned char *)ecu;
@@ -298,6 +298,7 @@ void sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
 #endif
     sw_fail_safe_start(&ecu->state.fail_safe);
     sw_sensors_start(&ecu->state.sensors);
+    return (int)sw_inexact();
 }
 
 int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values)

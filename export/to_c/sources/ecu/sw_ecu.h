@@ -290,14 +290,17 @@ typedef struct {
 } sw_ecu;
 
 /* Power-on: nothing received, nothing sent, jets shut, the release's own calibration. Memory of zeros is no substitute:
- * it would hold a request for control that was seen low, and a sensor set aside.
+ * it would hold a request for control that was seen low, and a sensor set aside. Returns
+ * SW_REASON_NONE, or SW_REASON_INTERNAL where this build, or the processor as it is set, computes otherwise than its
+ * decisions need (sw_arithmetic; contraction). Every step looks at it again: while it is so, the jets are shut for that
+ * reason.
  */
-void sw_ecu_init(sw_ecu *ecu);
+int sw_ecu_init(sw_ecu *ecu);
 
 /* The same with the numbers of a release that stands elsewhere, as sw_image_open gives them. What they point to must stay
  * as long as the ECU runs; `numbers` itself need not.
  */
-void sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers);
+int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers);
 
 /* Other values from the next step on; call it between two steps. Returns 0, or the number of the first value that is
  * out of the limits of release and vehicle, counted from 1 in the order of the structure; nothing is changed then. What

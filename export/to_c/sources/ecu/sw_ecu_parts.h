@@ -2,33 +2,16 @@
 #ifndef SW_ECU_PARTS_H
 #define SW_ECU_PARTS_H
 
+#include "sw_compiler.h"
 #include "sw_ecu.h"
 
 /* Decisions must be those of the Python ECU to the bit: no multiplication may be fused with an addition. GCC knows no
- * such line; compile the ECU with -ffp-contract=off there.
+ * such line; compile the ECU with -ffp-contract=off there. Arithmetic that cannot be right is refused in sw_compiler.h.
  */
 #ifdef __clang__
 #pragma STDC FP_CONTRACT OFF
 #endif
 
-/* The gate finds what is no number, and a compiler that may assume there is none leaves the question out. */
-#if defined(__FAST_MATH__)
-#error "the ECU's checks need IEEE arithmetic: compile without -ffast-math"
-#endif
-#if defined(__FINITE_MATH_ONLY__)
-#if __FINITE_MATH_ONLY__ > 0
-#error "the ECU's checks need numbers that are none: compile without -ffinite-math-only"
-#endif
-#endif
-
-/* Each operation must round to the type it is of, as 0 states, and 16 where there are types of 16 bits. GCC and Clang
- * state it before any header is read.
- */
-#if defined(__FLT_EVAL_METHOD__)
-#if __FLT_EVAL_METHOD__ != 0 && __FLT_EVAL_METHOD__ != 16
-#error "FLT_EVAL_METHOD must be 0 or 16, every operation in its own type; on x86 compile with -msse2 -mfpmath=sse"
-#endif
-#endif
 #if defined(__DBL_MANT_DIG__)
 #if __DBL_MANT_DIG__ != 53
 #error "double: must have 64 bits; some compilers for microcontrollers need an option for it"
@@ -38,6 +21,13 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+
+/* --- sw_inexact.c --- */
+
+/* SW_REASON_INTERNAL where this build, or the processor as it is set now, computes in float or double otherwise than the
+ * ECU's decisions need it, as sw_arithmetic looks at it and without contraction; SW_REASON_NONE.
+ */
+uint8_t sw_inexact(void);
 
 /* --- sw_timing.c --- */
 

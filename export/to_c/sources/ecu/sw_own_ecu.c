@@ -7,7 +7,7 @@
 /* The compiler lays it out as the writer of images does. */
 typedef char as_packed[SW_RELEASE_AS_PACKED ? 1 : -1];
 
-void sw_ecu_init(sw_ecu *ecu)
+int sw_ecu_init(sw_ecu *ecu)
 {
     static const sw_release release = SW_RELEASE;
 #if SW_SENSOR_CHECK
@@ -15,5 +15,5 @@ void sw_ecu_init(sw_ecu *ecu)
 #else
     const sw_numbers own = {SW_OWN_PROGRAM, &release};
 #endif
-    sw_ecu_init_of(ecu, &own);
+    return sw_ecu_init_of(ecu, &own);
 }

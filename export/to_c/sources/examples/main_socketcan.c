@@ -219,7 +219,7 @@ static int shut(int bus, int64_t due_ns)
 {
     sw_frame answers[SW_FRAMES_OUT];
     const uint8_t command = ecu.state.command_counter, status = ecu.state.status_counter;
-    sw_ecu_init(&ecu);
+    (void)sw_ecu_init(&ecu);
     ecu.state.command_counter = command;
     ecu.state.status_counter = status;
     for (int i = 0; i < SHUT_PERIODS; i++) {
@@ -258,7 +258,11 @@ int main(int argc, char **argv)
     sigaction(SIGTERM, &action, NULL);
     sigaction(SIGINT, &action, NULL);
     if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) fprintf(stderr, "memory is not locked: %s\n", strerror(errno));
-    sw_ecu_init(&ecu);
+    if (sw_ecu_init(&ecu) != SW_REASON_NONE) {
+        fprintf(stderr, "this build computes otherwise than the ECU's decisions need: its flags are in the head\n");
+        close(bus);
+        return 1;
+    }
     int64_t due_ns = clock_ns(CLOCK_MONOTONIC) + SW_PERIOD_NS;
     while (!is_stopped && !failed) {
         sleep_until(due_ns);

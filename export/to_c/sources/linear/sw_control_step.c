@@ -36,6 +36,7 @@ static void roll_out(sw_workspace *work, const sw_input *input)
 
 sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, const sw_input *input, sw_output *output)
 {
+    if (sw_arithmetic() != SW_OK) return sw_refused(output);
     work->program = *program;
     take_history(work, input->window);
     roll_out(work, input);

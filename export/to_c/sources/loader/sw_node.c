@@ -16,7 +16,7 @@ static void start_ecu(sw_node *node)
     node->is_shut = 1;
     if (image != NULL && sw_image_open(image, &numbers) == SW_IMAGE_OK) {
         node->is_shut = 0;
-        sw_ecu_init_of(&node->ecu, &numbers);
+        (void)sw_ecu_init_of(&node->ecu, &numbers);
         node->bundle_hash = numbers.release->bundle_hash;
         sw_calibrating_restore(node);
     } else {
@@ -25,7 +25,7 @@ static void start_ecu(sw_node *node)
     }
 }
 
-void sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *flash, uint8_t *message)
+int sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *flash, uint8_t *message)
 {
     uint8_t *bytes = (uint8_t *)node;
     for (size_t i = 0; i < sizeof *node; i++) bytes[i] = 0;
@@ -36,6 +36,7 @@ void sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *
     sw_store_boot(&node->store);
     sw_faults_open(node);
     start_ecu(node);
+    return (int)sw_inexact();
 }
 
 /* --- Control --- */

@@ -70,8 +70,10 @@ struct sw_node {
     sw_ecu ecu; /* last; the caller writes `ecu.surroundings.health` as for sw_ecu_step */
 };
 
-/* Power-on: boots the flash memory's release. `message` has SW_ISOTP_MOST bytes; all that is given outlives the node. */
-void sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *flash, uint8_t *message);
+/* Power-on: boots the flash memory's release. `message` has SW_ISOTP_MOST bytes; all that is given outlives the node.
+ * Returns as sw_ecu_init.
+ */
+int sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *flash, uint8_t *message);
 
 /* One control period and one look at diagnosis; frames_in as for sw_ecu_step, and not the memory of frames_out. Returns
  * how many frames there are to be sent.

@@ -22,6 +22,7 @@ void sw_adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], int 
 sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, const sw_input *input, sw_output *output)
 {
     const float previous_action = input->window[SW_WINDOW - 1][SW_SENSORS];
+    if (sw_arithmetic() != SW_OK) return sw_refused(output);
     work->program = *program;
     sw_start_plan(work, input);
     sw_encode(work, input->window);

@@ -32,6 +32,11 @@ void sw_estimate(sw_estimator_work *work, const sw_estimator_weights *weights,
 }
 #endif
 
+uint8_t sw_inexact(void)
+{
+    return SW_REASON_NONE;
+}
+
 size_t sw_workspace_bytes(void)
 {
     return sizeof(sw_workspace);

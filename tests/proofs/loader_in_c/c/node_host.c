@@ -31,6 +31,8 @@ sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, cons
     return SW_OK;
 }
 
+uint8_t sw_inexact(void) { return SW_REASON_NONE; }
+
 /* --- Flash memory --- */
 
 static void count(host *of) { of->writes++; }

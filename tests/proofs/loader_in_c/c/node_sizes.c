@@ -14,7 +14,7 @@ uint8_t loader_memory[offsetof(sw_node, ecu) + SW_ISOTP_MOST];
 
 void start(void)
 {
-    sw_node_init(&node, &equipment, &flash, loader_memory);
+    (void)sw_node_init(&node, &equipment, &flash, loader_memory);
     for (;;) {
         (void)sw_node_step(&node, clock_ns, &in, 1, out);
         if (sw_node_is_busy(&node) || sw_node_needs_reset(&node)) (void)sw_node_service(&node, clock_ns, &in, 1, out);
@@ -27,7 +27,12 @@ int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames, int count, 
     (void)ecu, (void)now_ns, (void)frames, (void)count, (void)frames_out;
     return 0;
 }
-void sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers) { (void)ecu, (void)numbers; }
+int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
+{
+    (void)ecu, (void)numbers;
+    return 0;
+}
+uint8_t sw_inexact(void) { return SW_REASON_NONE; }
 int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values)
 {
     (void)ecu, (void)values;

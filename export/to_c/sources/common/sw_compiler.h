@@ -1,0 +1,25 @@
+/* Arithmetic in which a control would be wrong is refused here, as far as macros tell; the rest is found by a known answer
+ * (sw_arithmetic.h). GCC and Clang state these macros before any header is read, each those that it knows.
+ */
+#ifndef SW_COMPILER_H
+#define SW_COMPILER_H
+
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(_M_FP_FAST)
+#error "sums keep their order and divisions are divisions here: compile without -ffast-math and its parts"
+#endif
+#if defined(__NO_SIGNED_ZEROS__)
+#error "a zero has a sign here: compile without -fno-signed-zeros"
+#endif
+#if defined(__FINITE_MATH_ONLY__)
+#if __FINITE_MATH_ONLY__ > 0
+#error "numbers that are none must be found: compile without -ffinite-math-only"
+#endif
+#endif
+#if defined(__FLT_EVAL_METHOD__)
+#if __FLT_EVAL_METHOD__ != 0 && __FLT_EVAL_METHOD__ != 16
+#error "FLT_EVAL_METHOD must be 0 or 16, every operation in its own type; on x86 compile with -msse2 -mfpmath=sse"
+#endif
+#endif
+typedef char sw_compile_without_fsingle_precision_constant[sizeof(1.0) == sizeof(double) ? 1 : -1];
+
+#endif
