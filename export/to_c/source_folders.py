@@ -26,3 +26,9 @@ def loader_sources() -> dict[str, bytes]:
 def fmu_sources() -> dict[str, bytes]:
     """The FMU around the ECU. Generated for a release: `sw_fmu_settings.h` (`firmware_sim.fmu.ecu_variables`)."""
     return sources_in("fmu")
+
+
+def plant_fmu_sources() -> dict[str, bytes]:
+    """What stands in front of the plant's FMU, but for `sw_plant_settings.h` (`firmware_sim.fmu.plant_fmu`)."""
+    shared = ("sw_fmi3.h", "sw_fmi3_calls.h", "sw_fmu_other.c")
+    return sources_in("fmu/plant") | {name: text for name, text in fmu_sources().items() if name in shared}

@@ -1,20 +1,36 @@
-"""The plant as an FMU: a script for `pythonfmu3` with its settings, to be run in the importing tool's Python."""
+"""The plant as an FMU: a script for `pythonfmu3` with its settings, to be run in the importing tool's Python, behind a
+binary that judges the calls."""
 
 import json
 import shutil
 import tempfile
+import zipfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree
 
 from contract.config.loading import to_tree
 from contract.config.tree import Config
+from contract.errors import LibraryError
+from firmware_sim.fmu.ecu_fmu import FLAGS, PLATFORM, zipped
+from firmware_sim.fmu.ecu_variables import xml_bytes
+from firmware_sim.in_c.compiler import compile_c, host_compiler
+
+SETTINGS: Final = "sw_plant_settings.h"
+BEHIND: Final = f"binaries/{PLATFORM}/pythonfmu.so"
+"""The binary of `pythonfmu3`; as the one in front of it names it."""
+_DESCRIPTION: Final = "modelDescription.xml"
 
 
-def plant_fmu(config: Config, start: Path | None = None) -> bytes:
+def plant_fmu(config: Config, front: Mapping[str, bytes], start: Path | None = None) -> bytes:
     """The FMU's file, after the plant has been made once. Raises PlantError if the start is not of this plant, or the
-    plant not stable; ModuleNotFoundError if `pythonfmu3` is not installed (extra fmu).
+    plant not stable; LibraryError if there is no compiler, or `pythonfmu3` is not made for this machine;
+    ModuleNotFoundError if it is not installed (extra fmu).
 
     Args:
         config: of flow, body and operating point; the rest goes along.
+        front: sources of what judges the calls (`export.to_c.source_folders.plant_fmu_sources`).
         start: flow state to begin from; the shipped one without it.
     """
     from pythonfmu3.builder import FmuBuilder
@@ -28,8 +44,30 @@ def plant_fmu(config: Config, start: Path | None = None) -> bytes:
         if start is not None:
             files.append(folder / plant_slave.START)
             shutil.copyfile(start, files[-1])
-        script = Path(plant_slave.__file__)
-        made = FmuBuilder.build_FMU(
-            script, folder, files, canGetAndSetFMUState=True, canHandleVariableCommunicationStepSize=False
-        )
-        return Path(made).read_bytes()
+        made = FmuBuilder.build_FMU(Path(plant_slave.__file__), folder, files, canGetAndSetFMUState=True)
+        with zipfile.ZipFile(made) as archive:
+            contents = {item: archive.read(item) for item in archive.namelist() if not item.endswith("/")}
+        about = ElementTree.fromstring(contents[_DESCRIPTION])
+        kind = about.find("CoSimulation")
+        assert kind is not None
+        kind.set("fixedInternalStepSize", repr(config.period_ns / 1e9))
+        binary = f"binaries/{PLATFORM}/{kind.get('modelIdentifier')}.so"
+        if binary not in contents:
+            raise LibraryError(f"no FMU of the plant for {PLATFORM}: pythonfmu3 brings no binary for it")
+        contents |= {_DESCRIPTION: xml_bytes(about), BEHIND: contents[binary]}
+        compiled = folder / "front.so"
+        compile_c({**front, SETTINGS: _settings(about)}, compiled, compiler=host_compiler(), flags=(*FLAGS, "-ldl"))
+        return zipped(contents | {binary: compiled.read_bytes()})
+
+
+def _settings(about: ElementTree.Element) -> bytes:
+    """`sw_plant_settings.h`, of the FMU's description; the inputs stand one behind the other."""
+    variables = about.findall("ModelVariables/*")
+    inputs = [int(item.get("valueReference", "")) for item in variables if item.get("causality") == "input"]
+    assert inputs == list(range(inputs[0], inputs[-1] + 1))
+    return (
+        "/* Generated: the variables of the plant's FMU. */\n"
+        f'#define SW_PLANT_TOKEN "{about.get("instantiationToken")}"\n'
+        f"#define SW_PLANT_VARIABLES {len(variables)}u\n"
+        f"#define SW_PLANT_FIRST_INPUT {inputs[0]}u\n#define SW_PLANT_LAST_INPUT {inputs[-1]}u\n"
+    ).encode()

@@ -1,7 +1,10 @@
 """The plant behind FMI 3.0: `pythonfmu3` copies this file into the FMU and runs it in the importing tool's Python.
 
-The project's timing convention holds: in a communication step, which is one control period, the jets ramp from what
-they had reached to the flow that is asked for, and so does the stream to the vehicle's speed. Outputs are of its end.
+The project's timing convention holds: in a control period, which begins at start, start + period and so on, the jets
+ramp from what they had reached to the flow that was asked for at its beginning, and so does the stream to the vehicle's
+speed. Outputs are of the end of the latest period: a communication step has the periods that end in it.
+
+What a call may not do is refused before it comes here (`export/to_c/sources/fmu/plant`).
 """
 
 import json
@@ -9,7 +12,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pythonfmu3 import Float64, Fmi3Causality, Fmi3Slave, Fmi3Status, Fmi3StepResult, Fmi3Variability, Unit
+from pythonfmu3 import (
+    DefaultExperiment,
+    Float64,
+    Fmi3Causality,
+    Fmi3Slave,
+    Fmi3Status,
+    Fmi3StepResult,
+    Fmi3Variability,
+    Unit,
+)
 
 from contract.config.loading import from_tree
 from contract.errors import StillwakeError
@@ -17,6 +29,9 @@ from wake.plants import own_wake
 
 SETTINGS = "settings.json"
 START = "start.npz"
+_SAME_S = 1e-6
+"""Times this near are the same."""
+_OWN = ("time", "jet_flow", "vehicle_speed", "_speed", "_start", "_done", "_asked")
 
 
 class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
@@ -36,7 +51,11 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
         self._wake = own_wake(config, start=folder / START if (folder / START).is_file() else None)
         self._sample = self._wake.sample()
         self.time, self.jet_flow, self.vehicle_speed = 0.0, 0.0, config.operating_point.speed
+        self.default_experiment = DefaultExperiment(start_time=0.0, step_size=config.period_ns / 1e9)
         self._speed = self.vehicle_speed  # of the stream now
+        self._start: float | None = None
+        self._done = 0  # control periods
+        self._asked: tuple[float, float] | None = None  # of jets and stream, once the period that runs has begun
         pressure = config.operating_point.dynamic_pressure
         self.register_units([Unit("Pa", kg=1, m=-1, s=-2), Unit("m/s", m=1, s=-1), Unit("m2/s", m=2, s=-1)])
         self.register_units([Unit("s", s=1), Unit("t_c")])
@@ -60,28 +79,33 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
         self.register_variable(Float64(name, variability=Fmi3Variability.continuous, **facts), nested=False)
 
     def do_step(self, current_time: float, step_size: float) -> Fmi3StepResult:
-        """One control period; a step of another length is refused."""
-        config, point = self._config, self._config.operating_point
-        period_s = config.period_ns / 1e9
+        """All control periods that end in it, to the microsecond."""
+        if self._start is None:
+            self._start = current_time
+        period_s, self.time = self._config.period_ns / 1e9, current_time + step_size
         try:
-            if not abs(step_size - period_s) <= 1e-6:
-                raise StillwakeError(
-                    f"communicationStepSize = {step_size:g} s: must be the control period, {period_s:g} s"
-                )
-            before, after = self._speed, self.vehicle_speed
-            if (before, after) == (point.speed, point.speed):
-                self._wake.wind = None
-            else:
-                begin, length = self._wake.t, config.flow.control_period
-                self._wake.wind = lambda t: (before + (after - before) * (t - begin) / length) / point.speed - 1.0
-            limit = config.flow.action_limit
-            action = min(max(self.jet_flow / point.flow_rate_scale, -limit), limit)
-            self._sample = self._wake.advance(action)
+            while True:
+                begins = self._start + self._done * period_s
+                if self._asked is None and begins < self.time - _SAME_S:
+                    self._asked = (self.jet_flow, self.vehicle_speed)
+                if self._asked is None or begins + period_s > self.time + _SAME_S:
+                    return Fmi3StepResult()
+                self._advance(*self._asked)
+                self._done, self._asked = self._done + 1, None
         except StillwakeError as error:
             self.log(str(error), Fmi3Status.error)
             return Fmi3StepResult(status=Fmi3Status.error)
-        self._speed, self.time = after, current_time + step_size
-        return Fmi3StepResult()
+
+    def _advance(self, flow: float, after: float) -> None:
+        config, point, before = self._config, self._config.operating_point, self._speed
+        if (before, after) == (point.speed, point.speed):
+            self._wake.wind = None
+        else:
+            begin, length = self._wake.t, config.flow.control_period
+            self._wake.wind = lambda t: (before + (after - before) * (t - begin) / length) / point.speed - 1.0
+        limit = config.flow.action_limit
+        self._sample = self._wake.advance(min(max(flow / point.flow_rate_scale, -limit), limit))
+        self._speed = after
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The outputs' getters are of this object: a copy has to be made anew.
@@ -92,8 +116,9 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
 
     def _get_fmu_state(self) -> dict[str, Any]:
         """What `_set_fmu_state` takes; kept in memory only."""
-        return {"wake": self._wake.state(), "own": (self.time, self.jet_flow, self.vehicle_speed, self._speed)}
+        return {"wake": self._wake.state(), "own": {name: getattr(self, name) for name in _OWN}}
 
     def _set_fmu_state(self, state: dict[str, Any]) -> None:
         self._sample = self._wake.reset(state["wake"])
-        self.time, self.jet_flow, self.vehicle_speed, self._speed = state["own"]
+        for name, value in state["own"].items():
+            setattr(self, name, value)

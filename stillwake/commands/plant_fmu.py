@@ -26,17 +26,18 @@ def plant_fmu(
     """Write the wake of `run` as an FMU for co-simulation, FMI 3.0: jet flow and vehicle speed in, pressures out.
 
     It runs in the importing tool's Python, where stillwake[sim] has to be
-    installed. The ECU for it is `export --fmu`'s. Its communication step is
-    the control period.
+    installed. The ECU for it is `export --fmu`'s. Writing it needs a C
+    compiler.
     """
     config = settings("plant-fmu", config_file, overrides, uses=USES).config
     if output.suffix.lower() != ".fmu":
         raise OutputError(f"{output}: must be a file ending in .fmu")
     check_output(output, overwrite=overwrite)
 
+    from export.to_c.source_folders import plant_fmu_sources
     from firmware_sim.fmu.plant_fmu import plant_fmu as made
 
-    content = made(config, start)
+    content = made(config, plant_fmu_sources(), start)
     with replacing(output) as temporary:
         temporary.write_bytes(content)
-    console.print(f"wrote {output}: FMI 3.0 co-simulation, a step of {config.period_ns / 1e6:g} ms")
+    console.print(f"wrote {output}: FMI 3.0 co-simulation, a control period of {config.period_ns / 1e6:g} ms")

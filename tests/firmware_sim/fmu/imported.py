@@ -1,9 +1,13 @@
-"""An FMU as fmpy imports it, with its variables by their names."""
+"""An FMU as fmpy imports it, with its variables by their names, and the calls that each FMU refuses."""
 
+import math
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fmpy import extract, read_model_description
+from fmpy import extract, read_model_description, simulate_fmu
+from fmpy.fmi1 import FMICallException
 from fmpy.fmi3 import FMU3Slave
 
 
@@ -23,7 +27,7 @@ class Imported:
             instanceName="tested",
         )
         self.time = start
-        self.fmu.instantiate()
+        self.fmu.instantiate(loggingOn=True)
         self.fmu.enterInitializationMode(startTime=start)
         self.fmu.exitInitializationMode()
 
@@ -48,3 +52,64 @@ class Imported:
         content = bytes(self.fmu.serializeFMUState(state))
         self.fmu.freeFMUState(state)
         return content
+
+
+def check_order_of_calls(path: Path, given: str, gives: str, capsys: Any) -> None:
+    """By FMI 3.0's state machine, each refusal is fmi3Error (3) with a sentence, and changes nothing."""
+    imported = Imported(path)
+    fmu, variables = imported.fmu, {name: item.valueReference for name, item in imported.variables.items()}
+    fmu.reset()
+    period = float(imported.description.coSimulation.fixedInternalStepSize)
+
+    def refused(words: str, call: Callable[[], object]) -> None:
+        capsys.readouterr()
+        try:
+            call()
+        except FMICallException as error:
+            assert error.status == 3, words
+        else:
+            raise AssertionError(f"taken: {words}")
+        assert words in capsys.readouterr().out
+
+    def step(at: float, size: float = period) -> Any:
+        return fmu.doStep(currentCommunicationPoint=at, communicationStepSize=size)
+
+    def enter(start: float, stop: float | None = None) -> None:
+        fmu.enterInitializationMode(startTime=start, stopTime=stop)
+
+    refused("fmi3DoStep: only", lambda: step(0.0))
+    refused("fmi3ExitInitializationMode: only", fmu.exitInitializationMode)
+    refused("fmi3Terminate: only", fmu.terminate)
+    for start in (math.nan, math.inf, -math.inf, 1e300):
+        refused("startTime", partial(enter, start))
+    for stop in (math.nan, 2.9):
+        refused("stopTime", partial(enter, 3.0, stop))
+    fmu.setFloat64([variables[given]], [0.0])
+    enter(3.0)
+    refused("fmi3EnterInitializationMode: only", lambda: enter(3.0))
+    refused("fmi3DoStep: only", lambda: step(3.0))
+    fmu.exitInitializationMode()
+    refused("fmi3ExitInitializationMode: only", fmu.exitInitializationMode)
+    for reference in (999, variables[gives], variables["time"]):
+        refused("no such input", partial(fmu.setFloat64, [variables[given], reference], [0.5, 0.0]))
+    refused("no such variable", lambda: fmu.getFloat64([999]))
+    for value in (math.nan, math.inf):
+        refused("not a finite number", partial(fmu.setFloat64, [variables[given]], [value]))
+    assert fmu.getFloat64([variables[given], variables["time"]]) == [0.0, 3.0]
+    for at in (0.0, 5.0, 3.0 + period, math.nan):
+        refused("currentCommunicationPoint", partial(step, at))
+    for size in (-period, math.nan, math.inf):
+        refused("communicationStepSize", partial(step, 3.0, size))
+    step(3.0)
+    refused("currentCommunicationPoint", lambda: step(3.0))
+    fmu.terminate()
+    refused("fmi3DoStep: only", lambda: step(3.0 + period))
+    refused("fmi3SetFloat64: only", lambda: fmu.setFloat64([variables[given]], [0.0]))
+    assert fmu.getFloat64([variables["time"]]) == [3.0 + period]
+    fmu.reset()
+    enter(0.0)
+    fmu.exitInitializationMode()
+    step(0.0)
+    # fmpy's own step, by its defaults.
+    simulated = simulate_fmu(str(path), stop_time=5 * period, start_values={given: 0.0}, output=[gives, "time"])
+    assert simulated["time"].tolist() == [k * period for k in range(6)]

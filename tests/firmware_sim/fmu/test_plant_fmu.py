@@ -2,16 +2,14 @@
 
 import copy
 import json
-import math
 import pickle
 
 import numpy as np
 import pytest
-from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 
 from contract.config.loading import to_tree
-from export.to_c.source_folders import fmu_sources
+from export.to_c.source_folders import fmu_sources, plant_fmu_sources
 from firmware_sim.bench.ecus import C, loop_ecu
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
@@ -19,7 +17,7 @@ from firmware_sim.fmu.ecu_fmu import ecu_fmu
 from firmware_sim.fmu.plant_fmu import plant_fmu
 from firmware_sim.in_c.c_ecu import ecu_sources
 from tests.firmware_sim.ecu_in_c import CONFIG, exported
-from tests.firmware_sim.fmu.imported import Imported
+from tests.firmware_sim.fmu.imported import Imported, check_order_of_calls
 from wake.plant.drive import Drive
 from wake.plants import own_wake
 
@@ -33,7 +31,7 @@ PERIOD_S, LEAD_IN, PERIODS = CONFIG.period_ns / 1e9, 6, 16
 @pytest.fixture(scope="module")
 def plant_path(tmp_path_factory):
     path = tmp_path_factory.mktemp("plant") / "plant.fmu"
-    path.write_bytes(plant_fmu(CONFIG))
+    path.write_bytes(plant_fmu(CONFIG, plant_fmu_sources()))
     return path
 
 
@@ -70,7 +68,7 @@ def test_both_fmus_together_are_the_own_loop_to_the_bit(plant_path, tmp_path):
 
 
 def test_its_stream_follows_the_vehicle_and_a_state_is_gone_back_to(plant_path):
-    """As on the same drive in the own loop. A step that is no control period is refused."""
+    """As on the same drive in the own loop; a step of any length has the control periods that end in it."""
     speeds = (25.0, 24.0, 23.0, 23.0)
     plant, wake = Imported(plant_path), own_wake(CONFIG)
     drive = Drive(name="braking", times=tuple(k * PERIOD_S for k in range(len(speeds))), speeds=speeds)
@@ -89,9 +87,23 @@ def test_its_stream_follows_the_vehicle_and_a_state_is_gone_back_to(plant_path):
         plant["vehicle_speed"] = speeds[k + 1]
         plant.step(PERIOD_S)
         assert plant["Cd"] == found[k]
-    for size in (PERIOD_S / 2, math.nan):
-        with pytest.raises(FMICallException):
-            plant.step(size)
+    parts, pair = Imported(plant_path, start=5.0), Imported(plant_path)
+    for k, speed in enumerate(speeds[1:3]):
+        parts["vehicle_speed"] = speed
+        parts.step(PERIOD_S / 4)
+        assert parts["Cd"] == (found[k - 1] if k else Imported(plant_path)["Cd"])
+        parts["vehicle_speed"] = 30.0  # amid the period: of the next one
+        parts.step(3 * PERIOD_S / 4)
+        assert parts["Cd"] == found[k]
+    pair["vehicle_speed"] = speeds[1]
+    pair.step(2 * PERIOD_S)
+    wake = own_wake(CONFIG)
+    wake.wind = Drive(name="once", times=(0.0, PERIOD_S), speeds=speeds[:2]).wind(CONFIG.operating_point, wake.t)
+    assert pair["Cd"] == pytest.approx([wake.advance(0.0).Cd for _ in range(2)][1], rel=1e-9)
+
+
+def test_calls_out_of_order_are_refused_and_fmpys_own_step_is_served(plant_path, capsys):
+    check_order_of_calls(plant_path, "jet_flow", "Cd", capsys)
 
 
 def test_the_command_writes_it_and_refuses_a_plant_that_cannot_begin(cli, tmp_path):

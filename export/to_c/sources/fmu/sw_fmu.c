@@ -10,7 +10,7 @@
 #include <string.h>
 
 #include "sw_codec_bytes.h"
-#include "sw_fmi3.h"
+#include "sw_fmi3_calls.h"
 #include "sw_fmu_settings.h"
 
 #define ALIGNMENT 64u /* of the ECU's workspace at most */
@@ -37,6 +37,7 @@ typedef struct {
     double values[SW_FMU_VARIABLES]; /* by value reference; 0 is the time */
     double start;
     int64_t next_ns; /* the ECU's next step, from the start on */
+    uint32_t mode;   /* of FMI's state machine */
     uint8_t pressure_counter;
     uint8_t speed_counter;
 } memory;
@@ -44,8 +45,7 @@ typedef struct {
 typedef struct {
     sw_ecu ecu; /* first, for its alignment */
     memory kept;
-    fmi3InstanceEnvironment environment;
-    fmi3LogMessageCallback log;
+    fmu_logger logger;
     void *room; /* as it was allocated */
 } instance;
 
@@ -56,19 +56,13 @@ typedef struct {
     sw_ecu_state ecu;
 } saved;
 
-static fmi3Status logged(fmi3LogMessageCallback log, fmi3InstanceEnvironment environment, fmi3String why)
-{
-    if (log != NULL) log(environment, fmi3Error, "logStatusError", why);
-    return fmi3Error;
-}
-
-static fmi3Status refused(const instance *fmu, fmi3String why) { return logged(fmu->log, fmu->environment, why); }
-
-static void power_on(instance *fmu)
+/* As sw_ecu_init. */
+static int power_on(instance *fmu)
 {
     (void)memset(&fmu->kept, 0, sizeof fmu->kept);
     for (int i = 0; i < SW_FMU_VARIABLES; i++) fmu->kept.values[i] = variables[i].first;
-    sw_ecu_init(&fmu->ecu);
+    fmu->kept.mode = INSTANTIATED;
+    return sw_ecu_init(&fmu->ecu);
 }
 
 /* --- Signals. Bits count from the lowest of the first byte on, as in the DBC. --- */
@@ -215,22 +209,24 @@ SW_EXPORT fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String t
     (void)intermediate;
     (void)count;
     (void)update;
+    const fmu_logger logger = {environment, log};
     if (token == NULL || strcmp(token, SW_FMU_TOKEN) != 0) {
-        (void)logged(log, environment, "instantiationToken: is not of this FMU; read it from its modelDescription.xml");
+        (void)fmu_refused(&logger, "instantiationToken: is not of this FMU; read it from its modelDescription.xml");
         return NULL;
     }
     if (event_mode) {
-        (void)logged(log, environment, "eventModeUsed: this FMU has no event mode; pass false");
+        (void)fmu_refused(&logger, "eventModeUsed: this FMU has no event mode; pass false");
         return NULL;
     }
     char *room = calloc(1, sizeof(instance) + ALIGNMENT);
     if (room == NULL) return NULL;
     instance *fmu = (instance *)(void *)(room + (ALIGNMENT - (uintptr_t)room % ALIGNMENT));
-    fmu->environment = environment;
-    fmu->log = log;
+    fmu->logger = logger;
     fmu->room = room;
-    power_on(fmu);
-    return fmu;
+    if (power_on(fmu) == SW_REASON_NONE) return fmu;
+    (void)fmu_refused(&logger, "this process's floating-point mode, or the build, changes arithmetic that the ECU rests on");
+    free(room);
+    return NULL;
 }
 
 SW_EXPORT void fmi3FreeInstance(fmi3Instance fmu)
@@ -241,19 +237,38 @@ SW_EXPORT void fmi3FreeInstance(fmi3Instance fmu)
 SW_EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance fmu, fmi3Boolean has_tolerance, fmi3Float64 tolerance,
                                                  fmi3Float64 start, fmi3Boolean has_stop, fmi3Float64 stop)
 {
-    memory *kept = &((instance *)fmu)->kept;
+    instance *found = fmu;
+    const fmi3String wrong = fmu_wrong_times(start, has_stop, stop);
     (void)has_tolerance;
     (void)tolerance;
-    (void)has_stop;
-    (void)stop;
-    kept->start = start;
-    kept->values[0] = start;
+    FMU_ONLY_IN(INSTANTIATED, "EnterInitializationMode", "once, and after fmi3Reset");
+    if (wrong != NULL) return fmu_refused(&found->logger, wrong);
+    found->kept.start = start;
+    found->kept.values[0] = start;
+    found->kept.mode = INITIALISING;
+    return fmi3OK;
+}
+
+SW_EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance fmu)
+{
+    instance *found = fmu;
+    FMU_ONLY_IN(INITIALISING, "ExitInitializationMode", "after fmi3EnterInitializationMode");
+    found->kept.mode = STEPPING;
+    return fmi3OK;
+}
+
+SW_EXPORT fmi3Status fmi3Terminate(fmi3Instance fmu)
+{
+    instance *found = fmu;
+    FMU_ONLY_IN(STEPPING, "Terminate", "once, after fmi3ExitInitializationMode");
+    found->kept.mode = TERMINATED;
     return fmi3OK;
 }
 
 SW_EXPORT fmi3Status fmi3Reset(fmi3Instance fmu)
 {
-    power_on((instance *)fmu);
+    if (fmu == NULL) return fmi3Error;
+    (void)power_on(fmu); /* what it refuses, each step answers with a reason */
     return fmi3OK;
 }
 
@@ -261,18 +276,18 @@ SW_EXPORT fmi3Status fmi3DoStep(fmi3Instance fmu, fmi3Float64 point, fmi3Float64
                                 fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *reached)
 {
     instance *found = fmu;
+    FMU_ONLY_IN(STEPPING, "DoStep", "after fmi3ExitInitializationMode, and not after fmi3Terminate");
     memory *kept = &found->kept;
-    const double behind_ns = (point - kept->values[0]) * 1e9, until_ns = (point + size - kept->start) * 1e9;
+    const fmi3String wrong = fmu_wrong_step(kept->values[0], point, size);
+    const double until_ns = (point + size - kept->start) * 1e9;
     (void)no_earlier_state;
     *event = false;
     *terminate = false;
     *early = false;
     *reached = kept->values[0];
-    if (!(behind_ns > -1e3 && behind_ns < 1e3)) {
-        return refused(found, "currentCommunicationPoint: must be where the last step ended, within a microsecond");
-    }
-    if (!(size >= 0.0 && until_ns < (double)SW_LATEST_NS)) {
-        return refused(found, "communicationStepSize: must be 0 or more, and end within 73 years");
+    if (wrong != NULL) return fmu_refused(&found->logger, wrong);
+    if (!(until_ns < (double)SW_LATEST_NS)) {
+        return fmu_refused(&found->logger, "communicationStepSize: must end within 73 years of the start");
     }
     /* To the microsecond: a period that begins with the next communication step belongs to that. */
     while ((double)kept->next_ns < until_ns - 1e3) step(found);
@@ -288,28 +303,33 @@ SW_EXPORT fmi3Status fmi3DoStep(fmi3Instance fmu, fmi3Float64 point, fmi3Float64
                                        fmi3##NAME values[], size_t size)                                              \
     {                                                                                                                 \
         const instance *found = fmu;                                                                                  \
-        (void)size;                                                                                                   \
+        FMU_ONLY_IN(INSTANTIATED | INITIALISING | STEPPING | TERMINATED, "Get" #NAME, "of an instance");              \
+        FMU_ONE_EACH("Get" #NAME);                                                                                    \
         for (size_t i = 0; i < count; i++) {                                                                          \
             if (references[i] >= SW_FMU_VARIABLES || variables[references[i]].type != KIND) {                         \
-                return refused(found, "fmi3Get" #NAME ": a value reference is of no such variable");                  \
+                return fmu_refused(&found->logger, "fmi3Get" #NAME ": a value reference is of no such variable");     \
             }                                                                                                         \
-            values[i] = (fmi3##NAME)found->kept.values[references[i]];                                                \
         }                                                                                                             \
+        for (size_t i = 0; i < count; i++) values[i] = (fmi3##NAME)found->kept.values[references[i]];                 \
         return fmi3OK;                                                                                                \
     }                                                                                                                 \
     SW_EXPORT fmi3Status fmi3Set##NAME(fmi3Instance fmu, const fmi3ValueReference references[], size_t count,         \
                                        const fmi3##NAME values[], size_t size)                                        \
     {                                                                                                                 \
         instance *found = fmu;                                                                                        \
-        (void)size;                                                                                                   \
+        FMU_ONLY_IN(INSTANTIATED | INITIALISING | STEPPING, "Set" #NAME, "before fmi3Terminate");                     \
+        FMU_ONE_EACH("Set" #NAME);                                                                                    \
         for (size_t i = 0; i < count; i++) {                                                                          \
             const uint32_t reference = references[i];                                                                 \
             if (reference >= SW_FMU_VARIABLES || variables[reference].type != KIND ||                                 \
                 !variables[reference].is_input) {                                                                     \
-                return refused(found, "fmi3Set" #NAME ": a value reference is of no such input");                     \
+                return fmu_refused(&found->logger, "fmi3Set" #NAME ": a value reference is of no such input");        \
             }                                                                                                         \
-            found->kept.values[reference] = (double)values[i];                                                        \
+            if (!fmu_is_number((double)values[i])) {                                                                  \
+                return fmu_refused(&found->logger, "fmi3Set" #NAME ": a value is not a finite number");               \
+            }                                                                                                         \
         }                                                                                                             \
+        for (size_t i = 0; i < count; i++) found->kept.values[references[i]] = (double)values[i];                     \
         return fmi3OK;                                                                                                \
     }
 
@@ -331,7 +351,7 @@ SW_EXPORT fmi3Status fmi3GetFMUState(fmi3Instance fmu, fmi3FMUState *state)
 {
     const instance *found = fmu;
     saved *place = *state == NULL ? calloc(1, sizeof *place) : *state;
-    if (place == NULL) return refused(found, "fmi3GetFMUState: no memory for another state");
+    if (place == NULL) return fmu_refused(&found->logger, "fmi3GetFMUState: no memory for another state");
     (void)memcpy(place->token, SW_FMU_TOKEN, sizeof place->token);
     (void)memcpy(&place->kept, &found->kept, sizeof place->kept);
     (void)memcpy(&place->ecu, &found->ecu.state, sizeof place->ecu);
@@ -344,10 +364,13 @@ SW_EXPORT fmi3Status fmi3SetFMUState(fmi3Instance fmu, fmi3FMUState state)
     instance *found = fmu;
     const saved *from = state;
     const memory *kept = &from->kept;
-    const int is_timed = kept->next_ns >= 0 && kept->next_ns <= SW_LATEST_NS;
-    if (memcmp(from->token, SW_FMU_TOKEN, sizeof from->token) != 0 || !is_timed ||
+    const int is_timed = kept->next_ns >= 0 && kept->next_ns <= SW_LATEST_NS && fmu_is_number(kept->values[0]) &&
+                         fmu_wrong_times(kept->start, false, 0.0) == NULL;
+    const int is_a_mode = kept->mode == INSTANTIATED || kept->mode == INITIALISING || kept->mode == STEPPING ||
+                          kept->mode == TERMINATED;
+    if (memcmp(from->token, SW_FMU_TOKEN, sizeof from->token) != 0 || !is_timed || !is_a_mode ||
         sw_ecu_restore(&found->ecu, &from->ecu) != 0) {
-        return refused(found, "fmi3SetFMUState: this is no state of this FMU");
+        return fmu_refused(&found->logger, "fmi3SetFMUState: this is no state of this FMU");
     }
     (void)memcpy(&found->kept, kept, sizeof *kept);
     return fmi3OK;
@@ -371,16 +394,22 @@ SW_EXPORT fmi3Status fmi3SerializedFMUStateSize(fmi3Instance fmu, fmi3FMUState s
 
 SW_EXPORT fmi3Status fmi3SerializeFMUState(fmi3Instance fmu, fmi3FMUState state, fmi3Byte bytes[], size_t size)
 {
-    if (size < sizeof(saved)) return refused(fmu, "fmi3SerializeFMUState: less room than fmi3SerializedFMUStateSize");
+    const instance *found = fmu;
+    if (size < sizeof(saved)) {
+        return fmu_refused(&found->logger, "fmi3SerializeFMUState: less room than fmi3SerializedFMUStateSize");
+    }
     (void)memcpy(bytes, state, sizeof(saved));
     return fmi3OK;
 }
 
 SW_EXPORT fmi3Status fmi3DeserializeFMUState(fmi3Instance fmu, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
 {
-    if (size != sizeof(saved)) return refused(fmu, "fmi3DeserializeFMUState: these bytes are no state of this FMU");
+    const instance *found = fmu;
+    if (size != sizeof(saved)) {
+        return fmu_refused(&found->logger, "fmi3DeserializeFMUState: these bytes are no state of this FMU");
+    }
     saved *place = *state == NULL ? malloc(sizeof *place) : *state;
-    if (place == NULL) return refused(fmu, "fmi3DeserializeFMUState: no memory for another state");
+    if (place == NULL) return fmu_refused(&found->logger, "fmi3DeserializeFMUState: no memory for another state");
     (void)memcpy(place, bytes, sizeof *place);
     *state = place;
     return fmi3OK;

@@ -1,68 +1,54 @@
 /* Functions of FMI 3.0 that a binary has to have and this FMU does not do: its modelDescription.xml announces none of
- * them. Where a mode is only entered or left there is nothing to do; of a kind without variables none can be had.
+ * them. Of a kind without variables none can be had.
  */
-#include "sw_fmi3.h"
+#include "sw_fmi3_calls.h"
 
 #if defined(__GNUC__)
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
 
-#define NOTHING_TO_DO(NAME) \
-    SW_EXPORT fmi3Status fmi3##NAME(fmi3Instance fmu) { return fmi3OK; }
-#define REFUSED(NAME, ...) \
-    SW_EXPORT fmi3Status fmi3##NAME(__VA_ARGS__) { return fmi3Error; }
-#define NONE_OF(NAME, ...)                                                                                         \
-    SW_EXPORT fmi3Status fmi3##NAME(fmi3Instance fmu, const fmi3ValueReference references[], size_t count,         \
-                                    __VA_ARGS__)                                                                   \
-    {                                                                                                              \
-        return count == 0 ? fmi3OK : fmi3Error;                                                                    \
-    }
+FMU_NONE_OF(GetString, fmi3String values[], size_t size)
+FMU_NONE_OF(SetString, const fmi3String values[], size_t size)
+FMU_NONE_OF(GetBinary, size_t sizes[], fmi3Binary values[], size_t size)
+FMU_NONE_OF(SetBinary, const size_t sizes[], const fmi3Binary values[], size_t size)
+FMU_NONE_OF(GetClock, fmi3Clock values[])
+FMU_NONE_OF(SetClock, const fmi3Clock values[])
+FMU_NONE_OF(GetIntervalDecimal, fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
+FMU_NONE_OF(GetIntervalFraction, fmi3UInt64 counters[], fmi3UInt64 resolutions[], fmi3IntervalQualifier qualifiers[])
+FMU_NONE_OF(GetShiftDecimal, fmi3Float64 shifts[])
+FMU_NONE_OF(GetShiftFraction, fmi3UInt64 counters[], fmi3UInt64 resolutions[])
+FMU_NONE_OF(SetIntervalDecimal, const fmi3Float64 intervals[])
+FMU_NONE_OF(SetIntervalFraction, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
+FMU_NONE_OF(SetShiftDecimal, const fmi3Float64 shifts[])
+FMU_NONE_OF(SetShiftFraction, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
+FMU_NONE_OF(GetOutputDerivatives, const fmi3Int32 orders[], fmi3Float64 values[], size_t size)
+FMU_NONE_OF(GetDirectionalDerivative, const fmi3ValueReference knowns[], size_t known, const fmi3Float64 seed[],
+            size_t seeds, fmi3Float64 sensitivity[], size_t size)
+FMU_NONE_OF(GetAdjointDerivative, const fmi3ValueReference knowns[], size_t known, const fmi3Float64 seed[], size_t seeds,
+            fmi3Float64 sensitivity[], size_t size)
 
-NOTHING_TO_DO(ExitInitializationMode)
-NOTHING_TO_DO(Terminate)
-NOTHING_TO_DO(EnterStepMode)
-
-NONE_OF(GetString, fmi3String values[], size_t size)
-NONE_OF(SetString, const fmi3String values[], size_t size)
-NONE_OF(GetBinary, size_t sizes[], fmi3Binary values[], size_t size)
-NONE_OF(SetBinary, const size_t sizes[], const fmi3Binary values[], size_t size)
-NONE_OF(GetClock, fmi3Clock values[])
-NONE_OF(SetClock, const fmi3Clock values[])
-NONE_OF(GetIntervalDecimal, fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
-NONE_OF(GetIntervalFraction, fmi3UInt64 counters[], fmi3UInt64 resolutions[], fmi3IntervalQualifier qualifiers[])
-NONE_OF(GetShiftDecimal, fmi3Float64 shifts[])
-NONE_OF(GetShiftFraction, fmi3UInt64 counters[], fmi3UInt64 resolutions[])
-NONE_OF(SetIntervalDecimal, const fmi3Float64 intervals[])
-NONE_OF(SetIntervalFraction, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
-NONE_OF(SetShiftDecimal, const fmi3Float64 shifts[])
-NONE_OF(SetShiftFraction, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
-NONE_OF(GetOutputDerivatives, const fmi3Int32 orders[], fmi3Float64 values[], size_t size)
-NONE_OF(GetDirectionalDerivative, const fmi3ValueReference knowns[], size_t known, const fmi3Float64 seed[],
-        size_t seeds, fmi3Float64 sensitivity[], size_t size)
-NONE_OF(GetAdjointDerivative, const fmi3ValueReference knowns[], size_t known, const fmi3Float64 seed[], size_t seeds,
-        fmi3Float64 sensitivity[], size_t size)
-
-REFUSED(EnterEventMode, fmi3Instance fmu)
-REFUSED(EnterConfigurationMode, fmi3Instance fmu)
-REFUSED(ExitConfigurationMode, fmi3Instance fmu)
-REFUSED(EvaluateDiscreteStates, fmi3Instance fmu)
-REFUSED(EnterContinuousTimeMode, fmi3Instance fmu)
-REFUSED(UpdateDiscreteStates, fmi3Instance fmu, fmi3Boolean *need_update, fmi3Boolean *terminate,
+FMU_REFUSED(EnterEventMode, fmi3Instance fmu)
+FMU_REFUSED(EnterStepMode, fmi3Instance fmu)
+FMU_REFUSED(EnterConfigurationMode, fmi3Instance fmu)
+FMU_REFUSED(ExitConfigurationMode, fmi3Instance fmu)
+FMU_REFUSED(EvaluateDiscreteStates, fmi3Instance fmu)
+FMU_REFUSED(EnterContinuousTimeMode, fmi3Instance fmu)
+FMU_REFUSED(UpdateDiscreteStates, fmi3Instance fmu, fmi3Boolean *need_update, fmi3Boolean *terminate,
         fmi3Boolean *nominals_changed, fmi3Boolean *values_changed, fmi3Boolean *next_defined, fmi3Float64 *next_time)
-REFUSED(GetNumberOfVariableDependencies, fmi3Instance fmu, fmi3ValueReference reference, size_t *count)
-REFUSED(GetVariableDependencies, fmi3Instance fmu, fmi3ValueReference dependent, size_t elements[],
+FMU_REFUSED(GetNumberOfVariableDependencies, fmi3Instance fmu, fmi3ValueReference reference, size_t *count)
+FMU_REFUSED(GetVariableDependencies, fmi3Instance fmu, fmi3ValueReference dependent, size_t elements[],
         fmi3ValueReference independents[], size_t of_independents[], fmi3DependencyKind kinds[], size_t count)
-REFUSED(CompletedIntegratorStep, fmi3Instance fmu, fmi3Boolean no_earlier_state, fmi3Boolean *enter_event_mode,
+FMU_REFUSED(CompletedIntegratorStep, fmi3Instance fmu, fmi3Boolean no_earlier_state, fmi3Boolean *enter_event_mode,
         fmi3Boolean *terminate)
-REFUSED(SetTime, fmi3Instance fmu, fmi3Float64 time)
-REFUSED(SetContinuousStates, fmi3Instance fmu, const fmi3Float64 states[], size_t count)
-REFUSED(GetContinuousStates, fmi3Instance fmu, fmi3Float64 states[], size_t count)
-REFUSED(GetContinuousStateDerivatives, fmi3Instance fmu, fmi3Float64 derivatives[], size_t count)
-REFUSED(GetNominalsOfContinuousStates, fmi3Instance fmu, fmi3Float64 nominals[], size_t count)
-REFUSED(GetNumberOfContinuousStates, fmi3Instance fmu, size_t *count)
-REFUSED(GetEventIndicators, fmi3Instance fmu, fmi3Float64 indicators[], size_t count)
-REFUSED(GetNumberOfEventIndicators, fmi3Instance fmu, size_t *count)
-REFUSED(ActivateModelPartition, fmi3Instance fmu, fmi3ValueReference clock, fmi3Float64 time)
+FMU_REFUSED(SetTime, fmi3Instance fmu, fmi3Float64 time)
+FMU_REFUSED(SetContinuousStates, fmi3Instance fmu, const fmi3Float64 states[], size_t count)
+FMU_REFUSED(GetContinuousStates, fmi3Instance fmu, fmi3Float64 states[], size_t count)
+FMU_REFUSED(GetContinuousStateDerivatives, fmi3Instance fmu, fmi3Float64 derivatives[], size_t count)
+FMU_REFUSED(GetNominalsOfContinuousStates, fmi3Instance fmu, fmi3Float64 nominals[], size_t count)
+FMU_REFUSED(GetNumberOfContinuousStates, fmi3Instance fmu, size_t *count)
+FMU_REFUSED(GetEventIndicators, fmi3Instance fmu, fmi3Float64 indicators[], size_t count)
+FMU_REFUSED(GetNumberOfEventIndicators, fmi3Instance fmu, size_t *count)
+FMU_REFUSED(ActivateModelPartition, fmi3Instance fmu, fmi3ValueReference clock, fmi3Float64 time)
 
 SW_EXPORT fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources,
                                                     fmi3Boolean visible, fmi3Boolean logging,

@@ -1,0 +1,66 @@
+/* Which calls an instance may get, by FMI 3.0's state machine of a co-simulation without event mode, and with what numbers.
+ * Every other call is answered by fmi3Error and a sentence, and changes nothing.
+ */
+#ifndef SW_FMI3_CALLS_H
+#define SW_FMI3_CALLS_H
+
+#include "sw_fmi3.h"
+
+/* Bits, so that several may be named. */
+enum { INSTANTIATED = 1, INITIALISING = 2, STEPPING = 4, TERMINATED = 8 };
+
+typedef struct {
+    fmi3InstanceEnvironment environment;
+    fmi3LogMessageCallback log;
+} fmu_logger;
+
+static inline fmi3Status fmu_refused(const fmu_logger *to, fmi3String why)
+{
+    if (to->log != NULL) to->log(to->environment, fmi3Error, "logStatusError", why);
+    return fmi3Error;
+}
+
+/* At the head of a function of FMI with an instance in `found`. */
+#define FMU_ONLY_IN(MODES, NAME, WHEN)                                                                        \
+    if (found == NULL) return fmi3Error;                                                                      \
+    if ((found->kept.mode & (uint32_t)(MODES)) == 0u) return fmu_refused(&found->logger, "fmi3" NAME ": only " WHEN)
+
+/* Of one number each for every reference. */
+#define FMU_ONE_EACH(NAME) \
+    if (size != count) return fmu_refused(&found->logger, "fmi3" NAME ": must have one number for each value reference")
+
+static inline int fmu_is_number(double value)
+{
+    return value >= -1.7976931348623157e308 && value <= 1.7976931348623157e308;
+}
+
+/* What is wrong with an experiment's times, or NULL. */
+static inline fmi3String fmu_wrong_times(double start, fmi3Boolean has_stop, double stop)
+{
+    if (!(start > -2e9 && start < 2e9)) return "startTime: must be a number of seconds, at most 63 years from 0";
+    if (has_stop && !(stop >= start)) return "stopTime: must be a number, not before startTime";
+    return NULL;
+}
+
+/* What is wrong with a step of an instance that stands at a time, or NULL. */
+static inline fmi3String fmu_wrong_step(double stands, double point, double size)
+{
+    const double behind_s = point - stands;
+    if (!(behind_s > -1e-6 && behind_s < 1e-6)) {
+        return "currentCommunicationPoint: must be where the last step ended, within a microsecond";
+    }
+    if (!(size >= 0.0 && size < 2e9)) return "communicationStepSize: must be 0 or more, and at most 63 years";
+    return NULL;
+}
+
+/* A function of a kind without variables, and one that is not for this kind of FMU. */
+#define FMU_NONE_OF(NAME, ...)                                                                                     \
+    SW_EXPORT fmi3Status fmi3##NAME(fmi3Instance fmu, const fmi3ValueReference references[], size_t count,         \
+                                    __VA_ARGS__)                                                                   \
+    {                                                                                                              \
+        return count == 0 ? fmi3OK : fmi3Error;                                                                    \
+    }
+#define FMU_REFUSED(NAME, ...) \
+    SW_EXPORT fmi3Status fmi3##NAME(__VA_ARGS__) { return fmi3Error; }
+
+#endif
