@@ -5,7 +5,7 @@ from typing import ClassVar
 
 def install(extra: str) -> str:
     """What installs an extra, and the data that its commands begin from, for messages: no package index has us."""
-    data = " ./data" if extra in ("sim", "train") else ""
+    data = " ./data" if extra in ("sim", "c", "train") else ""
     return f"pip install '.[{extra}]'{data} in a checkout of stillwake"
 
 
@@ -18,6 +18,12 @@ class StillwakeError(Exception):
 
 class ConfigError(StillwakeError):
     """A configuration value outside its range, or a key that does not exist."""
+
+
+class ConflictError(ConfigError):
+    """Options or settings that exclude each other."""
+
+    status: ClassVar[int] = 2
 
 
 class OutputError(StillwakeError):

@@ -37,6 +37,8 @@ EXPECTED: Final = "expected.txt"
 """What the example program answers to those rows."""
 DOCUMENTS: Final = ("README.md", "CMakeLists.txt", "LICENSE")
 """What is not compiled: for people, for CMake, and for lawyers."""
+BILL: Final = "sbom.cdx.json"
+"""Bill of materials of the folder, CycloneDX."""
 BOARD: Final = ("board", "loader")
 """Folders with the firmware around the ECU: drivers, start and main loop of a board; flashing and diagnosis."""
 COMPILE_FLAGS: Final = "compile_flags.txt"

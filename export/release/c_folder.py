@@ -1,32 +1,38 @@
 """Write a gated C library as a folder, with recorded rows for its example program."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from contract.arrays import Array
-from contract.controller.c_folder import EXPECTED, RECORDED, rows_text, write_folder
+from contract.controller.c_folder import BILL, EXPECTED, RECORDED, rows_text, write_folder
 from contract.controller.image_payload import with_layout
 from export.release.gated import Gated
 from export.to_c.folder_files import documents
 
 
 def write_c_release(
-    folder: Path, gated: Gated, windows: Sequence[Array], ecu: Mapping[str, bytes] | None = None
+    folder: Path,
+    gated: Gated,
+    windows: Sequence[Array],
+    ecu: Mapping[str, bytes] | None = None,
+    bill: Callable[[Mapping[str, bytes]], bytes] | None = None,
 ) -> None:
     """Write the library's folder, whole or not at all. Raises LibraryError if the folder holds something else;
     StillwakeError if the folder cannot be written.
 
     Args:
         windows: consecutive recorded windows (L, S+1), whose rows go into the folder.
-        ecu: files of the ECU around the control step, if it gets one.
+        ecu: files of the ECU around the control step, if it gets one, and for people beside it.
+        bill: from all files of the folder to their bill of materials, if it gets one.
     """
     assert gated.lowered.library is not None
     assert gated.library is not None
     recorded = {RECORDED: recorded_rows(windows).encode(), EXPECTED: rows_text(gated.library.replayed).encode()}
     library = with_layout({**gated.lowered.library, **({} if ecu is None else ecu)})
-    write_folder(folder, {**library, **recorded, **documents(library)})
+    contents = {**library, **recorded, **documents(library)}
+    write_folder(folder, contents if bill is None else {**contents, BILL: bill(contents)})
 
 
 def recorded_rows(windows: Sequence[Array]) -> str:

@@ -56,11 +56,13 @@ class CLibrary:
         compiled: compiles the library for its gate.
         ecu: from the rows (n, S+1) that go into the folder to the files of the ECU around the control step; called
             after the bundle is written. Without it the folder has no ECU.
+        bill: from all files of the folder to their bill of materials; called after that.
     """
 
     folder: Path
     compiled: CompileLibrary
     ecu: Callable[[Array], Mapping[str, bytes]] | None = None
+    bill: Callable[[Mapping[str, bytes]], bytes] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -237,7 +239,8 @@ def export_library(
 
 
 def _write_library(library: CLibrary, gated: Gated, windows: Sequence[Array]) -> None:
-    write_c_release(library.folder, gated, windows, None if library.ecu is None else library.ecu(rows_of(windows)))
+    ecu = None if library.ecu is None else library.ecu(rows_of(windows))
+    write_c_release(library.folder, gated, windows, ecu, library.bill)
 
 
 def _of_networks(

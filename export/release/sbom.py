@@ -1,4 +1,4 @@
-"""Bills of materials in CycloneDX 1.6: of a release bundle, and of a wheel.
+"""Bills of materials in CycloneDX 1.6: of a release bundle, of the folder of its C library, and of a wheel.
 
     python -m export.release.sbom 2026-11-26 WHEEL...
 
@@ -27,6 +27,7 @@ from packaging.requirements import Requirement
 from contract.atomic import replacing
 from contract.release.checks import CONTROLLER, Bundle, dbc_sha256, sha256
 from contract.release.signing import project_key
+from export.to_c.source_folders import MONOCYPHER
 
 OURS: Final = "MIT"
 """Licence of what the project made; a release of others is theirs."""
@@ -38,16 +39,7 @@ def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:
     Args:
         contents: all its files by name; `Bundle.files` lacks manifest and signature.
     """
-    manifest, licence = bundle.manifest, OURS if bundle.signer == project_key() else None
-    about = {
-        "digest": bundle.digest,
-        "program_sha256": manifest.program_sha256,
-        "security_version": str(manifest.security_version),
-        "signed_by": "no one" if bundle.signer is None else bundle.signer.fingerprint,
-    }
-    properties = [Property(name=f"stillwake:{key}", value=value) for key, value in about.items()]
-    version = bundle.digest[:12]
-    release = _part(ComponentType.FIRMWARE, manifest.name, licence=licence, version=version, properties=properties)
+    manifest, licence, release = bundle.manifest, _licence(bundle), _release(bundle)
     learned, file = ComponentType.MACHINE_LEARNING_MODEL, ComponentType.FILE
     files = [
         _part(learned if name.endswith(".onnx") else file, name, sha256(data))
@@ -61,6 +53,23 @@ def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:
     controller = next(item for item in files if item.name == CONTROLLER)
     needs = [(release, files), (controller, [model]), (model, origin)]
     return _bom([*files, model, *origin], needs, bundle.digest, manifest.created)
+
+
+def folder_bom(contents: Mapping[str, bytes], bundle: Bundle) -> bytes:
+    """A C library's folder: its files by their paths, the release that it is of, and the code of others in it."""
+    hashes = {name: sha256(data) for name, data in sorted(contents.items())}
+    digest, name = sha256(repr(hashes).encode()), f"{bundle.manifest.name} in C"
+    folder = _part(ComponentType.FIRMWARE, name, licence=_licence(bundle), version=digest[:12])
+    files = [_part(ComponentType.FILE, path, digest) for path, digest in hashes.items()]
+    foreign = [file for file in files if "/monocypher" in file.name]
+    own = [_release(bundle), *(file for file in files if file not in foreign)]
+    needs = [(folder, own)]
+    if foreign:
+        where, licence = PackageURL("github", "LoupVaillant", "Monocypher", MONOCYPHER), "BSD-2-Clause OR CC0-1.0"
+        library = ComponentType.LIBRARY
+        monocypher = _part(library, "monocypher", licence=licence, version=MONOCYPHER, purl=where)
+        needs = [(folder, [*own, monocypher]), (monocypher, foreign)]
+    return _bom([part for _, others in needs for part in others], needs, digest, bundle.manifest.created)
 
 
 def wheel_bom(wheel: Path, day: str) -> bytes:
@@ -82,6 +91,23 @@ def wheel_bom(wheel: Path, day: str) -> bytes:
             scopes.setdefault(requirement.name, ComponentScope.OPTIONAL)
     packages = [_package(name, _installed(name, "Version"), scope=scope) for name, scope in sorted(scopes.items())]
     return _bom(packages, [(found, packages)], digest, day)
+
+
+def _licence(bundle: Bundle) -> str | None:
+    return OURS if bundle.signer == project_key() else None
+
+
+def _release(bundle: Bundle) -> Component:
+    manifest = bundle.manifest
+    about = {
+        "digest": bundle.digest,
+        "program_sha256": manifest.program_sha256,
+        "security_version": str(manifest.security_version),
+        "signed_by": "no one" if bundle.signer is None else bundle.signer.fingerprint,
+    }
+    properties = [Property(name=f"stillwake:{key}", value=value) for key, value in about.items()]
+    version, licence = bundle.digest[:12], _licence(bundle)
+    return _part(ComponentType.FIRMWARE, manifest.name, licence=licence, version=version, properties=properties)
 
 
 def write_bom(of: Path, content: bytes) -> Path:

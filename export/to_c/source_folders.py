@@ -1,6 +1,10 @@
 """The hand-written sources in C, by the folders of `sources` that they stand in."""
 
 from importlib.resources import files
+from typing import Final
+
+MONOCYPHER: Final = "4.0.3"
+"""Version of the code of others in `loader/vendor`; its own release writes it in place of `__git__`."""
 
 
 def sources_in(*folders: str) -> dict[str, bytes]:
@@ -20,7 +24,10 @@ def loader_sources() -> dict[str, bytes]:
     Monocypher's sources are included by one of these and not compiled: their names end in `_c.h`.
     """
     foreign = sources_in("loader/vendor")
-    return sources_in("loader") | {name.replace(".c", "_c.h"): content for name, content in foreign.items()}
+    return sources_in("loader") | {
+        name.replace(".c", "_c.h"): text.replace(b"version __git__", f"version {MONOCYPHER}".encode())
+        for name, text in foreign.items()
+    }
 
 
 def fmu_sources() -> dict[str, bytes]:

@@ -60,7 +60,7 @@ def ecu_settings(bundle: Bundle, config: Config) -> bytes:
         LibraryError: a release without a sensor estimator where the settings want its check.
     """
     check_vehicle(bundle, config)
-    _check(config)
+    check_settings(config)
     lines = [f"#define {name} {_literal(value)}" for name, value in _definitions(bundle, config).items()]
     text = "\n".join(lines)
     return (
@@ -69,7 +69,8 @@ def ecu_settings(bundle: Bundle, config: Config) -> bytes:
     ).encode()
 
 
-def _check(config: Config) -> None:
+def check_settings(config: Config) -> None:
+    """Raise ConfigError for a setting that the C ECU cannot do, whatever the release."""
     if config.bus.key:
         raise ConfigError("bus.key: the ECU in C has no authentication; leave it empty")
     for name, most in _MOST.items():

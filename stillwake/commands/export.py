@@ -16,7 +16,7 @@ from can_bridge.wire.messages import SENSORS
 from contract.config.loading import from_tree, load
 from contract.config.tree import Config
 from contract.controller.c_folder import SETTINGS as C_SETTINGS
-from contract.errors import ConfigError, ModelError, OutputError, StillwakeError
+from contract.errors import ConfigError, ConflictError, ModelError, OutputError, StillwakeError
 from contract.model import linear_model_folder, model_folder
 from contract.model.linear_model_folder import is_linear
 from contract.release import bundle as bundles
@@ -106,9 +106,11 @@ def export(
     check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", occupant=_description(output))
     check_output(output.with_name(f"{output.name}.cdx.json"), overwrite=overwrite)
     _check_in_c(c_folder, fmu, image, overwrite=overwrite)
+    if in_c:
+        _check_c_settings(config)
 
     from export.release.pipeline import PHASES, CLibrary, export_all, gate_figures
-    from export.release.sbom import release_bom, write_bom
+    from export.release.sbom import folder_bom, release_bom, write_bom
     from firmware_sim.in_c.host_library import CController
     from stillwake.parts.c_release import ecu_files
 
@@ -117,7 +119,9 @@ def export(
     with _library_folder(c_folder) as folder, phases_bar("export", PHASES) as (bar, phase):
         if in_c:
             ecu = partial(ecu_files, output, config=config, notice=console.print)
-            library = CLibrary(folder=folder, compiled=CController, ecu=ecu)
+            library = CLibrary(
+                folder=folder, compiled=CController, ecu=ecu, bill=lambda files: folder_bom(files, bundles.load(output))
+            )
         done = export_all(
             model,
             output,
@@ -169,6 +173,18 @@ def _check_in_c(folder: Path | None, fmu: Path | None, image: Path | None, *, ov
             check_output(path, overwrite=overwrite)
 
 
+def _check_c_settings(config: Config) -> None:
+    """Refuse settings that the ECU in C cannot do, whatever the release is."""
+    from firmware_sim.in_c.c_settings import check_settings
+
+    if config.bus.key:
+        raise ConflictError(
+            "bus.key: the ECU in C has no authentication yet, so --c, --fmu and --image are of one without; "
+            "leave bus.key empty for them"
+        )
+    check_settings(config)
+
+
 @contextmanager
 def _library_folder(given: Path | None) -> Iterator[Path]:
     """Where a library is written: the place that was given, or one that lasts as long as the block."""
@@ -209,13 +225,16 @@ def _export_shipped(
 ) -> None:
     """The shipped bundle's library, FMU and image, with the vehicle's settings compiled in."""
     config = settings("export --c", file, overrides, uses=USES_IN_C).config
+    _check_c_settings(config)
 
     from export.release.pipeline import PHASES, gate_figures
+    from export.release.sbom import folder_bom
     from stillwake.parts.c_release import write_shipped_library
 
     release = open_release(None, None)
     with _library_folder(c_folder) as folder, phases_bar("export", PHASES) as (_, phase):
-        done = write_shipped_library(folder, release, config, notice=console.print, phase=phase)
+        bill = partial(folder_bom, bundle=release)
+        done = write_shipped_library(folder, release, config, bill=bill, notice=console.print, phase=phase)
         _write_files(fmu, image, folder, release, config, key)
     print_table("check", "measured", rows=_measured(gate_figures(done)))
     if c_folder is not None:

@@ -22,6 +22,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
         *("h5py", "numba", "scipy", "gymnasium", "matplotlib", "PIL", "distributed", "dask"),
         *("jinja2", "llvmlite", "tornado"),
     ),
+    "c": ("onnx", "safetensors", "h5py", "cyclonedx"),
     "train": ("torch", "shap", "onnx", "safetensors", "h5py", "scipy", "cyclonedx"),
     "bus": ("serial", "msgpack", "cantools"),
     "flash": ("udsoncan", "isotp"),
@@ -30,8 +31,8 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "mdf": ("asammdf",),
 }
 """Packages, by the names they are imported by, that an extra of `pyproject.toml` brings."""
-LEARNING: Final = ("train", "identify", "export", "mcu")
-"""Commands that need the extra `train` where a package comes with `sim` as well."""
+FIRST: Final = {"train": "train", "identify": "train", "export": "c", "mcu": "c"}
+"""The extra that a command needs where a package comes with others as well."""
 REPORT: Final = "stillwake is not prepared for this, which is a fault of its own: please report it with the lines above"
 
 errors = make_console(stderr=True)
@@ -93,7 +94,7 @@ def missing(module: str, command: str = "") -> str:
         if top in ROOMS:
             return explain(top, Path(place or "?"))
         return f"{place or top} has no module {module!r}: is it another version, or a file of that name?"
-    for extra in sorted(EXTRAS, key=lambda extra: extra != "train") if command in LEARNING else EXTRAS:
+    for extra in sorted(EXTRAS, key=lambda extra: extra != FIRST.get(command)):
         if top in EXTRAS[extra]:
             return f"this command needs {top}: {install(extra)}"
     return f"this command needs {top}, which is not installed"

@@ -1,7 +1,7 @@
 """The ECU in C for the folder of a C library, that folder for the shipped bundle, and an FMU and an image of either."""
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -20,6 +20,7 @@ from contract.errors import LibraryError, StillwakeError
 from contract.release.bundle import load
 from contract.release.checks import Bundle
 from contract.shipped import BUNDLE, model, recording
+from stillwake.parts.descriptions import descriptions
 from stillwake.parts.releases import open_release
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def ecu_files(bundle: Path, rows: Array, *, config: Config, notice: Callable[[str], None]) -> dict[str, bytes]:
-    """The ECU for a release with its examples, or nothing where C cannot have it.
+    """The ECU for a release with its examples and its descriptions, or nothing where C cannot have it.
 
     Args:
         rows: recorded, of which an example plays the pressures, (n, S+1).
@@ -45,7 +46,7 @@ def ecu_files(bundle: Path, rows: Array, *, config: Config, notice: Callable[[st
         sources = ecu_sources() | example_sources() | {ECU_SETTINGS: ecu_settings(release, used)}
         sources |= estimator_files(release.files[ESTIMATOR]) if used.ecu.sensor_check.enabled else {}
         sources[f"loader/{uds_settings.HEADER}"] = uds_settings.uds_settings()
-        return sources | {PLAYED: played_pressures(rows, used)}
+        return sources | {PLAYED: played_pressures(rows, used)} | descriptions(release, used)
     except StillwakeError as error:
         notice(f"no ECU in C, the library has the control step alone: {error}")
         return {}
@@ -56,20 +57,24 @@ def write_shipped_library(
     release: Bundle,
     config: Config,
     *,
+    bill: Callable[[Mapping[str, bytes]], bytes] | None = None,
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> "Gated":
     """The C library and ECU of the shipped bundle, made from the shipped model and checked to be the same program.
     Raises ExportError if model and bundle do not belong together; StillwakeError if the data are not installed, or the
-    folder cannot be written. `notice` and `phase` are as `ecu_files` and `export.release.pipeline.export_library` have
-    them."""
+    folder cannot be written; BundleError or ConfigError, before the work, if C cannot have its ECU with these settings.
+    `bill`, `notice` and `phase` are as `ecu_files` and `export.release.pipeline` have them."""
     from export.release.pipeline import CLibrary, export_library
+    from firmware_sim.in_c.c_settings import ecu_settings
     from firmware_sim.in_c.host_library import CController
 
+    ecu_settings(release, _without_check(release, config, lambda line: None))
+    ecu = partial(ecu_files, BUNDLE, config=config, notice=notice)
     return export_library(
         model(),
         release,
-        CLibrary(folder=folder, compiled=CController, ecu=partial(ecu_files, BUNDLE, config=config, notice=notice)),
+        CLibrary(folder=folder, compiled=CController, ecu=ecu, bill=bill),
         recording=recording(),
         phase=phase,
     )

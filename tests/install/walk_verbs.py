@@ -2,9 +2,9 @@
 
     python -I tests/install/walk_verbs.py [EXTRA...]
 
-The extras are those that are installed; with `sim` and `train` it is stillwake-data, too. It works in an empty folder
-and refuses a stillwake that is not installed, so that no file of a checkout is used by accident. Ends with status 1 and
-one line for the first command that does neither.
+The extras are those that are installed; with `sim`, `c` and `train` it is stillwake-data, too. It works in an empty
+folder and refuses a stillwake that is not installed, so that no file of a checkout is used by accident. Ends with
+status 1 and one line for the first command that does neither.
 """
 
 import io
@@ -68,11 +68,11 @@ CALLS = (
     call("can keygen access.key"),
     call("bundle keygen keys"),
     call("bundle keylist keys.list --root keys/release.key --version 1 --key keys/release.pub"),
-    call("bundle renew", BUNDLE, "renewed", "--name", "renewed", "--key", "keys/release.key", needs=["train"]),
-    call("bundle sign renewed --key keys/release.key", needs=["train"]),
+    call("bundle renew", BUNDLE, "renewed", "--name", "renewed", "--key", "keys/release.key", needs=["c"]),
+    call("bundle sign renewed --key keys/release.key", needs=["c"]),
     call("bundle verify", BUNDLE, "--trust", "project"),
     call("bundle inspect"),
-    call("bundle sbom release.cdx.json", needs=["train"]),
+    call("bundle sbom release.cdx.json", needs=["c"]),
     call("bundle diff", BUNDLE, BUNDLE),
     call("ecu provision slots --root keys/release.pub --keys keys.list"),
     call("ecu run --periods 3", *VIRTUAL),
@@ -90,7 +90,7 @@ CALLS = (
     # It runs until it is stopped: here it refuses a library that is not there.
     call("ecu board flash.bin --library none --root keys/release.pub --access access.key", *UDP, status=1),
     call("run run --lead-in 14 --controlled 1 --no-averages", needs=["sim"]),
-    call("run run_in_c --ecu c", needs=["sim", "train"]),
+    call("run run_in_c --ecu c", needs=["sim", "c"]),
     call("report run --picture run.png", needs=["sim"]),
     call("record made.h5 --training 5 --chirp 0 --uncontrolled 5 --workers 1", needs=["sim"]),
     call("dataset show made.h5", needs=["sim"]),
@@ -111,8 +111,8 @@ CALLS = (
     call("bench latency latency --periods 100", needs=["sim"]),
     call("train model", needs=["train"]),
     call("identify linear", needs=["train"]),
-    call("export --c library", needs=["train"]),
-    call("mcu", needs=["train", "mcu"]),
+    call("export --c library", needs=["c"]),
+    call("mcu", needs=["c", "mcu"]),
     call("refine refined --set refine.updates=1", needs=["sim", "train"]),
     call("bench serve --port 8769 --plant recording", needs=["sim"]),
 )

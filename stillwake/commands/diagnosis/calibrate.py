@@ -20,6 +20,7 @@ from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import TESTERS_BUS, settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console
 from stillwake.parts.conversation import asking
+from stillwake.parts.descriptions import a2l_of
 from stillwake.parts.releases import Trust, open_release
 
 if TYPE_CHECKING:
@@ -158,19 +159,9 @@ def _check_options(changes: Mapping[str, float], *, store: bool, revert: bool, *
 
 def _write_a2l(path: Path, bundle: Path | None, trust: str | None, config: Config) -> None:
     """The A2L file of a release in a vehicle with these settings."""
-    from can_bridge.calibration.a2l import a2l_text
-    from can_bridge.calibration.segment import Segment
-    from firmware_sim.ecu.calibrating import limits_of, release_calibration
-    from firmware_sim.ecu.fit import check_vehicle
-
     claim(path)
     release = open_release(bundle, trust)
-    check_vehicle(release, config)
-    text = a2l_text(
-        Segment(release_calibration(release, config), limits_of(release, config)),
-        release=release.manifest.name,
-        bus=config.bus,
-    )
+    content = a2l_of(release, config)
     with replacing(path) as part:
-        part.write_text(text, encoding="utf-8")
+        part.write_bytes(content)
     console.print(f"wrote {path}: the calibration of {release.manifest.name}")

@@ -15,6 +15,7 @@ from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import TESTERS_BUS, settings
 from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console
 from stillwake.parts.conversation import asking
+from stillwake.parts.descriptions import pdx_of
 
 if TYPE_CHECKING:
     from can_bridge.tester.faults import StoredFault
@@ -67,13 +68,10 @@ def pdx(
 
     stillwake diagnose pdx stillwake.pdx
     """
-    from can_bridge.odx.pdx import pdx as described
-    from firmware_sim.runs.reasons import BECAUSE
-
     claim(output)
     config = settings("diagnose pdx", config_file, overrides, uses=TESTERS_BUS).config
     with replacing(output) as part:
-        part.write_bytes(described(config.bus, BECAUSE))
+        part.write_bytes(pdx_of(config))
     console.print(f"wrote {output}: the diagnosis of an ECU on {config.bus.frames} frames")
 
 

@@ -4,6 +4,7 @@ import hashlib
 import json
 import zipfile
 from importlib.metadata import version
+from importlib.resources import files
 
 import pytest
 from cyclonedx.schema import SchemaVersion
@@ -12,7 +13,8 @@ from cyclonedx.validation.json import JsonStrictValidator
 from contract.release.bundle import load
 from contract.release.container import read_files
 from contract.shipped import BUNDLE
-from export.release.sbom import release_bom, wheel_bom, write_bom
+from export.release.sbom import folder_bom, release_bom, wheel_bom, write_bom
+from export.to_c.source_folders import loader_sources
 
 
 @pytest.fixture(scope="module")
@@ -35,9 +37,9 @@ def test_a_releases_bill_has_every_file_what_it_was_trained_on_and_the_tools(che
     content = release_bom(bundle, contents)
     bom, manifest = checked(content), bundle.manifest
     assert content == release_bom(bundle, dict(reversed(contents.items())))
-    files = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in BUNDLE.iterdir()}
+    sums = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in BUNDLE.iterdir()}
     origin = {"weights": manifest.weights_sha256, "dataset": manifest.dataset_sha256}
-    assert files.items() | origin.items() <= hashes(bom).items()
+    assert sums.items() | origin.items() <= hashes(bom).items()
     stated = {item["name"]: item.get("version") for item in bom["components"]}
     assert manifest.provenance["versions"].items() <= stated.items()
     assert bom["metadata"]["timestamp"].startswith(manifest.created)
@@ -49,6 +51,28 @@ def test_a_releases_bill_has_every_file_what_it_was_trained_on_and_the_tools(che
     assert "licenses" not in other["metadata"]["component"]  # not the project's
     assert other["serialNumber"] != bom["serialNumber"]
     assert write_bom(tmp_path / "b.zip", content).name == "b.zip.cdx.json"
+
+
+def test_the_bill_of_a_c_folder_has_every_file_the_release_and_the_code_of_others(checked):
+    contents = {f"loader/{name}": text for name, text in loader_sources().items()} | {"sw_ecu.c": b"int a;\n"}
+    content, bundle = folder_bom(contents, load(BUNDLE)), load(BUNDLE)
+    assert content == folder_bom(dict(reversed(contents.items())), bundle)
+    bom = checked(content)
+    assert {name: hashlib.sha256(text).hexdigest() for name, text in contents.items()} == hashes(bom)
+    parts = {item["name"]: item for item in bom["components"]}
+    assert parts[bundle.manifest.name]["version"] == bundle.digest[:12]
+    monocypher = parts["monocypher"]
+    assert monocypher["licenses"] == [{"expression": "BSD-2-Clause OR CC0-1.0"}]
+    assert monocypher["purl"] == "pkg:github/loupvaillant/monocypher@4.0.3" and monocypher["version"] == "4.0.3"
+    about = files("export.to_c").joinpath("sources/loader/vendor/README.md").read_text()
+    assert about.count("Monocypher 4.0.3, unchanged") == 1
+    assert all(b"__git__" not in text for text in contents.values())
+    depends = {item["ref"]: item.get("dependsOn", []) for item in bom["dependencies"]}
+    named = [f"loader/monocypher{name}" for name in ("-ed25519.h", "-ed25519_c.h", ".h", "_c.h")]
+    assert depends["monocypher"] == named
+    assert {"monocypher", "sw_ecu.c", bundle.manifest.name} <= set(depends[f"{bundle.manifest.name} in C"])
+    bare = checked(folder_bom({"sw_ecu.c": b""}, bundle))
+    assert [item["name"] for item in bare["components"]] == [bundle.manifest.name, "sw_ecu.c"]
 
 
 def test_a_wheels_bill_has_what_it_requires_and_what_extras_do(checked, tmp_path):

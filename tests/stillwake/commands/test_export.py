@@ -1,7 +1,9 @@
 """`export --c` and `mcu` on a fresh clone: the shipped bundle's library, from the shipped model and no other."""
 
+import json
 import re
 import shutil
+import sys
 
 import pytest
 
@@ -14,11 +16,13 @@ from contract.config.loading import load_config
 from contract.controller.c_folder import read_recorded, read_sources
 from contract.errors import ExportError, StillwakeError
 from contract.release import bundle as bundles
+from contract.release.checks import dbc_bytes
 from contract.release.controller_image import read
 from contract.shipped import BUNDLE
 from firmware_sim.mcu.build import compile_board
 from firmware_sim.mcu.elf import read_elf
 from firmware_sim.mcu.measure import flash_bytes, linked_ram
+from stillwake.console.endings import EXTRAS
 from stillwake.parts import c_release
 from stillwake.parts.releases import open_release
 
@@ -29,8 +33,12 @@ FLASH_BYTES, RAM_BYTES, STACK_BYTES = 144 * 1024, 60 * 1024, 1024
 
 
 def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, tmp_path, monkeypatch):
+    """With the extra `c` alone; the folder has what other tools read beside the sources."""
     monkeypatch.setattr("export.release.pipeline.GATE_WINDOWS", 5)  # the release was gated by all when it was made
-    done = cli("export", "--c", tmp_path / "c", "--image", tmp_path / "release.swi", "--fmu", tmp_path / "ecu.fmu")
+    with monkeypatch.context() as patch:
+        for name in {name for names in EXTRAS.values() for name in names} - {*EXTRAS["c"]}:
+            patch.setitem(sys.modules, name, None)
+        done = cli("export", "--c", tmp_path / "c", "--image", tmp_path / "release.swi", "--fmu", tmp_path / "ecu.fmu")
     assert done.code == 0, done.err
     image = read((tmp_path / "release.swi").read_bytes())
     layout = ", ".join(f"0x{byte:02x}" for byte in image.facts.layout)
@@ -46,6 +54,21 @@ def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, tmp_path, monk
         assert stated.group(1) == wanted
     for name in ("c/sw_ecu_settings.h", "c/board/sw_board.ld", "c/loader/sw_uds_settings.h", "ecu.fmu"):
         assert (tmp_path / name).is_file(), name
+    assert cli("calibrate", "--a2l", tmp_path / "own.a2l").code == 0
+    assert cli("diagnose", "pdx", tmp_path / "own.pdx").code == 0
+    for ending, own in (
+        ("dbc", dbc_bytes()),
+        *((end, (tmp_path / f"own.{end}").read_bytes()) for end in ("a2l", "pdx")),
+    ):
+        assert (tmp_path / f"c/stillwake.{ending}").read_bytes() == own
+    bill = json.loads((tmp_path / "c/sbom.cdx.json").read_text())
+    listed = {item["name"]: item for item in bill["components"]}
+    files = {
+        path.relative_to(tmp_path / "c").as_posix(): path for path in (tmp_path / "c").rglob("*") if path.is_file()
+    }
+    assert listed.keys() == files.keys() - {"sbom.cdx.json"} | {"monocypher", release.manifest.name}
+    assert listed["monocypher"]["version"] == "4.0.3"
+    assert files["loader/monocypher_c.h"].read_text().startswith("// Monocypher version 4.0.3\n")
     again = cli("export", "--c", tmp_path / "c")
     assert again.code != 0
     assert "--overwrite" in again.err
@@ -97,6 +120,12 @@ def test_a_bundle_of_another_model_or_program_has_no_library(tmp_path, monkeypat
         library_of(weights_sha256="0" * 64)
     with pytest.raises(ExportError, match=r"has the program 000000000000, its model gives .*: export it again"):
         library_of(program_sha256="0" * 64)
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_setting_that_c_cannot_do_for_this_release_ends_it_before_the_work(cli, tmp_path):
+    done = cli("export", "--c", tmp_path / "c", "--set", "ecu.speed.margin=0.7")
+    assert (done.code, done.err.count("\n")) == (1, 1) and "ecu.speed.margin = 0.7: must be below 0.6" in done.err
     assert not (tmp_path / "c").exists()
 
 

@@ -66,7 +66,9 @@ def test_a_missing_module_names_the_extra_that_brings_it(monkeypatch, tmp_path):
         ("numba", "", "needs numba: pip install '.[sim]' ./data in a checkout of stillwake"),
         ("nothing_of_ours", "", "this command needs nothing_of_ours, which is not installed"),
         # Of two extras, the one that the command needs.
-        ("h5py.version", "export", "pip install '.[train]'"),
+        ("h5py.version", "export", "pip install '.[c]' ./data"),
+        ("h5py.version", "train", "pip install '.[train]' ./data"),
+        ("onnx", "bundle", "pip install '.[c]' ./data"),
         ("h5py.version", "dataset", "pip install '.[sim]'"),
     ):
         with monkeypatch.context() as patch:

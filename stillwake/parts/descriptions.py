@@ -1,0 +1,36 @@
+"""What other tools read about the ECU of a release in a vehicle: its messages, its calibration and its diagnosis."""
+
+from contract.config.tree import Config
+from contract.release.checks import Bundle, dbc_bytes
+
+
+def a2l_of(release: Bundle, config: Config) -> bytes:
+    """The A2L file of its calibration. Raises BundleError if the release was made for another vehicle."""
+    from can_bridge.calibration.a2l import a2l_text
+    from can_bridge.calibration.segment import Segment
+    from firmware_sim.ecu.calibrating import limits_of, release_calibration
+    from firmware_sim.ecu.fit import check_vehicle
+
+    check_vehicle(release, config)
+    return a2l_text(
+        Segment(release_calibration(release, config), limits_of(release, config)),
+        release=release.manifest.name,
+        bus=config.bus,
+    ).encode()
+
+
+def pdx_of(config: Config) -> bytes:
+    """The PDX file of its diagnosis."""
+    from can_bridge.odx.pdx import pdx
+    from firmware_sim.runs.reasons import BECAUSE
+
+    return pdx(config.bus, BECAUSE)
+
+
+def descriptions(release: Bundle, config: Config) -> dict[str, bytes]:
+    """All of them, by their names in the folder of a C library."""
+    return {
+        "stillwake.dbc": dbc_bytes(),
+        "stillwake.a2l": a2l_of(release, config),
+        "stillwake.pdx": pdx_of(config),
+    }
