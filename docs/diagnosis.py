@@ -16,7 +16,7 @@ from can_bridge.calibration.xcp_slave import IDLE_NS
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds import services
-from can_bridge.uds.access_key import ANSWER_LENGTH, SEED_LENGTH
+from can_bridge.uds.access_key import ANSWER_LENGTH, LABEL, SEED_LENGTH
 from can_bridge.uds.fault_codes import CODES, SNAPSHOT_FORMATS, Snapshot, in_letters
 from can_bridge.uds.fault_memory import AGED_CYCLES, AVAILABLE, Status
 from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Permission
@@ -25,6 +25,7 @@ from can_bridge.uds.server import MAX_DIDS
 from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
 from contract.config.diagnosis import DiagnosisConfig
 from contract.controller.calibration import PACKED_BYTES
+from firmware_sim.in_c.uds_settings import LONGEST_ANSWER, ROOM
 from firmware_sim.runs.reasons import BECAUSE
 
 ROOT: Final = Path(__file__).resolve().parents[1]
@@ -174,8 +175,9 @@ def page() -> str:
                     ),
                 ),
                 _wrapped(f"""The seed has {SEED_LENGTH} random bytes, the answer {ANSWER_LENGTH}: the AES-CMAC of
-the seed under the level's own key, which is made from the access key
-(`can_bridge/uds/access_key.py`). After {MAX_ATTEMPTS} wrong answers in a row the
+the seed under the level's own key, which is the AES-CMAC of the access key over the letters
+"{LABEL.decode()}" and the level's number, {Level.PROGRAMMING} or {Level.CALIBRATION}, in one byte ([as a
+program](../how-to/flash-an-ecu.md#with-a-tester-of-your-own)). After {MAX_ATTEMPTS} wrong answers in a row the
 level gives no seed for {DELAY_NS / 1e9:g} s, and again after each further one. The
 count outlives a reset."""),
                 "## Identifiers",
@@ -311,7 +313,9 @@ not sent to it, unless the tester was told to wait; all other answers come as to
 def _timing() -> str:
     return _wrapped(f"""The ECU answers within {services.P2_MS} ms, or reports
 that the answer is pending, and then again within {services.P2_EXTENDED_MS / 1000:g}
-s each. A request has at most {services.MAX_REQUEST} bytes. Frames of diagnosis carry
+s each. A request has at most {services.MAX_REQUEST} bytes; an answer of the ECU in C at
+most {LONGEST_ANSWER}: a longer one is refused (`14`), and one that finds no room behind
+another that is being sent, {ROOM} bytes in all, is dropped. Frames of diagnosis carry
 no authentication, also where `bus.key` is set.""")
 
 

@@ -13,7 +13,8 @@ from can_bridge.secoc.key import Key, read_key
 SEED_LENGTH: Final = 16
 ANSWER_LENGTH: Final = 16
 """Bytes of a seed, and of the key that the tester sends for it."""
-_LABEL: Final = b"stillwake access"
+LABEL: Final = b"stillwake access"
+"""What a level's key is made over, with the level's number."""
 
 
 class AccessKey:
@@ -34,4 +35,4 @@ class AccessKey:
         return self._levels[level].cmac(seed)
 
     def _take(self, key: Key) -> None:
-        self._levels = {level: Key(key.cmac(_LABEL + bytes([level]))) for level in Level}
+        self._levels = {level: Key(key.cmac(LABEL + bytes([level]))) for level in Level}

@@ -87,7 +87,8 @@ def export(
     on top, for example --set mpc.weights.lift=0.1. Nothing is written unless
     the graph agrees with the reference computation in NumPy, and so does the
     C library where one is asked for. The folder of --c has the whole ECU in C
-    as well, with the settings of the sections bus and ecu compiled in.
+    as well, with the settings of the sections bus and ecu compiled in, its
+    DBC, A2L and PDX, and a bill of materials.
     `export --c FOLDER` alone writes that folder for the shipped bundle, and
     `export --fmu FILE` its ECU as an FMU, `export --image FILE` its image.
     """

@@ -22,7 +22,7 @@ from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.controller.c_folder import read_sources
 from contract.release import bundle
-from export.to_c.source_folders import fmu_sources
+from export.to_c.source_folders import fmu_sources, plant_fmu_sources
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.fmu.ecu_fmu import ecu_fmu
 from firmware_sim.fmu.plant_fmu import plant_fmu
@@ -145,7 +145,7 @@ def stand_ins(page: str, folder: Path, release: Path) -> dict[str, Any]:
             made = exported(folder / "made")
             sources = read_sources(made.folder)
             (folder / "ecu.fmu").write_bytes(ecu_fmu(sources, fmu_sources(), made.bundle, Config()))
-            (folder / "plant.fmu").write_bytes(plant_fmu(Config()))
+            (folder / "plant.fmu").write_bytes(plant_fmu(Config(), plant_fmu_sources()))
         case "use-your-own-data":
             signals = dict.fromkeys(("action", "Cd", "Cl"), np.zeros(3))
             return {"np": np, "h5py": h5py, **signals, "Cp": np.zeros((3, 4))}
