@@ -15,6 +15,7 @@ from can_bridge.calibration.segment import ADDRESS
 from can_bridge.calibration.xcp_slave import IDLE_NS
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
+from can_bridge.isotp.endpoint import KEPT
 from can_bridge.uds import services
 from can_bridge.uds.access_key import ANSWER_LENGTH, LABEL, SEED_LENGTH
 from can_bridge.uds.fault_codes import CODES, SNAPSHOT_FORMATS, Snapshot, in_letters
@@ -24,12 +25,14 @@ from can_bridge.uds.security import DELAY_NS, MAX_ATTEMPTS
 from can_bridge.uds.server import MAX_DIDS
 from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
 from contract.config.diagnosis import DiagnosisConfig
+from contract.config.vehicle import BusConfig
 from contract.controller.calibration import PACKED_BYTES
-from firmware_sim.in_c.uds_settings import LONGEST_ANSWER, ROOM
+from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
 from firmware_sim.runs.reasons import BECAUSE
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 PAGE: Final = ROOT / "docs" / "reference" / "diagnosis.md"
+_ISOTP: Final = isotp_settings(BusConfig())
 
 SERVICE_NAMES: Final[Mapping[Service, str]] = {
     Service.SESSION: "DiagnosticSessionControl",
@@ -83,9 +86,10 @@ DID_TEXTS: Final[Mapping[Did, str]] = {
 }
 ROUTINE_TEXTS: Final[Mapping[Routine, str]] = {
     Routine.PRECONDITIONS: "may the ECU be programmed now?",
-    Routine.SELF_TEST: "run a control step of the release that runs",
+    Routine.SELF_TEST: "run control steps of the release that runs",
     Routine.ACTIVATE: "boot the checked image from the next reset on, on trial",
-    Routine.CONFIRM: "keep the release that runs on trial",
+    Routine.CONFIRM: "keep the release that runs on trial; once it passed its self-test since this boot, and before "
+    "another image is announced",
     Routine.REVERT: "boot the release before from the next reset on",
     Routine.ERASE: "announce an image: its length (4), its SHA-256 (32). The answer has the offset from which it is "
     "wanted (4)",
@@ -95,11 +99,12 @@ NRC_TEXTS: Final[Mapping[Nrc, str]] = {
     Nrc.SERVICE_NOT_SUPPORTED: "no such service here",
     Nrc.SUB_FUNCTION_NOT_SUPPORTED: "no such session, reset, level, report, setting or kind of routine control",
     Nrc.INCORRECT_LENGTH: "the request has the wrong length",
-    Nrc.RESPONSE_TOO_LONG: "all that was asked for does not fit into one answer",
-    Nrc.BUSY_REPEAT_REQUEST: "another request is still worked on",
+    Nrc.RESPONSE_TOO_LONG: f"the identifiers that were asked for come to more than {services.LONGEST_ANSWER} bytes in "
+    "one answer: ask for fewer",
+    Nrc.BUSY_REPEAT_REQUEST: "another request is still worked on, or its long answer is not on the bus as a whole",
     Nrc.CONDITIONS_NOT_CORRECT: "the jets are enabled or the vehicle asks for control; or no release runs; or the "
     "release before is not in order; or another download is under way; or faults are to be cleared while a jet can run",
-    Nrc.SEQUENCE_ERROR: "not its turn: no seed, announcement or download before it, or bytes are missing",
+    Nrc.SEQUENCE_ERROR: "not its turn: no seed, announcement, download or self-test before it, or bytes are missing",
     Nrc.OUT_OF_RANGE: "no such identifier or routine in this session, no such code or record; or a value that the ECU "
     "does not take",
     Nrc.SECURITY_ACCESS_DENIED: "the level is locked",
@@ -157,7 +162,15 @@ def page() -> str:
                     ("number", "session", "for"),
                     ((_byte(one), _words(one.name), SESSION_TEXTS[one]) for one in Session),
                 ),
-                f"A session other than the default one ends {services.S3_MS / 1000:g} s after the last request.",
+                _wrapped(f"""A session other than the default one ends {services.S3_MS / 1000:g} s after the last
+answer. The time rests while a request arrives, is worked on or is answered, however
+slowly its frames follow each other on the bus; a request whose next frame is overdue by
+{_ISOTP.n_cr_ns / 1e9:g} s counts as none."""),
+                _wrapped(f"""The ECU works on one request at a time. Another one that comes before the
+answer is ready, or before one of more than {services.BESIDE} bytes is on the bus as a
+whole, is refused with `21` and not carried out; of a flood, what comes behind
+{_ISOTP.queue - KEPT} answers that wait is lost. An answer with several identifiers has at
+most {services.LONGEST_ANSWER} bytes, which is what the ECU in C has room for."""),
                 "## Services",
                 _table(
                     ("number", "service", "does", "sessions", "level"),
@@ -313,9 +326,7 @@ not sent to it, unless the tester was told to wait; all other answers come as to
 def _timing() -> str:
     return _wrapped(f"""The ECU answers within {services.P2_MS} ms, or reports
 that the answer is pending, and then again within {services.P2_EXTENDED_MS / 1000:g}
-s each. A request has at most {services.MAX_REQUEST} bytes; an answer of the ECU in C at
-most {LONGEST_ANSWER}: a longer one is refused (`14`), and one that finds no room behind
-another that is being sent, {ROOM} bytes in all, is dropped. Frames of diagnosis carry
+s each. A request has at most {services.MAX_REQUEST} bytes. Frames of diagnosis carry
 no authentication, also where `bus.key` is set.""")
 
 

@@ -76,8 +76,15 @@ Check = Callable[[bytes, Rules], tuple[Verdict, Release | None]]
 """As `check`, of another kind of image."""
 
 
-def judge_image(image: bytes, rules: Rules, *, layout: bytes) -> tuple[Verdict, ControllerImage | None]:
-    """As `check`, of a controller image; `layout` names this ECU's build."""
+def judge_image(
+    image: bytes, rules: Rules, *, layout: bytes, opens: Callable[[bytes], bool] = lambda payload: True
+) -> tuple[Verdict, ControllerImage | None]:
+    """As `check`, of a controller image.
+
+    Args:
+        layout: names this ECU's build.
+        opens: whether the build can run a payload, as `sw_image_open` judges it once every other check is passed.
+    """
     keys = rules.keys
     try:
         signer = controller_image.signer_of(image)
@@ -101,6 +108,8 @@ def judge_image(image: bytes, rules: Rules, *, layout: bytes) -> tuple[Verdict, 
         verdict = rules.fits(found)
     if verdict == Verdict.GOOD and facts.security_version < rules.least_security_version:
         verdict = Verdict.TOO_OLD
+    if verdict == Verdict.GOOD and not opens(found.payload):
+        verdict = Verdict.WRONG_BUILD
     return verdict, found if verdict == Verdict.GOOD else None
 
 

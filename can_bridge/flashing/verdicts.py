@@ -34,7 +34,8 @@ class Verdict(IntEnum):
     EMPTY = 14
     """Nothing is in the slot."""
     WRONG_BUILD = 15
-    """Its numbers are laid out for another firmware; judged right after WRONG_DBC."""
+    """Its numbers are laid out for another firmware, judged right after WRONG_DBC; or its payload is too short or has a
+    number that no ECU can run, judged last."""
 
     @property
     def in_words(self) -> str:
@@ -57,5 +58,5 @@ _WORDS = {
     Verdict.TOO_OLD: "the bundle's security version is older than this ECU allows",
     Verdict.UNREADABLE: "the memory does not give the image back",
     Verdict.EMPTY: "the slot is empty",
-    Verdict.WRONG_BUILD: "the image was made for another build of the firmware",
+    Verdict.WRONG_BUILD: "the image was made for another build of the firmware, or has numbers that no ECU can run",
 }

@@ -6,6 +6,7 @@ over the wire leads to a message, to an answer or to nothing, never to an except
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Final
 
 from can_bridge.isotp import control_info
 from can_bridge.isotp.control_info import Consecutive, First, Flow, FlowStatus, Single
@@ -13,6 +14,10 @@ from can_bridge.isotp.reception import Reception
 from can_bridge.isotp.settings import IsoTpSettings
 from can_bridge.isotp.transmission import Transmission
 from can_bridge.wire.frame import Frame
+
+KEPT: Final = 2
+"""Places in the queue of messages to be sent for those of a request that is worked on: that it takes longer, and its
+answer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +58,26 @@ class Endpoint:
             dropped_received=self._dropped_received,
             dropped_sent=self._dropped_sent,
         )
+
+    @property
+    def is_receiving(self) -> bool:
+        """Whether a message is on its way to us."""
+        return self._reception.is_running
+
+    @property
+    def is_sending(self) -> bool:
+        """Whether one of ours is not on the bus as a whole."""
+        return self._transmission.is_running or bool(self._to_send)
+
+    @property
+    def occupied(self) -> int:
+        """Bytes of ours that are not on the bus as a whole."""
+        return self._transmission.length + sum(map(len, self._to_send))
+
+    @property
+    def is_full(self) -> bool:
+        """Whether so many messages wait that only `KEPT` more find a place."""
+        return len(self._to_send) + KEPT >= self._settings.queue
 
     def receive(self, now_ns: int, frame: Frame) -> None:
         """Take a frame from the bus; frames for others are ignored."""

@@ -41,6 +41,11 @@ class Transmission:
     def is_running(self) -> bool:
         return self._state is not _State.IDLE
 
+    @property
+    def length(self) -> int:
+        """Bytes of the message under way; 0 without one."""
+        return len(self._message)
+
     def begin(self, message: bytes) -> None:
         """Take a message; only while none is under way."""
         self._message = message

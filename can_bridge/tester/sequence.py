@@ -268,15 +268,22 @@ class _Flashing:
 
     def _confirm(self) -> Report:
         """Keep the release that runs; the store afterwards."""
-        try:
-            in_programming(self._asking, Routine.CONFIRM)
-        except RefusedError as refused:
-            # Power may be lost as soon as the request was carried out: then there is no trial any more.
-            store = read_store(self._asking)
-            is_confirmed = self._is_ours(store.running_slot) and store.running == store.active
-            if refused.code != Nrc.SEQUENCE_ERROR or not is_confirmed:
-                raise
-            return store
+        for left in reversed(range(TRIES)):
+            try:
+                in_programming(self._asking, Routine.CONFIRM)
+                break
+            except RefusedError as refused:
+                store = read_store(self._asking)
+                running = store.running_slot
+                if refused.code != Nrc.SEQUENCE_ERROR or running is None or not self._is_ours(running):
+                    raise
+                # Power may be lost as soon as the request was carried out: then there is no trial any more.
+                if store.running == store.active:
+                    return store
+                # Or before it: an ECU confirms what passed its self-test since it booted.
+                if running.phase is not Phase.TRIAL or not left:
+                    raise
+            self._try_out()
         return read_store(self._asking)
 
     def _go_back(self) -> Report:

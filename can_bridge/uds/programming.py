@@ -71,7 +71,7 @@ class Programming:
         self._resets_when_left = resets_when_left
         self._announced_length = 0
         self.is_updating = False
-        self._has_confirmed = False
+        self._has_passed = self._has_confirmed = False
         self._taken_keys = b""
 
     def enter(self, session: Session) -> None:
@@ -120,7 +120,7 @@ class Programming:
             elif routine is Routine.ACTIVATE:
                 self._store.activate()
             elif routine is Routine.SELF_TEST:
-                return (yield from self._inner.self_test())
+                return (yield from self._self_test())
             elif routine is Routine.CONFIRM:
                 self._confirm()
             elif routine is Routine.REVERT:
@@ -162,14 +162,22 @@ class Programming:
 
     def _announce(self, length: int, sha256: bytes) -> Long[bytes]:
         self._check_preconditions()
-        self.is_updating, self._has_confirmed = True, False
+        self.is_updating, self._has_passed, self._has_confirmed = True, False, False
         offset = yield from self._store.announce(length, sha256)
         self._announced_length = length
         return offset.to_bytes(4, "big")
 
+    def _self_test(self) -> Long[bytes]:
+        self._has_passed = False
+        status = yield from self._inner.self_test()
+        self._has_passed = True
+        return status
+
     def _confirm(self) -> None:
         running = self._store.running
         if running is not None and self._store.state.slots[running].phase == Phase.TRIAL:
+            if not self._has_passed:
+                raise Refused(Nrc.SEQUENCE_ERROR, "the release on trial did not pass its self-test since this boot")
             self._store.confirm()
             self._has_confirmed = True
         elif not self._has_confirmed:

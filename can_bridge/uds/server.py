@@ -19,6 +19,7 @@ from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Per
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.security import SecurityAccess
 from can_bridge.uds.services import (
+    LONGEST_ANSWER,
     MAX_BLOCK,
     MAX_REQUEST,
     UNSENT_TO_ALL,
@@ -106,13 +107,25 @@ class UdsServer:
         """Whether a request or a reset is under way: `tick` goes on with it."""
         return self._job is not None or self._reset_is_due
 
-    def request(self, now_ns: int, payload: bytes, *, is_functional: bool = False) -> list[bytes]:
-        """Take a whole request, perhaps one to every ECU; its answers, none if it is suppressed or not ready yet."""
+    def look(self, now_ns: int, *, in_transit: bool) -> None:
+        """Before each look at the bus: end a session in which no tester was heard for S3. The tester is there while a
+        request is worked on, and while a message is on its way in either direction, `in_transit` (ISO 14229-2)."""
+        now_ns = self._at(now_ns)
+        if in_transit:
+            self._timer.hear(now_ns)
+        self._end_silent_session(now_ns)
+
+    def request(
+        self, now_ns: int, payload: bytes, *, is_functional: bool = False, is_occupied: bool = False
+    ) -> list[bytes]:
+        """Take a whole request, perhaps one to every ECU; its answers, none if it is suppressed or not ready yet. One
+        that comes before a long answer to another one is on the bus, `is_occupied`, is not begun: the tester has to
+        send it again."""
         now_ns = self._at(now_ns)
         if not payload:
             return []
         self._end_silent_session(now_ns)
-        if self.is_busy:
+        if self.is_busy or is_occupied:
             if payload == bytes([Service.TESTER_PRESENT, _SUPPRESS]):
                 return []
             return [negative(payload[0], Nrc.BUSY_REPEAT_REQUEST)]
@@ -235,7 +248,7 @@ class UdsServer:
                     raise
         if not answer:
             raise Refused(Nrc.OUT_OF_RANGE)
-        if 1 + len(answer) > MAX_REQUEST:
+        if 1 + len(answer) > (LONGEST_ANSWER if len(body) > 2 else MAX_REQUEST):
             raise Refused(Nrc.RESPONSE_TOO_LONG)
         return answer
 

@@ -11,6 +11,10 @@ S3_MS: Final = 5000
 """Without any request after which a session ends by itself."""
 MAX_REQUEST: Final = 4095
 """Bytes of one request: what ISO-TP's 12-bit length carries."""
+LONGEST_ANSWER: Final = 768
+"""Bytes of an answer with several identifiers; a longer one is refused as too long. One alone is always answered."""
+BESIDE: Final = 24
+"""Bytes of other answers that may wait when a request is begun; behind more it is refused as busy."""
 MAX_BLOCK: Final = 4080
 """Bytes of a TransferData request, its two of header included."""
 

@@ -20,7 +20,7 @@ class SessionTimer:
         self.session, self._heard_ns = session, now_ns
 
     def hear(self, now_ns: int) -> None:
-        """A request was answered, or needs no answer."""
+        """A request was answered or needs no answer, or a message is on its way."""
         self._heard_ns = now_ns
 
     def is_over(self, now_ns: int) -> bool:

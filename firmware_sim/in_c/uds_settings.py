@@ -6,6 +6,7 @@ from struct import calcsize
 from typing import Any, Final
 
 from can_bridge.flashing.access_level import Level
+from can_bridge.isotp import endpoint
 from can_bridge.uds import fault_codes, fault_memory, security, server, services
 from can_bridge.uds.fault_reports import Report
 from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
@@ -15,10 +16,6 @@ from firmware_sim.ecu.flashable import diagnostic_link, vehicle_request
 from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
 
 HEADER: Final = "sw_uds_settings.h"
-ROOM: Final = 768
-"""Bytes of answers that wait in C, with the one under way; `IsoTpSettings.send_room` there."""
-LONGEST_ANSWER: Final = 768
-"""Bytes; one that would be longer is refused as too long."""
 _ISOTP: Final = isotp_settings(BusConfig())
 _NUMBERED: Final[Mapping[str, type[IntEnum]]] = {
     "SERVICE": Service, "SESSION": Session, "NRC": Nrc, "ROUTINE": Routine, "DID": Did, "LEVEL": Level,
@@ -37,9 +34,12 @@ def uds_settings() -> bytes:
         "S3_MS": services.S3_MS,
         "LEVELS": len(Level),
         "ACCESS_ATTEMPTS": security.MAX_ATTEMPTS,
-        "LONGEST_ANSWER": LONGEST_ANSWER,
-        "ISOTP_ROOM": ROOM,
+        "LONGEST_ANSWER": services.LONGEST_ANSWER,
+        # An answer, those beside it, and in every other place of the queue a refusal.
+        "ISOTP_ROOM": services.LONGEST_ANSWER + services.BESIDE + 3 * _ISOTP.queue,
+        "ISOTP_BESIDE": services.BESIDE,
         "ISOTP_QUEUE": _ISOTP.queue,
+        "ISOTP_KEPT": endpoint.KEPT,
         "ISOTP_WAITS": _ISOTP.max_waits,
         "MOST_FRAMES": diagnostic_link.MOST_FRAMES,
         "FAULT_COUNT": len(fault_codes.CODES),

@@ -4,13 +4,14 @@ A functional request goes to every ECU, so that it has one frame alone (ISO 1576
 control. It is another conversation than the physical one, of which it interrupts nothing.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from can_bridge.isotp import control_info
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.isotp.settings import IsoTpSettings, classic
 from can_bridge.uds.server import UdsServer
+from can_bridge.uds.services import BESIDE
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 
@@ -49,10 +50,15 @@ class DiagnosticLink:
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         """Take frames, do at most one piece of long work, and give out what is to be sent now."""
-        was_busy = self._server.is_busy
-        requests = self._requests(now_ns, frames)
-        for request, is_functional in requests:
-            self._send(self._server.request(now_ns, request, is_functional=is_functional))
+        self._server.look(now_ns, in_transit=self._endpoint.is_receiving or self._endpoint.is_sending)
+        was_busy, requests = self._server.is_busy, 0
+        for request, is_functional in self._requests(now_ns, frames):
+            # Of a flood, those that find no place for their answer are lost.
+            if requests < self._settings.queue and not self._endpoint.is_full:
+                is_occupied = self._endpoint.occupied > BESIDE
+                answers = self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied)
+                self._send(answers)
+            requests += 1
         # A request that begins long work has done its first piece; those that come amid it do none.
         if was_busy or not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
@@ -60,17 +66,16 @@ class DiagnosticLink:
         self._is_sending = bool(sent)
         return sent
 
-    def _requests(self, now_ns: int, frames: Sequence[Frame]) -> list[tuple[bytes, bool]]:
-        """Requests that have come whole, as many as the endpoint keeps at most, and whether they are functional."""
-        requests = list[tuple[bytes, bool]]()
+    def _requests(self, now_ns: int, frames: Sequence[Frame]) -> Iterator[tuple[bytes, bool]]:
+        """Requests as soon as they have come whole, and whether they are functional."""
         for frame in frames:
             if frame.identifier == self._functional:
                 part = control_info.parse(frame.data)
-                requests += [(part.data, True)] if isinstance(part, control_info.Single) else []
+                if isinstance(part, control_info.Single):
+                    yield part.data, True
             else:
                 self._endpoint.receive(now_ns, frame)
-                requests += [(request, False) for request in self._endpoint.take()]
-        return requests[: self._settings.queue]
+                yield from ((request, False) for request in self._endpoint.take())
 
     def _send(self, answers: Sequence[bytes]) -> None:
         for answer in answers:

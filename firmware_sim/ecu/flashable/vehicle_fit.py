@@ -5,8 +5,9 @@ from collections.abc import Callable
 from can_bridge.flashing.verdicts import Verdict
 from contract.config.tree import Config
 from contract.controller.interface import Controller
-from contract.errors import BundleControllerError, BundleError
+from contract.errors import BundleControllerError, BundleError, ConfigError
 from contract.release.checks import Bundle
+from contract.runtime.onnx_estimator import OnnxEstimator
 from firmware_sim.ecu.fit import check_vehicle
 
 
@@ -30,10 +31,11 @@ class VehicleFit:
             return Verdict.WRONG_PERIOD
         try:
             check_vehicle(bundle, self._config)
-        except BundleError:
+        except (BundleError, ConfigError):
             return Verdict.WRONG_VEHICLE
         try:
             self.controller(bundle)
+            OnnxEstimator.of(bundle)
         except BundleControllerError:
             return Verdict.DAMAGED
         return Verdict.GOOD

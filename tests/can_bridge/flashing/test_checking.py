@@ -111,6 +111,9 @@ def test_an_image_for_microcontrollers_is_judged_by_its_header():
     ):
         verdict, found = judge_image(wrong, rules, layout=bytes(32))
         assert (verdict, found is None) == (expected, expected is not Verdict.GOOD)
+        # What the build cannot open is judged last, and where nothing else is wrong.
+        closed = judge_image(wrong, rules, layout=bytes(32), opens=lambda payload: payload != b"payload")
+        assert closed == ((Verdict.WRONG_BUILD, None) if expected is Verdict.GOOD else (expected, None))
     assert judge_image(for_controllers(), replace(rules, keys=None), layout=bytes(32))[0] is Verdict.UNKNOWN_KEY
 
 

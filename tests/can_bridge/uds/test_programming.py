@@ -11,6 +11,8 @@ from can_bridge.flashing.backing import Kind
 from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict
+from can_bridge.uds.diagnostics import Long
+from can_bridge.uds.refused import Refused
 from can_bridge.uds.services import Nrc
 from tests.can_bridge.flashing.releases import RELEASE, SECOND, image, keys, name_of, phases, provisioned
 from tests.can_bridge.flashing.store_ecu import KEY, FlashingSteps, StoreEcu
@@ -62,6 +64,41 @@ def test_a_release_is_flashed_and_confirmed(client):
     # A tester whose release was given up must not take the one before for its own.
     client.programming()
     client.talk("31 01 02 06 > SEQUENCE_ERROR")
+
+
+def test_a_release_is_confirmed_after_a_self_test_that_passed_since_this_boot(client, monkeypatch):
+    def fails(*_: object) -> Long[bytes]:
+        raise Refused(Nrc.PROGRAMMING_FAILURE)
+        yield
+
+    def booted() -> None:
+        client.ecu.power_on()
+        client.programming()
+
+    passes, refused_alike = client.ecu.self_test, "31 01 02 06 > SEQUENCE_ERROR\n"
+    client.write(NEWER)
+    client.talk("31 01 02 05 > ok\n31 01 02 04 > ok\n" + refused_alike)  # that of the release before
+    booted()
+    client.talk(refused_alike)
+    # The latest test counts, unless it was not begun; none outlives the supply, or another announcement.
+    client.talk("31 01 02 04 > ok")
+    monkeypatch.setattr(client.ecu, "self_test", fails)
+    client.talk("31 01 02 04 > PROGRAMMING_FAILURE\n" + refused_alike)
+    monkeypatch.setattr(client.ecu, "self_test", passes)
+    client.talk("31 01 02 04 00 > INCORRECT_LENGTH\n" + refused_alike + "31 01 02 04 > ok")
+    booted()
+    client.talk(refused_alike + "31 01 02 04 > ok")
+    client.announce(image("another", version=2))
+    client.talk(refused_alike)
+    assert client.ecu.store.state.least_security_version == 1
+    assert client.write(NEWER) == Verdict.GOOD
+    client.talk("31 01 02 05 > ok")
+    booted()
+    # Another session of the same power-on is still the same boot.
+    client.talk("31 01 02 04 > ok\n10 01 > ok")
+    client.programming()
+    client.talk("31 01 02 06 > ok")
+    assert phases(client.ecu.store)[1] is Phase.CONFIRMED and client.ecu.store.state.least_security_version == 2
 
 
 def test_only_the_bytes_that_are_missing_are_taken(client):

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
+from can_bridge.uds.services import LONGEST_ANSWER, Did, Nrc, Routine, Service, Session
 from tests.can_bridge.uds.scripted_ecu import MS, Bench, S, refused
 from tests.examples import examples
 
@@ -188,6 +188,9 @@ def test_reading_and_writing(bench):
     store = Did.STORE.to_bytes(2, "big")
     bench.ecu.values[Did.STORE] = bytes(4092)
     assert bench.ask(0x22, store) == b"\x62" + store + bytes(4092)
+    bench.talk("22 FD 01 F1 8C > RESPONSE_TOO_LONG")
+    bench.ecu.values[Did.STORE] = bytes(LONGEST_ANSWER - 9)
+    assert len(bench.ask(0x22, store + b"\xf1\x8c")) == LONGEST_ANSWER
     bench.ecu.values[Did.STORE] = bytes(4093)
     bench.talk("22 FD 01 > RESPONSE_TOO_LONG")
     bench.ecu.refusals["read"] = Nrc.CONDITIONS_NOT_CORRECT

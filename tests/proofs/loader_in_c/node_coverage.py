@@ -18,12 +18,9 @@ UNREACHED: Final = {
     ("sw_access.c", "level, 0) != SW_STORE_DONE"): "the memory would have to fail between two records of one call",
     ("sw_calibrating.c", "release->weights[i] > most.weights[i]"): "no release here has a weight of more than 1000",
     ("sw_isotp.c", "frame->length > SW_FRAME_BYTES"): "no CAN controller gives such a frame; the fuzzer does",
+    ("sw_isotp.c", "if (end->queue.count == SW_ISOTP_QUEUE || length > room)"): "no request is begun without a place",
     ("sw_node.c", "sw_image_open(image, &numbers) == SW_IMAGE_OK"): "the boot judged the build before",
     ("sw_node.c", "if (now_ns < 0) return 0;"): "no clock here begins before 0; the fuzzer's does",
-    (
-        "sw_programming.c",
-        "if (code == SW_UDS_DONE) node->programming.has_confirmed",
-    ): "the memory would have to fail, or the key to go, in a trial",
 }
 """Branches that nothing leads to, by the text of their line, and why they stand there all the same."""
 

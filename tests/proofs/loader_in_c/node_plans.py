@@ -92,6 +92,21 @@ def story(rng: Random, of: World, steps: int) -> Plan:
         yield b"\x11\x01"
 
 
+def confirmations(of: World) -> Plan:
+    """A first release on trial, with what must come before its confirmation, and what takes that away."""
+    image = of.pool.images["newest"]
+    confirm, test = routine(Routine.CONFIRM), routine(Routine.SELF_TEST)
+    yield from unlocking(Level.PROGRAMMING)
+    yield routine(Routine.ERASE, len(image).to_bytes(4, "big") + hashlib.sha256(image).digest())
+    yield b"\x34\x00\x44" + bytes(4) + len(image).to_bytes(4, "big")
+    for number, at in enumerate(range(0, len(image), 400), start=1):
+        yield bytes([0x36, number]) + image[at : at + 400]
+    yield from each(b"\x37", routine(Routine.CHECK), routine(Routine.ACTIVATE), test, confirm, b"\x11\x01")
+    yield from unlocking(Level.PROGRAMMING)
+    yield from each(confirm, test, lambda program: program.twins.fail(4), test, lambda program: program.twins.fail(0))
+    yield from each(confirm, test, routine(Routine.ERASE, b"\0\0\x10\0" + bytes(32)), confirm, test, confirm, confirm)
+
+
 def edges(rng: Random, of: World) -> Plan:
     """Requests of odd lengths and numbers in any session."""
     yield from rng.choice((unlocking(Level.PROGRAMMING), unlocking(Level.CALIBRATION), each(b"\x10\x01")))

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from tests.proofs.loader_in_c.node_library import QUICK, Library, build, sources
-from tests.proofs.loader_in_c.node_program import play
+from tests.proofs.loader_in_c.node_program import play, play_confirmations
 from tests.proofs.loader_in_c.node_twin import CONFIGS, world
 
 MOST_SEEDS: Final = 150
@@ -15,6 +15,8 @@ PLANTED: Final = (
     ("sw_uds.c", "uds->now_ns + FIRST_PENDING_NS;", "uds->now_ns + NEXT_PENDING_NS;"),
     ("sw_uds.c", "if (uds->session != SW_SESSION_DEFAULT) sw_programming_leave(node);", ""),
     ("sw_uds.c", "sw_access_lock(&node->access);", ""),
+    ("sw_uds.c", "sw_isotp_is_receiving(&node->isotp) || ", ""),
+    ("sw_uds.c", " || sw_isotp_is_sending(&node->isotp)", ""),
     ("sw_access.c", "if (count < SW_ACCESS_ATTEMPTS)", "if (count <= SW_ACCESS_ATTEMPTS)"),
     ("sw_access.c", "if (access->unlocked == level) return 0;", ""),
     ("sw_isotp.c", "end->next_number = (uint8_t)((end->next_number + 1u) % NUMBERS);", "end->next_number++;"),
@@ -27,11 +29,14 @@ PLANTED: Final = (
     ("sw_services.c", "if (is_last) return SW_UDS_DONE;", ""),
     ("sw_services.c", "transfer->state = SW_TRANSFER_CLOSED;", ""),
     ("sw_services.c", "if (number == SW_ROUTINE_ERASE) node->uds.transfer.state = SW_NO_TRANSFER;", ""),
-    ("sw_uds.c", "uds->is_quiet = 0;\n        uds->pending_ns", "uds->pending_ns"),
+    ("sw_uds.c", "uds->is_quiet = 0;\n        uds->is_functional", "uds->is_functional"),
     ("sw_programming.c", "if (code == 0u) code = sw_programming_refusal(", "code = sw_programming_refusal("),
     ("sw_programming.c", "if (code == 0u) code = begun(node, sw_store_revert", "code = begun(node, sw_store_revert"),
     ("sw_programming.c", "node->programming.is_updating = 1;", ""),
     ("sw_programming.c", "node->programming.has_confirmed = 0;", "node->programming.has_confirmed = 1;"),
+    ("sw_programming.c", "if (node->programming.has_passed) code = ", "code = "),
+    ("sw_programming.c", "    node->programming.has_passed = 0;\n", ""),
+    ("sw_self_test.c", "    node->programming.has_passed = 0;\n", ""),
     ("sw_programming.c", "if (is_again) return SW_UDS_DONE;", ""),
     ("sw_calibrating.c", "if (node->drives_jets) return SW_NRC_CONDITIONS_NOT_CORRECT;", ""),
     ("sw_calibrating.c", "if (code == 0u) node->calibrating.working = node->calibrating.release;", ""),
@@ -55,6 +60,8 @@ def noticed(fault: tuple[str, str, str], folder: Path) -> bool:
         # A library that is loaded stays: each needs a name of its own.
         name = next(name for name in map("{}.so".format, count()) if not (folder / kind / name).exists())
         of = world(kind, Library(contents, build(contents, folder / kind, name, (*QUICK, "-Wno-error"))))
+        if play_confirmations(of).differences:
+            return True
         for seed in range(MOST_SEEDS):
             if play(of, seed, 60, trouble=(0.001, 0.02, 0.1)[seed % 3]).differences:
                 return True

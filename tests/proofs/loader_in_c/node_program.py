@@ -10,7 +10,7 @@ from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 from contract.config.diagnosis import CanId
 from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
-from tests.proofs.loader_in_c.node_plans import any_of
+from tests.proofs.loader_in_c.node_plans import Plan, any_of, confirmations
 from tests.proofs.loader_in_c.node_requests import any_noise
 from tests.proofs.loader_in_c.node_twin import MS, Twins, World, as_in_c
 
@@ -27,15 +27,17 @@ class Program:
 
     Args:
         trouble: share of frames and times that are not as they should be.
+        calm: a quick tester, a vehicle that never asks for control, and no release from production.
 
     Attributes:
         requests: how many were sent.
         sent: those of plans, as they stood there.
     """
 
-    def __init__(self, of: World, seed: int | str, *, trouble: float = 0.02) -> None:
+    def __init__(self, of: World, seed: int | str, *, trouble: float = 0.02, calm: bool = False) -> None:
         self._rng = rng = Random(seed)
-        self.twins = Twins(of, first=rng.choice(("one", "one", "one", None)))
+        self.twins = Twins(of, first=None if calm else rng.choice(("one", "one", "one", None)))
+        self._asking = 0.0 if calm else 0.001
         self._of, self._trouble = of, trouble
         self._is_fd = of.config.bus.frames == "fd"
         self._ids, self._to_all, self._to_all_rng = of.config.bus.diagnosis, list[Frame](), Random(f"{seed} to all")
@@ -43,8 +45,8 @@ class Program:
             replace(
                 isotp_settings(of.config.bus, is_tester=True),
                 frame_length=rng.choice((8, 12, 64, 64, 64)) if self._is_fd else 8,
-                block_size=rng.choice((0, 0, 1, 8)),
-                separation_code=rng.choice((0, 0, 1, 0xF3, 0x80, 0xFF)),
+                block_size=0 if calm else rng.choice((0, 0, 1, 8)),
+                separation_code=0 if calm else rng.choice((0, 0, 1, 0xF3, 0x80, 0xFF)),
             )
         )
         self._pace = rng.choice((1, 1, 1, 7))
@@ -54,14 +56,19 @@ class Program:
 
     def run(self, requests: int) -> Twins:
         """So many requests of one plan after another, with noise in between."""
-        sent, rng, of = self.sent, self._rng, self._of
-        plan, answer = any_of(rng, of), None
+        while self.requests < requests and not self.twins.differences:
+            self.follow(any_of(self._rng, self._of), requests)
+        return self.twins
+
+    def follow(self, plan: Plan, requests: int) -> None:
+        """One plan, while no more than so many were sent in all."""
+        sent, rng = self.sent, self._rng
+        answer: bytes | None = None
         while self.requests < requests and not self.twins.differences:
             try:
                 step = plan.send(answer) if answer is not None else next(plan)
             except (StopIteration, TypeError):
-                plan, answer = any_of(rng, of), None
-                continue
+                return
             if not isinstance(step, bytes):
                 step(self)
                 answer = None
@@ -73,7 +80,6 @@ class Program:
                 self.wait(rng.choice(_JUMPS_NS))
             answer = self._ask(step)
             sent.append(step)
-        return self.twins
 
     def control(self, periods: int, asks: bool | None) -> None:
         """So many control periods, with or without pressures that ask for control."""
@@ -117,7 +123,7 @@ class Program:
 
     def _tick(self) -> None:
         twins, rng = self.twins, self._rng
-        if rng.random() < 0.001:
+        if rng.random() < self._asking:
             self._asks = rng.choice((None, False, False, True))
         if twins.now_ns >= twins.due_ns:
             twins.due_ns = max(twins.due_ns + 20 * MS, twins.now_ns - 20 * MS)
@@ -174,6 +180,14 @@ def play(of: World, seed: int | str, requests: int, *, trouble: float = 0.02) ->
     """Both ECUs after a program."""
     with as_in_c(of):
         return Program(of, seed, trouble=trouble).run(requests)
+
+
+def play_confirmations(of: World) -> Twins:
+    """Both ECUs after that plan, from none on."""
+    with as_in_c(of):
+        testing = Program(of, 0, trouble=0.0, calm=True)
+        testing.follow(confirmations(of), 1000)
+        return testing.twins
 
 
 def requests_of(of: World, seeds: range) -> Iterator[bytes]:

@@ -1,7 +1,6 @@
 """One ECU in Python and one in C that are given the same frames at the same times: what both send is compared.
 
-The Python one is `FlashableEcu`, with images for microcontrollers in place of bundles, and with the room for answers
-that C has.
+The Python one is `FlashableEcu`, with images for microcontrollers in place of bundles.
 """
 
 import hashlib
@@ -20,9 +19,7 @@ from can_bridge.flashing.backing import at_once
 from can_bridge.flashing.checking import Rules, fits_as, judge_image
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.uds.refused import Refused
-from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Nrc
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
@@ -33,11 +30,10 @@ from contract.config.vehicle import BenefitCheckConfig, BusConfig, EcuConfig, Se
 from contract.release import controller_image, key_list, signing
 from contract.release.checks import Bundle, dbc_sha256
 from contract.release.controller_image import ImageFacts
-from firmware_sim.ecu.flashable import diagnostic_link, power_cycle
+from firmware_sim.ecu.flashable import power_cycle
 from firmware_sim.ecu.flashable.equipment import Equipment
 from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
 from firmware_sim.ecu.flashable.self_test import self_test
-from firmware_sim.in_c.uds_settings import LONGEST_ANSWER, ROOM
 from tests.can_bridge.flashing import plain_backing, releases
 from tests.can_bridge.flashing.plain_backing import PlainBacking
 from tests.can_bridge.flashing.releases import HARDWARE, RELEASE, ROOT, SECOND, STRANGER, keys
@@ -45,6 +41,7 @@ from tests.can_bridge.flashing.store_ecu import KEY, SECRET, Counted
 from tests.firmware_sim.conftest import RecordingController
 from tests.proofs.ecu.hostile_world import small_bundle
 from tests.proofs.loader_in_c.node_library import SLOT_BYTES, WANTS_RESET, Host, Library
+from tests.proofs.loader_in_c.store_library import opens
 
 UNCHECKED: Final = EcuConfig(
     sensor_check=SensorCheckConfig(enabled=False), benefit_check=BenefitCheckConfig(enabled=False)
@@ -97,10 +94,12 @@ def world(kind: str, library: Library) -> World:
     config = CONFIGS[kind]
     bundle = small_bundle(config)
 
-    def image(name: str, version: int = 1, key: Any = RELEASE, length: int = 6000, **changes: Any) -> bytes:
+    def image(
+        name: str, version: int = 1, key: Any = RELEASE, length: int = 6000, first: bytes = b"", **changes: Any
+    ) -> bytes:
         found = facts(config, name, version, **changes)
         booted = replace(bundle, digest=found.digest.hex())
-        return controller_image.seal(library.payload(booted, length), found, key)
+        return controller_image.seal(first + library.payload(booted, length)[len(first) :], found, key)
 
     good = image("newest", 3, length=9001)
     images = {
@@ -116,6 +115,7 @@ def world(kind: str, library: Library) -> World:
         "of another dbc": image("dbc", 2, dbc=bytes(32)),
         "of another period": image("period", 2, period_ns=1),
         "of another vehicle": image("vehicle", 2, sensors=5),
+        "that does not open": image("closed", 2, first=b"\xff"),
         "altered": good[:-1] + b"!",
         "altered header": good[:150] + b"!" + good[151:],
         "no image": bytes(5000),
@@ -143,35 +143,19 @@ def may_run(of: World, image: bytes) -> bool:
 def checked(image: bytes, rules: Rules, *, of: World) -> tuple[Verdict, Bundle | None]:
     """The verdict on an image for microcontrollers, and its release as a bundle."""
     fits = fits_as(controller_image.seal(b"", facts(of.config, "vehicle"), None))
-    verdict, found = judge_image(image, replace(rules, fits=fits), layout=LAYOUT)
+    verdict, found = judge_image(image, replace(rules, fits=fits), layout=LAYOUT, opens=opens)
     if found is None:
         return verdict, None
     manifest = replace(of.bundle.manifest, name=found.name, security_version=found.security_version)
     return verdict, Bundle(manifest=manifest, files={}, digest=found.digest, signer=found.signer)
 
 
-class _Server(UdsServer):
-    def _read(self, body: bytes) -> bytes:
-        answer = super()._read(body)
-        if 1 + len(answer) > LONGEST_ANSWER:
-            raise Refused(Nrc.RESPONSE_TOO_LONG)
-        return answer
-
-
-class _Endpoint(Endpoint):
-    def send(self, message: bytes) -> bool:
-        used = len(self._transmission._message) + sum(map(len, self._to_send))
-        return used + len(message) <= ROOM and super().send(message)
-
-
 @contextmanager
 def as_in_c(of: World) -> Iterator[None]:
-    """The Python ECU with images for microcontrollers, the services that C has, and its room for answers."""
+    """The Python ECU with images for microcontrollers."""
     with ExitStack() as stack:
         for module, name, value in (
             (power_cycle, "Store", partial(Store, check=partial(checked, of=of))),
-            (power_cycle, "UdsServer", _Server),
-            (diagnostic_link, "Endpoint", _Endpoint),
             (plain_backing, "CLEAR_PIECES", 3),
             (power_cycle, "self_test", _self_test),
         ):

@@ -22,6 +22,7 @@ from tests.proofs.loader_in_c.store_library import (
     ONE,
     SLOT_BYTES,
     WRONG,
+    opens,
     resigned,
     rules,
 )  # fmt: skip
@@ -82,7 +83,7 @@ def fuzz(program: Path, seed: int, count: int) -> tuple[Counter[str], list[str]]
     counts, different = Counter[str](), list[str]()
     for one, in_c in zip(made, done.stdout, strict=True):
         is_judged = 0 < len(one) <= SLOT_BYTES
-        verdict = checking.judge_image(one, given, layout=LAYOUT)[0] if is_judged else _OUT_OF_RANGE
+        verdict = checking.judge_image(one, given, layout=LAYOUT, opens=opens)[0] if is_judged else _OUT_OF_RANGE
         counts[Verdict(verdict).name if is_judged else "refused"] += 1
         if verdict != in_c:
             different.append(f"{verdict} in Python, {in_c} in C: {one[:512].hex()}")

@@ -51,10 +51,17 @@ def sources() -> dict[str, bytes]:
     return found | {TWIN: Path(__file__).with_name("c").joinpath(TWIN).read_bytes()}
 
 
-def image(name: str, length: int = 900, *, key: Ed25519PrivateKey | None = RELEASE, **changes: Any) -> bytes:
+def opens(payload: bytes) -> bool:
+    """What the stub of `sw_image_open` in `store_twin.c` takes, and that of `node_host.c`."""
+    return payload[:1] != b"\xff"
+
+
+def image(
+    name: str, length: int = 900, *, key: Ed25519PrivateKey | None = RELEASE, first: bytes = b"", **changes: Any
+) -> bytes:
     """A small release, with its name's hash for its digest."""
     digest = hashlib.sha256(name.encode()).digest()
-    payload = (digest * (length // 32 + 1))[:length]
+    payload = first + (digest * (length // 32 + 1))[len(first) : length]
     return seal(payload, replace(FACTS, **{"name": name, "digest": digest, **changes}), key)
 
 
@@ -85,6 +92,7 @@ WRONG: Final = {
     "reserved": resigned(ONE, 330, b"\1"), "name": resigned(ONE, 256, b"\0"), "control": resigned(ONE, 256, b"\x1b"),
     "gap": resigned(ONE, 257, b"\0"), "DEL": resigned(ONE, 258, b"\x7f"), "hardware gap": resigned(ONE, 193, b"\0"),
     "hardware zeros": resigned(ONE, 192, b"\0"), "full": resigned(ONE, 256, b"n" * 64), "sha": resigned(ONE, 16, b"\0"),
+    "closed": image("x", first=b"\xff"), "closed and old": image("x", first=b"\xff", security_version=0),
     "no point": ONE[:416] + b"\2" + bytes(31) + ONE[448:],
 }  # fmt: skip
 assert controller_image.read(ONE).facts == FACTS
@@ -105,6 +113,7 @@ class Library:
     def __init__(self, path: Path) -> None:
         text = b"".join(content for name, content in sources().items() if name in _BOUND)
         self.ffi: Any = cffi.FFI()
+        self.ffi.cdef("typedef void *sw_store_opens;")
         for found in _FUNCTION.findall(text.decode()):
             self.ffi.cdef(_STRUCTURE.sub(lambda match: "int" if match[1] else "void ", found) + ";")
         self.c = self.ffi.dlopen(str(path))

@@ -29,6 +29,7 @@ from tests.proofs.loader_in_c.store_library import (
     WORD,
     WRONG,
     Library,
+    opens,
     rules,
 )
 
@@ -227,7 +228,7 @@ class Pair:
             raise PowerCut
         if has_lost:
             self._take_over()
-        check = partial(checking.judge_image, layout=LAYOUT)
+        check = partial(checking.judge_image, layout=LAYOUT, opens=opens)
         fits = checking.fits_as(ONE)
         self.store = Store(self.flash, root=public_key(ROOT), hardware=HARDWARE, fits=fits, check=check)
 

@@ -1,6 +1,7 @@
 """The node in C against the flashable ECU: the same frames at the same times; faults that are planted are noticed."""
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -15,17 +16,20 @@ from can_bridge.flashing.checking import Rules
 from can_bridge.flashing.remembered import Remembered
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.store import Store
+from can_bridge.isotp import control_info
 from can_bridge.uds import security
 from can_bridge.uds.programming import Programming
 from can_bridge.uds.security import SecurityAccess
+from can_bridge.uds.services import Session
+from can_bridge.wire.frame import Frame
 from tests.proofs.ecu_in_c.branch_coverage import is_possible
 from tests.proofs.loader_in_c.node_coverage import missed
 from tests.proofs.loader_in_c.node_fuzz import SANITISED, VIOLATIONS, corpus, fuzz
-from tests.proofs.loader_in_c.node_library import Library, build, sources
+from tests.proofs.loader_in_c.node_library import SESSION, Library, build, sources
 from tests.proofs.loader_in_c.node_planted import PLANTED, noticed
-from tests.proofs.loader_in_c.node_program import play
+from tests.proofs.loader_in_c.node_program import play, play_confirmations
 from tests.proofs.loader_in_c.node_sizes import sizes
-from tests.proofs.loader_in_c.node_twin import CONFIGS, World, world
+from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, Twins, World, as_in_c, world
 
 pytestmark = pytest.mark.compiler
 NIST = {
@@ -86,6 +90,94 @@ def test_both_send_the_same_frames_at_the_same_times(of: World, seeds: int) -> N
         assert played.differences == [], seed
         seen += played.seen
     assert {"50", "51", "62", "67", "71", "74"} <= seen.keys() and seen.total() > 30 * seeds
+
+
+class Listened:
+    """Both ECUs in the extended session, looked at every 10 ms."""
+
+    def __init__(self, of: World) -> None:
+        self.twins, self._bus = Twins(of), of.config.bus
+        self.single(b"\x10\x03")
+
+    def frame(self, data: bytes) -> Frame:
+        to, is_fd = self._bus.diagnosis.request, self._bus.frames == "fd"
+        return Frame(frame_id=to.number, is_extended=to.is_extended, data=data, timestamp_ns=0, is_fd=is_fd)
+
+    def single(self, *requests: bytes) -> list[Frame]:
+        return self.look([self.frame(control_info.single(request)) for request in requests])
+
+    def look(self, frames: Sequence[Frame] = (), looks: int = 1) -> list[Frame]:
+        """The frames in the first look of so many; what was sent in all."""
+        sent = list[Frame]()
+        for number in range(looks):
+            sent += self.twins.service(frames if number == 0 else [])
+            self.twins.now_ns += 10 * MS
+        assert self.twins.differences == []
+        return sent
+
+    @property
+    def lasts(self) -> bool:
+        return self.twins.c.fact(SESSION) == Session.EXTENDED
+
+    def ends_after(self) -> float:
+        """Seconds."""
+        began = self.twins.now_ns
+        while self.lasts:
+            self.look()
+        return (self.twins.now_ns - began) / (1000 * MS)
+
+
+def test_a_session_lasts_while_a_message_is_on_its_way(of: World) -> None:
+    is_fd, whole = of.config.bus.frames == "fd", b"\x36" + bytes(4079)
+    with as_in_c(of):
+        # A request in classic frames as a slow adapter sends them, and in CAN FD ones slower still.
+        for length, looks in ((8, 1), (64, 10)) if is_fd else ((8, 1),):
+            tested, size = Listened(of), length - 1
+            pieces = [whole[at : at + size] for at in range(length - 2, len(whole), size)]
+            rest = [control_info.consecutive(number % 16, piece) for number, piece in enumerate(pieces, start=1)]
+            first = tested.frame(control_info.first(whole, length))
+            sent = [tested.look([frame], looks) for frame in (first, *map(tested.frame, rest))]
+            assert [one[0].data[:4] for one in sent if one] == [b"\x30\0\0\xcc", b"\x03\x7f\x36\x7f"]
+            assert tested.twins.now_ns > 5500 * MS and tested.ends_after() == pytest.approx(5.0, abs=0.15)
+            # One that is not gone on with counts as silence once the next frame is overdue.
+            tested = Listened(of)
+            tested.look([first])
+            assert tested.ends_after() == pytest.approx(6.0, abs=0.05)
+        # An answer whose frames a tester takes one by one, 0.9 s apart.
+        tested = Listened(of)
+        (first,) = tested.single(b"\x22" + (5 if is_fd else 3) * b"\xfd\x01")
+        size = int.from_bytes(first.data[:2], "big") & 0xFFF
+        for _ in range(size - len(first.data) + 2, 0, 1 - len(first.data)):
+            assert tested.lasts and len(tested.look([tested.frame(b"\x30\x01\0")], looks=90)) == 1
+        assert tested.twins.now_ns > 6000 * MS and tested.lasts
+
+
+def test_no_answer_is_dropped_in_silence(of: World) -> None:
+    """Requests before the answer to another one is on the bus are refused, but for a flood, and none is carried out."""
+    is_fd = of.config.bus.frames == "fd"
+    with as_in_c(of):
+        for count, refused in ((1, 0), (4, 3), (20, 5)):
+            tested = Listened(of)
+            assert [one.data[:2] for one in tested.single(*count * [b"\x22\xfd\x11"])] == [b"\x10\x87"]
+            # Whatever else a tester wants meanwhile; that it is there needs no answer.
+            tested.single(b"\x10\x01", b"\x3e\x80")
+            sent = tested.look([tested.frame(b"\x30\0\0")], looks=9)
+            assert sum(one.data[0] >> 4 == 2 for one in sent) == (2 if is_fd else 19)
+            answers = [one.data[:4] for one in sent if one.data[0] == 3]
+            assert answers == refused * [b"\x03\x7f\x22\x21"] + [b"\x03\x7f\x10\x21"]
+            assert tested.lasts and tested.single(b"\x3e\0")[0].data[:3] == b"\x02\x7e\0"
+        if is_fd:
+            # The longest answer, and one that is longer.
+            assert tested.single(b"\x22" + 6 * b"\xfd\x01")[0].data[:2] == (0x1000 + 1 + 6 * 121).to_bytes(2, "big")
+            assert Listened(of).single(b"\x22" + 7 * b"\xfd\x01")[0].data[:4] == b"\x03\x7f\x22\x14"
+
+
+def test_a_release_is_confirmed_after_its_self_test_alone(of: World) -> None:
+    played = play_confirmations(of)
+    assert played.differences == []
+    assert [slot.phase for slot in played.python.store.state.slots] == [Phase.CONFIRMED, Phase.FILLING]
+    # For the boot before, without a test, after one that failed, behind another announcement; then twice.
+    assert (played.seen["7f 3124"], played.seen["7f 3172"]) == (4, 1)
 
 
 @pytest.mark.parametrize("faults", [PLANTED[1:3], pytest.param(PLANTED, marks=pytest.mark.proofs)])

@@ -308,13 +308,28 @@ uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
     return length;
 }
 
+int sw_isotp_is_receiving(const sw_isotp *end) { return end->wanted > 0u; }
+
+int sw_isotp_is_sending(const sw_isotp *end) { return end->state != IDLE || end->queue.count > 0u; }
+
+int sw_isotp_is_full(const sw_isotp *end) { return end->queue.count + SW_ISOTP_KEPT >= SW_ISOTP_QUEUE; }
+
+/* Bytes of the message under way, and of those that wait. */
+static uint32_t used(const sw_isotp_queue *queue)
+{
+    uint32_t bytes = queue->under_way;
+    for (uint32_t i = 0; i < queue->count; i++) bytes += queue->lengths[i];
+    return bytes;
+}
+
+int sw_isotp_is_occupied(const sw_isotp *end) { return used(&end->queue) > SW_ISOTP_BESIDE; }
+
 uint8_t *sw_isotp_place(sw_isotp *end, uint32_t *room)
 {
     sw_isotp_queue *queue = &end->queue;
-    uint32_t used = queue->under_way;
-    for (uint32_t i = 0; i < queue->count; i++) used += queue->lengths[i];
-    *room = SW_ISOTP_ROOM - used;
-    return &queue->bytes[used];
+    const uint32_t place = used(queue);
+    *room = SW_ISOTP_ROOM - place;
+    return &queue->bytes[place];
 }
 
 void sw_isotp_send(sw_isotp *end, uint32_t length)

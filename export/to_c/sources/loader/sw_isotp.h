@@ -67,6 +67,16 @@ uint32_t sw_isotp_functional(const sw_frame *frame, uint8_t message[SW_FRAME_BYT
  */
 uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame);
 
+/* Whether a message is on its way to us, or one of ours is not on the bus as a whole. */
+int sw_isotp_is_receiving(const sw_isotp *end);
+int sw_isotp_is_sending(const sw_isotp *end);
+
+/* Whether messages that are not on the bus as a whole have more bytes than may stand beside the longest one. */
+int sw_isotp_is_occupied(const sw_isotp *end);
+
+/* Whether so many messages wait that only SW_ISOTP_KEPT more find a place: those of a request that is worked on. */
+int sw_isotp_is_full(const sw_isotp *end);
+
 /* Where the next message to be sent may be written, and how many bytes there are. */
 uint8_t *sw_isotp_place(sw_isotp *end, uint32_t *room);
 

@@ -50,8 +50,12 @@ sw_verdict sw_judge_end(sw_store *store)
     sw_sha256_end(&store->scratch.image.whole, whole);
     sw_sha256_end(&store->scratch.image.payload, payload);
     if (!sw_bytes_equal(whole, standing->sha256, 32)) return SW_VERDICT_WRONG_HASH;
-    return sw_release_judge(store->scratch.image.header, standing->length, payload, store->keys, store->rules,
-                            store->state.least_security_version);
+    const sw_verdict verdict = sw_release_judge(store->scratch.image.header, standing->length, payload, store->keys,
+                                                store->rules, store->state.least_security_version);
+    if (verdict != SW_VERDICT_GOOD) return verdict;
+    /* Read in place, as it will run: every word of it was readable. */
+    const uint8_t *image = &store->flash->memory[sw_slots_address(store->slot)];
+    return store->opens(image) ? SW_VERDICT_GOOD : SW_VERDICT_WRONG_BUILD;
 }
 
 sw_verdict sw_judge_slot(sw_store *store, uint32_t slot)

@@ -8,6 +8,13 @@
 
 /* --- Boot --- */
 
+/* Whether this build can run it. */
+static int opens(const uint8_t *image)
+{
+    sw_numbers numbers;
+    return sw_image_open(image, &numbers) == SW_IMAGE_OK;
+}
+
 /* The ECU of the booted image; without one, an ECU that stays shut. */
 static void start_ecu(sw_node *node)
 {
@@ -32,7 +39,7 @@ int sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *f
     node->equipment = equipment;
     sw_isotp_init(&node->isotp, message);
     sw_uds_init(&node->uds);
-    sw_store_open(&node->store, flash, equipment->rules);
+    sw_store_open(&node->store, flash, equipment->rules, opens);
     sw_store_boot(&node->store);
     sw_faults_open(node);
     start_ecu(node);
@@ -82,7 +89,9 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
 
 /* --- Diagnosis --- */
 
-/* Requests that have come whole, SW_ISOTP_QUEUE of them at most. Returns how many. */
+/* Requests that have come whole, SW_ISOTP_QUEUE of them at most, and of a flood those that still find a place for their
+ * answer. Returns how many.
+ */
 static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
 {
     uint8_t message[SW_FRAME_BYTES];
@@ -92,8 +101,10 @@ static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *fra
         const uint32_t functional = sw_isotp_functional(&frames_in[i], message);
         const uint32_t length = functional > 0u ? functional : sw_isotp_receive(&node->isotp, now_ns, &frames_in[i]);
         if (length == 0u || requests == SW_ISOTP_QUEUE) continue;
-        sw_uds_request(node, now_ns, functional > 0u ? message : node->isotp.message, length, functional > 0u);
         requests++;
+        if (!sw_isotp_is_full(&node->isotp)) {
+            sw_uds_request(node, now_ns, functional > 0u ? message : node->isotp.message, length, functional > 0u);
+        }
     }
     return requests;
 }
@@ -106,6 +117,7 @@ int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
     if (node->wants_reset) return 0;
     node->service_ns = time_ns;
     sw_faults_settle(node);
+    sw_uds_look(node, time_ns);
     const int looked_at = count < (int)SW_MOST_FRAMES ? count : (int)SW_MOST_FRAMES;
     const uint32_t requests = take_requests(node, time_ns, frames_in, looked_at);
     /* A request that begins long work has done its first piece; those that come amid it do none. */

@@ -159,17 +159,21 @@ static uint8_t announce(sw_node *node, const uint8_t *option, sw_answer *answer)
     const uint8_t code = sw_node_refusal(node);
     if (code != 0u) return code;
     node->programming.is_updating = 1;
+    node->programming.has_passed = 0;
     node->programming.has_confirmed = 0;
     return begun(node, sw_store_announce(&node->store, sw_number(option, 4), &option[4]), answer);
 }
 
-/* A tester that confirms what does not run on trial takes another release for its own. */
+/* A tester that confirms what does not run on trial takes another release for its own; and none stays that did not pass
+ * its self-test since this boot.
+ */
 static uint8_t confirm(sw_node *node)
 {
     const sw_store *store = &node->store;
     uint8_t code = SW_UDS_DONE;
     if (store->running != SW_NO_SLOT && store->state.slots[store->running].phase == SW_PHASE_TRIAL) {
-        code = sw_programming_refusal(sw_store_confirm(&node->store));
+        code = SW_NRC_SEQUENCE_ERROR;
+        if (node->programming.has_passed) code = sw_programming_refusal(sw_store_confirm(&node->store));
         if (code == SW_UDS_DONE) node->programming.has_confirmed = 1;
     } else if (!node->programming.has_confirmed) {
         code = SW_NRC_SEQUENCE_ERROR;

@@ -19,6 +19,7 @@ extern "C" {
 
 typedef struct {
     uint8_t is_updating;   /* an image was announced since power-on: the jets stay shut until a reset */
+    uint8_t has_passed;    /* the release that runs passed its latest self-test, since the last announcement */
     uint8_t has_confirmed; /* the release on trial was, since the last announcement */
     uint8_t has_keys;      /* whether a key list was taken */
     uint8_t keys_digest[SW_BLOCK_DIGEST_BYTES]; /* its SHA-256, to acknowledge it again */

@@ -30,7 +30,7 @@ typedef enum {
     SW_VERDICT_TOO_OLD = 12,
     SW_VERDICT_UNREADABLE = 13,
     SW_VERDICT_EMPTY = 14,
-    SW_VERDICT_WRONG_BUILD = 15, /* judged behind WRONG_DBC */
+    SW_VERDICT_WRONG_BUILD = 15, /* judged behind WRONG_DBC; and last, of an image that sw_image_open refuses */
     SW_VERDICT_NONE = 0xff       /* not judged yet */
 } sw_verdict;
 
@@ -54,7 +54,7 @@ typedef struct {
 } sw_release_facts;
 
 /* Judge the header of an image of `length` bytes, its payload's SHA-256 being as given, by a key list. WRONG_HASH,
- * INCOMPLETE, UNREADABLE and EMPTY are for the caller to find.
+ * INCOMPLETE, UNREADABLE and EMPTY are for the caller to find, and whether the build can run the payload.
  */
 sw_verdict sw_release_judge(const uint8_t header[SW_HEADER_BYTES], uint32_t length, const uint8_t payload_sha256[32],
                             const uint8_t *keys, const sw_rules *rules, uint32_t least_security_version);

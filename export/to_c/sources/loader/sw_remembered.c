@@ -9,10 +9,11 @@
 
 static const uint8_t magic[MAGIC] = {'S', 'W', 'C', '1'};
 
-void sw_store_open(sw_store *store, const sw_flash *flash, const sw_rules *rules)
+void sw_store_open(sw_store *store, const sw_flash *flash, const sw_rules *rules, sw_store_opens opens)
 {
     store->flash = flash;
     store->rules = rules;
+    store->opens = opens;
     store->reason = SW_BOOT_NONE;
     store->verdicts[0] = SW_VERDICT_NONE;
     store->verdicts[1] = SW_VERDICT_NONE;

@@ -51,6 +51,7 @@ static int runs(sw_ecu *ecu, float amplitude, float most)
 uint8_t sw_self_test(sw_node *node, sw_answer *answer)
 {
     sw_uds *uds = &node->uds;
+    node->programming.has_passed = 0;
     if (!sw_node_has_release(node)) return SW_NRC_CONDITIONS_NOT_CORRECT;
     uds->work = sw_self_test;
     uds->piece++;
@@ -63,6 +64,7 @@ uint8_t sw_self_test(sw_node *node, sw_answer *answer)
         return runs(&node->ecu, AMPLITUDE, node->calibrating.release.action_limit) ? SW_UDS_MORE : SW_NRC_PROGRAMMING_FAILURE;
     default:
         sw_answer_bytes(answer, uds->head, sizeof uds->head);
+        node->programming.has_passed = 1;
         return SW_UDS_DONE;
     }
 }

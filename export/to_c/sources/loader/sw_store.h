@@ -89,9 +89,13 @@ typedef union {
     } next;
 } sw_scratch;
 
+/* Whether the build can run an image that stands in the flash, every other check of it passed. */
+typedef int (*sw_store_opens)(const uint8_t *image);
+
 typedef struct {
     const sw_flash *flash;
     const sw_rules *rules;
+    sw_store_opens opens;
     sw_records records;
     sw_store_state state; /* as it is kept; read it, never write it */
     uint8_t keys[SW_KEY_LIST_BYTES]; /* the key list, as it was signed; zeros: this ECU has none, and takes nothing */
@@ -107,8 +111,8 @@ typedef struct {
     sw_scratch scratch;
 } sw_store;
 
-/* Find what is kept, after power-on. `flash` and `rules` stay in use. */
-void sw_store_open(sw_store *store, const sw_flash *flash, const sw_rules *rules);
+/* Find what is kept, after power-on. All that is given stays in use. */
+void sw_store_open(sw_store *store, const sw_flash *flash, const sw_rules *rules, sw_store_opens opens);
 
 /* Choose an image and check all of it; a boot on trial is counted before it. Takes the time of one or two images. */
 void sw_store_boot(sw_store *store);

@@ -53,6 +53,13 @@ static void end_silent_session(sw_node *node)
     }
 }
 
+void sw_uds_look(sw_node *node, int64_t now_ns)
+{
+    see_time(node, now_ns);
+    if (sw_isotp_is_receiving(&node->isotp) || sw_isotp_is_sending(&node->isotp)) node->uds.heard_ns = node->uds.now_ns;
+    end_silent_session(node);
+}
+
 static void send_negative(sw_node *node, uint32_t service, uint32_t code)
 {
     sw_answer answer = {0};
@@ -113,8 +120,7 @@ void sw_uds_request(sw_node *node, int64_t now_ns, uint8_t *request, uint32_t le
     sw_uds *uds = &node->uds;
     sw_answer answer;
     see_time(node, now_ns);
-    end_silent_session(node);
-    if (sw_uds_is_busy(uds)) {
+    if (sw_uds_is_busy(uds) || sw_isotp_is_occupied(&node->isotp)) {
         const int is_presence = length == 2u && request[0] == SW_SERVICE_TESTER_PRESENT && request[1] == SUPPRESS;
         if (!is_presence) send_negative(node, request[0], SW_NRC_BUSY_REPEAT_REQUEST);
         return;
@@ -137,7 +143,6 @@ void sw_uds_tick(sw_node *node, int64_t now_ns)
         uds->reset_is_due = 0;
         node->wants_reset = 1;
     }
-    end_silent_session(node);
     if (uds->service == 0u) return;
     if (uds->now_ns >= uds->pending_ns) {
         /* A tester that received response-pending waits for the answer, even if it wanted none. */

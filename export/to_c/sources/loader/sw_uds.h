@@ -66,7 +66,14 @@ void sw_uds_init(sw_uds *uds);
 /* Whether a request or a reset is under way: sw_uds_tick goes on with it. */
 int sw_uds_is_busy(const sw_uds *uds);
 
-/* Takes a whole request of `length` bytes, 1 or more, perhaps one to every ECU, and does the first piece of it. */
+/* At the beginning of each look at diagnosis: a session ends in which no tester was heard for S3. While a message is on its
+ * way, in either direction, and while a request is worked on, the tester is there (ISO 14229-2).
+ */
+void sw_uds_look(sw_node *node, int64_t now_ns);
+
+/* Takes a whole request of `length` bytes, 1 or more, perhaps one to every ECU, and does the first piece of it. One that
+ * comes before a long answer to another one is on the bus is not begun: the tester has to send it again.
+ */
 void sw_uds_request(sw_node *node, int64_t now_ns, uint8_t *request, uint32_t length, int is_functional);
 
 /* Goes on with what is under way: one piece of it, or the reset that was answered before. Call it at least every 20 ms

@@ -55,6 +55,7 @@ def test_without_a_release_it_reports_that_and_can_be_flashed(tmp_path: Path) ->
     rig.request = False
     rig.run(1100)
     rig.programming()
+    rig.good(SELF_TEST)
     rig.good(CONFIRM_ROUTINE)
     rig.run(100)
     assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
@@ -74,6 +75,7 @@ def test_a_release_is_written_tried_and_confirmed(rig: Rig) -> None:
     assert rig.statuses[-1].bundle_hash == hash_of(image("second"))
     assert rig.statuses[-1].reason is not Reason.UPDATING
     rig.programming()
+    rig.good(SELF_TEST)
     rig.good(CONFIRM_ROUTINE)
     rig.power_on()
     rig.run(50)

@@ -1,5 +1,6 @@
 """A release that computes nonsense is not confirmed; one that does not load here is not even activated."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,13 +8,16 @@ import pytest
 
 from can_bridge.flashing.verdicts import Verdict
 from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig, SpeedConfig
+from contract.controller.estimator import ESTIMATOR
 from contract.controller.interface import Controller, ControllerError, ControlStep
-from contract.release.checks import Bundle
+from contract.release.checks import CONTROLLER, Bundle
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.ecu.flashable.self_test import self_test
 from firmware_sim.ecu.flashable.vehicle_fit import VehicleFit
 from tests.firmware_sim.conftest import RecordingController
 from tests.firmware_sim.ecu.flashable.vehicle_ecu import (
+    CONFIRM_ROUTINE,
     REVERT,
     SELF_TEST,
     Rig,
@@ -69,6 +73,7 @@ def test_a_release_that_fails_it_is_logged_and_can_be_given_up(tmp_path: Path) -
     rig.programming()
     assert rig.ask(SELF_TEST)[2] == 0x72
     assert rig.log.names()[-1] == "self_test_failed"
+    assert rig.ask(CONFIRM_ROUTINE)[2] == 0x24
     rig.good(REVERT)
     rig.reset()
     assert rig.ecu.boot.bundle is not None
@@ -85,6 +90,13 @@ def test_a_release_for_another_vehicle_is_refused(tmp_path: Path) -> None:
     # One whose graph has other sizes than its manifest states.
     rig = Rig(tmp_path / "ecu", controller_of=OnnxController.of)
     assert rig.write(image("second", window=33)) is Verdict.DAMAGED
+    # One whose estimator is no estimator; and slower speeds than the vehicle's settings can tell from none.
+    fit, bundle = VehicleFit(Config(), OnnxController.of), shipped()
+    assert fit.fits(bundle) is Verdict.GOOD
+    files = {**bundle.files, ESTIMATOR: bundle.files[CONTROLLER]}
+    assert fit.fits(replace(bundle, files=files, digest="1")) is Verdict.DAMAGED
+    wide = Config(ecu=EcuConfig(speed=SpeedConfig(margin=0.7)))
+    assert VehicleFit(wide, OnnxController.of).fits(bundle) is Verdict.WRONG_VEHICLE
 
 
 def test_a_controller_is_made_once_for_check_and_boot(bundle_of) -> None:

@@ -110,6 +110,9 @@ static int read(void *context, uint32_t address, uint8_t *data, uint32_t length)
     return (int)failed;
 }
 
+/* As in node_twin.py; it is read where it stands. */
+static int opens(const uint8_t *image) { return image[SW_HEADER_BYTES] != 0xffu; }
+
 uint32_t twin_bytes(void) { return (uint32_t)sizeof(twin); }
 
 void twin_erased(twin *one, const uint8_t *rules)
@@ -131,7 +134,7 @@ void twin_power_on(twin *one, uint64_t cut_at, uint64_t seed)
     one->worn_at = NEVER;
     one->random = seed;
     one->is_off = 0;
-    sw_store_open(&one->store, &one->flash, &one->rules);
+    sw_store_open(&one->store, &one->flash, &one->rules, opens);
 }
 
 /* The word of the operation with this number is worn. */
