@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from contract.controller.c_folder import ECU_SETTINGS, Settings
+from contract.controller.image_limits import Member, limits_in, wrong_in
 from contract.errors import BundleContainerError
 
 LAYOUT: Final = "sw_layout.h"
@@ -47,10 +48,14 @@ def with_layout(files: Mapping[str, bytes]) -> dict[str, bytes]:
     """The files of a library, with `sw_layout.h` where there is an ECU."""
     if ECU_SETTINGS not in files:
         return dict(files)
-    digest = ", ".join(f"0x{byte:02x}" for byte in sha256_of(layout_of(files)))
+    layout = layout_of(files)
+    digest = ", ".join(f"0x{byte:02x}" for byte in sha256_of(layout))
+    definitions = _definitions(layout)
+    table = ", ".join(limits.in_c for limits in limits_in(members_in(definitions), definitions))
     text = (
-        "/* Generated: the name of this build's layout of a release's numbers. */\n"
-        f"#ifndef SW_LAYOUT_H\n#define SW_LAYOUT_H\n\n#define SW_LAYOUT_SHA256 {{{digest}}}\n\n#endif\n"
+        "/* Generated: the name of this build's layout of a release's numbers, and what they may be. */\n"
+        "#ifndef SW_LAYOUT_H\n#define SW_LAYOUT_H\n\n"
+        f"#define SW_LAYOUT_SHA256 {{{digest}}}\n#define SW_LIMITS {{{table}}}\n\n#endif\n"
     )
     return {**files, LAYOUT: text.encode()}
 
@@ -74,18 +79,49 @@ def layout_in(payload: bytes, sha256: bytes) -> dict[str, str]:
     start = payload.rfind(_TITLE.encode())
     if start < 0 or hashlib.sha256(payload[start:]).digest() != sha256:
         raise BundleContainerError(f"image: no text of its layout {sha256.hex()[:12]} behind its numbers")
-    return dict(line.split(" ", 1) for line in payload[start:].decode().splitlines()[1:])
+    return _definitions(payload[start:].decode())
+
+
+def check_numbers(payload: bytes, sha256: bytes) -> None:
+    """Raise BundleContainerError for a payload that no ECU of the layout of this name opens: one that is too short, or
+    has a number that is no index or no bound (`contract.controller.image_limits`)."""
+    layout = layout_in(payload, sha256)
+    if _starts(layout)[""] > payload.rfind(_TITLE.encode()):
+        raise BundleContainerError(f"image: a payload of {len(payload)} bytes is too short for its layout")
+    wrong = wrong_in(payload, members_in(layout), arrays_in(payload, layout), layout)
+    if wrong is not None:
+        raise BundleContainerError(f"image: {wrong}")
 
 
 def arrays_in(payload: bytes, layout: Mapping[str, str]) -> dict[str, npt.NDArray[Any]]:
     """Every array of a payload by the names of its struct and of itself, such as "weights.window_mean"."""
+    found = {}
+    for name, (kind, sides, place) in members_in(layout).items():
+        values = np.frombuffer(payload, np.dtype(kind).newbyteorder("<"), int(np.prod(sides)), place)
+        found[name] = values.reshape(sides)
+    return found
+
+
+def _definitions(layout: str) -> dict[str, str]:
+    return dict(line.split(" ", 1) for line in layout.splitlines()[1:])
+
+
+def _starts(layout: Mapping[str, str]) -> dict[str, int]:
+    """Where each struct of a payload begins, and the next one would."""
     found, start = {}, 0
-    for struct in _STRUCTS:
-        for member in filter(None, layout.get(f"{struct}_LAYOUT", "").strip('"').split("; ")):
-            name, kind, sides, place = member.split(" ")
-            shape = tuple(map(int, sides.split("x")))
-            values = np.frombuffer(payload, np.dtype(kind).newbyteorder("<"), int(np.prod(shape)), start + int(place))
-            found[f"{struct.removeprefix('SW_').lower()}.{name}"] = values.reshape(shape)
+    for struct in (*_STRUCTS, ""):
+        found[struct] = start
         start += int(layout.get(f"{struct}_BYTES", 0))
         start += -start % int(layout["SW_ALIGNMENT"])
+    return found
+
+
+def members_in(layout: Mapping[str, str]) -> dict[str, Member]:
+    """Every array by the names of its struct and of itself."""
+    found = {}
+    for struct, start in _starts(layout).items():
+        for member in filter(None, layout.get(f"{struct}_LAYOUT", "").strip('"').split("; ")):
+            name, kind, sides, place = member.split(" ")
+            whole = f"{struct.removeprefix('SW_').lower()}.{name}"
+            found[whole] = kind, tuple(map(int, sides.split("x"))), start + int(place)
     return found

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from contract.controller.image_payload import arrays_in, layout_in
+from contract.controller.image_payload import arrays_in, check_numbers, layout_in
 from contract.errors import BundleContainerError, BundleSignerError
 from contract.release.checks import sha256
 from contract.release.controller_image import SUFFIX, ControllerImage, read
@@ -25,7 +25,7 @@ def opened(path: Path, trusted: PublicKey | None = None) -> ControllerImage:
     """The image in a file.
 
     Raises:
-        BundleContainerError: it cannot be read, is damaged, or no image.
+        BundleContainerError: it cannot be read, is damaged, no image, or one that no ECU opens.
         BundleSignatureError: the signature is not that of the key in it.
         BundleSignerError: it is not signed by the key that is to be trusted.
     """
@@ -38,6 +38,7 @@ def opened(path: Path, trusted: PublicKey | None = None) -> ControllerImage:
     if trusted is not None and image.signer != trusted:
         signer = "unsigned" if image.signer is None else f"signed by key {image.signer.fingerprint}"
         raise BundleSignerError(f"{path}: {signer}, must be signed by key {trusted.fingerprint}")
+    check_numbers(image.payload, image.facts.layout)
     return image
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from contract.arrays import Index
 from contract.config.controller import MpcConfig
 from contract.config.operating_point import OperatingPoint
+from contract.controller.image_limits import LEAST_FIGURE, MOST_FIGURE
 from contract.controller.interface import Sizes
 from contract.errors import BundleManifestError, ConfigError
 from contract.printable import MAX_NAME, is_name, quoted, shown
@@ -208,7 +209,7 @@ class Manifest:
             table = getattr(self.sensor_estimator, name)
             if len(table) != count or any(len(row) != count for row in table):
                 yield f"sensor_estimator.{name}: must have {count} rows of {count} values"
-            yield from _not_positive(f"sensor_estimator.{name}:", *(value for row in table for value in row))
+            yield from _no_figure(f"sensor_estimator.{name}:", *(value for row in table for value in row))
         speeds = self.speeds
         if speeds is not None and not 0.1 <= speeds.slowest <= 1.0 <= speeds.fastest <= 10.0:
             yield f"speeds = {speeds.slowest!r}..{speeds.fastest!r}: must hold 1 and lie in 0.1..10"
@@ -248,6 +249,12 @@ def _not_positive(what: str, *values: float) -> Iterator[str]:
             yield f"{what} {value!r}: must be positive and finite"
 
 
+def _no_figure(what: str, *values: float) -> Iterator[str]:
+    for value in values:
+        if not LEAST_FIGURE <= value <= MOST_FIGURE:
+            yield f"{what} {value!r}: must be positive, in {LEAST_FIGURE:g}..{MOST_FIGURE:g} Cp"
+
+
 def _unlike_a_wake(resting: RestingWake) -> Iterator[str]:
     count = len(resting.speeds)
     for name in ("base", "swing"):
@@ -256,8 +263,8 @@ def _unlike_a_wake(resting: RestingWake) -> Iterator[str]:
     yield from _not_positive("resting.speeds:", *resting.speeds)
     if any(after <= before for before, after in pairwise(resting.speeds)):
         yield f"resting.speeds = {resting.speeds!r}: must rise"
-    yield from _not_positive("resting.swing:", *resting.swing)
-    yield from _not_positive("resting.base, of a wake's suction: minus", *(-value for value in resting.base))
+    yield from _no_figure("resting.swing:", *resting.swing)
+    yield from _no_figure("resting.base, of a wake's suction: minus", *(-value for value in resting.base))
 
 
 class Opened(NamedTuple):

@@ -7,7 +7,15 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.config.tree import Config
 from contract.controller.c_folder import ECU_SETTINGS, Settings
-from contract.controller.image_payload import ESTIMATOR, RELEASE, WEIGHTS, layout_of, payload_of, sha256_of
+from contract.controller.image_payload import (
+    ESTIMATOR,
+    RELEASE,
+    WEIGHTS,
+    check_numbers,
+    layout_of,
+    payload_of,
+    sha256_of,
+)
 from contract.errors import LibraryError
 from contract.release.checks import Bundle, dbc_sha256
 from contract.release.controller_image import ImageFacts, seal
@@ -27,7 +35,7 @@ def controller_image(
 ) -> bytes:
     """The image of a verified release, signed if there is a key. Raises LibraryError if the library is without an ECU,
     of another program, or an old one without packed numbers; BundleContainerError if the release has a name that no
-    image can hold. `files` is the release's library with its ECU, and its packed numbers."""
+    image can hold, or a number that no ECU opens. `files` is its library with its ECU, and its packed numbers."""
     manifest = bundle.manifest
     if ECU_SETTINGS not in files or WEIGHTS not in files:
         raise LibraryError(
@@ -48,4 +56,6 @@ def controller_image(
         hardware=manifest.hardware,
         name=manifest.name,
     )
-    return seal(payload_of({**files, RELEASE: release_numbers(bundle, config).packed()}), facts, key)
+    payload = payload_of({**files, RELEASE: release_numbers(bundle, config).packed()})
+    check_numbers(payload, layout)
+    return seal(payload, facts, key)

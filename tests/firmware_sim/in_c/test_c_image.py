@@ -1,15 +1,19 @@
 """A release's numbers in an image: the bytes that the compiler makes of them, and the same ECU in other memory."""
 
+import struct
+import subprocess
 from dataclasses import replace
 from pathlib import Path
+from random import Random
 
 import numpy as np
 import pytest
 
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
-from contract.controller.c_folder import ECU_SETTINGS, Settings
-from contract.controller.image_payload import arrays_in, layout_in, with_layout
+from contract.controller.c_folder import ECU_SETTINGS, Settings, library_sources
+from contract.controller.image_limits import Limits, limits_in
+from contract.controller.image_payload import arrays_in, check_numbers, layout_in, members_in, with_layout
 from contract.errors import BundleContainerError, LibraryError
 from contract.release.bundle import load
 from contract.release.controller_image import HEADER, read
@@ -27,6 +31,7 @@ from export.to_onnx.sensor_estimator import build_estimator
 from firmware_sim.in_c.c_ecu import CEcu
 from firmware_sim.in_c.c_image import controller_image
 from firmware_sim.in_c.c_settings import ecu_settings
+from firmware_sim.in_c.compiler import compile_c, host_compiler
 from tests.export.to_c.ecu.test_estimator import random_network
 from tests.firmware_sim.ecu_in_c import CONFIG, Feed
 
@@ -35,13 +40,15 @@ pytestmark = pytest.mark.compiler
 SHIM = Path(__file__).with_name("c").joinpath("from_image.c").read_bytes()
 DECLARED = "int start(sw_ecu *, const uint8_t *); void places(const sw_ecu *, const void **);"
 PERIODS = 60
+FEW_PERIODS = 38
+"""Into control, too."""
 OK, OTHER_BUILD, MISALIGNED = range(3)
 
 
-def made(kind: str, seed: int):
+def made(kind: str, seed: int, prior_memory: int = 0):
     """Files of a random release of a kind, the release, and the vehicle."""
     config = Config() if kind == "int8" else CONFIG
-    program = random_program(seed, model=MODEL, mpc=MPC)
+    program = random_program(seed, model=MODEL, mpc=MPC, prior_memory=prior_memory)
     windows = random_windows(program, 10)
     if kind == "linear":
         files = linear_c_library(random_linear_program(seed, window=32, mpc=MPC))
@@ -128,3 +135,112 @@ def test_an_image_is_what_the_compiler_makes_and_runs_in_any_build_of_its_layout
         controller_image(others, bundle, config, None)
     with pytest.raises(LibraryError, match="no ECU in C"):
         controller_image({name: text for name, text in files.items() if name != ECU_SETTINGS}, bundle, config, None)
+
+
+SANITISERS = (
+    *("-O1", "-ffp-contract=off", "-fno-sanitize-recover=all"),
+    "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow",
+)
+OPENED = Path(__file__).with_name("c").joinpath("opened_images.c").read_bytes()
+BAD_NUMBERS = 3
+REFUSED = (
+    *(("weights.prior_filter_rows", values) for values in ((140, 1), (3, 2), (-1, 1), (0, 3))),
+    *(("release.resting", values) for values in ((1.0, -0.5, 0.5), (np.nan, -0.5, 0.5), (1.0, np.nan, 0.5))),
+    *(("release.base", (255,)), ("release.pairs", (4,)), ("release.slowest", (0.2,))),
+)
+"""All numbers of an array; those of the constants that it interleaves."""
+
+
+def number(*values: int) -> bytes:
+    return struct.pack(f"<{len(values)}I", *values)
+
+
+class Altered:
+    """An image in order, what its numbers may be, and a program that opens and runs it, altered, under sanitisers."""
+
+    def __init__(self, kind: str, folder: Path) -> None:
+        files, bundle, config = made(kind, 1, prior_memory=4)
+        self.image = controller_image(files, bundle, config, None)
+        found = read(self.image)
+        self._payload, self._layout = found.payload, found.facts.layout
+        layout = layout_in(self._payload, self._layout)
+        self.limits = list(limits_in(members_in(layout), layout))
+        self._program = folder / "opened"
+        sources = {**library_sources(files), "opened_images.c": OPENED}
+        compile_c(sources, self._program, compiler=host_compiler(), flags=SANITISERS)
+        periods = list(Feed(config).driven([1.0] * FEW_PERIODS))
+        self._periods = number(len(periods))
+        for now_ns, frames in periods:
+            self._periods += struct.pack("<qI", now_ns, len(frames))
+            for frame in frames:
+                self._periods += struct.pack("<qII", now_ns, frame.frame_id, len(frame.data)) + frame.data
+
+    def opened(self, patches: list[dict[int, bytes]], *, runs: bool = True) -> list[tuple[int, bool]]:
+        """Of each image with other bytes at places of its payload: the answer, and whether its controller ran."""
+        sent = number(len(self.image)) + self.image + (self._periods if runs else number(0))
+        for patch in patches:
+            sent += number(len(patch))
+            for place, content in patch.items():
+                sent += number(HEADER + place, len(content)) + content
+        done = subprocess.run([self._program], input=sent, capture_output=True, check=False)
+        assert (done.returncode, done.stderr[:3000]) == (0, b"")
+        return [(int(status), ran == b"1") for status, ran in (line.split() for line in done.stdout.splitlines())]
+
+    def in_python(self, patch: dict[int, bytes]) -> int:
+        payload = bytearray(self._payload)
+        for place, content in patch.items():
+            payload[place : place + len(content)] = content
+        try:
+            check_numbers(bytes(payload), self._layout)
+        except BundleContainerError:
+            return BAD_NUMBERS
+        return OK
+
+
+def packed(one: Limits, value: float, count: int = 1) -> bytes:
+    return np.full(count, value).astype(np.dtype(one.dtype).newbyteorder("<")).tobytes()
+
+
+def beyond(one: Limits) -> list[float]:
+    """Numbers near the limits, on both sides, and what is none."""
+    near, dtype = (one.least - 1, one.least, one.most, one.most + 1), np.dtype(one.dtype)
+    if dtype.kind == "f":
+        return [*near, np.nan, np.inf, -np.inf, 0.0, -1.0, 1e-40, 1e30]
+    info = np.iinfo(dtype)
+    return [value for value in (*near, info.min, info.max) if info.min <= value <= info.max]
+
+
+@pytest.mark.slow  # compiles with sanitisers, and lives through thousands of periods
+@pytest.mark.parametrize("kind", ["int8", "float32", "linear"])
+def test_no_number_of_an_image_leads_out_of_an_array(kind, tmp_path):
+    altered, random = Altered(kind, tmp_path), Random(kind)
+    assert altered.opened([{}]) == [(OK, True)]
+    # One number at a time: the first of an array, its last one, and one in between.
+    patches = []
+    for one in altered.limits:
+        size = np.dtype(one.dtype).itemsize
+        for group, at in {(0, 0), (one.groups - 1, one.run - 1), (random.randrange(one.groups), one.run // 2)}:
+            place = one.place + group * one.stride + at * size
+            patches += [{place: packed(one, value)} for value in beyond(one)]
+    found = altered.opened(patches, runs=False)
+    assert {status for status, _ in found} == {OK, BAD_NUMBERS}
+    assert [status for status, _ in found] == [altered.in_python(patch) for patch in patches]
+    # Whole arrays at their limits, one after another and many together: none is refused, and all can be run.
+    whole = [
+        {one.place + group * one.stride: packed(one, value, one.run) for group in range(one.groups)}
+        for one in altered.limits
+        for value in (one.least, one.most)
+        if not any(name in one.name for name in ("filter_rows", "resting", "slowest"))
+    ]
+    for _ in range(12):
+        whole.append({place: text for one in random.sample(whole, 6) for place, text in one.items()})
+    assert {status for status, _ in altered.opened(whole)} == {OK}
+    assert {altered.in_python(patch) for patch in whole} == {OK}
+    # By name, and what numbers within their limits are not together.
+    for name, values in REFUSED:
+        rows = zip((one for one in altered.limits if one.name == name), values, strict=False)
+        places = ((one, value, one.place + k * one.stride) for one, value in rows for k in range(one.groups))
+        patch = {place: packed(one, value, one.run) for one, value, place in places}
+        expected = BAD_NUMBERS if patch else OK
+        assert (altered.opened([patch])[0][0], altered.in_python(patch)) == (expected, expected), (name, values)
+    assert any("filter_rows" in one.name for one in altered.limits) is (kind != "linear")

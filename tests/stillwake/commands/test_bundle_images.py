@@ -68,6 +68,8 @@ def test_what_two_images_differ_in_is_named(tmp_path, cli, refused, monkeypatch)
     shown = cli("bundle", "inspect", one).out
     assert re.search(r"sensors +│ left, right", shown) and re.search(r"control period +│ 20 ms", shown)
     assert "must be signed by" in refused("bundle", "inspect", one, "--trust", "project")
+    other.write_bytes(image_of(first=float("nan"), key=KEY))
+    assert "image: release.fast holds nan: must be in -1" in refused("bundle", "inspect", other)
     other.write_bytes(image_of()[:-1])
     with pytest.raises(BundleContainerError, match="bytes states"):
         opened(other)

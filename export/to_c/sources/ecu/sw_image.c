@@ -1,5 +1,7 @@
-/* From an image to the numbers in it. */
+/* From an image to the numbers in it, none of which is an index or a bound that it cannot be. */
 #include "sw_image.h"
+
+#include "sw_ecu_parts.h"
 
 #define LENGTH 8 /* of the whole image, 4 bytes */
 #define LAYOUT 48
@@ -8,10 +10,125 @@
 
 const uint8_t sw_layout_sha256[32] = SW_LAYOUT_SHA256;
 
+/* What numbers of a payload may be: `groups` of `run` numbers each, `stride` bytes apart from the place of the first. */
+typedef struct {
+    uint32_t place, run;
+    uint16_t groups, stride;
+    uint32_t type;
+    double least, most;
+} sw_limits;
+
+enum { INT8, UINT8, INT32, FLOAT, DOUBLE };
+
+static const sw_limits limits[] = SW_LIMITS;
+
 static uint32_t length_of(const uint8_t *image)
 {
     const uint8_t *field = &image[LENGTH];
     return (uint32_t)field[0] | ((uint32_t)field[1] << 8) | ((uint32_t)field[2] << 16) | ((uint32_t)field[3] << 24);
+}
+
+/* --- What no number is within --- */
+
+static int int8_within(const int8_t *values, uint32_t count, int32_t least, int32_t most)
+{
+    int within = 1;
+    for (uint32_t i = 0; i < count; i++) within &= (values[i] >= least) & (values[i] <= most);
+    return within;
+}
+
+static int uint8_within(const uint8_t *values, uint32_t count, int32_t least, int32_t most)
+{
+    int within = 1;
+    for (uint32_t i = 0; i < count; i++) within &= (values[i] >= least) & (values[i] <= most);
+    return within;
+}
+
+static int int32_within(const int32_t *values, uint32_t count, int32_t least, int32_t most)
+{
+    int within = 1;
+    for (uint32_t i = 0; i < count; i++) within &= (values[i] >= least) & (values[i] <= most);
+    return within;
+}
+
+static int float_within(const float *values, uint32_t count, float least, float most)
+{
+    int within = 1;
+    for (uint32_t i = 0; i < count; i++) within &= (values[i] >= least) & (values[i] <= most);
+    return within;
+}
+
+static int double_within(const double *values, uint32_t count, double least, double most)
+{
+    int within = 1;
+    for (uint32_t i = 0; i < count; i++) within &= (values[i] >= least) & (values[i] <= most);
+    return within;
+}
+
+static int are_within(const void *values, const sw_limits *of)
+{
+    int within = 0;
+    switch (of->type) {
+    case INT8:
+        within = int8_within((const int8_t *)values, of->run, (int32_t)of->least, (int32_t)of->most);
+        break;
+    case UINT8:
+        within = uint8_within((const uint8_t *)values, of->run, (int32_t)of->least, (int32_t)of->most);
+        break;
+    case INT32:
+        within = int32_within((const int32_t *)values, of->run, (int32_t)of->least, (int32_t)of->most);
+        break;
+    case FLOAT:
+        within = float_within((const float *)values, of->run, (float)of->least, (float)of->most);
+        break;
+    default: /* DOUBLE */
+        within = double_within((const double *)values, of->run, of->least, of->most);
+        break;
+    }
+    return within;
+}
+
+/* --- What numbers within their limits must not be together --- */
+
+/* Filters end within the past, and have as many weights as there are. */
+static int filters_fit(const sw_weights *weights)
+{
+    int fit = 1;
+#if defined(SW_PRIOR_FILTERS)
+    int32_t rows = 0;
+    for (int f = 0; f < SW_PRIOR_FILTERS; f++) {
+        fit &= weights->prior_filter_rows[f][0] + weights->prior_filter_rows[f][1] <= SW_PRIOR_MEMORY;
+        rows += weights->prior_filter_rows[f][1];
+    }
+    fit &= rows == SW_PRIOR_FILTER_ROWS;
+#else
+    (void)weights;
+#endif
+    return fit;
+}
+
+/* Speeds rise, and the past reaches back far enough at the slowest. */
+static int speeds_fit(const sw_release *release)
+{
+    int fit = 1;
+    for (int i = 1; i < SW_RESTING_SPEEDS; i++) fit &= release->resting[i][0] > release->resting[i - 1][0];
+#if SW_PAST > 0
+    const int rows = release->slowest >= 1.0 ? SW_PAST : SW_PAST - 1;
+    fit &= (double)SW_WINDOW / release->slowest <= (double)rows;
+#endif
+    return fit;
+}
+
+static int can_run(const sw_payload *payload)
+{
+    const uint8_t *bytes = (const uint8_t *)payload;
+    int within = 1;
+    for (uint32_t i = 0; i < sizeof limits / sizeof limits[0]; i++) {
+        for (uint32_t group = 0; group < limits[i].groups; group++) {
+            within &= are_within(&bytes[limits[i].place + group * (uint32_t)limits[i].stride], &limits[i]);
+        }
+    }
+    return within && filters_fit(&payload->weights) && speeds_fit(&payload->release);
 }
 
 sw_image_status sw_image_open(const uint8_t *image, sw_numbers *numbers)
@@ -22,6 +139,7 @@ sw_image_status sw_image_open(const uint8_t *image, sw_numbers *numbers)
     if (differing != 0u) return SW_IMAGE_OTHER_BUILD;
     if ((uintptr_t)image % BOUNDARY != 0u) return SW_IMAGE_MISALIGNED;
     const sw_payload *payload = (const sw_payload *)(const void *)&image[SW_IMAGE_HEADER];
+    if (!can_run(payload)) return SW_IMAGE_BAD_NUMBERS;
     numbers->program.weights = &payload->weights;
 #if SW_HOT_BYTES > 0
     numbers->program.hot = &payload->hot;

@@ -33,14 +33,16 @@ typedef struct {
 typedef enum {
     SW_IMAGE_OK = 0,
     SW_IMAGE_OTHER_BUILD = 1, /* its layout, or its length, is not this build's */
-    SW_IMAGE_MISALIGNED = 2   /* it does not stand at a multiple of 64 bytes */
+    SW_IMAGE_MISALIGNED = 2,  /* it does not stand at a multiple of 64 bytes */
+    SW_IMAGE_BAD_NUMBERS = 3  /* one is an index or a bound that it cannot be, or no number */
 } sw_image_status;
 
 /* SHA-256 that names the layout of this build: sizes and types of all numbers, and settings that they depend on. */
 extern const uint8_t sw_layout_sha256[32];
 
-/* Where the numbers of a verified image stand, for sw_ecu_init_of. They are written only if the answer is SW_IMAGE_OK. A
- * board may then copy *numbers->program.hot to faster memory, and point there.
+/* Where the numbers of a verified image stand, for sw_ecu_init_of. They are written only if the answer is SW_IMAGE_OK:
+ * every number was looked at, once, so that none leads out of an array, and none that is divided by is 0. A board may
+ * then copy *numbers->program.hot to faster memory, and point there.
  */
 sw_image_status sw_image_open(const uint8_t *image, sw_numbers *numbers);
 

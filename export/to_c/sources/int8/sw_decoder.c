@@ -32,7 +32,7 @@ static void add_residuals(int32_t *restrict x, const int16_t *restrict elu, int1
                           int32_t factor)
 {
     for (int o = 0; o < SW_DECODER_P; o++) {
-        x[o] += elu[o] * of_elu;
+        x[o] = sw_sum(x[o], elu[o] * of_elu);
         vector[o] = held(sw_scaled(x[o], factor));
     }
 }
@@ -52,8 +52,8 @@ static void decode_steps(sw_workspace *work, int first, int count)
     multiply(s, w->decoder_rows, SW_DECODER_P, SW_LATENT_P, count);
     for (int t = 0; t < count; t++) {
         for (int o = 0; o < SW_DECODER_P; o++) {
-            s->x[t][o] = (int32_t)((float)s->sums[t][o] * w->decoder_channel[o / 8][SW_SCALE][o % 8] +
-                                   w->decoder_channel[o / 8][SW_BIAS][o % 8]);
+            s->x[t][o] = sw_cut((float)s->sums[t][o] * w->decoder_channel[o / 8][SW_SCALE][o % 8] +
+                                w->decoder_channel[o / 8][SW_BIAS][o % 8]);
         }
     }
     for (int t = 0; t < count; t++) round_residuals(s->vector[t], s->x[t], w->residual_factor[0]);

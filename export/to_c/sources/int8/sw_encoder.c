@@ -9,7 +9,7 @@ static inline int32_t gate(const sw_encoder_scratch *e, const sw_weights *w, int
 {
     const int c = number * SW_LSTM_P + k;
     const float (*of)[8] = w->lstm_channel[c / 8];
-    return (int32_t)((float)e->by_row[c] * of[0][c % 8] + (float)e->by_hidden[c] * of[1][c % 8] + of[2][c % 8]);
+    return sw_cut((float)e->by_row[c] * of[0][c % 8] + (float)e->by_hidden[c] * of[1][c % 8] + of[2][c % 8]);
 }
 
 /* c = sigmoid(f) c + sigmoid(i) tanh(g), h = sigmoid(o) tanh(c). */
@@ -69,7 +69,7 @@ void sw_encode(sw_workspace *work, const float window[SW_WINDOW][SW_COLUMNS])
     for (int k = 0; k < SW_HEAD_P; k++) {
         const float y = (float)e->by_hidden[k] * w->head_channel[k / 8][SW_SCALE][k % 8] +
                         w->head_channel[k / 8][SW_BIAS][k % 8];
-        e->vector[k] = sw_elu((int32_t)(y * (float)SW_ELU_ARGUMENT_ONE + (float)SW_ELU_START));
+        e->vector[k] = sw_elu(sw_cut(y * (float)SW_ELU_ARGUMENT_ONE + (float)SW_ELU_START));
     }
     sw_dots(e->by_hidden, w->latent_rows, e->vector, SW_LATENT_P, SW_HEAD_P);
     for (int l = 0; l < SW_LATENT; l++) {

@@ -12,8 +12,11 @@
 static inline int16_t sw_rounded(float value)
 {
     const float magic = 12582912.0f; /* as in sw_exp; these are its bits */
-    return (int16_t)((int32_t)sw_to_bits(value + magic) - 0x4b400000);
+    return (int16_t)(int32_t)(sw_to_bits(value + magic) - 0x4b400000u);
 }
+
+/* The sum of two integers, as an instruction makes it: only numbers that no export writes go beyond 32 bits. */
+static inline int32_t sw_sum(int32_t a, int32_t b) { return (int32_t)((uint32_t)a + (uint32_t)b); }
 
 /* The larger and the smaller of two numbers; if the first is a NaN, the second. */
 #if defined(__ARM_FEATURE_NUMERIC_MAXMIN) || defined(__ARM_FPV5__)
@@ -41,8 +44,11 @@ static inline int32_t sw_scaled(int32_t value, int32_t factor)
 /* start + value factor / 2^16, cut off: one instruction as well. */
 static inline int32_t sw_scaled_on(int32_t start, int32_t factor, int16_t value)
 {
-    return start + (int32_t)(((int64_t)factor * value) >> 16);
+    return sw_sum(start, (int32_t)(((int64_t)factor * value) >> 16));
 }
+
+/* A number cut off to an integer; one beyond is the least or the greatest. */
+static inline int32_t sw_cut(float value) { return (int32_t)sw_fmin(sw_fmax(value, -2147483648.0f), 2147483520.0f); }
 
 /* A factor for sw_scaled; too large a one is the largest. */
 static inline int32_t sw_factor(float value) { return (int32_t)sw_fmin(value * 4294967296.0f, 2147483520.0f); }

@@ -31,7 +31,7 @@ static inline float sw_norm_elu(int32_t *restrict sums, sw_tape_eight *restrict 
     const float variance = sw_float_of(squares) / (float)width - mean * mean;
     const float r = sw_inverse_sqrt(sw_fmax(variance, 0.0f) + layer[SW_LAYER_EPSILON]);
     const float per_unit = r * (SW_XHAT_QMAX * sw_inverse_sqrt((float)width));
-    sw_norm_outputs(sums, tape, hidden, channel, sw_factor(per_unit), (int32_t)(-mean * per_unit), width);
+    sw_norm_outputs(sums, tape, hidden, channel, sw_factor(per_unit), sw_cut(-mean * per_unit), width);
     return r;
 }
 
