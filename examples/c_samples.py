@@ -2,7 +2,7 @@
 
     python -m examples.c_samples build/c
 
-makes `build/c/float32`, `build/c/int8` and `build/c/linear`, which are folders as `stillwake export --c` writes them,
+makes `build/c/float32` and `build/c/int8`, which are folders as `stillwake export --c` writes them,
 and `compile_flags.txt` in each for editors that use clangd. With them in `build/c` the sources open in place, too.
 """
 
@@ -15,13 +15,12 @@ import typer
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.c_folder import COMPILE_FLAGS, EXPECTED, RECORDED, rows_text, write_folder
-from examples.random_programs import random_linear_program, random_program
+from examples.random_programs import random_program
 from export.int8.activation_ranges import activation_ranges
 from export.int8.calibrate import rounded_on
 from export.program.random_windows import random_windows
 from export.to_c.folder_files import documents, replay
 from export.to_c.library import c_library
-from export.to_c.linear_library import linear_c_library
 from firmware_sim.in_c.compiler import STANDARD
 from firmware_sim.in_c.host_library import CController
 
@@ -33,7 +32,6 @@ def main(folder: Annotated[Path, typer.Argument(help="Where to write the samples
     """Write a sample of the C library of each kind."""
     program = random_program(0, model=MODEL, mpc=MPC)
     windows = random_windows(program, 10)
-    linear = random_linear_program(0, window=program.window, mpc=MPC)
     series = np.concatenate(windows[:2]).astype(np.float32).astype(np.float64)
     sliding = [series[k : k + program.window] for k in range(len(series) - program.window + 1)]
     others = {
@@ -43,7 +41,7 @@ def main(folder: Annotated[Path, typer.Argument(help="Where to write the samples
     folder.mkdir(parents=True, exist_ok=True)
     rounded = rounded_on(program, windows)
     int8 = c_library(rounded, activation_ranges(rounded.program, windows))
-    libraries = {"float32": c_library(program), "int8": int8, "linear": linear_c_library(linear)}
+    libraries = {"float32": c_library(program), "int8": int8}
     for kind, library in libraries.items():
         # Window, sensors and horizon are the same for all.
         answers = replay(CController(library, program.sizes), sliding, program.mpc.horizon)

@@ -32,7 +32,6 @@ from stillwake.commands.diagnosis.flash import flash
 from stillwake.commands.diagnosis.flash_keys import flash_keys
 from stillwake.commands.ecu import ecu
 from stillwake.commands.export import export, mcu
-from stillwake.commands.identify import identify
 from stillwake.commands.picture import animate, picture
 from stillwake.commands.plant import develop, steady
 from stillwake.commands.plant_fmu import plant_fmu
@@ -83,7 +82,7 @@ SETTINGS: Final = "Settings of every command"
 
 PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
     CONTROL: (run, report, campaign, vehicle, flash, flash_keys, calibrate, mcu),
-    MODEL: (record, train, refine, identify, export),
+    MODEL: (record, train, refine, export),
     WAKE: (develop, steady, animate, plant_fmu),
     SETTINGS: (config,),
 }

@@ -24,6 +24,20 @@ def test_naive_feedback_compares_with_and_without(monkeypatch, capsys):
     assert len(set(drag)) > 1 and all(0.8 < value < 1.2 for value in drag)
 
 
+@pytest.mark.slow
+def test_the_linear_feedback_is_stable_on_its_model_and_acts_in_the_environment(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["linear_feedback.py", "3"])
+    made = runpy.run_path(str(EXAMPLES / "linear_feedback.py"), run_name="__main__")
+    assert 0.8 < float(capsys.readouterr().out.split()[1]) < 1.2
+    model, gain, size = made["identified"](), made["gain"], 3 * made["MEMORY"]
+    # A history, with the action that the gain decides, becomes the next one.
+    closed = np.vstack([np.eye(size - 3, size, 3), model[:2]]) @ np.vstack([np.eye(size - 1), gain])
+    assert np.abs(np.linalg.eigvals(closed)).max() < 1.0
+    # The wake's own instability, without action: 0.1 e-foldings in t_c, of which a control step has 0.2.
+    free = np.abs(np.linalg.eigvals(np.vstack([np.eye(size - 3, size, 3), model[:2]])[:, :-1])).max()
+    assert 0.0 < np.log(free) / 0.2 < 0.3
+
+
 def test_a_recording_as_csv_is_what_another_solver_would_give(tmp_path, capsys):
     rng, layout = np.random.default_rng(3), layout_of(BodyConfig())
     series = {name: rng.normal(size=(6, len(layout)) if name == "Cp" else 6) for name in UNITS}

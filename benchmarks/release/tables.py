@@ -137,10 +137,10 @@ def _from_phases(results: Path) -> tuple[object, ...]:
 
 
 def _linear(results: Path) -> tuple[object, ...]:
-    """The linear controller identified under the release: the row of its means over phases."""
+    """The linear controller identified under the release, by version 1.0.0: the row of its means over phases."""
     row = next(row for row in read(results / "roads.json")["figures"] if row["road"] == "linear-under-release")
     return (
-        f"a linear controller instead, from {len(row['outcomes'])} starts, mean",
+        f"a linear controller instead (by version 1.0.0), from {len(row['outcomes'])} starts, mean",
         *(row["Cd"], None, *(row[name] for name in ("abs_Cl", "Cd_net", "rms_action", "jet_power"))),
         f"{row['reduction_percent']:.1f} % ({row['least_reduction_percent']:.1f} .. "
         f"{row['most_reduction_percent']:.1f})",

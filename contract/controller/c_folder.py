@@ -87,18 +87,8 @@ class Settings:
             raise LibraryError(f"{SETTINGS}: {name} is {quoted(value)}: must be a whole number of at most nine digits")
         return int(value)
 
-    @property
-    def is_linear(self) -> bool:
-        """Whether it is of a linear controller, which has no networks and no optimiser."""
-        return "SW_DIFFERENCES" in self._found
-
     def multiply_accumulates(self) -> int:
-        """Products of weights in a control step, as the header has them, or by the networks' sizes.
-
-        With networks there is one forward pass more than adjoints.
-        """
-        if self.is_linear:
-            return self.number("SW_PRODUCTS")
+        """Products of weights in a control step: there is one forward pass more than adjoints."""
         sizes = {
             name: self.number(f"SW_{name}")
             for name in ("WINDOW", "SENSORS", "LSTM", "HEAD", "LATENT", "DYN1", "DYN2", "DECODER", "BLOCKS")

@@ -10,23 +10,23 @@
     dataset_sha256, weights_sha256, metrics, ranking, versions
 
 A model of the first schema has no layout: it is the truck's. Tensors are arrays here: `train` makes networks of them,
-`export` a controller program.
+`export` a controller program. safetensors is imported when it is needed: a vehicle imports this package and has none.
 """
 
+import hashlib
+import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from contract.atomic import replacing
 from contract.config.loading import from_tree, to_tree
 from contract.config.tree import Config
-from contract.errors import ConfigError, ModelError
-from contract.model.tensor_folder import WEIGHTS as WEIGHTS
-from contract.model.tensor_folder import FolderKind
-from contract.model.tensor_folder import Tensors as Tensors
+from contract.errors import ConfigError, ModelError, StillwakeError
 from contract.release.manifest import RestingWake, Scaling
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
@@ -36,6 +36,7 @@ SCHEMA: Final = "stillwake-model/2"
 SCHEMA_1: Final = "stillwake-model/1"
 """Still read: a model of the truck's 90 sensors."""
 DESCRIPTION: Final = "model.json"
+WEIGHTS: Final = "model.safetensors"
 TEACHER: Final = "encoder"
 SLIM: Final = "slim"
 PRIOR: Final = "prior"
@@ -46,14 +47,11 @@ PREDICTOR: Final = ("dynamics", "decoder")
 """Networks that a model may hold a second time, narrower, with `SLIM` in front of the name."""
 
 _NETWORKS: Final = (TEACHER, SLIM, PRIOR, *PREDICTOR, *(f"{SLIM}_{name}" for name in PREDICTOR))
+_HASH: Final = "weights_sha256"
+_ENTRIES: Final = ("config", "dataset_sha256", "metrics", "ranking", "scaling", "sensors", "versions", _HASH)
 
-KIND: Final = FolderKind(
-    noun="a model directory",
-    description=DESCRIPTION,
-    schemas=(SCHEMA, SCHEMA_1),
-    entries=("config", "dataset_sha256", "metrics", "ranking", "scaling", "sensors", "versions"),
-)
-check_free, read_description = KIND.check_free, KIND.read_description
+Tensors = Mapping[str, npt.NDArray[Any]]
+"""Arrays by name."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,7 +92,6 @@ class Provenance:
 
     Attributes:
         metrics, versions, config: as the model's description has them.
-        more: what a manifest has with these.
     """
 
     dataset_sha256: str
@@ -102,11 +99,10 @@ class Provenance:
     metrics: Mapping[str, Any]
     versions: Mapping[str, str]
     config: Mapping[str, Any]
-    more: Mapping[str, Any] = field(default_factory=dict)
 
     def training(self) -> dict[str, Any]:
         """What a bundle's manifest has as `provenance`; for the hashes it has fields of their own."""
-        return {**self.more, "metrics": self.metrics, "versions": self.versions, "config": self.config}
+        return {"metrics": self.metrics, "versions": self.versions, "config": self.config}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -159,34 +155,74 @@ class ModelFolder:
         )
 
 
+def check_free(path: Path) -> None:
+    """Raise StillwakeError if writing to `path` would replace anything but a model directory."""
+    if path.exists() and not (path.is_dir() and ((path / DESCRIPTION).is_file() or not any(path.iterdir()))):
+        raise StillwakeError(f"{path}: exists and is not a model directory; choose another place")
+
+
 def write(path: Path, description: Description, tensors: Tensors) -> None:
     """Write the directory, replacing a model that is there. Raises StillwakeError if the place cannot be written or
     holds something that is not a model."""
-    entries = {
+    import safetensors.numpy
+
+    check_free(path)
+    weights = safetensors.numpy.save({key: np.ascontiguousarray(value) for key, value in tensors.items()})
+    body = {
+        "schema": SCHEMA,
         **vars(description),
         "config": to_tree(description.config),
         "scaling": asdict(description.scaling),
         "layout": _layout_tree(description.layout),
+        _HASH: hashlib.sha256(weights).hexdigest(),
     }
-    KIND.write(path, entries, tensors)
+    with replacing(path) as temporary:
+        temporary.mkdir()
+        (temporary / WEIGHTS).write_bytes(weights)
+        text = json.dumps(body, indent=2, allow_nan=False) + "\n"
+        (temporary / DESCRIPTION).write_text(text, encoding="utf-8")
+
+
+def read_description(path: Path) -> dict[str, Any]:
+    """The description, complete and of a schema that is read; raises ModelError if it is not."""
+    try:
+        body = json.loads(_read_bytes(path, DESCRIPTION))
+    except ValueError as error:
+        raise ModelError(f"model {path}: {DESCRIPTION}: not JSON ({error})") from error
+    schema = body.get("schema") if isinstance(body, dict) else None
+    if not isinstance(body, dict) or schema not in (SCHEMA, SCHEMA_1):
+        raise ModelError(f"model {path}: {DESCRIPTION}: schema {schema!r}, this version reads {SCHEMA!r}")
+    for entry in _ENTRIES if schema == SCHEMA_1 else (*_ENTRIES, "layout"):
+        if entry not in body:
+            raise ModelError(f"model {path}: {DESCRIPTION} lacks {entry!r}")
+    return body
 
 
 def read(path: Path) -> ModelFolder:
     """Read and verify a model directory. Raises ModelError if a file is missing, damaged, altered or of another schema,
     or the description does not fit itself; the message names the file and the entry."""
-    body, tensors = KIND.read(path)
-    if body["schema"] == SCHEMA and "layout" not in body:
-        raise ModelError(f"model {path}: {DESCRIPTION} lacks 'layout'")
+    import safetensors
+    import safetensors.numpy
+
+    body, raw = read_description(path), _read_bytes(path, WEIGHTS)
+    if hashlib.sha256(raw).hexdigest() != body[_HASH]:
+        raise ModelError(f"model {path}: {WEIGHTS} was altered (SHA-256 does not match {DESCRIPTION})")
+    try:
+        tensors = safetensors.numpy.load(raw)
+    except (safetensors.SafetensorError, ValueError) as error:
+        raise ModelError(f"model {path}: {WEIGHTS}: not a safetensors file ({error})") from error
     description = _describe(path, body)
     for key in sorted(tensors):
         if key.split(".")[0] not in _NETWORKS:
             raise ModelError(f"model {path}: {WEIGHTS}: unknown tensor {key}")
-    return ModelFolder(
-        description=description,
-        tensors=tensors,
-        weights_sha256=body["weights_sha256"],
-        config_tree=body["config"],
-    )
+    return ModelFolder(description=description, tensors=tensors, weights_sha256=body[_HASH], config_tree=body["config"])
+
+
+def _read_bytes(path: Path, name: str) -> bytes:
+    try:
+        return (path / name).read_bytes()
+    except OSError as error:
+        raise ModelError(f"model {path}: {name} cannot be read ({error.strerror or error})") from error
 
 
 def _layout_tree(layout: SensorLayout) -> dict[str, Any]:

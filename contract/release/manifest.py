@@ -37,8 +37,6 @@ MAX_RESTING: Final = 100
 Precision = Literal["float32", "int8"]
 """Type of the weights; arithmetic is float32 in either `controller.onnx`."""
 PRECISIONS: Final[tuple[Precision, ...]] = get_args(Precision)
-LINEAR: Final = "linear"
-"""`kind` in the provenance of a release whose controller is a linear model and a state feedback."""
 
 _SHA256: Final = re.compile("[0-9a-f]{64}")
 _DATE: Final = re.compile("[0-9]{4}-[0-9]{2}-[0-9]{2}")
@@ -180,11 +178,6 @@ class Manifest:
         """Sizes of the controller, from which the shapes of its interface follow."""
         return Sizes(window=self.window, sensors=len(self.sensors), horizon=self.mpc.horizon)
 
-    @property
-    def is_linear(self) -> bool:
-        """Whether its maker marked the controller as linear: then the cost's weights change no action."""
-        return self.provenance.get("kind") == LINEAR
-
     def __post_init__(self) -> None:
         wrong = next(self._wrong(), None)
         if wrong is not None:
@@ -192,6 +185,8 @@ class Manifest:
 
     def _wrong(self) -> Iterator[str]:
         """What makes no sense, in words."""
+        if self.provenance.get("kind") == "linear":
+            yield "a linear controller, which version 1.0.0 alone takes: examples/linear_feedback.py makes one anew"
         for what, name in (("name", self.name), ("hardware", self.hardware)):
             if name is not None and not is_name(name):
                 yield f"{what} {quoted(name)}: must be 1 to {MAX_NAME} printable characters"

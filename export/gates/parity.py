@@ -17,9 +17,8 @@ from contract.controller.interface import Controller
 from contract.errors import ExportError
 from contract.runtime.onnx_session import OnnxController
 from export.program.controller_program import ControllerProgram
-from export.program.linear_program import LinearProgram
 from export.program.random_windows import random_window
-from export.reference.specification import AnyProgram, specified_step
+from export.reference.mpc import control_step
 
 SPEEDS: Final = (1.0, 0.6, 1.4)
 """Of the vehicle, as ratios to the design speed, at which cases are judged in turn where the program depends on it."""
@@ -32,14 +31,11 @@ class ParityTolerance:
     Attributes:
         move: of an action, as a part of iterations * lr, the way Adam can take it; 2.5e-5 U_inf W at the
             paper's setting.
-        feedback: of an action of a linear controller, as a part of its limit; 7.5e-6 U_inf W at the paper's. Its sums
-            are of some hundred products, and clipping has no branches that rounding could change.
         force: of a predicted Cd or Cl.
         cost: of a term or of J.
     """
 
     move: float = 5e-3
-    feedback: float = 1e-4
     force: float = 1e-4
     cost: float = 1e-4
 
@@ -66,7 +62,7 @@ class ControlCase:
 
 
 def control_cases(
-    program: AnyProgram, windows: Sequence[Array] | None = None, *, count: int = 20, seed: int = 0
+    program: ControllerProgram, windows: Sequence[Array] | None = None, *, count: int = 20, seed: int = 0
 ) -> Iterator[ControlCase]:
     """Control steps with random warm starts, up to a quarter of the plan committed, and, in every second one,
     cost weights off their defaults (all terms switched on).
@@ -93,14 +89,13 @@ def control_cases(
         )
 
 
-def case_speed(program: AnyProgram, number: int) -> float:
+def case_speed(program: ControllerProgram, number: int) -> float:
     """The speed that a case is judged at."""
-    depends = isinstance(program, ControllerProgram) and program.knows_speed
-    return float(np.float32(SPEEDS[number % len(SPEEDS)])) if depends else 1.0
+    return float(np.float32(SPEEDS[number % len(SPEEDS)])) if program.knows_speed else 1.0
 
 
 def check_parity(
-    program: AnyProgram,
+    program: ControllerProgram,
     model: bytes,
     windows: Sequence[Array],
     *,
@@ -111,7 +106,7 @@ def check_parity(
 
 
 def check_lowering(
-    program: AnyProgram,
+    program: ControllerProgram,
     lowering: Controller,
     name: str,
     windows: Sequence[Array],
@@ -128,7 +123,7 @@ def check_lowering(
     tolerance = ParityTolerance() if tolerance is None else tolerance
     differences = []
     for case in control_cases(program, windows):
-        expected = specified_step(program, case.window, case.plan, case.free, case.weights, case.speed)
+        expected = control_step(program, case.window, case.plan, case.free, case.weights, case.speed)
         found = lowering.control_step(case.window, case.plan, case.free, case.weights, case.speed)
         differences.append(
             (
@@ -140,7 +135,7 @@ def check_lowering(
     action, force, cost = (float(value) for value in np.max(differences, axis=0))
     report = ParityReport(cases=len(differences), action=action, force=force, cost=cost)
     for figure, difference, allowed in (
-        ("action", action, _allowed_move(program, tolerance)),
+        ("action", action, tolerance.move * program.mpc.iterations * program.mpc.learning_rate),
         ("force", force, tolerance.force),
         ("cost", cost, tolerance.cost),
     ):
@@ -150,12 +145,6 @@ def check_lowering(
                 f"{name} and reference differ by {difference:.2g} in {figure}, at most {allowed:.2g} is allowed"
             )
     return report
-
-
-def _allowed_move(program: AnyProgram, tolerance: ParityTolerance) -> float:
-    if isinstance(program, LinearProgram):
-        return tolerance.feedback * program.action_limit
-    return tolerance.move * program.mpc.iterations * program.mpc.learning_rate
 
 
 def _as_float32(values: Array) -> Array:

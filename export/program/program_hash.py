@@ -8,27 +8,17 @@ from typing import Any
 import numpy as np
 
 from export.program.controller_program import ControllerProgram
-from export.program.linear_program import LinearProgram
 from export.program.weights import PriorWeights
 
 
-def program_sha256(program: ControllerProgram | LinearProgram) -> str:
+def program_sha256(program: ControllerProgram) -> str:
     """SHA-256, in hex, over every weight as a little-endian float64 with its name, and every setting."""
     digest = hashlib.sha256()
-    tree: dict[str, Any] = {"scaling": asdict(program.scaling), "mpc": asdict(program.mpc)}
-    if isinstance(program, LinearProgram):
-        tree |= {"linear": {"model": program.model, "gain": program.gain}}
-    else:
-        parts = {name: asdict(getattr(program, name)) for name in ("encoder", "dynamics", "decoder")}
-        tree |= parts | {"encoder_rows": program.encoder_rows}
-        if program.prior is not None:
-            tree["prior"] = _of_prior(program.prior)
-    settings = {
-        **tree,
-        "action_limit": program.action_limit,
-        "sensors": program.sensors,
-        "window": program.window,
-    }
+    parts = ("scaling", "mpc", "encoder", "dynamics", "decoder")
+    settings: dict[str, Any] = {name: asdict(getattr(program, name)) for name in parts}
+    settings |= {name: getattr(program, name) for name in ("encoder_rows", "action_limit", "sensors", "window")}
+    if program.prior is not None:
+        settings["prior"] = _of_prior(program.prior)
     digest.update(json.dumps(settings, sort_keys=True, default=_fingerprint).encode())
     return digest.hexdigest()
 

@@ -4,10 +4,9 @@ import numpy as np
 
 from contract.arrays import Array
 from export.program.controller_program import ControllerProgram
-from export.program.linear_program import LinearProgram
 
 
-def random_window(program: ControllerProgram | LinearProgram, rng: np.random.Generator) -> Array:
+def random_window(program: ControllerProgram, rng: np.random.Generator) -> Array:
     """A window (L, S+1) with the roughness of recorded ones: each column a few slow random sines.
 
     Pressures have the mean and spread of the program's scaling, actions stay within its limit.
@@ -20,7 +19,7 @@ def random_window(program: ControllerProgram | LinearProgram, rng: np.random.Gen
     return np.column_stack([pressure, waves[:, -1] * program.action_limit])
 
 
-def random_windows(program: ControllerProgram | LinearProgram, count: int, *, seed: int = 0) -> list[Array]:
+def random_windows(program: ControllerProgram, count: int, *, seed: int = 0) -> list[Array]:
     """So many windows, each by itself: not consecutive ones."""
     rng = np.random.default_rng(seed)
     return [random_window(program, rng) for _ in range(count)]

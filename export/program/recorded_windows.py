@@ -8,11 +8,10 @@ from contract.recording.dataset import Episode
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from export.program.controller_program import ControllerProgram
-from export.program.linear_program import LinearProgram
 
 
 def recorded_windows(
-    program: ControllerProgram | LinearProgram, episode: Episode, count: int, layout: SensorLayout = TRUCK
+    program: ControllerProgram, episode: Episode, count: int, layout: SensorLayout = TRUCK
 ) -> list[Array]:
     """The episode's last `count` windows (L, S+1), consecutive ones, with rows (Cp_k, a_{k-1}).
 

@@ -16,7 +16,6 @@ import numpy as np
 
 from contract.arrays import Array
 from export.program.weights import PriorWeights
-from export.reference.history import history_of
 
 
 def prior_plan(
@@ -49,5 +48,7 @@ def past_of(window: Array, memory: int) -> tuple[Array, Array]:
 
     The window does not hold the oldest of them, which is taken to be like the one after it.
     """
-    rows = history_of(window[-memory:])
+    newest = window[-memory:]
+    # Each pressure's row has the action before it. The last action is not decided yet.
+    rows = np.column_stack([newest[:, :-1:2] - newest[:, 1:-1:2], np.append(newest[1:, -1], 0.0)])
     return np.vstack([rows[:1], rows[:-1]]), rows[-1, :-1]

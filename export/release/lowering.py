@@ -9,13 +9,9 @@ from export.int8.activation_ranges import activation_ranges
 from export.int8.calibrate import rounded_on
 from export.int8.rounded_program import Program, RoundedProgram, effective, precision_of
 from export.program.controller_program import ControllerProgram
-from export.program.linear_program import LinearProgram
 from export.program.program_hash import program_sha256
-from export.reference.specification import AnyProgram
 from export.to_c.library import c_library
-from export.to_c.linear_library import linear_c_library
 from export.to_onnx.control_step import build_controller
-from export.to_onnx.linear_step import build_linear_controller
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,18 +19,18 @@ class Lowered:
     """What stands to be written, once it has passed its gates. `library` is the C library's files by name; None where
     none was asked for."""
 
-    program: Program | LinearProgram
+    program: Program
     graph: bytes
     library: Mapping[str, bytes] | None = None
 
     @property
-    def effective(self) -> AnyProgram:
+    def effective(self) -> ControllerProgram:
         """What the lowerings compute, as the reference takes it."""
-        return self.program if isinstance(self.program, LinearProgram) else effective(self.program)
+        return effective(self.program)
 
     @property
     def precision(self) -> Precision:
-        return "float32" if isinstance(self.program, LinearProgram) else precision_of(self.program)
+        return precision_of(self.program)
 
     @property
     def program_sha256(self) -> str:
@@ -51,13 +47,6 @@ def lower(program: Program, *, calibration: Sequence[Array], with_library: bool)
     """
     graph = build_controller(program).SerializeToString()
     return Lowered(program=program, graph=graph, library=library_of(program, calibration) if with_library else None)
-
-
-def lower_linear(program: LinearProgram, *, with_library: bool) -> Lowered:
-    """Lower a linear program, in float32: its numbers fit into a core's fast memory as they are. Raises ExportError for
-    a value that float32 cannot hold."""
-    graph = build_linear_controller(program).SerializeToString()
-    return Lowered(program=program, graph=graph, library=linear_c_library(program) if with_library else None)
 
 
 def library_of(program: Program, calibration: Sequence[Array]) -> dict[str, bytes]:

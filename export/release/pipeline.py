@@ -1,7 +1,6 @@
 """From a model folder to a release bundle and, on request, a C library: read, round, lower, gate, write.
 
-The model is one of networks, written by `train`, or a linear one, written by `identify`. Every lowering has passed its
-gates before the first file is written.
+Every lowering has passed its gates before the first file is written.
 """
 
 import hashlib
@@ -18,9 +17,7 @@ from contract.config.tree import Config
 from contract.controller import c_folder as c_folder_format
 from contract.controller.interface import CompileLibrary
 from contract.errors import ExportError
-from contract.model import linear_model_folder, model_folder
-from contract.model.linear_model_folder import is_linear
-from contract.model.model_folder import Provenance
+from contract.model import model_folder
 from contract.recording import dataset
 from contract.recording.dataset import Dataset
 from contract.recording.episode import Episode
@@ -30,22 +27,20 @@ from contract.recording.needs import LEAST_CALIBRATION, windows_in
 from contract.release import bundle
 from contract.release.bundle import MadeEstimator
 from contract.release.checks import Bundle
-from contract.release.manifest import PRECISIONS, Manifest, RestingWake
+from contract.release.manifest import PRECISIONS, Manifest
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from export.int8.calibrate import rounded_on
 from export.program.controller_program import ControllerProgram
 from export.program.from_training import program_of
-from export.program.linear_program import LinearProgram
 from export.program.recorded_windows import recorded_windows
-from export.reference.specification import AnyProgram
 from export.release.bundle import Vehicle, write_release
 from export.release.c_folder import rows_of, write_c_release
 from export.release.gated import Gated, gate
-from export.release.lowering import Lowered, lower, lower_linear
+from export.release.lowering import Lowered, lower
 
 PHASES: Final = ("read", "round weights", "make and check", "write")
-"""The phases of an export, in order; the weights of a linear model are not rounded."""
+"""The phases of an export, in order."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,17 +58,6 @@ class CLibrary:
     compiled: CompileLibrary
     ecu: Callable[[Array], Mapping[str, bytes]] | None = None
     bill: Callable[[Mapping[str, bytes]], bytes] | None = None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Made:
-    """A model's lowerings, the windows (L, S+1) for their gates, and what the manifest states of the model."""
-
-    lowered: Lowered
-    windows: list[Array]
-    provenance: Provenance
-    positions: tuple[tuple[float, float], ...] | None
-    resting: RestingWake | None = None
 
 
 def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
@@ -118,7 +102,7 @@ def calibration_windows(
     return found
 
 
-def gate_windows(program: AnyProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> list[Array]:
+def gate_windows(program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> list[Array]:
     """The last `GATE_WINDOWS` windows (L, S+1) of the first episode that has as many. Raises ExportError if all
     episodes are too short; the message names the longest."""
     for item in episodes:
@@ -135,7 +119,7 @@ def export_all(
     recording: Path,
     config: Config,
     created: date,
-    precision: str | None = None,
+    precision: str = "int8",
     library: CLibrary | None = None,
     key: Ed25519PrivateKey | None = None,
     named: bool = True,
@@ -146,11 +130,10 @@ def export_all(
     """Write the bundle, and then the C library if one is asked for; neither unless both pass their gates.
 
     Args:
-        model: directory written by `train` or by `identify`.
-        recording: data set whose test episode the gates replay (a linear model's own episodes), and whose training
-            episodes calibrate int8.
+        model: directory written by `train`.
+        recording: data set whose test episode the gates replay, and whose training episodes calibrate int8.
         config: its `mpc` is the controller's; its control period and action limit must be the model's.
-        precision: "int8" or "float32", of both; without it int8, and float32 for a linear model, which has no other.
+        precision: "int8" or "float32", of both.
         key: to sign the bundle with; unsigned if None.
         named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.
         estimator: as `export.release.bundle.write_release` has it; made when all gates are passed.
@@ -165,35 +148,36 @@ def export_all(
         LibraryError: there is no C compiler for a library that is asked for.
         StillwakeError: a file cannot be read or written.
     """
-    if precision not in (None, *PRECISIONS):
+    if precision not in PRECISIONS:
         raise ExportError(f"--precision {precision}: must be int8 or float32")
     # Before the work: neither place is written if the other one cannot be.
     bundle.check_replaceable(output)
     if library is not None:
         c_folder_format.check_replaceable(library.folder)
     phase("read")
-    if is_linear(model):
-        if precision == "int8":
-            raise ExportError("--precision int8: a linear controller is float32 only")
-        made = _of_linear(model, recording, config, named, library is not None, notice, phase)
-    else:
-        made = _of_networks(model, recording, config, precision or "int8", named, library is not None, notice, phase)
-    gated = gate(made.lowered, made.windows, compiled=None if library is None else library.compiled)
+    trained = model_folder.read(model)
+    about = trained.description
+    check_settings(about.config, config)
+    episodes = _recording_of(recording, about.dataset_sha256, about.layout, named, notice)
+    program = program_of(trained, config.mpc)
+    lowered, windows = _lowered(program, episodes, precision, with_library=library is not None, phase=phase)
+    gated = gate(lowered, windows, compiled=None if library is None else library.compiled)
     phase("write")
+    chosen = about.layout.positions[about.layout.indices(about.sensors)]
     write_release(
         output,
         gated,
         name=name,
         created=created,
         vehicle=Vehicle.of(config),
-        provenance=made.provenance,
-        positions=made.positions,
-        resting=made.resting,
+        provenance=trained.provenance,
+        positions=tuple((float(x), float(y)) for x, y in chosen),
+        resting=trained.resting,
         key=key,
         estimator=estimator,
     )
     if library is not None:
-        _write_library(library, gated, made.windows)
+        _write_library(library, gated, windows)
     return gated
 
 
@@ -243,56 +227,6 @@ def _write_library(library: CLibrary, gated: Gated, windows: Sequence[Array]) ->
     write_c_release(library.folder, gated, windows, ecu, library.bill)
 
 
-def _of_networks(
-    model: Path,
-    recording: Path,
-    config: Config,
-    precision: str,
-    named: bool,
-    with_library: bool,
-    notice: Callable[[str], None],
-    phase: Callable[[str], None],
-) -> _Made:
-    trained = model_folder.read(model)
-    about = trained.description
-    check_settings(about.config, config)
-    episodes = _recording_of(recording, about.dataset_sha256, about.layout, named, notice)
-    program = program_of(trained, config.mpc)
-    lowered, windows = _lowered(program, episodes, precision, with_library=with_library, phase=phase)
-    chosen = about.layout.positions[about.layout.indices(about.sensors)]
-    positions = tuple((float(x), float(y)) for x, y in chosen)
-    return _Made(
-        lowered=lowered,
-        windows=windows,
-        provenance=trained.provenance,
-        positions=positions,
-        resting=trained.resting,
-    )
-
-
-def _of_linear(
-    model: Path,
-    recording: Path,
-    config: Config,
-    named: bool,
-    with_library: bool,
-    notice: Callable[[str], None],
-    phase: Callable[[str], None],
-) -> _Made:
-    """The gates replay the model's own episodes, or all of another recording if it was named."""
-    identified = linear_model_folder.read(model)
-    about = identified.description
-    check_settings(about.config, config)
-    program = LinearProgram.of(identified, config.mpc)
-    data = _recording_of(recording, about.dataset_sha256, None, named, notice)
-    own = about.metrics.get("episodes", ())
-    episodes = tuple(item for item in data.episodes if item.name in own) or data.episodes
-    windows = gate_windows(program, episodes, data.layout)
-    phase("make and check")
-    lowered = lower_linear(program, with_library=with_library)
-    return _Made(lowered=lowered, windows=windows, provenance=identified.provenance, positions=about.positions)
-
-
 def _lowered(
     program: ControllerProgram,
     episodes: Dataset,
@@ -333,13 +267,13 @@ def check_settings(own: Config, config: Config) -> None:
 
 
 def _recording_of(
-    path: Path, of_model: str, layout: SensorLayout | None, named: bool, notice: Callable[[str], None]
+    path: Path, of_model: str, layout: SensorLayout, named: bool, notice: Callable[[str], None]
 ) -> Dataset:
     """The recording for gates and calibration: the model's own, or another one of the same sensors if it was named.
 
     Args:
         of_model: SHA-256 of the recording that the model was fitted to.
-        layout: the sensors that another recording must have; any if None.
+        layout: the sensors that another recording must have.
     """
     recording = dataset.read(path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
@@ -347,7 +281,7 @@ def _recording_of(
         other = f"{path} (SHA-256 {digest[:12]}) is not the recording that the model was fitted to ({of_model[:12]})"
         if not named:
             raise ExportError(f"{other}: name that one with --dataset")
-        difference = None if layout is None else layout.difference(recording.layout)
+        difference = layout.difference(recording.layout)
         if difference is not None:
             raise ExportError(f"{other}, and of other sensors, in {difference}")
         notice(f"gates and calibration: {other}")

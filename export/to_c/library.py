@@ -22,7 +22,6 @@ from export.program.float32 import as_float32
 from export.program.program_hash import program_sha256
 from export.program.weights import LAYER_NORM_EPSILON
 from export.reference.mpc import ADAM_BETAS
-from export.reference.specification import AnyProgram
 from export.to_c.float32_arrays import LANES, Values, float_arrays, prior_settings
 from export.to_c.int8_arrays import int8_arrays
 from export.to_c.int8_format import c_constants
@@ -99,11 +98,6 @@ def static_sources(precision: Precision) -> dict[str, bytes]:
     return sources_in("common", "networks", precision)
 
 
-def linear_sources() -> dict[str, bytes]:
-    """The same of a linear controller."""
-    return sources_in("common", "linear")
-
-
 def ecu_sources() -> dict[str, bytes]:
     """The sources of the ECU around a control step, the same for every program and vehicle; in `board/` and `loader/`
     those of the firmware around it.
@@ -119,7 +113,16 @@ def settings(program: ControllerProgram, precision: Precision) -> dict[str, int 
     mpc = program.mpc
     beta1, beta2 = ADAM_BETAS
     return {
-        **shared_settings(program, precision),
+        "SW_PROGRAM_SHA256": program_sha256(program),
+        "SW_DBC_SHA256": dbc_sha256(),
+        "SW_SENSOR_NAMES": " ".join(program.sensors),
+        "SW_PRECISION": precision,
+        "SW_WINDOW": program.window,
+        "SW_SENSORS": len(program.sensors),
+        "SW_HORIZON": mpc.horizon,
+        # In C, `SW_` and a term's name in capitals is its index.
+        **{f"SW_{name.upper()}": index for index, name in enumerate(TERMS)},
+        "SW_TERMS": len(TERMS),
         "SW_LSTM": program.encoder.lstm.width,
         "SW_HEAD": len(program.encoder.hidden.bias),
         "SW_LATENT": program.latent,
@@ -136,23 +139,6 @@ def settings(program: ControllerProgram, precision: Precision) -> dict[str, int 
         "SW_PRIOR_MEMORY": 1 if program.prior is None else program.prior.memory,
         **({} if program.prior is None else prior_settings(program.prior)),
         **({"SW_LANES": LANES} if precision == "float32" else c_constants()),
-    }
-
-
-def shared_settings(program: AnyProgram, precision: Precision) -> dict[str, int | str | np.float32]:
-    """What `sw_settings.h` has of either kind of program."""
-    mpc = program.mpc
-    return {
-        "SW_PROGRAM_SHA256": program_sha256(program),
-        "SW_DBC_SHA256": dbc_sha256(),
-        "SW_SENSOR_NAMES": " ".join(program.sensors),
-        "SW_PRECISION": precision,
-        "SW_WINDOW": program.window,
-        "SW_SENSORS": len(program.sensors),
-        "SW_HORIZON": mpc.horizon,
-        # In C, `SW_` and a term's name in capitals is its index.
-        **{f"SW_{name.upper()}": index for index, name in enumerate(TERMS)},
-        "SW_TERMS": len(TERMS),
     }
 
 

@@ -19,11 +19,9 @@ class CostGradientNames:
 
 class Cost:
     """J for given weights (8,) and previous action (1,); both are values of the outermost graph. `start` is the plan
-    (1, H) that the optimiser starts from; None where none runs, and `gradient` is not called."""
+    (1, H) that the optimiser starts from."""
 
-    def __init__(
-        self, graph: Graph, mpc: MpcConfig, weights: str, previous_action: str, start: str | None = None
-    ) -> None:
+    def __init__(self, graph: Graph, mpc: MpcConfig, weights: str, previous_action: str, start: str) -> None:
         self._horizon = mpc.horizon
         self._previous_action = previous_action
         self._weights = weights
@@ -32,8 +30,7 @@ class Cost:
         pieces = graph.ops("Split", weights, graph.index([1] * len(TERMS)), outputs=len(TERMS))
         self._weight = dict(zip(TERMS, pieces, strict=True))
         self._drag_reference = graph.constant([mpc.drag_reference], "drag_reference")
-        if start is not None:
-            self._prepare(graph, start)
+        self._prepare(graph, start)
 
     def terms(self, graph: Graph, forces: str, plan: str) -> str:
         """The unweighted terms, (8,)."""
@@ -48,7 +45,7 @@ class Cost:
             "smoothness": _reduce(graph, "ReduceMean", _square(graph, self._increments(graph, plan))),
             "effort": _reduce(graph, "ReduceMean", _square(graph, plan)),
             "rate": _square(graph, graph.op("Sub", first, self._previous_action)),
-            "prior": graph.constant([0.0]) if self._start is None else self._distance(graph, plan, self._start),
+            "prior": self._distance(graph, plan, self._start),
         }
         return graph.op("Concat", *(terms[name] for name in TERMS), axis=0)
 

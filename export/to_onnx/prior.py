@@ -4,11 +4,12 @@ The past is one row, oldest differences first. Filters and units are one matrix 
 step where the units know the speed. Its weights are float32 in either precision.
 """
 
+import numpy as np
+
 from contract.controller.interface import Sizes
 from export.program.float32 import float32_within
 from export.program.weights import PriorWeights
 from export.to_onnx.graph_builder import Graph
-from export.to_onnx.history import lower_history
 
 
 def lower_prior(
@@ -61,8 +62,24 @@ def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple
     """Rows (y, a) before the present one, (1, M (p + 1)), and the differences now, (1, p)."""
     memory, pairs = prior.memory, prior.pairs
     newest = graph.slice(window, sizes.window - memory, sizes.window, 0)
-    row, size = lower_history(graph, newest, memory, pairs), memory * (pairs + 1) - 1
+    row, size = _history(graph, newest, memory, pairs), memory * (pairs + 1) - 1
     known = graph.slice(row, 0, size - pairs, 1)
     oldest = graph.slice(row, 0, pairs + 1, 1)
     now = graph.slice(row, size - pairs, size, 1)
     return graph.op("Concat", oldest, known, axis=1), now
+
+
+def _history(graph: Graph, window: str, length: int, pairs: int) -> str:
+    """Rows (Cp_k, a_{k-1}), (L, S+1), as (1, L (p + 1) - 1): y_k and a_k in turn, without the last action.
+
+    The first row's action is older than the memory: it is dropped, and the others move up by a row.
+    """
+    signs = np.zeros((2 * pairs + 1, pairs + 1))
+    for pair in range(pairs):
+        signs[2 * pair, pair + 1], signs[2 * pair + 1, pair + 1] = 1.0, -1.0
+    signs[-1, 0] = 1.0
+    # Rows (a_{k-1}, y_k), one after the other: without the first number it is the history.
+    turned = graph.op("MatMul", window, graph.constant(signs, "differences"))
+    size = length * (pairs + 1)
+    row = graph.op("Reshape", turned, graph.index([1, size]))
+    return graph.slice(row, 1, size, 1)

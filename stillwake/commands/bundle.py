@@ -21,7 +21,7 @@ from contract.release.container import read_files
 from contract.release.difference import differences
 from contract.release.image_contents import described, is_image, opened
 from contract.release.key_list import KeyList
-from contract.release.manifest import Manifest, SpeedRange
+from contract.release.manifest import SpeedRange
 from contract.release.signing import PublicKey
 from contract.shipped import BUNDLE
 from stillwake.console.outputs import Overwrite, check_output
@@ -287,20 +287,12 @@ def _folded(head: str) -> Column:
     return Column(head, overflow="fold")
 
 
-def _controller(manifest: Manifest) -> list[tuple[str, str]]:
-    mpc = manifest.mpc
-    if manifest.is_linear:
-        kind = "linear controller: a linear model and a state feedback, no optimiser; predicts its mean Cd"
-        return [("kind", kind), ("forecast", f"horizon {mpc.horizon}, drag reference {mpc.drag_reference:g}")]
-    optimiser = f"{mpc.iterations} iterations, learning rate {mpc.learning_rate:g}"
-    return [("MPC", f"horizon {mpc.horizon}, {optimiser}, drag reference {mpc.drag_reference:g}")]
-
-
 def rows(release: Bundle) -> list[tuple[str, str]]:
     """Everything a manifest ties together, by name."""
     manifest = release.manifest
     mpc, point, scaling = manifest.mpc, manifest.operating_point, manifest.scaling
     weights = ", ".join(f"{name} {value:g}" for name, value in vars(mpc.weights).items())
+    optimiser = f"{mpc.iterations} iterations, learning rate {mpc.learning_rate:g}"
     positions = zip(manifest.sensors, manifest.sensor_positions or (), strict=manifest.sensor_positions is not None)
     speeds = manifest.speeds
     served = "all, each taken for U_inf" if speeds is None else f"{speeds.slowest:g} to {speeds.fastest:g} U_inf"
@@ -316,8 +308,8 @@ def rows(release: Bundle) -> list[tuple[str, str]]:
         ("sensors", ", ".join(manifest.sensors)),
         *((f"position {name}", f"x {x:+.4f} W, y {y:+.4f} W") for name, (x, y) in positions),
         ("window", f"{manifest.window} control steps"),
-        *_controller(manifest),
-        ("MPC weights", f"{weights}{'; of the reported cost, no action depends on them' * manifest.is_linear}"),
+        ("MPC", f"horizon {mpc.horizon}, {optimiser}, drag reference {mpc.drag_reference:g}"),
+        ("MPC weights", weights),
         ("limit", f"|a| <= {manifest.action_limit:g} U_inf W"),
         ("operating point", f"W {point.width:g} m, U_inf {point.speed:g} m/s, rho {point.density:g} kg/m3"),
         ("speeds", served),

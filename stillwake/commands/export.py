@@ -17,8 +17,7 @@ from contract.config.loading import from_tree, load
 from contract.config.tree import Config
 from contract.controller.c_folder import SETTINGS as C_SETTINGS
 from contract.errors import ConfigError, ConflictError, ModelError, OutputError, StillwakeError
-from contract.model import linear_model_folder, model_folder
-from contract.model.linear_model_folder import is_linear
+from contract.model import model_folder
 from contract.release import bundle as bundles
 from contract.release.checks import Bundle
 from contract.release.container import read_files
@@ -42,15 +41,13 @@ USES_IN_C: Final = ("bus", "ecu")
 def export(
     model: Annotated[
         Path | None,
-        typer.Argument(help="Model directory written by `train` or `identify`. Default: the shipped one."),
+        typer.Argument(help="Model directory written by `train`. Default: the shipped one."),
     ] = None,
     output: Annotated[
         Path | None,
         typer.Argument(help="Bundle directory, or .zip, to write. Left out, --c and --fmu are of the shipped bundle."),
     ] = None,
-    precision: Annotated[
-        str | None, typer.Option(help="int8 (weights) or float32. Default: int8; a linear model is float32 only.")
-    ] = None,
+    precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
     name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
     dataset: Annotated[
         Path | None,
@@ -255,8 +252,7 @@ def _measured(figures: Iterable[tuple[str, Any]]) -> Iterator[tuple[str, str]]:
 def _settings(model: Path, file: Path | None, overrides: list[str], *, uses: Sequence[str] = USES) -> Config:
     """The model's own, with what the user gives on top."""
     try:
-        kind = linear_model_folder.KIND if is_linear(model) else model_folder.KIND
-        own = kind.read_description(model)["config"]
+        own = model_folder.read_description(model)["config"]
     except ModelError:
         # As for every other command, a setting that does not exist comes first.
         load(file, overrides)
@@ -264,8 +260,7 @@ def _settings(model: Path, file: Path | None, overrides: list[str], *, uses: Seq
     try:
         base = from_tree(own)
     except ConfigError as error:
-        description = (linear_model_folder if is_linear(model) else model_folder).DESCRIPTION
-        raise ModelError(f"model {model}: {description}: {error}") from error
+        raise ModelError(f"model {model}: {model_folder.DESCRIPTION}: {error}") from error
     return settings("export", file, overrides, uses=uses, base=base).config
 
 

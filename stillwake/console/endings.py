@@ -31,7 +31,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "mdf": ("asammdf",),
 }
 """Packages, by the names they are imported by, that an extra of `pyproject.toml` brings."""
-FIRST: Final = {"train": "train", "identify": "train", "export": "c", "mcu": "c"}
+FIRST: Final = {"train": "train", "export": "c", "mcu": "c"}
 """The extra that a command needs where a package comes with others as well."""
 REPORT: Final = "stillwake is not prepared for this, which is a fault of its own: please report it with the lines above"
 

@@ -146,9 +146,8 @@ def controllers(release: Bundle, library: Path | None) -> "list[Choice]":
     from firmware_sim.in_c.compiler import host_compiler
 
     precision = release.manifest.precision
-    graph = f"linear, {precision}" if release.manifest.is_linear else f"{precision} ONNX graph"
     return [
-        {"name": "int8", "label": f"Python, {graph}", "missing": None},
+        {"name": "int8", "label": f"Python, {precision} ONNX graph", "missing": None},
         {"name": "c", "label": f"C, {precision}", "missing": _no_library(release, library) or _error_of(host_compiler)},
         {
             "name": "cortex-m7",

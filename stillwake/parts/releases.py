@@ -38,9 +38,8 @@ def describe(release: Bundle) -> list[Text]:
     """Lines for people when a bundle is opened: its name and sensors, and what its signature is worth."""
     manifest = release.manifest
     vouched_for = release.is_trusted or release.signer == signing.project_key()
-    kind = ", linear controller" if manifest.is_linear else ""
     return [
-        Text(f"bundle {manifest.name} {release.digest[:12]}: {', '.join(manifest.sensors)}{kind}"),
+        Text(f"bundle {manifest.name} {release.digest[:12]}: {', '.join(manifest.sensors)}"),
         Text(signature(release)) if vouched_for else Text(f"warning: {signature(release)}", style="yellow"),
     ]
 

@@ -110,7 +110,6 @@ CALLS = (
     call("campaign --list", needs=["sim"]),
     call("bench latency latency --periods 100", needs=["sim"]),
     call("train model", needs=["train"]),
-    call("identify linear", needs=["train"]),
     call("export --c library", needs=["c"]),
     call("mcu", needs=["c", "mcu"]),
     call("refine refined --set refine.updates=1", needs=["sim", "train"]),

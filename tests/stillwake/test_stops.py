@@ -33,7 +33,6 @@ STOPPED = {
     f"steady out.npz --json out.json {' '.join(COARSE)}": 143,
     "animate out.gif": 143,
     "picture mean out.png --duration 100": 143,
-    "identify out": 143,
     "dataset import out.h5 --sensors sensors.csv --period 0.2 --limit 0.075 --asymmetric --train long.log "
     "--forces forces.csv": 143,
     "can decode long.log --summary --csv out.csv --json out.json": 143,
@@ -49,7 +48,6 @@ NO_ROOM = {
     "record out.h5 --training 8 --chirp 0 --uncontrolled 0 --workers 1": "out.h5",
     "picture vorticity out.png": "out.png",
     "animate out.gif --duration 0.4": "out.gif",
-    "identify out": "out",
     "run out --bundle {release} --lead-in 0.4 --controlled 0.4 --no-averages": "out/",
 }
 """Commands that write, and what the line on a full disk names."""

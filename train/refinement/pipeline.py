@@ -24,20 +24,17 @@ from train.fitting.fit import Checkpoints
 from train.fitting.progress import Phase, Progress, silent
 from train.fitting.threads import torch_threads
 from train.fitting.unfinished import Identity
-from train.linear.differences import Series, check_pairs
-from train.linear.identification import fit
 from train.model_store import TrainedModel
 from train.pipeline import deployed, versions
 from train.refinement.feedback import Feedback, scales_of
 from train.refinement.flow import DifferentiableFlow, FlowState, Iterating
+from train.refinement.predictor import check_pairs, predictor
 from train.refinement.refine import refine
 from train.refinement.stretches import SideBySide
 from train.samples.rows import prepare
 from train.selection.choice import GIVEN, SensorChoice
 
 SPEEDS_AT_REST: Final = 9
-RIDGE: Final = 1e-6
-"""Of the regression that predicts the next differences, as part of the regressors' mean squares."""
 
 
 def refine_model(
@@ -153,12 +150,6 @@ def _begun(settings: Config, pairs: int, prior: Mapping[str, Array] | None) -> F
     if prior is not None and (len(prior["output"]), *prior["predictor"].shape[1:]) == wanted:
         made.begin_with(prior)
     return made
-
-
-def predictor(stretches: Sequence[Array], memory: int) -> Array:
-    """(p, M, p + 1): the next differences from M rows (differences, action), by regression on what was seen."""
-    series = [Series(rows=rows, responses=np.empty((len(rows), 0))) for rows in stretches]
-    return fit(series, memory, RIDGE).coefficients
 
 
 def _with_sensors(

@@ -19,14 +19,13 @@ from contract.release.bundle import load
 from contract.release.controller_image import HEADER, read
 from contract.shipped import BUNDLE
 from examples.c_samples import MODEL, MPC
-from examples.random_programs import random_linear_program, random_program
+from examples.random_programs import random_program
 from export.int8.calibrate import rounded_on
 from export.int8.rounded_estimator import rounded_estimator
 from export.program.random_windows import random_windows
 from export.release.lowering import library_of
 from export.to_c.estimator import estimator_files
 from export.to_c.library import ecu_sources
-from export.to_c.linear_library import linear_c_library
 from export.to_onnx.sensor_estimator import build_estimator
 from firmware_sim.in_c.c_ecu import CEcu
 from firmware_sim.in_c.c_image import controller_image
@@ -50,10 +49,7 @@ def made(kind: str, seed: int, prior_memory: int = 0):
     config = Config() if kind == "int8" else CONFIG
     program = random_program(seed, model=MODEL, mpc=MPC, prior_memory=prior_memory)
     windows = random_windows(program, 10)
-    if kind == "linear":
-        files = linear_c_library(random_linear_program(seed, window=32, mpc=MPC))
-    else:
-        files = library_of(rounded_on(program, windows) if kind == "int8" else program, windows)
+    files = library_of(rounded_on(program, windows) if kind == "int8" else program, windows)
     bundle = load(BUNDLE)
     estimator, mpc = bundle.manifest.sensor_estimator, bundle.manifest.mpc
     assert estimator is not None
@@ -98,7 +94,7 @@ class Stepped(CEcu):
         return found
 
 
-@pytest.mark.parametrize("kind", ["int8", "float32", "linear"])
+@pytest.mark.parametrize("kind", ["int8", "float32"])
 def test_an_image_is_what_the_compiler_makes_and_runs_in_any_build_of_its_layout(kind):
     (files, bundle, config), (others, other, _) = made(kind, 1), made(kind, 2)
     one, two = Stepped(files), Stepped(others)

@@ -11,14 +11,16 @@ import torch
 
 from contract.config.learning import RefineConfig
 from contract.config.tree import Config
-from contract.errors import ConfigError
+from contract.errors import ConfigError, DatasetError, StillwakeError
+from contract.sensors import TRUCK
 from tests.train.refinement.oscillator import DRAG, START, Oscillator
 from train.fitting.fit import Checkpoints
 from train.fitting.progress import Phase, silent
 from train.fitting.unfinished import Identity
 from train.refinement.feedback import Feedback
 from train.refinement.flow import Iterating
-from train.refinement.pipeline import SPEEDS_AT_REST, predictor, resting_by_speed
+from train.refinement.pipeline import SPEEDS_AT_REST, resting_by_speed
+from train.refinement.predictor import RIDGE, check_pairs, predictor
 from train.refinement.refine import Refined, refine
 from train.refinement.stretches import side_by_side
 from train.refinement.windows import Price, Stream, differentiate
@@ -168,6 +170,26 @@ def test_the_predictor_finds_a_linear_system_and_needs_stretches_longer_than_its
             y[k + 1] = 0.9 * y[k] - 0.5 * y[k - 1] + 2.0 * actions[k]
         stretches.append(np.column_stack([y, actions]))
     np.testing.assert_allclose(predictor(stretches, 2), [[[-0.5, 0.0], [0.9, 2.0]]], atol=1e-4)
+    # Rows of sqrt(ridge m) times the scale under the regressors give the same least squares.
+    noisy = stretches[0] + rng.normal(0.0, 0.05, (80, 2))
+    X, T = np.array([noisy[k - 2 : k + 1].ravel() for k in range(2, 79)]), noisy[3:, :1]
+    padded = np.vstack([X, np.diag(np.sqrt(RIDGE * (X**2).sum(axis=0)))])
+    expected = np.linalg.lstsq(padded, np.vstack([T, np.zeros((6, 1))]), rcond=None)[0]
+    np.testing.assert_allclose(predictor([noisy], 3).ravel(), expected.ravel(), rtol=1e-7)
+    with pytest.raises(StillwakeError, match="3 control steps to fit 12 coefficients to"):
+        predictor([noisy[:9]], 6)
+    with pytest.raises(StillwakeError, match="column 1 of the rows is zero throughout"):
+        predictor([noisy * [1.0, 0.0]], 2)
+    # What it reads are differences of mirror images.
+    check_pairs(TRUCK, ("upper_39", "lower_39", "base_0", "base_9"))
+    for layout, sensors, error, named in (
+        (TRUCK, ("upper_39", "base_0"), DatasetError, "upper_39 and base_0 are no pair: .* upper_39 is lower_39"),
+        (TRUCK, ("upper_39", "lower_39", "base_0"), DatasetError, "3 sensors: they must be pairs"),
+        (TRUCK, ("upper_39", "under"), ConfigError, "unknown sensor 'under'"),
+        (replace(TRUCK, mirror=None), ("upper_39", "lower_39"), DatasetError, "have no mirror images"),
+    ):
+        with pytest.raises(error, match=named):
+            check_pairs(layout, sensors)
     with pytest.raises(ConfigError, match=r"refine\.shortest = 60: must be more than memory"):
         RefineConfig(shortest=60)
 
