@@ -47,7 +47,7 @@ class BundleError(StillwakeError):
 
 
 class BundleContainerError(BundleError):
-    """A directory or zip that is not read: truncated, too large, or holding paths, links or doubled names."""
+    """A directory that is not read, or an image: truncated, too large, or holding paths, links or doubled names."""
 
 
 class BundleManifestError(BundleError):

@@ -48,7 +48,7 @@ class Office:
 
     def asked_by(self, state: Path, vehicle: str = FIRST, hardware: str = "h7") -> str | None:
         """Name of the release that a vehicle gets."""
-        to = state / "new.zip"
+        to = state / "new"
         found = VEHICLE.fetch(str(self.folder), state, self.root, vehicle=vehicle, hardware=hardware, to=to)
         assert found is None or bundles.load(to).digest == found.digest
         return None if found is None else found.manifest.name
@@ -79,7 +79,7 @@ def refused(office: Office, state: Path, *words: str, **asked: Any) -> None:
         office.asked_by(state, **asked)
     assert all(word in str(refusal.value) for word in words), refusal.value
     assert "\n" not in str(refusal.value)
-    assert not (state / "new.zip").exists()
+    assert not (state / "new").exists()
 
 
 def test_the_bins_share_the_fleet_evenly_and_keep_their_vehicles():
@@ -107,7 +107,7 @@ def test_the_lines_of_the_page_do_the_same(sound, tmp_path, capsys):
     for arguments in (["create"], ["publish", sound], ["roll-out", "random", 100], ["renew"]):
         REPOSITORY.main([arguments[0], str(repo), str(keys), *map(str, arguments[1:])])
     root = repo / "metadata" / "1.root.json"
-    to = tmp_path / "new.zip"
+    to = tmp_path / "new"
     VEHICLE.main([str(repo), str(tmp_path / "s"), "--root", str(root), "--vehicle", "A1", "--to", str(to)])
     assert "A1 is to run random" in capsys.readouterr().out
     assert bundles.load(to).manifest.name == "random"
@@ -120,7 +120,7 @@ def test_what_was_altered_is_not_taken(office, tmp_path):
         refused(office, tmp_path / path.name, *words)
         path.write_bytes(sound)
 
-    bundle = office.target("releases/random.zip")
+    bundle = office.target("releases/random")
     content = bytearray(bundle.read_bytes())
     content[len(content) // 2] ^= 1
     altered(bundle, bytes(content), "LengthOrHashMismatchError")
@@ -129,7 +129,7 @@ def test_what_was_altered_is_not_taken(office, tmp_path):
         body = json.loads(path.read_bytes())
         body["signed"]["expires"] = "2099-01-01T00:00:00Z"
         altered(path, json.dumps(body).encode(), "signed by")
-    altered(office.target("rollout/00"), json.dumps({"release": "releases/next.zip"}).encode(), "Error")
+    altered(office.target("rollout/00"), json.dumps({"release": "releases/next"}).encode(), "Error")
 
 
 def test_a_server_that_tells_no_news_is_found_out(office, tmp_path):
@@ -157,7 +157,7 @@ def test_who_may_roll_out_may_not_publish(office, tmp_path):
 def test_an_assignment_of_what_was_never_published_is_refused(office, tmp_path):
     repository = office.at(NOW)
     rollout = repository._read("rollout", REPOSITORY.Targets)
-    for place, words in (("releases/evil.zip", "may not publish"), ("rollout/01", "may not publish")):
+    for place, words in (("releases/evil", "may not publish"), ("rollout/01", "may not publish")):
         content = json.dumps({"release": place}).encode()
         rollout.signed.targets["rollout/00"] = repository._store("rollout/00", content)
         repository._change("rollout", rollout)

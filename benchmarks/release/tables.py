@@ -73,7 +73,7 @@ def bundle_fuzz(results: Path) -> str:
 
 Measured on {found["date"]}: {figures["cases"]} cases of seed {found["facts"]["seed"]}, at most
 {figures["max_rss_mb"]:.0f} MB of memory, {figures["max_rss_before_mb"]:.0f} MB of them before the first case. Accepted
-zips, folders and bytes of a manifest have the sound bundle's content: the damage is where nothing is read. The others
+images, folders and bytes of a manifest have the sound bundle's content: the damage is where nothing is read. The others
 that are accepted are sound bundles of another content, which no one signed.
 """
 

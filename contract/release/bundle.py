@@ -1,4 +1,4 @@
-"""The release bundle: what is flashed onto an ECU, as a directory or a zip of it.
+"""The release bundle: what is flashed onto an ECU, as a directory.
 
 `manifest.json` names the sensors, scaling, limits, MPC settings and timing budget the controller was built for, the
 data set, weights and program it comes from, and the SHA-256 of every other file and of its DBC.
@@ -51,9 +51,8 @@ def pack(manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateK
 
 
 def write(path: Path, manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateKey | None = None) -> None:
-    """Write a bundle directory, or a zip if the path ends in .zip; whole or not at all; unsigned without a key. Raises
-    BundleError for a bad file name, or if the path is a directory with something else in it; StillwakeError if the
-    place cannot be written."""
+    """Write a bundle directory, whole or not at all; unsigned without a key. Raises BundleError for a bad file name, or
+    if the path is a directory with something else in it; StillwakeError if the place cannot be written."""
     packed = pack(manifest, contents, key)
     check_replaceable(path)
     write_files(path, packed)
@@ -61,7 +60,9 @@ def write(path: Path, manifest: Manifest, contents: Mapping[str, bytes], key: Ed
 
 def check_replaceable(path: Path) -> None:
     """Raises BundleError if writing a bundle, which replaces a whole directory, would replace something else."""
-    if path.suffix != ".zip" and path.is_dir() and not (path / MANIFEST).is_file() and any(path.iterdir()):
+    if path.suffix.lower() == ".zip":
+        raise BundleError(f"bundle {path}: is written as a directory; name one that does not end in .zip")
+    if path.is_dir() and not (path / MANIFEST).is_file() and any(path.iterdir()):
         raise BundleError(f"bundle {path}: that directory holds something else; name another")
 
 
@@ -148,7 +149,7 @@ def _within(speeds: SpeedRange, old: SpeedRange | None) -> SpeedRange:
 
 
 def load(path: Path, trusted: PublicKey | None = None, *, any_dbc: bool = False) -> Bundle:
-    """Read and verify a bundle directory or zip. Raises BundleError if anything is missing, added, altered, of another
+    """Read and verify a bundle directory. Raises BundleError if anything is missing, added, altered, of another
     schema or not signed as demanded; the message names it, and the subclass is of its kind.
 
     Args:
@@ -175,8 +176,7 @@ def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
     except BundleError as error:
         return [Check(name="container", error=error)]
     made = Made(lists=True)
-    kind = "directory" if path.is_dir() else "zip"
-    made.checks.append(Check(name="container", found=f"{kind} of {len(contents)} files"))
+    made.checks.append(Check(name="container", found=f"directory of {len(contents)} files"))
     with suppress(BundleError):
         read_checked(path, contents, trusted, made)
     return made.checks

@@ -14,7 +14,6 @@ import argparse
 import json
 import shutil
 import sys
-import tempfile
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -40,7 +39,8 @@ from tuf.api.serialization import DeserializationError
 from contract.errors import OutputError, StillwakeError
 from contract.release import bundle as bundles
 from contract.release import signing
-from contract.release.container import read_files, write_files
+from contract.release.container import read_files
+from contract.release.image import image_of
 
 RELEASES: Final = "releases"
 ROLLOUT: Final = "rollout"
@@ -118,13 +118,10 @@ class Repository:
         if verified.signer is None:
             raise StillwakeError(f"bundle {bundle}: is not signed; no ECU would take it")
         releases = self._read(RELEASES, Targets)
-        place = f"{RELEASES}/{manifest.name}.zip"
+        place = f"{RELEASES}/{manifest.name}"
         if place in releases.signed.targets:
             raise OutputError(f"{place}: is published already; give the release another name")
-        with tempfile.TemporaryDirectory() as folder:
-            made = Path(folder, "bundle.zip")
-            write_files(made, read_files(bundle))
-            target = self._store(place, made.read_bytes())
+        target = self._store(place, image_of(read_files(bundle)))
         target.unrecognized_fields["custom"] = {
             "digest": verified.digest,
             "hardware": manifest.hardware,
@@ -139,7 +136,7 @@ class Repository:
         """Let the first hundredths of the fleet run a release; the others keep what they had before."""
         if not 1 <= percent <= BINS:
             raise StillwakeError(f"share of {percent} %: must be in 1..{BINS}")
-        place = f"{RELEASES}/{name}.zip"
+        place = f"{RELEASES}/{name}"
         if place not in self._read(RELEASES, Targets).signed.targets:
             raise StillwakeError(f"release {name}: is not published here")
         rollout = self._read(ROLLOUT, Targets)

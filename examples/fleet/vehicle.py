@@ -1,7 +1,7 @@
 """A vehicle's side of a fleet: which release it is to run, fetched and checked.
 
-    python examples/fleet/vehicle.py https://fleet.example/ state --root 1.root.json --vehicle WDB123 --to new.zip
-    stillwake flash new.zip --bus socketcan:can0 --access access.key
+    python examples/fleet/vehicle.py https://fleet.example/ state --root 1.root.json --vehicle WDB123 --to new
+    stillwake flash new --bus socketcan:can0 --access access.key
 
 A computer in the vehicle, or the workshop's, does this; the ECU behind it believes none of it, and checks the bundle's
 own signature, hardware and security version again. For a repository in a folder on this machine, give its path.
@@ -12,7 +12,6 @@ own signature, hardware and security version again. For a repository in a folder
 import argparse
 import hashlib
 import json
-import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -26,8 +25,10 @@ from tuf.ngclient.fetcher import FetcherInterface
 from tuf.ngclient.updater import Updater
 
 from contract.errors import StillwakeError
-from contract.release import bundle as bundles
-from contract.release.checks import Bundle
+from contract.release.bundle import check_replaceable
+from contract.release.checks import Bundle, read_checked
+from contract.release.container import write_files
+from contract.release.image import files_of
 
 BINS: Final = 100
 _CHUNK: Final = 2**16
@@ -52,7 +53,7 @@ def bin_of(vehicle: str) -> int:
 
 
 def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: str, to: Path) -> Bundle | None:
-    """The release that a vehicle is to run, as a bundle's zip.
+    """The release that a vehicle is to run, as a bundle.
 
     Args:
         repository: URL of its folder, or a path.
@@ -60,7 +61,7 @@ def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: 
         root: the root metadata that the vehicle was given at production.
         vehicle: its identity.
         hardware: of its ECU.
-        to: file to write.
+        to: directory to write.
 
     Returns:
         The bundle; None if nothing is rolled out to this vehicle.
@@ -81,14 +82,16 @@ def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: 
         custom = _custom(release)
         if custom.get("hardware") not in (None, hardware):
             raise StillwakeError(f"{place}: is for hardware {custom['hardware']}, this vehicle has {hardware}")
-        downloaded = Path(updater.download_target(release, str(state / "downloads" / "release.zip")))
+        image = Path(updater.download_target(release, str(state / "downloads" / "release"))).read_bytes()
     except (RepositoryError, DownloadError, ValueError) as error:
         raise StillwakeError(f"repository {repository}: {type(error).__name__}: {error}") from error
-    bundle = bundles.load(downloaded)
+    files = files_of(image)
+    bundle = read_checked(to, files)
     if bundle.digest != custom.get("digest"):
         raise StillwakeError(f"{place}: holds bundle {bundle.digest[:12]}, not the one that was published")
+    check_replaceable(to)
     to.parent.mkdir(parents=True, exist_ok=True)
-    shutil.move(downloaded, to)
+    write_files(to, files)
     return bundle
 
 
@@ -130,7 +133,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--root", type=Path, required=True, help="root metadata from production")
     parser.add_argument("--vehicle", required=True, help="identity")
     parser.add_argument("--hardware", default="generic", help="of the ECU")
-    parser.add_argument("--to", type=Path, required=True, help="file to write the bundle to")
+    parser.add_argument("--to", type=Path, required=True, help="directory to write the bundle to")
     given = parser.parse_args(arguments)
     bundle = fetch(
         given.repository,

@@ -63,8 +63,8 @@ def write_release(
     key: Ed25519PrivateKey | None = None,
     estimator: Callable[[Manifest], MadeEstimator] | None = None,
 ) -> None:
-    """Write a release bundle (a directory, or a zip if the path ends in .zip), whole or not at all. Raises
-    StillwakeError if the path cannot be written, or holds something else.
+    """Write a release bundle, whole or not at all. Raises StillwakeError if the path cannot be written, or holds
+    something else.
 
     Args:
         provenance: of the training; the gates' figures are added under `export`.

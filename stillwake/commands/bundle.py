@@ -39,7 +39,7 @@ class NotComparedError(StillwakeError):
 
 bundle = typer.Typer(no_args_is_help=True, help="Release bundles: make keys, sign, verify, show what is inside.")
 
-BundlePath = Annotated[Path | None, typer.Argument(help="Bundle directory or .zip; default: the shipped one.")]
+BundlePath = Annotated[Path | None, typer.Argument(help="Bundle directory; default: the shipped one.")]
 DIFFERENT: Final = 1
 """Exit status of `diff`, as of diff(1)."""
 
@@ -55,7 +55,7 @@ def keygen(folder: Annotated[Path, typer.Argument(help="Folder to write release.
 
 
 @bundle.command()
-def sign(path: Annotated[Path, typer.Argument(help="Bundle directory or .zip.")], key: KeyFile) -> None:
+def sign(path: Annotated[Path, typer.Argument(help="Bundle directory.")], key: KeyFile) -> None:
     """Verify a bundle and sign it in place; an older signature is replaced."""
     from export.release.judged import judge
 
@@ -65,8 +65,8 @@ def sign(path: Annotated[Path, typer.Argument(help="Bundle directory or .zip.")]
 
 @bundle.command()
 def renew(
-    path: Annotated[Path, typer.Argument(help="Bundle directory or .zip; its DBC may be another version's.")],
-    output: Annotated[Path, typer.Argument(help="Bundle directory, or a zip if the name ends in .zip.")],
+    path: Annotated[Path, typer.Argument(help="Bundle directory; its DBC may be another version's.")],
+    output: Annotated[Path, typer.Argument(help="Bundle directory.")],
     name: Annotated[str, typer.Option(help="Name of the new bundle.")],
     key: KeyFile,
     trust: Trust = None,
@@ -99,7 +99,7 @@ def renew(
     """
     from export.release.judged import judge
 
-    check_output(output, overwrite=overwrite, folder=output.suffix != ".zip")
+    check_output(output, overwrite=overwrite, folder=True)
     _, trusted = locate(path, trust)
     private = signing.read_private_key(key)
     loaded = settings("bundle renew", None, overrides, uses=["operating_point", "mpc.weights"])
@@ -200,7 +200,7 @@ def sbom(
 
 @bundle.command()
 def diff(
-    a: Annotated[Path, typer.Argument(help="Bundle directory or .zip.")],
+    a: Annotated[Path, typer.Argument(help="Bundle directory.")],
     b: Annotated[Path, typer.Argument(help="Another one.")],
     trust: Trust = None,
 ) -> None:

@@ -45,7 +45,7 @@ def export(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Argument(help="Bundle directory, or .zip, to write. Left out, --c and --fmu are of the shipped bundle."),
+        typer.Argument(help="Bundle directory to write. Left out, --c and --fmu are of the shipped bundle."),
     ] = None,
     precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
     name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
@@ -101,7 +101,7 @@ def export(
         _export_shipped(c_folder, fmu, image, signing_key, config_file, overrides)
         return
     config = _settings(model, config_file, overrides, uses=(*USES, *USES_IN_C) if in_c else USES)
-    check_output(output, overwrite=overwrite, folder=output.suffix != ".zip", occupant=_description(output))
+    check_output(output, overwrite=overwrite, folder=True, occupant=_description(output))
     check_output(output.with_name(f"{output.name}.cdx.json"), overwrite=overwrite)
     _check_in_c(c_folder, fmu, image, overwrite=overwrite)
     if in_c:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def flash(
-    bundle: Annotated[Path, typer.Argument(help="Release bundle, directory or .zip; or image (.swi) for an ECU in C.")],
+    bundle: Annotated[Path, typer.Argument(help="Release bundle; or image (.swi) for an ECU in C.")],
     bus: BusName = None,
     access: Annotated[
         Path | None,

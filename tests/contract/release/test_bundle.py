@@ -1,6 +1,5 @@
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,6 +8,7 @@ from contract.config.controller import MpcConfig
 from contract.errors import BundleError
 from contract.release import bundle
 from contract.release.checks import CONTROLLER, SIGNATURE
+from contract.release.image import image_of
 from contract.release.manifest import MANIFEST, Manifest
 from contract.shipped import BUNDLE
 
@@ -20,24 +20,18 @@ def manifest(**changes: Any) -> Manifest:
     return replace(SHIPPED.manifest, sensor_estimator=None, **changes)
 
 
-@pytest.fixture(params=["bundle", "bundle.zip"])
-def written(tmp_path, request) -> Path:
-    path = tmp_path / request.param
-    bundle.write(path, manifest(), CONTENTS)
-    return path
-
-
-def test_round_trip(written):
-    loaded = bundle.load(written)
+def test_round_trip(tmp_path):
+    bundle.write(tmp_path / "bundle", manifest(), CONTENTS)
+    loaded = bundle.load(tmp_path / "bundle")
     assert loaded.manifest == manifest()
     assert loaded.files == CONTENTS
     assert loaded.short_hash == int.from_bytes(bytes.fromhex(loaded.digest)[:4], "big")
 
 
-def test_equal_bundles_are_equal_byte_for_byte_and_every_part_moves_the_digest(tmp_path):
-    for name in ("a.zip", "b.zip"):
-        bundle.write(tmp_path / name, manifest(), CONTENTS)
-    assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
+def test_equal_bundles_have_equal_images_and_every_part_moves_the_digest(tmp_path):
+    assert image_of(bundle.pack(manifest(), CONTENTS)) == image_of(
+        bundle.pack(manifest(), dict(reversed(CONTENTS.items())))
+    )
     variants = [
         *((manifest(**change), CONTENTS) for change in ({}, {"name": "other"}, {"mpc": MpcConfig(horizon=24)})),
         *((manifest(**{name: "1" * 64}), CONTENTS) for name in ("dataset_sha256", "weights_sha256", "program_sha256")),
@@ -53,9 +47,11 @@ def test_places_and_names_that_lead_elsewhere_are_refused(tmp_path):
         with pytest.raises(BundleError, match="plain file name"):
             bundle.write(tmp_path / "b", manifest(), {**CONTENTS, name: b""})
         assert list(tmp_path.iterdir()) == [], name
-    with pytest.raises(BundleError, match=r"nowhere: no such directory or zip"):
+    with pytest.raises(BundleError, match=r"nowhere: no such directory"):
         bundle.load(tmp_path / "nowhere")
     (tmp_path / "precious").write_text("thesis")
     with pytest.raises(BundleError, match="holds something else"):
         bundle.write(tmp_path, manifest(), CONTENTS)
     assert (tmp_path / "precious").read_text() == "thesis"
+    with pytest.raises(BundleError, match=r"b\.zip: is written as a directory"):
+        bundle.write(tmp_path / "b.zip", manifest(), CONTENTS)

@@ -1,12 +1,10 @@
 """Every kind of damage to a release bundle, by accident or on purpose, refused by its name.
 
-Done with the file system, `zipfile` and `json` alone, as someone would who has the bundle but not the key.
+Done with the file system and `json` alone, as someone would who has the bundle but not the key.
 """
 
 import os
 import shutil
-import stat
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -29,7 +27,7 @@ TRUSTED = signing.public_key(KEY)
 SENSORS = ["base_1", "base_2", "base_3", "base_4"]
 
 Tamper = Callable[[Path], object]
-"""Changes a folder; returns another path to read, or nothing to read the folder."""
+"""Changes a folder."""
 
 
 def edited(name: str, change: Callable[[bytes], bytes]) -> Tamper:
@@ -55,38 +53,18 @@ def in_the_trusted_keys_name(folder: Path) -> None:
     (folder / SIGNATURE).write_bytes(named.replace(own, trusted))
 
 
-def zipped(folder: Path, *added: tuple[str | zipfile.ZipInfo, bytes]) -> Path:
-    path = folder.with_suffix(".zip")
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for item in sorted(folder.iterdir()):
-            archive.writestr(item.name, item.read_bytes())
-        for name, data in added:
-            archive.writestr(name, data)
-    return path
+def with_files(**sizes: int) -> Tamper:
+    def add(folder: Path) -> None:
+        for name, size in sizes.items():
+            (folder / name).write_bytes(bytes(size))
+
+    return add
 
 
-def with_entries(*added: tuple[str | zipfile.ZipInfo, bytes]) -> Tamper:
-    return lambda folder: zipped(folder, *added)
+def with_link(folder: Path) -> None:
+    (folder / "link").symlink_to("/etc/passwd")
 
 
-def cut_to(end: int) -> Tamper:
-    def cut(folder: Path) -> Path:
-        path = zipped(folder)
-        path.write_bytes(path.read_bytes()[:end])
-        return path
-
-    return cut
-
-
-def hidden_name(folder: Path) -> Path:
-    """A name that the zip library cuts at its zero byte."""
-    path = zipped(folder, ("controller.onnxZevil", b""))
-    path.write_bytes(path.read_bytes().replace(b"onnxZevil", b"onnx\0evil"))
-    return path
-
-
-LINK = zipfile.ZipInfo("link")
-LINK.external_attr = (stat.S_IFLNK | 0o777) << 16
 LARGE = edited(MANIFEST, lambda data: data + b" " * 2**20)
 
 CASES: list[tuple[Tamper, type[errors.BundleError], str]] = [
@@ -104,30 +82,23 @@ CASES: list[tuple[Tamper, type[errors.BundleError], str]] = [
     (lambda folder: resealed(folder, OTHER, sensors=SENSORS), errors.BundleSignerError, "signed by key"),
     (lambda folder: resealed(folder, KEY, dbc_sha256="0" * 64), errors.BundleDbcError, "another stillwake.dbc"),
     (LARGE, errors.BundleContainerError, "at most 1048576"),
-    (lambda folder: LARGE(folder) or zipped(folder), errors.BundleContainerError, "at most 1048576"),
-    (with_entries(("more", bytes(20 * 2**20)), ("zeros", bytes(20 * 2**20))), errors.BundleContainerError, "33554432"),
-    (with_entries(*((f"{i}", b"") for i in range(100))), errors.BundleContainerError, "more than 64 files"),
-    (cut_to(-100), errors.BundleContainerError, "truncated, damaged or no zip"),
-    (with_entries(("../evil", b"")), errors.BundleContainerError, "'../evil' is a path"),
-    (hidden_name, errors.BundleContainerError, "is a path"),
-    (with_entries((CONTROLLER, b"another")), errors.BundleContainerError, "controller.onnx is there twice"),
-    (with_entries((LINK, b"/etc/passwd")), errors.BundleContainerError, "'link' is a symbolic link"),
+    (with_files(more=20 * 2**20, zeros=20 * 2**20), errors.BundleContainerError, "33554432"),
+    (with_files(**{f"{i}": 0 for i in range(100)}), errors.BundleContainerError, "more than 64 files"),
+    (with_link, errors.BundleContainerError, "'link' is a symbolic link"),
     (lambda folder: os.mkfifo(folder / "pipe"), errors.BundleContainerError, "'pipe' is not a plain file"),
 ]
 
 
-@pytest.mark.filterwarnings("ignore:Duplicate name")
 def test_damage_is_refused_by_its_name(sound, tmp_path):
     for number, (tamper, kind, named) in enumerate(CASES):
         folder = shutil.copytree(sound, tmp_path / str(number) / "bundle")
-        other = tamper(folder)
-        path = other if isinstance(other, Path) else folder
+        tamper(folder)
         with pytest.raises(errors.BundleError) as refused:
-            bundle.load(path, TRUSTED)
+            bundle.load(folder, TRUSTED)
         assert type(refused.value) is kind, (named, refused.value)
-        assert named in str(refused.value) and str(path) in str(refused.value), (named, refused.value)
+        assert named in str(refused.value) and str(folder) in str(refused.value), (named, refused.value)
         # The list that people read has the error that a loader raises as its first.
-        first = next(check.error for check in bundle.examine(path, TRUSTED) if check.error is not None)
+        first = next(check.error for check in bundle.examine(folder, TRUSTED) if check.error is not None)
         assert (type(first), str(first)) == (kind, str(refused.value)), named
 
 
@@ -153,9 +124,8 @@ def test_nothing_is_parsed_whose_signature_is_bad(signed, monkeypatch):
 
 
 def test_everything_that_is_wrong_is_listed_and_nothing_if_all_is_sound(signed):
-    for path in (signed, zipped(signed)):
-        assert bundle.load(path, TRUSTED).signer == TRUSTED
-        assert all(check.error is None for check in bundle.examine(path, TRUSTED))
+    assert bundle.load(signed, TRUSTED).signer == TRUSTED
+    assert all(check.error is None for check in bundle.examine(signed, TRUSTED))
     # Everything that is wrong is listed.
     flipped(CONTROLLER, 1000)(signed)
     (signed / "extra.bin").touch()

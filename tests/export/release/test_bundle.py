@@ -100,7 +100,7 @@ def test_a_sensor_estimator_is_made_for_the_manifest_and_written_with_it(tmp_pat
 
 @pytest.mark.parametrize("precision", ["float32", "int8"])
 def test_a_written_release_loads_and_controls(tmp_path, program, precision):
-    lowerings, name = gated(program, precision), "release" if precision == "int8" else "release.zip"
+    lowerings, name = gated(program, precision), "release"
     report, key = lowerings.graph, Ed25519PrivateKey.generate()
     release(tmp_path / name, lowerings, key=key)
     loaded = bundle.load(tmp_path / name, signing.public_key(key))

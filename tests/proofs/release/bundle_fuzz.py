@@ -3,10 +3,10 @@
     python -m tests.proofs.release --cases 100000 --json results/bundle_fuzz.json
 
 Every case is made from a small sound release and a seed. It may end in two ways: in an error of the project's own, in
-one printable line; or accepted. What is accepted without a manifest of its own (zip, folder) must have the content that
-the sound bundle has. A manifest or a graph whose hashes were made right again is another one, which nobody signed: it
-must keep its rules, and a graph must answer in ONNX Runtime within its limits or be refused by name. Anything else ends
-the run with the case's number.
+one printable line; or accepted. What is accepted without a manifest of its own (image, folder) must have the content
+that the sound bundle has. A manifest or a graph whose hashes were made right again is another one, which nobody signed:
+it must keep its rules, and a graph must answer in ONNX Runtime within its limits or be refused by name. Anything else
+ends the run with the case's number.
 """
 
 import hashlib
@@ -27,7 +27,8 @@ from contract.config.learning import ModelConfig
 from contract.controller.c_folder import SETTINGS, Settings
 from contract.errors import StillwakeError
 from contract.release import bundle
-from contract.release.checks import CONTROLLER, Bundle
+from contract.release.checks import CONTROLLER, Bundle, read_checked
+from contract.release.image import files_of, image_of
 from contract.release.manifest import MANIFEST, Manifest
 from contract.runtime.onnx_session import OnnxController
 from contract.shipped import BUNDLE
@@ -37,7 +38,7 @@ from export.to_onnx.control_step import build_controller
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, max_rss_kib, report
 from tests.proofs.release import damage
 
-KINDS: Final = {"zip": 30, "folder": 15, "manifest's bytes": 10, "manifest's values": 20, "graph": 20, "C header": 5}
+KINDS: Final = {"image": 30, "folder": 15, "manifest's bytes": 10, "manifest's values": 20, "graph": 20, "C header": 5}
 """Shares of the cases."""
 PIECE: Final = 1000
 """Cases that a process runs at a time."""
@@ -174,10 +175,9 @@ def _reader(kind: str, folder: Path, sound: Sound, rng: Random) -> Callable[[], 
     if kind == "C header":
         content = damage.bytes_of(rng, sound.header)
         return lambda: _read_header(content)
-    if kind == "zip":
-        path = path.with_suffix(".zip")
-        path.write_bytes(damage.zip_of(rng, files))
-        return lambda: _identical(bundle.load(path), sound)
+    if kind == "image":
+        content = damage.bytes_of(rng, image_of(files))
+        return lambda: _identical(read_checked(path, files_of(content)), sound)
     if kind == "graph":
         files |= damage.with_controller(files, CONTROLLER, damage.bytes_of(rng, files[CONTROLLER]))
     elif kind == "manifest's values":

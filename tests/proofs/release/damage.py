@@ -4,10 +4,7 @@ Everything follows from a random generator and what is given, so that a case tha
 """
 
 import hashlib
-import io
 import json
-import re
-import zipfile
 from collections.abc import Callable, Mapping
 from random import Random
 from typing import Any, Final
@@ -42,27 +39,6 @@ def bytes_of(rng: Random, sound: bytes) -> bytes:
         if not content:
             break
     return bytes(content)
-
-
-def zip_of(rng: Random, files: Mapping[str, bytes]) -> bytes:
-    """A zip of the files, damaged, half of the time near one of its headers."""
-    whole = io.BytesIO()
-    with zipfile.ZipFile(whole, "w", rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))) as archive:
-        for name, content in files.items():
-            archive.writestr(zipfile.ZipInfo(name), content, archive.compression)
-    sound = whole.getvalue()
-    if rng.random() < 0.5:
-        return bytes_of(rng, sound)
-    places = [
-        match.start() for match in re.finditer(b"PK(\x01\x02|\x03\x04|\x05\x06|\x06\x06|\x06\x07|\x07\x08)", sound)
-    ]
-    place = rng.choice(places)
-    damaged = bytearray(sound)
-    for _ in range(rng.choice((1, 1, 2, 3))):
-        offset, size = place + rng.randrange(46), rng.choice((1, 2, 4))
-        number = rng.choice((*_NUMBERS, rng.randrange(2**32))) & (2 ** (8 * size) - 1)
-        damaged[offset : offset + size] = number.to_bytes(size, "little")
-    return bytes(damaged)
 
 
 def sealed(body: Mapping[str, Any]) -> bytes:

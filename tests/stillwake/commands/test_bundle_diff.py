@@ -29,10 +29,8 @@ def rows_of(a, b) -> dict[str, tuple[str, str]]:
 
 def test_its_status_is_that_of_diff(cli, refused, changed, tmp_path, monkeypatch):
     monkeypatch.setattr(console, "_width", 300)
-    shutil.make_archive(str(tmp_path / "b"), "zip", changed)
-    for other in (changed, tmp_path / "b.zip"):
-        outcome = cli("bundle", "diff", BUNDLE, other)
-        assert (outcome.code, outcome.out, outcome.err) == (0, "no difference\n", "")
+    outcome = cli("bundle", "diff", BUNDLE, changed)
+    assert (outcome.code, outcome.out, outcome.err) == (0, "no difference\n", "")
     resealed(changed, KEY, name="other", security_version=7)
     outcome = cli("bundle", "diff", BUNDLE, changed)
     assert (outcome.code, outcome.err) == (1, "")

@@ -59,15 +59,15 @@ def test_it_may_serve_a_part_of_the_speeds(cli, old, keys, tmp_path):
 
 def test_the_new_one_has_the_same_controller_and_names_where_it_comes_from(cli, old, keys, tmp_path):
     before = json.loads((old / MANIFEST).read_bytes())
-    for target in ("new", "new.zip"):
-        done = renew(cli, old, keys, tmp_path, target=target)
-        assert done.code == 0, done.err
-        renewed = bundle.load(tmp_path / target, signing.public_key(NEW_KEY))
-        assert renewed.files[CONTROLLER] == (old / CONTROLLER).read_bytes()
-        assert renewed.manifest.name == "renewed"
-        assert renewed.manifest.provenance == {**before["provenance"], "renewed_from": before["manifest_sha256"]}
-        for name in ("dataset_sha256", "weights_sha256", "program_sha256", "precision", "window", "action_limit"):
-            assert getattr(renewed.manifest, name) == before[name]
+    done = renew(cli, old, keys, tmp_path)
+    assert done.code == 0, done.err
+    renewed = bundle.load(tmp_path / "new", signing.public_key(NEW_KEY))
+    assert renewed.files[CONTROLLER] == (old / CONTROLLER).read_bytes()
+    assert renewed.manifest.name == "renewed"
+    assert renewed.manifest.provenance == {**before["provenance"], "renewed_from": before["manifest_sha256"]}
+    for name in ("dataset_sha256", "weights_sha256", "program_sha256", "precision", "window", "action_limit"):
+        assert getattr(renewed.manifest, name) == before[name]
+    assert "is written as a directory" in renew(cli, old, keys, tmp_path, target="new.zip").err
     assert "--overwrite" in renew(cli, old, keys, tmp_path).err
     demanded = ("--overwrite", "--trust")
     assert renew(cli, old, keys, tmp_path, *demanded, tmp_path / "old-keys" / "release.pub").code == 0
