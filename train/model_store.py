@@ -17,7 +17,7 @@ from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from train.distillation.evaluate import ModelMetrics
 from train.networks.model import Encoder, Predictor, WakeModel
-from train.selection.choice import SensorChoice
+from train.selection.ranking import SensorChoice
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -30,11 +30,8 @@ from train.model_store import TrainedModel
 from train.networks.model import Encoder, Predictor, WakeModel
 from train.samples.rows import Rows, prepare
 from train.samples.scaling import fit_scaling
-from train.selection.budget import check_count
-from train.selection.choice import GIVEN, SensorChoice
-from train.selection.hand_choice import select_by_hand
-from train.selection.methods import select
-from train.selection.ranking import Ranking
+from train.selection.methods import select, select_by_hand
+from train.selection.ranking import GIVEN, Ranking, SensorChoice, check_count
 from train.selection.shap_ranking import ShapRanker, rank
 
 THREADS: Final = "torch_threads"

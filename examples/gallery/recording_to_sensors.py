@@ -88,7 +88,7 @@ print(f"the same four in each of {len(ranking.scores)} draws: {ranking.is_stable
 # Another question, which needs no model: from which four pressures can the pressures at all 90 places be rebuilt
 # best? The pivots of a QR decomposition of the leading POD modes answer it.
 
-from train.selection.qr_pivoting import select_qr
+from train.selection.methods import select_qr
 
 by_qr = tuple(layout.names[column] for column in select_qr(rows, 4))
 print(f"four by QR pivoting: {', '.join(by_qr)}")
@@ -128,7 +128,7 @@ plt.show()
 # that it misses. The sensors have noise of 5 % of the pressures' deviation, as in the release's training: without
 # noise a sensor near the front, which barely moves, would be as good as one on the base.
 
-from train.selection.greedy_forward import select_greedy
+from train.selection.methods import select_greedy
 from train.selection.ridge_student import ridge_student
 
 student = ridge_student(trained.teacher.encoder, rows, seed=0, sensor_noise=0.05)

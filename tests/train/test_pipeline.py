@@ -18,7 +18,7 @@ from train.distillation.evaluate import evaluate
 from train.fitting.progress import Phase
 from train.pipeline import train_all
 from train.samples.rows import prepare
-from train.selection.choice import SensorChoice
+from train.selection.ranking import SensorChoice
 
 pytestmark = pytest.mark.slow  # whole trainings
 

@@ -32,7 +32,7 @@ from train.refinement.predictor import check_pairs, predictor
 from train.refinement.refine import refine
 from train.refinement.stretches import SideBySide
 from train.samples.rows import prepare
-from train.selection.choice import GIVEN, SensorChoice
+from train.selection.ranking import GIVEN, SensorChoice
 
 SPEEDS_AT_REST: Final = 9
 

@@ -1,4 +1,4 @@
 """How the slim encoder's sensors are chosen: by the paper's SHAP ranking, and by other methods for comparison.
 
-`methods.select` is the one door; every method has a file of its own.
+`methods.select` is the one door.
 """

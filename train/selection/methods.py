@@ -1,26 +1,112 @@
 """The methods behind one interface: a teacher, its recording and a budget in, names of sensors out."""
 
+from itertools import zip_longest
 from typing import Final, get_args
 
 import numpy as np
+import scipy.linalg
 
+from contract.arrays import Array, Mask
 from contract.config.learning import SelectionMethod, TrainConfig
 from contract.errors import ConfigError
-from train.fitting.progress import Progress, silent
+from contract.sensor_layout import SensorLayout
+from contract.sensors import TRUCK
+from train.fitting.progress import Phase, Progress, silent
 from train.networks.model import Encoder
 from train.samples.rows import Rows
-from train.selection.budget import check_count
-from train.selection.greedy_forward import select_greedy
-from train.selection.hand_choice import select_by_hand
-from train.selection.qr_pivoting import select_qr
-from train.selection.random_draws import select_random
-from train.selection.ridge_student import ridge_student
+from train.selection.ranking import check_count
+from train.selection.ridge_student import RidgeStudent, ridge_student
 from train.selection.shap_ranking import ShapRanker, rank
 
 METHODS: Final[tuple[SelectionMethod, ...]] = get_args(SelectionMethod)
-
 RANDOM_DRAWS: Final = 64
 """Choices that "random" judges."""
+
+
+def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
+    """Indices of `count` sensors, outward from the two rear corners, where the shear layers leave the body.
+
+    By turns the next pair along the sides, from the rear forward, and the next across the base, from its edges inward;
+    when one of the two is used up, the other alone. On the truck, four are upper_39, lower_39, base_0 and base_9.
+    Sensors on the symmetry line come last, from the rear forward. An odd count may end with the upper sensor of a pair,
+    without its image. Raises ConfigError if the sensors have no mirror images, or none lies on a base.
+    """
+    mirror = layout.mirror
+    if mirror is None or not layout.base.size:
+        lacking = "mirror images" if mirror is None else "base"
+        raise ConfigError(f"train.selection = 'hand': these sensors have no {lacking}; use another method or --sensors")
+    x, y = layout.positions.T
+    on_base = np.isin(np.arange(len(layout)), layout.base)
+    paired = mirror != np.arange(len(layout))
+    upper = paired & (y > 0)
+    sides = _sorted(upper & ~on_base, -x)
+    base = _sorted(upper & on_base, -y)
+    pairs = [one for both in zip_longest(sides, base) for one in both if one is not None]
+    chosen = [index for one in pairs for index in (one, int(mirror[one]))]
+    return tuple([*chosen, *_sorted(~paired, -x)][:count])
+
+
+def _sorted(wanted: Mask, by: Array) -> list[int]:
+    """Columns that are wanted, the smallest of `by` first."""
+    columns = np.flatnonzero(wanted)
+    return [int(column) for column in columns[np.argsort(by[columns], kind="stable")]]
+
+
+def pod_modes(rows: Rows, count: int) -> Array:
+    """(N, count) leading modes of the standardised pressures, those of most variance first."""
+    pressure = rows.inputs[:, : rows.sensors].cpu().numpy().astype(np.float64)
+    pressure -= pressure.mean(axis=0)
+    _, vectors = np.linalg.eigh(pressure.T @ pressure)
+    return vectors[:, ::-1][:, :count]
+
+
+def select_qr(rows: Rows, count: int, *, modes: int | None = None) -> tuple[int, ...]:
+    """Indices of the first `count` pivots of a QR decomposition of the transposed POD modes, in their order.
+
+    From them the pressure field itself is best rebuilt, whatever the latents hold of it: each pivot is the sensor whose
+    row of the modes is longest after those already chosen are taken out (Manohar, Brunton, Kutz and Brunton,
+    "Data-driven sparse sensor placement for reconstruction", IEEE Control Systems Magazine 38, 2018).
+
+    Args:
+        modes: size of the basis; as many as sensors if None or fewer than those, because a basis of r modes
+            distinguishes no more than r sensors.
+    """
+    # PyPI's python-sensors 0.4 does this too, but brings scikit-learn, matplotlib and pandas for one call of SciPy's.
+    basis = pod_modes(rows, max(count, modes or 0))
+    _, order = scipy.linalg.qr(basis.T, mode="r", pivoting=True)
+    return tuple(order[:count].tolist())
+
+
+def select_greedy(student: RidgeStudent, count: int, *, progress: Progress = silent) -> tuple[int, ...]:
+    """Indices of the sensors that help the student most, given those chosen before, in that order; of equal ones the
+    first in the sensors' order."""
+    chosen: tuple[int, ...] = ()
+    for place in range(count):
+        errors = {index: student.error((*chosen, index)) for index in range(student.sensors) if index not in chosen}
+        best = min(errors, key=errors.__getitem__)
+        chosen = (*chosen, best)
+        progress(Phase.SELECT, place + 1, count, {"error": errors[best]})
+    return chosen
+
+
+def draw_choices(count: int, draws: int, seed: int, available: int) -> list[tuple[int, ...]]:
+    """That many choices of `count` of the available sensors, each without repetition and in the sensors' order."""
+    generator = np.random.default_rng(seed)
+    return [tuple(np.sort(generator.choice(available, count, replace=False)).tolist()) for _ in range(draws)]
+
+
+def select_random(
+    student: RidgeStudent, count: int, *, draws: int, seed: int, progress: Progress = silent
+) -> tuple[int, ...]:
+    """The draw of which the ridge student makes the smallest error."""
+    best: tuple[int, ...] = ()
+    least = np.inf
+    for number, chosen in enumerate(draw_choices(count, draws, seed, student.sensors)):
+        error = student.error(chosen)
+        if error < least:
+            best, least = chosen, error
+        progress(Phase.SELECT, number + 1, draws, {"error": least})
+    return best
 
 
 def select(

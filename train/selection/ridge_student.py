@@ -16,12 +16,24 @@ from typing import Final
 import numpy as np
 import scipy.linalg
 import torch
+from torch import Tensor
 
-from contract.arrays import Array
+from contract.arrays import Array, Index
 from contract.errors import DatasetError
 from train.networks.model import Encoder
 from train.samples.rows import Rows
-from train.selection.window_draws import first_rows, windows_at
+
+
+def first_rows(rows: Rows, window: int) -> Index:
+    """Index of the first row of every full window."""
+    return np.concatenate([np.arange(span.start, span.stop - window + 1) for span in rows.spans()])
+
+
+def windows_at(rows: Rows, firsts: Index, window: int) -> Tensor:
+    """The windows that begin at those rows, (n, L, F)."""
+    start = torch.as_tensor(firsts, device=rows.inputs.device)
+    return rows.inputs[start[:, None] + torch.arange(window, device=start.device)]
+
 
 STRIDE: Final = 4
 """Every 4th row of the window is a lag: 0.8 t_c, six to a shedding cycle, 8 lags in a window of 32."""

@@ -19,7 +19,7 @@ from train.fitting.progress import Phase, Progress, silent
 from train.networks.model import Encoder
 from train.samples.rows import Rows
 from train.selection.ranking import Ranking
-from train.selection.window_draws import first_rows, windows_at
+from train.selection.ridge_student import first_rows, windows_at
 
 
 class Ranker(Protocol):

@@ -22,7 +22,7 @@ from export.program.recorded_windows import recorded_windows
 from export.reference.model import decode, encode, step
 from train import model_store
 from train.networks.model import Encoder, WakeModel
-from train.selection.choice import GIVEN, SensorChoice
+from train.selection.ranking import GIVEN, SensorChoice
 
 MODEL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8, decoder_blocks=3)
 CHOSEN = ("base_9", "upper_39", "base_0", "lower_39")

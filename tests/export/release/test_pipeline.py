@@ -36,7 +36,7 @@ from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train import model_store
 from train.networks.model import Encoder, WakeModel
 from train.samples.scaling import fit_scaling
-from train.selection.choice import GIVEN, SensorChoice
+from train.selection.ranking import GIVEN, SensorChoice
 
 pytestmark = pytest.mark.slow  # every lowering is built and gated
 

@@ -19,7 +19,7 @@ from train import model_store
 from train.distillation.evaluate import EncoderMetrics, ForceError, ModelMetrics, RolloutError
 from train.networks.model import Encoder, WakeModel
 from train.samples.scaling import fit_scaling
-from train.selection.choice import GIVEN, SensorChoice
+from train.selection.ranking import GIVEN, SensorChoice
 
 pytestmark = pytest.mark.slow  # numba compiles the adjoint
 
