@@ -18,7 +18,7 @@ from contract.controller.c_folder import COMPILE_FLAGS, EXPECTED, RECORDED, rows
 from examples.random_programs import random_program
 from export.int8.activation_ranges import activation_ranges
 from export.int8.calibrate import rounded_on
-from export.program.random_windows import random_windows
+from export.program.windows import random_windows
 from export.to_c.folder_files import documents, replay
 from export.to_c.library import c_library
 from firmware_sim.in_c.compiler import STANDARD

@@ -112,7 +112,7 @@ def _random_release(path: Path, window: int) -> Path:
     from examples.random_programs import random_program
     from export.gates.quantisation import QuantisationLimits
     from export.int8.rounded_program import rounded_to_nearest
-    from export.program.random_windows import random_windows
+    from export.program.windows import random_windows
     from export.release.gated import gate
     from export.release.lowering import lower
 

@@ -29,7 +29,7 @@ from export.gates.parity import control_cases
 from export.int8.rounded_program import Program, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
 from export.program.matrices import matrices
-from export.program.random_windows import random_window
+from export.program.windows import random_window
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller

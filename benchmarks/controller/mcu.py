@@ -35,9 +35,8 @@ from contract.release.bundle import load as load_bundle
 from contract.results import versions
 from contract.shipped import BUNDLE, RECORDING
 from examples.random_programs import random_program
-from export.program.from_training import program_of
-from export.program.random_windows import random_window
-from export.program.recorded_windows import recorded_windows
+from export.program.controller_program import program_of
+from export.program.windows import random_window, recorded_windows
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from firmware_sim.mcu.cores import CORTEX_M4F, CORTEX_M7, Core

@@ -17,7 +17,7 @@ from contract.controller.interface import Controller
 from contract.errors import ExportError
 from contract.runtime.onnx_session import OnnxController
 from export.program.controller_program import ControllerProgram
-from export.program.random_windows import random_window
+from export.program.windows import random_window
 from export.reference.mpc import control_step
 
 SPEEDS: Final = (1.0, 0.6, 1.4)

@@ -7,6 +7,7 @@ import numpy as np
 from contract.config.controller import MpcConfig
 from contract.controller.interface import FORCES, Sizes
 from contract.errors import ExportError
+from contract.model.model_folder import SLIM, ModelFolder
 from contract.release.manifest import Scaling
 from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, PriorWeights, State
 
@@ -132,3 +133,23 @@ def _check_scaling(scaling: Scaling, sensors: int) -> None:
             raise ExportError(f"scaling.{name} = {values.tolist()}: must be {rule}")
     if not (np.isfinite(scaling.action_std) and scaling.action_std > 0):
         raise ExportError(f"scaling.action_std = {scaling.action_std}: must be positive and finite")
+
+
+def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
+    """The controller of a trained model with these optimiser settings; raises ExportError if the weights do not fit.
+
+    The slim encoder is the program's, and so are slim dynamics and decoder where the model holds them; the teacher on
+    all sensors stays behind.
+    """
+    about = model.description
+    return ControllerProgram.from_state(
+        encoder=model.network(SLIM),
+        dynamics=model.deployed("dynamics"),
+        decoder=model.deployed("decoder"),
+        scaling=about.scaling.of_sensors(about.layout.indices(about.sensors)),
+        mpc=mpc,
+        action_limit=about.config.flow.action_limit,
+        sensors=about.sensors,
+        encoder_rows=about.config.model.window,
+        prior=model.prior,
+    )

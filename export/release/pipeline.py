@@ -31,9 +31,8 @@ from contract.release.manifest import PRECISIONS, Manifest
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from export.int8.calibrate import rounded_on
-from export.program.controller_program import ControllerProgram
-from export.program.from_training import program_of
-from export.program.recorded_windows import recorded_windows
+from export.program.controller_program import ControllerProgram, program_of
+from export.program.windows import recorded_windows
 from export.release.bundle import Vehicle, write_release
 from export.release.c_folder import rows_of, write_c_release
 from export.release.gated import Gated, gate

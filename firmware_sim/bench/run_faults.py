@@ -11,13 +11,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from can_bridge.bus.faults.babble import Babble
-from can_bridge.bus.faults.connection import Disconnect
 from can_bridge.bus.faults.content import FlipBits, StuckAt
-from can_bridge.bus.faults.fault import Fault
-from can_bridge.bus.faults.injector import Around
+from can_bridge.bus.faults.fault import Around, Fault, FaultyBus, wrap
+from can_bridge.bus.faults.node_faults import Babble, Disconnect
 from can_bridge.bus.faults.text import parse_fault
-from can_bridge.bus.faults.wrapping import FaultyBus, wrap
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame

@@ -24,9 +24,7 @@ from firmware_sim.live.event_log import EventLog
 from firmware_sim.live.loop.live_run import LiveRun, Period
 from firmware_sim.live.loop.messages import Answer, Choice, Message, pack_field
 from firmware_sim.live.loop.noticing import START, noticed
-from firmware_sim.live.requests import Asked, asked
-from firmware_sim.live.setting_words import changes
-from firmware_sim.live.settings import CONTROLLERS, LiveSettings
+from firmware_sim.live.settings import CONTROLLERS, Asked, LiveSettings, asked, changes
 from wake.plant.protocol import LoopPlant
 
 OFF: Final = "off"

@@ -3,13 +3,43 @@
 Every fault is a disturbance of `firmware_sim.bench.disturbances`, written as a run has it on its command line.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Final, Self
+from typing import Any, Final, NamedTuple, Self
 
 from contract.config.controller import CostWeights
 from contract.controller.calibration import LARGEST_WEIGHT, WEIGHTS
 from contract.errors import ConfigError
+
+_TRUE: Final = ("clear", "power_cycle", "restart")
+ACTIONS: Final = ("set", "pause", *_TRUE)
+"""set: values for `LiveSettings.changed`. pause: or go on. clear: everything but request, controller and plant as at
+the start, and a latched fault re-armed. power_cycle: of the ECU. restart: the plant from its start."""
+
+
+class Asked(NamedTuple):
+    """One of `ACTIONS`; the value is a dict for set, a bool else."""
+
+    action: str
+    value: Any
+
+
+def asked(request: object) -> Asked:
+    """What is to be done. Raises ConfigError if it is not exactly one action with a value of its kind."""
+    if not isinstance(request, dict):
+        raise ConfigError("request: must be a JSON object")
+    actions = [name for name in request if name != "id"]
+    if len(actions) != 1 or actions[0] not in ACTIONS:
+        raise ConfigError(f"request: must have one of {', '.join(ACTIONS)}, and an id")
+    action, value = actions[0], request[actions[0]]
+    if action == "set" and not isinstance(value, dict):
+        raise ConfigError("request: set must be an object of settings")
+    if action == "pause" and not isinstance(value, bool):
+        raise ConfigError("request: pause must be true or false")
+    if action in _TRUE and value is not True:
+        raise ConfigError(f"request: {action} must be true")
+    return Asked(action, value)
+
 
 CONTROLLERS: Final = ("int8", "c", "cortex-m7", "off")
 """ECU in Python with the release's ONNX graph; its twin in C on this machine; the same on an emulated core; no supply.
@@ -140,3 +170,28 @@ def _weights(given: Any, now: CostWeights) -> CostWeights | None:
     if not isinstance(given, Mapping) or (set(given) - set(WEIGHTS)):
         raise ConfigError(f"live setting weights = {given!r}: must be numbers by the names {', '.join(WEIGHTS)}")
     return replace(now, **{name: _within(name, value, WEIGHT) for name, value in given.items()})
+
+
+def changes(before: LiveSettings, now: LiveSettings, own: CostWeights, controllers: Mapping[str, str]) -> Iterator[str]:
+    """A text for each setting that changed; `own` are the release's weights, `controllers` labels by name."""
+    all_frames = "all pressure frames reach the ECU"
+    percent, late = f"{100 * now.loss:g} %", f"{now.delay_ms:g} ms late"
+    bias_before, bias = ((one.biased and (one.biased, one.bias)) for one in (before, now))
+    rows: tuple[tuple[object, object, str, str], ...] = (
+        (before.enable, now.enable, "control is requested", "the request for control is taken back"),
+        (before.controller, now.controller, f"controller: {controllers[now.controller]}", ""),
+        (before.plant, now.plant, f"plant: {now.plant}", ""),
+        (before.noise, now.noise, f"noise of {now.noise:g} deviations on every sensor", "no noise on the sensors"),
+        (before.dead, now.dead, f"{now.dead} is dead: it reads 0", f"{before.dead} reads the pressure again"),
+        (bias_before, bias, f"{now.biased} reads {now.bias:+g} deviations wrong", f"{before.biased} has no bias"),
+        (before.loss, now.loss, f"{percent} of the pressure frames do not reach the ECU", all_frames),
+        (before.delay_ms, now.delay_ms, f"jet commands reach the vehicle {late}", "no delay to the jets"),
+        (before.babble, now.babble, "a node babbles at the highest priority", "no node babbles"),
+    )
+    for old, new, set_to, unset in rows:
+        if new != old:
+            yield set_to if new else unset
+    if now.weights != before.weights:
+        was, cost = before.weights or own, now.weights or own
+        changed = [f"{name} {getattr(cost, name):g}" for name in WEIGHTS if getattr(was, name) != getattr(cost, name)]
+        yield f"calibration of the cost: {', '.join(changed)}"

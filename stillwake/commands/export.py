@@ -290,8 +290,7 @@ def mcu(
     config = settings("mcu", config_file, overrides, uses=["operating_point", "flow.control_period"]).config
     check_json(json_file)
 
-    from firmware_sim.mcu.measure import PHASES, measure_folder
-    from firmware_sim.mcu.verdict import verdicts
+    from firmware_sim.mcu.measure import PHASES, measure_folder, verdicts
     from stillwake.parts.c_release import library_folder
 
     with phases_bar("Cortex-M7", PHASES) as (_, phase), library_folder(library) as folder:

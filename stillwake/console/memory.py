@@ -17,7 +17,7 @@ NEEDS_MB: Final = {
     **dict.fromkeys(("run", "campaign", "vehicle", "bench"), 850),
     **dict.fromkeys(("train", "refine", "export", "mcu"), 750),
     **dict.fromkeys(("record", "picture", "animate"), 550),
-    **dict.fromkeys(("develop", "steady", "plant-fmu", "identify"), 450),
+    **dict.fromkeys(("develop", "steady", "plant-fmu"), 450),
 }
 """The same of commands that simulate, learn or draw, with one thread of BLAS: with less a short call fails."""
 _A_THREAD_MB: Final = 80

@@ -16,7 +16,7 @@ from contract.errors import ConfigError
 from contract.model import model_folder
 from contract.runtime.copies import CopiedWhole
 from contract.runtime.onnx_session import OnnxController
-from export.program.from_training import program_of
+from export.program.controller_program import program_of
 from export.to_onnx.control_step import build_controller
 from firmware_sim.campaign.starts import phases_apart
 from train.refinement.flow import FlowState, Iterating, Seen

@@ -10,7 +10,7 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import McuError
 from examples.random_programs import random_program
-from export.program.random_windows import random_window
+from export.program.windows import random_window
 from export.release.lowering import int8_library
 
 pytestmark = pytest.mark.mcu

@@ -21,7 +21,7 @@ from contract.release.manifest import SpeedRange
 from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
-from export.program.random_windows import random_window
+from export.program.windows import random_window
 from export.release.c_folder import write_c_release
 from export.release.gated import gate
 from export.release.lowering import lower

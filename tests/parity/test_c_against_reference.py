@@ -17,7 +17,7 @@ from contract.controller.interface import ControllerError
 from examples.random_programs import random_program
 from export.gates.parity import check_lowering, control_cases
 from export.program.controller_program import ControllerProgram
-from export.program.random_windows import random_window, random_windows
+from export.program.windows import random_window, random_windows
 from export.reference.mpc import shift
 from export.to_c.library import c_library
 from firmware_sim.in_c.host_library import CController

@@ -23,7 +23,7 @@ from export.gates.parity import control_cases
 from export.int8.activation_ranges import activation_ranges
 from export.int8.rounded_program import RoundedProgram, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
-from export.program.random_windows import random_window, random_windows
+from export.program.windows import random_window, random_windows
 from export.reference.mpc import control_step, shift
 from export.to_c.library import c_library
 from firmware_sim.in_c.host_library import CController

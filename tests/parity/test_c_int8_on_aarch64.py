@@ -14,7 +14,7 @@ from contract.config.learning import ModelConfig
 from contract.controller.c_folder import Rows, float_literal, library_sources
 from contract.controller.interface import Sizes
 from examples.random_programs import random_program
-from export.program.random_windows import random_window
+from export.program.windows import random_window
 from export.release.lowering import int8_library
 from firmware_sim.in_c.compiler import zig_compiler
 from firmware_sim.in_c.host_library import CController

@@ -16,7 +16,7 @@ from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
 from export.gates.parity import check_parity
 from export.int8.rounded_program import effective, rounded_to_nearest
-from export.program.random_windows import random_window, random_windows
+from export.program.windows import random_window, random_windows
 from export.reference.mpc import control_step
 from export.to_onnx.control_step import build_controller
 from tests.each import each

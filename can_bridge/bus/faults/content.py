@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from random import Random
 from typing import Final
 
-from can_bridge.bus.faults.fault import Probability
-from can_bridge.bus.faults.frame_by_frame import Change, SidedFault
+from can_bridge.bus.faults.fault import Change, Probability, SidedFault
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS, MessageSpec

@@ -1,16 +1,17 @@
-"""What all faults have in common: when they act, and on which frames."""
+"""What all faults have in common: when they act and on which frames, and the bus around a bus where they do."""
 
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import inf
 from random import Random
-from typing import Annotated, Any, ClassVar, Final, TypeVar
+from typing import Annotated, Any, ClassVar, Final, Generic, Literal, TypeVar
 
-from can_bridge.bus.faults.injector import Injector
-from can_bridge.bus.interface import Bus
+from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
 from can_bridge.wire.frame import Frame
 from contract.config.rules import NonNegative, Rule, Settings, require
 
+F = TypeVar("F")
 T = TypeVar("T", int, float)
 
 Clock = Callable[[], int]
@@ -19,6 +20,60 @@ Clock = Callable[[], int]
 Probability = Annotated[T, Rule(wording="in [0, 1]", holds=lambda value: 0 <= value <= 1)]
 
 NS: Final = 10**9
+Change = Callable[[Frame], list[Frame]]
+
+
+class Around:
+    """Passes everything on to the bus beneath."""
+
+    def __init__(self, beneath: Bus) -> None:
+        self._bus = beneath
+
+    def send(self, frame: Frame) -> None:
+        """See `Bus.send`."""
+        self._bus.send(frame)
+
+    def receive_all(self) -> list[Frame]:
+        """See `Bus.receive_all`."""
+        return self._bus.receive_all()
+
+    def health(self) -> BusHealth:
+        """The health of the CAN controller beneath; healthy if the bus does not know it."""
+        health: Callable[[], BusHealth] | None = getattr(self._bus, "health", None)
+        return HEALTHY if health is None else health()
+
+
+class Arrivals:
+    """Tells when frames arrived: at their time stamp, if that lies between the node's last two looks at the bus, as it
+    does where stamps and looks have one clock; otherwise at the look that found them. Never before the frame ahead.
+    """
+
+    def __init__(self) -> None:
+        self._looked_ns = 0
+        self._latest_ns = 0
+
+    def of(self, frames: Iterable[Frame], now_ns: int) -> list[tuple[int, Frame]]:
+        """The frames found now, each with the time of its arrival."""
+        arrived: list[tuple[int, Frame]] = []
+        for frame in frames:
+            stamp_ns = frame.timestamp_ns
+            # The bus returns the oldest first, whatever their stamps are.
+            self._latest_ns = max(self._latest_ns, stamp_ns if self._looked_ns <= stamp_ns <= now_ns else now_ns)
+            arrived.append((self._latest_ns, frame))
+        self._looked_ns = now_ns
+        return arrived
+
+
+class Injector(Around, Generic[F]):
+    """Passes everything on; each fault's own injector changes what it needs to. `acted` counts how often the fault did
+    something; each fault defines what it counts."""
+
+    def __init__(self, bus: Bus, fault: F, clock: Callable[[], int], random: Random) -> None:
+        """Args: as `can_bridge.bus.faults.fault.Fault.around` has them."""
+        super().__init__(bus)
+        self._fault, self._clock, self._random = fault, clock, random
+        self._arrivals = Arrivals()
+        self.acted = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,3 +118,72 @@ class FrameFault(Fault, section="frame_fault"):
     def concerns(self, frame: Frame) -> bool:
         """Whether the fault is meant for this frame."""
         return not self.frame_ids or frame.frame_id in self.frame_ids
+
+
+class _FrameByFrame(Injector["SidedFault"]):
+    """Passes each frame that the fault concerns, and that was sent or arrived in its span, through `change`. `acted`
+    counts frames that came out otherwise than they went in."""
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self._change = self._fault.change(self._random)
+
+    def send(self, frame: Frame) -> None:
+        """See `Bus.send`; what the frame turns into is sent."""
+        for item in self._changed(frame, self._clock()) if self._fault.at == "send" else (frame,):
+            self._bus.send(item)
+
+    def receive_all(self) -> list[Frame]:
+        """See `Bus.receive_all`; what the frames turn into."""
+        received = self._bus.receive_all()
+        if self._fault.at == "send":
+            return received
+        arrived = self._arrivals.of(received, self._clock())
+        return [item for arrived_ns, frame in arrived for item in self._changed(frame, arrived_ns)]
+
+    def _changed(self, frame: Frame, t_ns: int) -> list[Frame]:
+        if not (self._fault.concerns(frame) and self._fault.is_active(t_ns)):
+            return [frame]
+        frames = self._change(frame)
+        self.acted += frames != [frame]
+        return frames
+
+
+@dataclass(frozen=True, kw_only=True)
+class SidedFault(FrameFault, ABC, section="sided_fault"):
+    """A fault of single frames on one side of the port."""
+
+    injector = _FrameByFrame
+
+    at: Literal["send", "receive"] = "send"
+    """What the node sends, and so all the others get, or what this node alone receives."""
+
+    @abstractmethod
+    def change(self, random: Random) -> Change:
+        """What a frame turns into; all draws come from `random`."""
+
+
+class FaultyBus(Around):
+    """A port with faults; made by `wrap`. `injectors` has one for each fault, in the order of the faults; read `acted`
+    there."""
+
+    def __init__(self, bus: Bus, injectors: Sequence[Injector[Any]]) -> None:
+        super().__init__(injectors[-1] if injectors else bus)
+        self.injectors = tuple(injectors)
+
+
+def wrap(bus: Bus, faults: Sequence[Fault], clock: Clock, *, seed: int = 0, first: int = 0) -> FaultyBus:
+    """The port with these faults around it.
+
+    Args:
+        faults: from the wire to the node: a received frame meets the first one first, a sent frame the last one.
+        clock: the time in ns that the faults' spans refer to.
+        seed: same faults, frames, times and seed: same outcome. Each fault draws from a generator of its own, so that
+            the draws of one do not depend on what another does.
+        first: place of the first fault, where others stand before it that were wrapped before.
+    """
+    injectors: list[Injector[Any]] = []
+    for place, fault in enumerate(faults, first):
+        random = Random(f"{seed} {place} {fault.section}")
+        injectors.append(fault.around(injectors[-1] if injectors else bus, clock, random))
+    return FaultyBus(bus, injectors)

@@ -32,7 +32,7 @@ PERIOD_COLUMNS: Final = (
 
 Message = dict[str, Any]
 Request = dict[str, Any]
-"""From a viewer: an `id`, which the answer has, too, and one of `firmware_sim.live.requests.ACTIONS`."""
+"""From a viewer: an `id`, which the answer has, too, and one of `firmware_sim.live.settings.ACTIONS`."""
 Answer = dict[str, Any]
 """`id`; `error` is one line, and then nothing was changed; `note` reports what was done."""
 Choice = dict[str, Any]

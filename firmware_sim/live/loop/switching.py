@@ -17,15 +17,57 @@ from typing import Final
 
 import numpy as np
 
-from can_bridge.bus.faults.fault import NS, Span
+from can_bridge.bus.faults.fault import NS, Around, Span
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import SimulatedBus
+from can_bridge.wire.frame import Frame
 from contract.arrays import Array
 from contract.config.tree import Config
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.bench.run_faults import NODES, NodeFault
-from firmware_sim.live.loop.switched_port import Plug, SwitchedPort
+
+
+class Plug:
+    """Passes everything on to what lies beneath, which may be exchanged."""
+
+    def __init__(self, beneath: Bus) -> None:
+        self.beneath = beneath
+
+    def send(self, frame: Frame) -> None:
+        """See `Bus.send`."""
+        self.beneath.send(frame)
+
+    def receive_all(self) -> list[Frame]:
+        """See `Bus.receive_all`."""
+        return self.beneath.receive_all()
+
+
+class SwitchedPort(Around):
+    """A node's port with layers, the first next to the wire, put and taken while the bus runs."""
+
+    def __init__(self, port: Bus) -> None:
+        self._plugs: list[Plug] = []
+        self._top = Plug(port)
+        super().__init__(self._top)
+
+    def __len__(self) -> int:
+        return len(self._plugs)
+
+    def put(self, layer: Callable[[Bus], Bus]) -> Plug:
+        """Put a layer around what is there; returns what it is taken out by."""
+        plug = Plug(self._top.beneath)
+        self._top.beneath = layer(plug)
+        self._plugs.append(plug)
+        return plug
+
+    def take_out(self, plug: Plug) -> None:
+        """Take out the layer over this plug; what it holds is lost. Raises ValueError if it is not in here."""
+        place = self._plugs.index(plug)
+        above = self._plugs[place + 1] if place + 1 < len(self._plugs) else self._top
+        above.beneath = plug.beneath
+        del self._plugs[place]
+
 
 LINGER_S: Final = 1.0
 """Virtual time: five times the longest delay that can be set."""

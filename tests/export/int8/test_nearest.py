@@ -13,10 +13,10 @@ from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits, check_quantisation, compare_answers, exact_answers
-from export.int8.error_feedback import DAMPING, quantise_on
+from export.int8.calibrate import DAMPING, quantise_on
 from export.int8.nearest import quantise_matrix
 from export.int8.rounded_program import rounded_to_nearest
-from export.program.random_windows import random_window
+from export.program.windows import random_window
 from export.reference.mpc import control_step
 
 SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)

@@ -17,8 +17,8 @@ from contract.model import model_folder
 from contract.recording.dataset import UNITS, Episode
 from contract.release.manifest import Scaling
 from examples.random_programs import random_program
-from export.program.from_training import program_of
-from export.program.recorded_windows import recorded_windows
+from export.program.controller_program import program_of
+from export.program.windows import recorded_windows
 from export.reference.model import decode, encode, step
 from train import model_store
 from train.networks.model import Encoder, WakeModel

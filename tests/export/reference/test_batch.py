@@ -16,7 +16,7 @@ from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
 from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
-from export.program.random_windows import random_window
+from export.program.windows import random_window
 from export.reference.cost import cost_terms
 from export.reference.model import encode, encoder_layers
 from export.reference.mpc import adam, evaluate, gradient, optimise, predict, rollout

@@ -14,7 +14,7 @@ from contract.config.learning import ModelConfig
 from contract.controller.interface import TERMS
 from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
-from export.program.random_windows import random_window
+from export.program.windows import random_window
 from export.reference.cost import cost_terms
 from export.reference.model import encode
 from export.reference.mpc import control_step, evaluate, gradient, optimise, project, rollout, shift

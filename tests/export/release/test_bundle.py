@@ -23,7 +23,7 @@ from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
 from export.int8.rounded_estimator import rounded_estimator
 from export.program.controller_program import ControllerProgram
-from export.program.random_windows import random_window, random_windows
+from export.program.windows import random_window, random_windows
 from export.reference.mpc import control_step
 from export.release.bundle import Vehicle, write_release
 from export.release.gated import Gated, gate

@@ -14,7 +14,7 @@ from contract.errors import ExportError
 from examples.random_programs import random_program
 from export.int8.activation_ranges import activation_ranges
 from export.int8.rounded_program import rounded_to_nearest
-from export.program.random_windows import random_windows
+from export.program.windows import random_windows
 from export.to_c.int8_format import (
     AHEAD,
     ELU_ARGUMENT_ONE,

@@ -14,7 +14,7 @@ from contract.config.learning import ModelConfig
 from contract.controller.c_folder import SETTINGS, library_sources, write_folder
 from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits
-from export.program.random_windows import random_window
+from export.program.windows import random_window
 from export.reference.mpc import control_step
 from export.release.c_folder import recorded_rows
 from export.release.lowering import int8_library

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from can_bridge.bus.faults.content import FlipBits
-from can_bridge.bus.faults.loss import Drop
-from can_bridge.bus.faults.wrapping import FaultyBus, wrap
+from can_bridge.bus.faults.fault import FaultyBus, wrap
+from can_bridge.bus.faults.loss_and_lateness import Drop
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, VEHICLE_SPEED
 from can_bridge.wire.messages import Mode

@@ -22,7 +22,7 @@ from examples.c_samples import MODEL, MPC
 from examples.random_programs import random_program
 from export.int8.calibrate import rounded_on
 from export.int8.rounded_estimator import rounded_estimator
-from export.program.random_windows import random_windows
+from export.program.windows import random_windows
 from export.release.lowering import library_of
 from export.to_c.estimator import estimator_files
 from export.to_c.library import ecu_sources

@@ -15,7 +15,7 @@ from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.wiring import Wired, wire
 from firmware_sim.live.loop import live_run
-from firmware_sim.live.requests import ACTIONS
+from firmware_sim.live.settings import ACTIONS
 from firmware_sim.runs.run_log import Row, RunLog
 from tests.examples import examples
 from tests.firmware_sim.bench.harness import NAMES, LiveOscillator, Waves

@@ -14,7 +14,7 @@ from contract.controller.c_folder import RECORDED, Settings
 from contract.errors import LibraryError, McuError
 from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
-from export.program.random_windows import random_window
+from export.program.windows import random_window
 from export.release.c_folder import recorded_rows
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
@@ -23,8 +23,8 @@ from firmware_sim.mcu.build import compile_for_cortex_m7
 from firmware_sim.mcu.cores import CORTEX_M4F, CORTEX_M7
 from firmware_sim.mcu.elf import read_elf
 from firmware_sim.mcu.emulator import Machine
+from firmware_sim.mcu.measure import verdicts
 from firmware_sim.mcu.pipeline import Pipeline
-from firmware_sim.mcu.verdict import verdicts
 
 SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
 ODD = random_program(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from can_bridge.wire.messages import Mode, Reason
-from firmware_sim.runs.run_page.events import events
+from firmware_sim.runs.run_page.run_data import events
 from firmware_sim.runs.run_tables import drag_rows, headline, service_rows
 from firmware_sim.runs.summary import summary, whole_summary
 

@@ -13,7 +13,7 @@ from contract.config.tree import Config
 from contract.model import model_folder
 from contract.recording import dataset
 from contract.shipped import RECORDING
-from export.program.from_training import program_of
+from export.program.controller_program import program_of
 from export.reference.mpc import starting_plan
 from train import model_store
 from train.distillation.evaluate import EncoderMetrics, ForceError, ModelMetrics, RolloutError

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import LinearNDInterpolator
 
-from wake.openfoam.interpolation import CellInterpolation
+from wake.openfoam.plant import CellInterpolation
 
 
 def test_it_is_what_scipy_interpolates_and_beyond_the_cells_the_nearest_one(coarse_mesh):

@@ -2,8 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from can_bridge.bus.faults.fault import Fault
-from can_bridge.bus.faults.wrapping import FaultyBus, wrap
+from can_bridge.bus.faults.fault import Fault, FaultyBus, wrap
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame

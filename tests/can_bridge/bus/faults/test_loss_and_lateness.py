@@ -5,8 +5,7 @@ from itertools import groupby
 from math import sqrt
 from typing import Any
 
-from can_bridge.bus.faults.lateness import Delay, Reorder
-from can_bridge.bus.faults.loss import BurstLoss, Drop, Duplicate
+from can_bridge.bus.faults.loss_and_lateness import BurstLoss, Delay, Drop, Duplicate, Reorder
 from can_bridge.wire.bit_timing import worst_case_ns
 from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, number_of, numbered, numbers, simulated_link
 

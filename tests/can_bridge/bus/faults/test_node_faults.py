@@ -2,11 +2,8 @@
 
 import pytest
 
-from can_bridge.bus.faults.babble import MOST_AT_ONCE, Babble
-from can_bridge.bus.faults.clocks import ClockDrift
-from can_bridge.bus.faults.connection import Disconnect, SlowConsumer
-from can_bridge.bus.faults.fault import NS
-from can_bridge.bus.faults.wrapping import wrap
+from can_bridge.bus.faults.fault import NS, wrap
+from can_bridge.bus.faults.node_faults import MOST_AT_ONCE, Babble, ClockDrift, Disconnect, SlowConsumer
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig

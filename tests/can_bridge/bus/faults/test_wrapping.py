@@ -9,13 +9,10 @@ from hypothesis import strategies as st
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.faults.content import FlipBits
-from can_bridge.bus.faults.fault import Fault
-from can_bridge.bus.faults.injector import Around, Arrivals
-from can_bridge.bus.faults.lateness import Delay
-from can_bridge.bus.faults.loss import Drop, Duplicate
+from can_bridge.bus.faults.fault import Around, Arrivals, Fault, wrap
+from can_bridge.bus.faults.loss_and_lateness import Delay, Drop, Duplicate
 from can_bridge.bus.faults.text import parse_fault
 from can_bridge.bus.faults.wire_errors import WireErrors
-from can_bridge.bus.faults.wrapping import wrap
 from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
 from can_bridge.wire.frame import Frame
 from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, Link, number_of, numbered, numbers, simulated_link

@@ -25,7 +25,7 @@ from examples.random_programs import random_program
 from export.int8.activation_ranges import activation_ranges
 from export.int8.calibrate import rounded_on
 from export.int8.rounded_estimator import rounded_estimator
-from export.program.random_windows import random_windows
+from export.program.windows import random_windows
 from export.to_c.estimator import estimator_files
 from export.to_c.library import c_library
 from export.to_onnx.sensor_estimator import build_estimator

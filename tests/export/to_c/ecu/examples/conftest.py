@@ -14,7 +14,7 @@ from contract.controller.c_folder import BOARD
 from contract.controller.image_payload import with_layout
 from contract.release.bundle import load
 from examples.random_programs import random_program
-from export.program.random_windows import random_windows
+from export.program.windows import random_windows
 from export.release.lowering import int8_library
 from export.to_c.folder_files import documents
 from export.to_c.library import ecu_sources, example_sources
