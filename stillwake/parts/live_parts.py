@@ -27,7 +27,7 @@ COMPILING: Final = {
     "c": "the ECU in C is compiled; the loop goes on",
     "cortex-m7": "the ECU in C is compiled for the emulated core; the loop goes on",
 }
-_MAKES_LIBRARY: Final = ("torch", "onnx")
+_MAKES_LIBRARY: Final = ("safetensors", "onnx")
 _EMULATES: Final = ("ziglang", "unicorn", "capstone", "elftools")
 _TOLD_EVERY: Final = 10.0
 """t_c of a start that settles on another grid."""

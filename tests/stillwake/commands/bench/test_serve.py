@@ -41,8 +41,8 @@ def test_a_choice_names_what_it_lacks(short_release, monkeypatch):
     find, lacking = importlib.util.find_spec, ""
     monkeypatch.setattr(importlib.util, "find_spec", lambda asked: None if asked == lacking else find(asked))
     for lacking, name, extra in (
-        ("torch", "c", "train"),
-        ("onnx", "cortex-m7", "train"),
+        ("safetensors", "c", "c"),
+        ("onnx", "cortex-m7", "c"),
         ("unicorn", "cortex-m7", "mcu"),
     ):
         assert f".[{extra}]" in str(missing_of(shipped)[name]), lacking
