@@ -1,12 +1,16 @@
-"""The lines in the examples' heads, run as a stranger would."""
+"""The lines in the examples' heads and on the page of them, run as a stranger would."""
 
 import re
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from contract.controller.c_folder import write_folder
+
+PAGE = Path(__file__).resolve().parents[5] / "docs" / "how-to" / "integrate-the-ecu.md"
 
 
 @pytest.mark.compiler
@@ -20,6 +24,11 @@ def test_the_lines_in_their_heads_build_them(exported, built_for, tmp_path):
     lines = [re.sub(r"\\\n \*", "", head) for head in heads]
     builds = [re.findall(r"^ \*     (.*-o \S+)$", text, flags=re.MULTILINE) for text in lines]
     assert [len(found) for found in builds] == [1, 1]
-    for command in (builds[0][0], builds[1][0].replace("python", sys.executable, 1)):
+    commands = [builds[0][0], builds[1][0].replace("python", sys.executable, 1)]
+    if shutil.which("arm-none-eabi-gcc"):
+        page = PAGE.read_text()
+        (line,) = re.findall(r"`(arm-none-eabi-gcc[^`]*systick\.c[^`]*)`", page)
+        commands.append(line.replace("\n", " "))
+    for command in commands:
         done = subprocess.run(command, shell=True, cwd=tmp_path / "c", capture_output=True, text=True, check=False)
         assert (done.returncode, "warning" in done.stderr) == (0, False), done.stderr
