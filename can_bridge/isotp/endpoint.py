@@ -38,7 +38,11 @@ class Losses:
 
 
 class Endpoint:
-    """Messages of 1 to 4095 bytes, one at a time in each direction."""
+    """Messages of 1 to 4095 bytes, one at a time in each direction.
+
+    Attributes:
+        is_held: what came last is still worked on, and there is no room for another one of several frames.
+    """
 
     def __init__(self, settings: IsoTpSettings) -> None:
         self._settings = settings
@@ -49,6 +53,7 @@ class Endpoint:
         self._to_send = deque[bytes]()
         self._dropped_received = 0
         self._dropped_sent = 0
+        self.is_held = False
 
     @property
     def losses(self) -> Losses:
@@ -92,7 +97,7 @@ class Endpoint:
             if answer is not None:
                 self._answer = answer
         elif isinstance(part, First):
-            self._answer = self._reception.first(now_ns, part)
+            self._answer = FlowStatus.OVERFLOW if self.is_held else self._reception.first(now_ns, part)
         elif isinstance(part, Single):
             self._reception.abort()
             if len(part.data) <= self._settings.max_message:

@@ -27,7 +27,7 @@ class Job:
     def __init__(
         self, now_ns: int, service: int, work: Long[bytes], *, is_quiet: bool, passed_over: Collection[Nrc] = ()
     ) -> None:
-        self._service = service
+        self.service = service
         self._work = work
         self._is_quiet, self._passed_over = is_quiet, passed_over
         self._pending_ns = now_ns + _FIRST_NS
@@ -40,15 +40,15 @@ class Job:
             # A tester that received response-pending waits for the answer, even if it wanted none.
             self._is_quiet, self._passed_over = False, ()
             self._pending_ns = now_ns + _NEXT_NS
-            sent.append(negative(self._service, Nrc.RESPONSE_PENDING))
+            sent.append(negative(self.service, Nrc.RESPONSE_PENDING))
         try:
             next(self._work)
         except StopIteration as end:
             self.is_done = True
             if not self._is_quiet:
-                sent.append(bytes([self._service + _POSITIVE]) + end.value)
+                sent.append(bytes([self.service + _POSITIVE]) + end.value)
         except Refused as refusal:
             self.is_done = True
             if refusal.code not in self._passed_over:
-                sent.append(negative(self._service, refusal.code))
+                sent.append(negative(self.service, refusal.code))
         return sent

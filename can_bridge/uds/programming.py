@@ -8,7 +8,8 @@ because the tester may have missed the first answer.
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Protocol
+from itertools import repeat
+from typing import Final, Protocol
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.medium import MediumError
@@ -19,6 +20,9 @@ from can_bridge.uds.diagnostics import Long
 from can_bridge.uds.refused import Refused
 from can_bridge.uds.services import Did, Nrc, Routine, Session
 from contract.errors import ConfigError, KeyFileError
+
+WRITTEN: Final = 512
+"""Bytes of an image that are written in one piece of work."""
 
 
 class Inner(Protocol):
@@ -134,9 +138,10 @@ class Programming:
             raise Refused(Nrc.OUT_OF_RANGE, f"bytes {offset}..{offset + length} are not those that are missing")
 
     def transfer(self, data: bytes) -> Long[None]:
-        yield from ()
         with _as_refusals():
             self._store.append(data)
+        # The store took it at once; a flash memory, which takes milliseconds, is written in so many pieces.
+        yield from repeat(None, (len(data) - 1) // WRITTEN)
 
     def exit(self) -> Long[None]:
         # All bytes came, as the server has seen to; CHECK finds out whether they are the announced ones.

@@ -107,6 +107,11 @@ class UdsServer:
         """Whether a request or a reset is under way: `tick` goes on with it."""
         return self._job is not None or self._reset_is_due
 
+    @property
+    def is_writing(self) -> bool:
+        """Whether a block is on its way into the memory."""
+        return self._job is not None and self._job.service == Service.TRANSFER
+
     def look(self, now_ns: int, *, in_transit: bool) -> None:
         """Before each look at the bus: end a session in which no tester was heard for S3. The tester is there while a
         request is worked on, and while a message is on its way in either direction, `in_transit` (ISO 14229-2)."""

@@ -67,7 +67,7 @@ class Feed:
 
     def __init__(self, config: Config = CONFIG) -> None:
         self.config = config
-        self.now_ns = 1_000_000
+        self.now_ns, self.asks = 1_000_000, True
         self._pressure = message_set(config.bus).pressure
         self._speed = message_set(config.bus).speed
         self._sender, self._speed_sender = E2eSender(self._pressure.spec), E2eSender(self._speed.spec)
@@ -78,7 +78,7 @@ class Feed:
         phase = 0.3 * self._sent + np.arange(4)
         pascal = self.config.operating_point.dynamic_pressure * 0.3 * np.sin(phase)
         message = Pressure(
-            pressure_pa=tuple(pascal.tolist()), valid=(True,) * 4, enable_request=self._sent > 0, age_ns=0
+            pressure_pa=tuple(pascal.tolist()), valid=(True,) * 4, enable_request=self._sent > 0 and self.asks, age_ns=0
         )
         self._sent += 1
         frame = self._sender.frame(self._pressure.emit(message), now_ns=self.now_ns)

@@ -4,16 +4,18 @@
 
 Loader, drivers and ECU run on the emulated board; a tester flashes a second release over CAN. What a cut leaves, torn
 words included, is taken from one sequence; from there the board is switched on: it must run one of the two releases.
-Its recovery is cut once more, and on some boards the second release is flashed to its end.
+Its recovery is cut once more, and on some boards the second release is flashed to its end. At last a tester reads at
+full rate beside control, by both kinds of frames: it must cost no frame of control.
 """
 
 import random
 import tempfile
 import zlib
 from collections import Counter
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 from unittest.mock import patch
 
 import typer
@@ -22,17 +24,19 @@ from can_bridge.tester.sequence import End
 from can_bridge.wire import codec
 from can_bridge.wire.message_specs import ECU_STATUS
 from can_bridge.wire.messages import Reason
+from contract.config.vehicle import BusConfig
 from contract.errors import StillwakeError
 from firmware_sim.mcu.board.flash_controller import FlashBank, FlashController, PowerCut
 from firmware_sim.mcu.elf import Firmware
 from tests.can_bridge.flashing.releases import keys
-from tests.firmware_sim.ecu_in_c import CONFIG, exported
-from tests.firmware_sim.mcu.board_node import BoardLine, Built
+from tests.firmware_sim.ecu_in_c import CONFIG, Exported, exported
+from tests.firmware_sim.mcu.board_node import BoardLine, Built, Traffic
 from tests.proofs import command_line
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report
 
-COUNTED: Final = ("cuts", "ran_old", "ran_new", "second_cuts", "second_cuts_taken", "flashed_again")
-WRONG: Final = ("without_release", "second_cut_without_release", "not_flashed")
+COUNTED: Final = ("cuts", "ran_old", "ran_new", "second_cuts", "second_cuts_taken", "flashed_again", "answers_read")
+WRONG: Final = ("without_release", "second_cut_without_release", "not_flashed", "control_frames_lost")
+READING_PERIODS: Final = 500
 
 
 class Cuts:
@@ -100,6 +104,17 @@ class Cuts:
         return 0 if status is None or status.reason is Reason.NO_RELEASE else status.bundle_hash
 
 
+def read(release: Exported, frames: Literal["fd", "classic"]) -> Counter[str]:
+    """Ten seconds of reading on a board with a release, counted."""
+    built = Built(release, replace(CONFIG, bus=BusConfig(frames=frames)))
+    board = built.ecu()
+    BoardLine(board, built.config.bus).provision(keys(), built.image("one"))
+    traffic = Traffic(built.ecu(board.board.flash.bank, board.firmware), built.config)
+    answers = traffic.read(READING_PERIODS)
+    lost = sum(READING_PERIODS - len(times) for times in traffic.control_frames())
+    return Counter(answers_read=answers.total(), control_frames_lost=lost)
+
+
 def _part(built: Built, firmware: Firmware, folder: Path, every: int, numbers: range) -> Counter[str]:
     cuts, found = Cuts(built, firmware), Counter[str]()
     for number in numbers:
@@ -117,7 +132,8 @@ def main(
     found: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        built = Built(exported(folder / "release"))
+        release = exported(folder / "release")
+        built = Built(release)
         cuts = Cuts(built)
         left = cuts.left(built)
         for number, packed in enumerate(left):
@@ -125,6 +141,7 @@ def main(
         work = partial(_part, built, cuts.firmware, folder, every)
         for part in in_parts(work, len(left), 20, processes, "board"):
             found += part
+        found += read(release, "fd") + read(release, "classic")
     figures = {f"board_{name}": found[name] for name in (*COUNTED, *WRONG)}
     report(json_file, "cuts on the board", figures, packages=("stillwake", "unicorn"), seed=seed, every=every)
     if any(found[name] for name in WRONG):

@@ -38,6 +38,8 @@ BLOCK: Final = 4078
 """Bytes of a TransferData in a message of 4 KiB."""
 WORKING: Final = 1
 """`SW_STORE_WORKING`: there is another piece to come."""
+RECORDS: Final = 8
+"""Bytes of `sw_store` before its records."""
 SCRATCH: Final = SRAM + SRAM_BYTES - 8192
 REQUESTS: Final = tuple(
     map(
@@ -102,22 +104,32 @@ def _pieces(board: Any, image: bytes) -> dict[str, int]:
     def go_on(answer: int) -> list[int]:
         cycles = []
         while answer == WORKING:
+            # An erasure is looked after every millisecond.
+            core.counter.now_ns += 1_000_000
             answer, one = call("sw_store_go_on")
             cycles.append(one)
         return cycles
 
+    def taken(block: bytes) -> list[int]:
+        answer, first = call("sw_store_append", block, SCRATCH, len(block))
+        return [first, *go_on(answer)]
+
+    core.blocks.start()
+    core.call("sw_records_care", store + RECORDS)
+    looked = core.blocks.total()[1]
     _, listed = call("sw_store_take_keys", keys(2), SCRATCH, len(keys(2)))
     answer, announced = call("sw_store_announce", sha256(image).digest(), len(image), SCRATCH)
     cleared = go_on(answer)
     blocks = [image[start : start + BLOCK] for start in range(0, len(image), BLOCK)]
-    taken = [call("sw_store_append", block, SCRATCH, len(block))[1] for block in blocks]
+    written = [cycles for block in blocks for cycles in taken(block)]
     answer, begun = call("sw_store_finish")
     *checked, ended = go_on(answer)
     return {
+        "a sector of records found blank": looked,
         "a key list's signature": listed,
         "an announcement": announced,
-        "a sector cleared": max(cleared),
-        "a block of 4 KiB taken": max(taken),
+        "a look at a sector that is cleared": max(cleared),
+        "a piece of a block of 4 KiB, 512 bytes": max(written),
         "the beginning of a check": begun,
         "a piece of a check, 4 KiB hashed twice": max(checked),
         "the end of a check, with its signature": ended,

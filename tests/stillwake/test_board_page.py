@@ -6,11 +6,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from can_bridge.secoc.key import read_secret
+from contract.config.vehicle import BusConfig
 from contract.release import controller_image as images
 from contract.release.signing import read_private_key, read_public_key
 from firmware_sim.in_c.c_ecu import ecu_sources
@@ -34,11 +36,14 @@ def bytes_by_hand(folder: Path) -> list[list[int]]:
 @pytest.mark.processes
 @pytest.mark.mcu
 @pytest.mark.proofs  # a firmware is built, and ten processes start
-def test_the_page_leads_from_a_fresh_board_to_a_flashed_controller(tmp_path):
-    """With a small release in place of the shipped one; the second board has the flash that the first one left."""
+@pytest.mark.parametrize("frames", ["fd", "classic"])
+def test_the_page_leads_from_a_fresh_board_to_a_flashed_controller(frames, tmp_path):
+    """With a small release in place of the shipped one, by both kinds of frames; the second board has the flash that
+    the first one left."""
     for module in ("unicorn", "capstone", "elftools", "ziglang", "udsoncan"):
         pytest.importorskip(module, reason=f"{module} is not installed")
-    release = exported(tmp_path)
+    release, config = exported(tmp_path), replace(CONFIG, bus=BusConfig(frames=frames))
+    bus = (*BUS, *(() if frames == "fd" else ("--set", "bus.frames=classic")))
     bundle, access = ("--bundle", str(release.bundle_path)), ("--access", "access.key")
 
     def stillwake(*words: str, status: int = 0) -> str:
@@ -51,14 +56,14 @@ def test_the_page_leads_from_a_fresh_board_to_a_flashed_controller(tmp_path):
         log = tmp_path / "board.log"
         with (
             log.open("w") as file,
-            subprocess.Popen([*COMMAND, *board, *access, *bundle, *BUS], cwd=tmp_path, stdout=file, stderr=file) as ecu,
+            subprocess.Popen([*COMMAND, *board, *access, *bundle, *bus], cwd=tmp_path, stdout=file, stderr=file) as ecu,
         ):
             try:
                 until = time.monotonic() + 300.0
                 while "running" not in log.read_text():
                     assert ecu.poll() is None and time.monotonic() < until, log.read_text()
                     time.sleep(0.2)
-                return [stillwake(*line, *BUS, *access) for line in lines]
+                return [stillwake(*line, *bus, *access) for line in lines]
             finally:
                 ecu.terminate()
 
@@ -68,9 +73,9 @@ def test_the_page_leads_from_a_fresh_board_to_a_flashed_controller(tmp_path):
         "bundle", "keylist", "keys.list", "--root", "root/release.key", "--version", "1", "--key", "maker/release.pub"
     )
     stillwake("can", "keygen", "access.key")
-    files = ecu_sources(release.folder, release.bundle, CONFIG) | read_packed(release.folder)
+    files = ecu_sources(release.folder, release.bundle, config) | read_packed(release.folder)
     key = read_private_key(tmp_path / "maker/release.key")
-    (tmp_path / "release.swi").write_bytes(controller_image(files, release.bundle, CONFIG, key))
+    (tmp_path / "release.swi").write_bytes(controller_image(files, release.bundle, config, key))
     if shutil.which("openssl"):
         vehicle = images.read((tmp_path / "release.swi").read_bytes()).facts.vehicle
         root, secret = read_public_key(tmp_path / "root/release.pub"), read_secret(tmp_path / "access.key")

@@ -74,6 +74,7 @@ class DiagnosticLink:
                 if isinstance(part, control_info.Single):
                     yield part.data, True
             else:
+                self._endpoint.is_held = self._server.is_writing
                 self._endpoint.receive(now_ns, frame)
                 yield from ((request, False) for request in self._endpoint.take())
 

@@ -14,7 +14,16 @@ from unicorn import arm_const, unicorn_const
 
 from contract.errors import McuError
 from firmware_sim.mcu.board.can_controller import CanController
-from firmware_sim.mcu.board.flash_controller import SECTOR, SECTORS, WORD, FlashBank, FlashController, PowerCut
+from firmware_sim.mcu.board.flash_controller import (
+    SECTOR,
+    SECTORS,
+    STM32H743,
+    WORD,
+    FlashBank,
+    FlashController,
+    FlashTimes,
+    PowerCut,
+)
 from firmware_sim.mcu.board.small_parts import CoreRegisters, Counter, RandomNumbers, SystemReset
 from firmware_sim.mcu.elf import Firmware
 from firmware_sim.mcu.emulator import FLASH, EmulatedCore
@@ -41,6 +50,7 @@ class Board(EmulatedCore):
         firmware: in the first bank of flash.
         bank: the second bank, changed in place; an erased one if None.
         now_ns: what the counter shows.
+        times: of its flash.
         cut_at: the supply fails in this operation of the flash, counted from 1; 0 for never.
         seed: of random numbers, and of what a torn word holds.
 
@@ -50,13 +60,24 @@ class Board(EmulatedCore):
     """
 
     def __init__(
-        self, firmware: Firmware, bank: FlashBank | None = None, *, now_ns: int = 0, cut_at: int = 0, seed: int = 0
+        self,
+        firmware: Firmware,
+        bank: FlashBank | None = None,
+        *,
+        now_ns: int = 0,
+        times: FlashTimes = STM32H743,
+        cut_at: int = 0,
+        seed: int = 0,
     ) -> None:
         super().__init__(firmware, ((DTCM, DTCM_BYTES), (SRAM, SRAM_BYTES)), (DTCM, STACK_BYTES))
         self._raised = list[Exception]()
-        self.counter, self.can, self._registers = Counter(now_ns), CanController(), CoreRegisters()
-        self.flash = FlashController(bank or FlashBank(), self._flash_changed, cut_at=cut_at, seed=seed)
+        self.counter, self._registers = Counter(now_ns), CoreRegisters()
+        self.can = CanController(lambda: self.counter.now_ns)
+        self.flash = FlashController(
+            bank or FlashBank(), self._flash_changed, counter=self.counter, times=times, cut_at=cut_at, seed=seed
+        )
         self._bad_pages, self._bad_wanted = set[int](), set[int]()
+        self._is_closed = False
         for page in range(0, BANK_BYTES, _PAGE):
             self._core.mem_map(BANK + page, _PAGE, _READABLE)
         self._flash_changed(0, BANK_BYTES)
@@ -71,6 +92,7 @@ class Board(EmulatedCore):
         for base, size, part in parts:
             self._core.mmio_map(base & -_PAGE, size, *self._registers_of(part, base & _PAGE - 1))
         self._core.hook_add(unicorn_const.UC_HOOK_MEM_WRITE_PROT, self._stored)
+        self._core.hook_add(unicorn_const.UC_HOOK_MEM_READ_PROT, self._read_amid)
         self.blocks = self.block_counter()
         stack, self._at = struct.unpack("<II", self.peek(FLASH, 8))
         self._core.reg_write(arm_const.UC_ARM_REG_SP, stack)
@@ -78,7 +100,7 @@ class Board(EmulatedCore):
     def run(self) -> None:
         """Execute until the firmware sleeps. Raises McuError if the core stopped, asked for what is not modelled, or
         does not come to sleep; PowerCut, SystemReset if the power cycle is over."""
-        self.can.now_ns = self.counter.now_ns
+        self._exchange_pages()
         self._execute("firmware", self._at, 0xFFFF_FFFE, _LONGEST_US)
         self._at = int(self._core.reg_read(arm_const.UC_ARM_REG_PC))
         if self._core.mem_read(self._at - 2, 2) != b"\x30\xbf":
@@ -116,6 +138,8 @@ class Board(EmulatedCore):
 
         def write(_core: Any, offset: int, size: int, value: int, _data: Any) -> None:
             self._guarded(lambda: part.write(_whole(offset, size) - shift, value & 0xFFFF_FFFF))
+            if part is self.flash:
+                self._close()
             if part is self._registers and self._registers.has_floats:
                 self._core.reg_write(arm_const.UC_ARM_REG_FPEXC, 0x4000_0000)
 
@@ -130,6 +154,7 @@ class Board(EmulatedCore):
 
     def _loaded(self, offset: int, size: int) -> int:
         """A read from a page with a word that cannot be read."""
+        self.flash.stall()
         if self.flash.is_bad(offset):
             self.flash.found_bad(offset)
             if not (self._registers.ignores_bus_faults and self._core.reg_read(arm_const.UC_ARM_REG_FAULTMASK)):
@@ -149,6 +174,9 @@ class Board(EmulatedCore):
 
         The emulator sees no single read of a memory without being slow at all of them. It is not done amid a store.
         """
+        if self.flash.is_at_work:
+            return
+        self._open()
         for page in self._bad_wanted ^ self._bad_pages:
             self._core.mem_unmap(BANK + page, _PAGE)
             if page in self._bad_pages:
@@ -157,6 +185,29 @@ class Board(EmulatedCore):
             else:
                 self._core.mmio_map(BANK + page, _PAGE, *self._bad_page(page))
         self._bad_pages = set(self._bad_wanted)
+
+    def _close(self) -> None:
+        """While an erasure is at work a read of the bank is noticed."""
+        if self.flash.is_at_work and not self._is_closed:
+            self._is_closed = True
+            self._protect(unicorn_const.UC_PROT_NONE)
+
+    def _open(self) -> None:
+        if self._is_closed:
+            self._is_closed = False
+            self._protect(_READABLE)
+
+    def _protect(self, rights: int) -> None:
+        for page in range(BANK, BANK + BANK_BYTES, _PAGE):
+            if page - BANK not in self._bad_pages:
+                self._core.mem_protect(page, _PAGE, rights)
+
+    def _read_amid(self, _core: Any, _access: int, address: int, _size: int, _value: int, _data: Any) -> bool:
+        if not BANK <= address < BANK + BANK_BYTES:
+            return False
+        self.flash.stall()
+        self._open()
+        return True
 
     def _bad_page(self, page: int) -> tuple[Any, ...]:
         def read(_core: Any, offset: int, size: int, _data: Any) -> int:

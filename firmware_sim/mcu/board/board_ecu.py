@@ -18,7 +18,7 @@ from firmware_sim.in_c.c_ecu import CEcuState, bundle_hash_of
 from firmware_sim.in_c.c_structs import Structs, c_time
 from firmware_sim.in_c.compiler import zig_compiler
 from firmware_sim.mcu.board.board import SRAM, SRAM_BYTES, Board
-from firmware_sim.mcu.board.flash_controller import FlashBank
+from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
 from firmware_sim.mcu.board.small_parts import SystemReset
 from firmware_sim.mcu.build import MISSING, compile_board
 from firmware_sim.mcu.elf import Firmware, read_elf
@@ -37,6 +37,7 @@ class BoardEcu(CEcuState):
         bank: the flash that is written in the field; erased if None.
         own: files in place of the board's (`compile_board`).
         firmware: compiled from the sources before.
+        times: of the flash.
 
     Attributes:
         board: the board itself, of this power cycle.
@@ -54,6 +55,7 @@ class BoardEcu(CEcuState):
         bank: FlashBank | None = None,
         own: Mapping[str, bytes] | None = None,
         firmware: Firmware | None = None,
+        times: FlashTimes = STM32H743,
         now_ns: int = 0,
         cut_at: int = 0,
     ) -> None:
@@ -66,15 +68,16 @@ class BoardEcu(CEcuState):
             lambda packed: self._asked("sw_ecu_calibrate", packed),
             lambda state: self._asked("sw_ecu_restore", buffer(state)),
         )  # fmt: skip
-        self._clock_mhz = clock_mhz
+        self._clock_mhz, self._times = clock_mhz, times
         self.firmware = firmware or read_elf(compile_board(sources, own))
         self.resets = self.waited_ns = self.instructions = self.cycles = 0
+        self._left = list[Frame]()
         self.description = f"emulated board, Cortex-M7 at {clock_mhz:g} MHz"
         self.power_on(bank or FlashBank(), now_ns, cut_at=cut_at)
 
     def power_on(self, bank: FlashBank, now_ns: int, *, cut_at: int = 0) -> None:
         """A new power cycle; the supply fails in an operation of the flash, counted from 1."""
-        self.board = Board(self.firmware, bank, now_ns=now_ns, cut_at=cut_at, seed=self.resets)
+        self.board = Board(self.firmware, bank, now_ns=now_ns, times=self._times, cut_at=cut_at, seed=self.resets)
         self._run()
         self._place = self._pointer("sw_board_ecu")
         self._load()
@@ -92,17 +95,19 @@ class BoardEcu(CEcuState):
         if any(around.values()):
             raise McuError("a fault or an update from outside: the board's firmware finds them by itself")
         self.board.blocks.start()
-        self.board.counter.now_ns = c_time(now_ns)
+        self.board.counter.now_ns = max(c_time(now_ns), self.board.counter.now_ns)
         self.board.can.surround(health)
         steps = self._steps
         self._bring(frames)
         while self._steps == steps:
-            self.board.counter.now_ns = self.board.counter.compare_ns
+            self.board.counter.now_ns = max(self.board.counter.compare_ns, self.board.counter.now_ns)
             self._run()
         self.waited_ns = max(self.board.counter.now_ns - now_ns, 0)
         self.instructions, self.cycles = self.board.blocks.total()
         self._load()
-        return self._taken()
+        # The bus that brought the frames has a time of its own for those that leave.
+        left, self._left = self._left, []
+        return left + self.board.can.handed_over()
 
     def advance(self, until_ns: int, frames: Sequence[Frame] = ()) -> list[Frame]:
         """Frames that come now, and the time until then; what the board sends. Raises McuError if the core stopped;
@@ -112,7 +117,8 @@ class BoardEcu(CEcuState):
             self.board.counter.now_ns = max(self.board.counter.compare_ns, self.board.counter.now_ns)
             self._run()
         self.board.counter.now_ns = max(until_ns, self.board.counter.now_ns)
-        return self._taken()
+        left, self._left = self._left, []
+        return left + self.board.can.taken(self.board.counter.now_ns)
 
     def _bring(self, frames: Sequence[Frame]) -> None:
         """As many as its FIFO takes; on a real bus the core, which sleeps, is quicker than frames come."""
@@ -132,12 +138,9 @@ class BoardEcu(CEcuState):
             board.run()
         except SystemReset:
             self.resets += 1
+            self._left += board.can.taken(board.counter.now_ns)
+            board.flash.reset()
             self.power_on(board.flash.bank, board.counter.now_ns)
-            self.board.can.sent[:0] = board.can.sent
-
-    def _taken(self) -> list[Frame]:
-        sent, self.board.can.sent = self.board.can.sent, []
-        return sent
 
     @property
     def _steps(self) -> int:

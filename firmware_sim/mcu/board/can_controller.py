@@ -1,18 +1,26 @@
 """A Bosch M_CAN with its message RAM (user's manual, revision 3.3), as far as the firmware uses it.
 
 Modelled: CCCR (INIT, CCE, FDOE, BRSE), NBTP, DBTP, TDCR, TSCC and TSCV (time stamps in nominal bits), ECR (TEC, REC,
-RP), PSR (EP, EW, BO), IR (RF0N, RF0L), IE, ILE, GFC, SIDFC, XIDFC and XIDAM with classic filters into FIFO 0, RXF0C,
-RXF0S, RXF0A, RXESC, TXBC, TXFQS, TXESC, TXBRP, TXBAR, TXBCR and TXBTO; elements of up to 64 bytes with XTD, FDF and
-BRS. Every other register is an error. A frame leaves at once, unless the controller is bus-off: then it waits. There is
-no recovery's delay: the bus that gives the error counters has it.
+RP), PSR (EP, EW, BO), IR (RF0N, RF0L, BO), IE, ILE, GFC, SIDFC, XIDFC and XIDAM with classic filters into FIFO 0,
+RXF0C, RXF0S, RXF0A, RXESC, TXBC with dedicated buffers and a FIFO behind them, TXFQS, TXESC, TXBRP, TXBAR, TXBCR and
+TXBTO; elements of up to 64 bytes with XTD, FDF and BRS. Every other register is an error.
+
+A frame takes the time of its bits, stuff bits and intermission included, at the rates of the timing registers. When one
+has ended the next one goes: of the dedicated buffers and the FIFO's oldest the one with the lowest identifier. No other
+node is on this bus. While the controller is bus-off frames wait. There is no recovery's delay: the bus that gives the
+error counters has it.
 """
 
 import struct
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
+from can_bridge.wire.frame_bits import frame_ns
 from contract.errors import McuError
+from firmware_sim.mcu.board.transmit_buffers import TransmitBuffers
 
 MESSAGE_RAM: Final = 0xC00
 RAM_BYTES: Final = 10 * 1024
@@ -24,26 +32,31 @@ _PLAIN: Final = {_DBTP, _NBTP, 0x20, 0x48, 0x54, 0x5C, _GFC, _SIDFC, _XIDFC, _XI
 _PROTECTED: Final = _PLAIN - {0x54, 0x5C}
 """Registers that keep what is written; and those of them that take it with CCE alone."""
 _INIT, _CCE = 1, 2
+_RF0N, _RF0L, _BO = 1, 8, 1 << 25
 _XTD, _FDF, _BRS = 1 << 30, 1 << 21, 1 << 20
 _ELEMENT_WORDS: Final = 18
+_EVER_NS: Final = 1 << 63
 
 
 class CanController:
     """The registers and the message RAM.
 
+    Args:
+        clock: ns of the board.
+
     Attributes:
-        sent: frames that left, oldest first, with the time at which they did.
+        init_reads_late: looks at CCCR for which INIT, once it was cleared, reads as set: it passes to another clock.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], int]) -> None:
+        self._clock = clock
         self._ram = bytearray(RAM_BYTES)
         self._kept = dict.fromkeys(_PLAIN, 0) | {_XIDAM: 0x1FFF_FFFF}
         self._control, self._interrupts = _INIT, 0
         self._level = self._get = 0
-        self._pending = self._transmitted = self._put = 0
+        self._sending = TransmitBuffers(self._element, self._duration_ns)
         self._health, self._went_off = HEALTHY, 0
-        self.now_ns = 0
-        self.sent: list[Frame] = []
+        self.init_reads_late = self._late = 0
 
     @property
     def bit_rates(self) -> tuple[float, float]:
@@ -62,17 +75,16 @@ class CanController:
         """What the bus has made of its error counters; each time that it went bus-off since sets INIT."""
         self._went_off += max(health.bus_off - self._health.bus_off, 0)
         self._health = health
-        if self._went_off:
-            self._control |= _INIT
+        self._go_off()
 
     def receive(self, frame: Frame) -> None:
         """A frame from the bus; one that no filter names, or for which there is no room, is dropped."""
         # What the bus has brought came before the controller went off, or after that.
         if (self._control & _INIT and not self._went_off) or not self._accepts(frame):
             return
-        self._interrupts |= 1
+        self._interrupts |= _RF0N
         if self.room <= 0:
-            self._interrupts |= 8
+            self._interrupts |= _RF0L
             return
         size = self._kept[_RXF0C] >> 16 & 127
         at = (self._kept[_RXF0C] & 0xFFFC) + (self._get + self._level) % size * 4 * _ELEMENT_WORDS
@@ -83,6 +95,20 @@ class CanController:
         element = struct.pack("<II", first, second) + frame.data
         self._ram[at : at + len(element)] = element
         self._level += 1
+
+    def taken(self, until_ns: int) -> list[Frame]:
+        """Frames that have left until then since the last call, oldest first, with the times of their ends."""
+        self._sending.progress(until_ns)
+        left = [replace(frame, timestamp_ns=end_ns) for frame, end_ns in self._sending.left]
+        self._sending.left.clear()
+        return left
+
+    def handed_over(self) -> list[Frame]:
+        """Frames to a bus that is modelled elsewhere: all of them, at once, as and when the firmware sent them."""
+        self._sending.progress(_EVER_NS)
+        left = [frame for frame, _ in self._sending.left]
+        self._sending.left.clear()
+        return left
 
     def read(self, offset: int) -> int:
         """A register, or a word of the message RAM; raises McuError for one that is not modelled."""
@@ -100,6 +126,8 @@ class CanController:
             if offset in _PROTECTED and self._control & (_INIT | _CCE) != _INIT | _CCE:
                 raise McuError(f"CAN controller: register {offset:#x} is written without INIT and CCE")
             self._kept[offset] = value
+            if offset == _TXBC:
+                self._sending.configure(value >> 16 & 63, value >> 24 & 63)
         elif offset == _IR:
             self._interrupts &= ~value
         elif offset == _RXF0A:
@@ -108,68 +136,69 @@ class CanController:
             self._get = (self._get + 1) % (self._kept[_RXF0C] >> 16 & 127)
             self._level -= 1
         elif offset == _TXBAR:
-            self._pending |= value
-            self._transmitted &= ~value
-            self._put = (self._put + value.bit_count()) % self._queue
-            self._transmit()
+            self._sending.ask(value, self._clock())
         elif offset == _TXBCR:
-            self._pending &= ~value
+            self._sending.cancel(value, self._clock())
         else:
             raise McuError(f"CAN controller: no register to write at {offset:#x}")
 
     def _read(self, offset: int) -> int:
-        health, free = self._health, self._queue - self._pending.bit_count()
+        health, sending = self._health, self._sending
+        sending.progress(self._clock())
         passive = max(health.tx_errors, health.rx_errors)
         size = self._kept[_RXF0C] >> 16 & 127
         put = (self._get + self._level) % size if size else 0
         known = self._kept | {
-            _CCCR: self._control,
-            _TSCV: self._time_stamp(self.now_ns),
+            _CCCR: self._control | (_INIT if self._late else 0),
+            _TSCV: self._time_stamp(self._clock()),
             _ECR: min(health.tx_errors, 255) | min(health.rx_errors, 127) << 8 | (health.rx_errors > 127) << 15,
             _PSR: self._is_off << 7 | (passive > 95) << 6 | (passive > 127) << 5,
             _IR: self._interrupts,
             _RXF0S: put << 16 | self._get << 8 | self._level,
-            _TXFQS: self._put << 16 | free,
-            _TXBRP: self._pending,
-            _TXBTO: self._transmitted,
+            _TXFQS: sending.put << 16 | sending.free,
+            _TXBRP: sending.pending,
+            _TXBTO: sending.transmitted,
         }
         if offset not in known:
             raise McuError(f"CAN controller: no register to read at {offset:#x}")
+        if offset == _CCCR:
+            self._late = max(self._late - 1, 0)
         return known[offset]
 
     @property
     def _is_off(self) -> bool:
         return self._went_off > 0 or self._health.state is BusState.BUS_OFF
 
-    @property
-    def _queue(self) -> int:
-        return self._kept[_TXBC] >> 24 & 63
+    def _go_off(self) -> None:
+        """The hardware sets INIT once for each time that it went bus-off; none is before the one before it was left."""
+        if self._went_off:
+            self._control |= _INIT
+            self._interrupts |= _BO
+        self._switch()
+
+    def _switch(self) -> None:
+        self._sending.switch(self._clock(), is_on=not (self._control & _INIT or self._is_off))
 
     def _configure(self, value: int) -> None:
         begins = self._control & _INIT and not value & _INIT
         self._control = value & ~_CCE if not value & _INIT else value
-        if begins and self._went_off:
-            self._went_off -= 1
-            self._control |= _INIT if self._went_off else 0
-        self._transmit()
+        if begins:
+            self._late = self.init_reads_late
+            self._went_off = max(self._went_off - 1, 0)
+        self._go_off()
 
-    def _transmit(self) -> None:
-        if self._control & _INIT or self._is_off:
-            return
-        for index in range(self._queue):
-            if self._pending >> index & 1:
-                self.sent.append(self._element((self._kept[_TXBC] & 0xFFFC) + index * 4 * _ELEMENT_WORDS))
-        self._transmitted |= self._pending
-        self._pending = 0
+    def _duration_ns(self, frame: Frame) -> int:
+        nominal, data = self.bit_rates
+        return frame_ns(frame, nominal_bitrate=round(nominal), data_bitrate=round(data))
 
-    def _element(self, at: int) -> Frame:
+    def _element(self, index: int) -> Frame:
+        at = (self._kept[_TXBC] & 0xFFFC) + index * 4 * _ELEMENT_WORDS
         first, second = struct.unpack_from("<II", self._ram, at)
         is_fd, code = bool(second & _FDF), second >> 16 & 15
         length = FD_LENGTHS[code] if is_fd else min(code, 8)
         return Frame(
             frame_id=first & 0x1FFF_FFFF if first & _XTD else first >> 18 & 0x7FF,
             data=bytes(self._ram[at + 8 : at + 8 + length]),
-            timestamp_ns=self.now_ns,
             is_fd=is_fd,
             is_extended=bool(first & _XTD),
         )

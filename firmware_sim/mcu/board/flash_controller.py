@@ -5,28 +5,48 @@ the write buffer. Each word has an error-correcting code of its own, so one that
 supply failed, is not what either write meant: its bits are those that both left set, or some of them, and a read finds
 an error that cannot be corrected. Such a read is a bus fault, unless the core ignores those for the moment.
 
+Operations take their time, in which SR2 shows BSY and QW. A core that waits in a loop passes time by its looks at SR2.
+One that reads the bank meanwhile stands still until the operation has ended: the two banks work beside each other, one
+bank does one thing at a time. An operation that is begun before the one before it has ended is an error.
+
 Modelled: KEYR2 (both keys), CR2 (LOCK, PG, SER, SNB, START), SR2 (BSY, WBNE, QW, WRPERR, PGSERR, STRBERR, INCERR,
-DBECCERR), CCR2, ECC_FA2R. Not modelled: the time that an operation takes, and erasing a bank.
+DBECCERR), CCR2, ECC_FA2R. Not modelled: erasing a bank.
 """
 
 import random
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 from contract.errors import McuError
+from firmware_sim.mcu.board.small_parts import Counter
 
 SECTOR: Final = 128 * 1024
 SECTORS: Final = 8
 WORD: Final = 32
 _KEYS: Final = (0x4567_0123, 0xCDEF_89AB)
 _LOCK, _PG, _SER, _START = 1, 2, 4, 1 << 7
-_WBNE: Final = 2
+_BSY, _WBNE, _QW = 1, 2, 4
+_LOOK_NS: Final = 5_000
+"""That a look at SR2 takes in a loop, which is less than any operation: few of them pass a long one."""
 _PGSERR, _STRBERR, _INCERR, _DBECCERR = (1 << bit for bit in (18, 19, 21, 26))
 _ERRORS: Final = 0x0FFF_0000
 
 
 class PowerCut(Exception):  # noqa: N818
     """The supply failed in the middle of an operation of the flash."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlashTimes:
+    """Of an operation, in ns. Those of an STM32H743 by its datasheet (DS12110, flash memory programming, parallelism of
+    64 bits): typically as here, at most twice as long."""
+
+    erase_ns: int = 1_000_000_000
+    word_ns: int = 100_000
+
+
+STM32H743: Final = FlashTimes()
 
 
 class FlashBank:
@@ -61,15 +81,31 @@ class FlashController:
     Args:
         bank: is changed in place.
         changed: called with the offset of bytes that are not what they were, and how many.
+        counter: whose time its operations take.
+        times: theirs.
         cut_at: the supply fails in this operation, counted from 1; 0 for never.
         seed: of what a torn word holds.
 
     Attributes:
         operations: so far, erased sectors and programmed words.
+        erasures: of these.
+        stalled_ns: for which the core stood still in a read of the bank.
     """
 
-    def __init__(self, bank: FlashBank, changed: Callable[[int, int], None], *, cut_at: int = 0, seed: int = 0) -> None:
+    def __init__(
+        self,
+        bank: FlashBank,
+        changed: Callable[[int, int], None],
+        *,
+        counter: Counter | None = None,
+        times: FlashTimes = STM32H743,
+        cut_at: int = 0,
+        seed: int = 0,
+    ) -> None:
         self.bank, self._changed, self._cut_at = bank, changed, cut_at
+        self._counter, self._times = counter or Counter(), times
+        self._until_ns, self._erasing = 0, -1
+        self.erasures = self.stalled_ns = 0
         self._random = random.Random(seed)
         self._keys, self._control, self._status, self._fault = 0, _LOCK, 0, 0
         self._buffer: dict[int, bytes] = {}
@@ -77,9 +113,12 @@ class FlashController:
 
     def read(self, offset: int) -> int:
         """A register of the bank's block."""
-        known = {0x0C: self._control, 0x10: self._status | (_WBNE if self._buffer else 0), 0x60: self._fault}
+        at_work = _BSY | _QW if self.is_at_work else 0
+        known = {0x0C: self._control, 0x10: self._status | at_work | (_WBNE if self._buffer else 0), 0x60: self._fault}
         if offset not in known:
             raise McuError(f"flash controller: no register to read at {offset:#x}")
+        if at_work:
+            self._counter.now_ns = min(self._counter.now_ns + _LOOK_NS, self._until_ns)
         return known[offset]
 
     def write(self, offset: int, value: int) -> None:
@@ -118,6 +157,21 @@ class FlashController:
                 self._buffer = {}
                 self._program(word, data)
 
+    @property
+    def is_at_work(self) -> bool:
+        """Whether an operation has not ended yet."""
+        return self._counter.now_ns < self._until_ns
+
+    def stall(self) -> None:
+        """The core reads the bank: it waits for the end of what is at work."""
+        self.stalled_ns += max(self._until_ns - self._counter.now_ns, 0)
+        self._counter.now_ns = max(self._counter.now_ns, self._until_ns)
+
+    def reset(self) -> None:
+        """The core is reset: what a sector holds that was being erased is not known."""
+        if self.is_at_work and self._erasing >= 0:
+            self._change_sector(self._erasing, self._random.randbytes(SECTOR), 2)
+
     def is_bad(self, offset: int) -> bool:
         """Whether a read there finds an error."""
         return self.bank.programmed[offset // WORD] == 2
@@ -128,25 +182,34 @@ class FlashController:
         self._fault = offset // WORD
 
     def _erase(self, sector: int) -> None:
-        is_cut = self._begins()
-        left = self._random.randbytes(SECTOR) if is_cut else b"\xff" * SECTOR
-        self._change(sector * SECTOR, left, bytes([2 if is_cut else 0]) * (SECTOR // WORD), is_cut=is_cut)
+        is_cut = self._begins(self._times.erase_ns)
+        self.erasures, self._erasing = self.erasures + 1, sector
+        self._change_sector(sector, self._random.randbytes(SECTOR) if is_cut else b"\xff" * SECTOR, 2 if is_cut else 0)
+        if is_cut:
+            raise PowerCut
 
     def _program(self, at: int, data: bytes) -> None:
-        is_cut, bank = self._begins(), self.bank
+        is_cut, bank = self._begins(self._times.word_ns), self.bank
+        self._erasing = -1
         if is_cut:
             data = bytes(byte | kept for byte, kept in zip(data, self._random.randbytes(WORD), strict=True))
         left = bytes(byte & old for byte, old in zip(data, bank.content[at : at + WORD], strict=True))
-        self._change(at, left, b"\2" if is_cut or bank.programmed[at // WORD] else b"\1", is_cut=is_cut)
+        self._change(at, left, b"\2" if is_cut or bank.programmed[at // WORD] else b"\1")
+        if is_cut:
+            raise PowerCut
 
-    def _begins(self) -> bool:
+    def _begins(self, takes_ns: int) -> bool:
         """Whether the supply fails in this operation."""
+        if self.is_at_work:
+            raise McuError("flash controller: an operation begins before the one before it has ended")
+        self._until_ns = self._counter.now_ns + takes_ns
         self.operations += 1
         return self.operations == self._cut_at
 
-    def _change(self, at: int, content: bytes, programmed: bytes, *, is_cut: bool) -> None:
+    def _change_sector(self, sector: int, content: bytes, programmed: int) -> None:
+        self._change(sector * SECTOR, content, bytes([programmed]) * (SECTOR // WORD))
+
+    def _change(self, at: int, content: bytes, programmed: bytes) -> None:
         self.bank.content[at : at + len(content)] = content
         self.bank.programmed[at // WORD : at // WORD + len(programmed)] = programmed
         self._changed(at, len(content))
-        if is_cut:
-            raise PowerCut

@@ -39,11 +39,13 @@ def serve(
         wait: for a moment, between two looks at the bus.
     """
     kept, before_ns = ecu.board.flash.bank.pack() if path.exists() else b"", clock_ns()
+    until_ns = ecu.board.counter.now_ns
     while not is_stopped():
         now_ns = clock_ns()
-        passed_ns, before_ns = min(now_ns - before_ns, LONGEST_NS), now_ns
+        # The flash's own times pass within those of the bus.
+        until_ns, before_ns = until_ns + min(now_ns - before_ns, LONGEST_NS), now_ns
         frames = [replace(frame, timestamp_ns=ecu.board.counter.now_ns) for frame in bus.receive_all()]
-        for frame in ecu.advance(ecu.board.counter.now_ns + passed_ns, frames):
+        for frame in ecu.advance(until_ns, frames):
             bus.send(frame)
         if (packed := ecu.board.flash.bank.pack()) != kept:
             kept = packed

@@ -1,14 +1,18 @@
 """A board with the loader, images for it, and a tester that reaches it through its CAN controller, in virtual time."""
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
 from udsoncan.client import Client
 
+from can_bridge.flashing.access_level import Level
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.tester.asking import Asking
 from can_bridge.tester.key_list import bring
 from can_bridge.tester.sequence import Flashed
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release import controller_image, signing
@@ -18,42 +22,126 @@ from firmware_sim.in_c.c_image import controller_image as image_of
 from firmware_sim.in_c.c_image import read_packed
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.board.equipment import equipment_header
-from firmware_sim.mcu.board.flash_controller import FlashBank
+from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
 from firmware_sim.mcu.build import EQUIPMENT
 from firmware_sim.mcu.elf import Firmware
 from tests.can_bridge.flashing.releases import RELEASE, ROOT
 from tests.can_bridge.flashing.store_ecu import KEY, SECRET
 from tests.can_bridge.tester.line import Line, flash_over
-from tests.firmware_sim.ecu_in_c import CONFIG, Exported
+from tests.firmware_sim.ecu_in_c import CONFIG, Exported, Feed
 
 TICK_NS = 1_000_000
+LOOK_NS = 250_000
+"""Between two looks of `Traffic` at the bus."""
+READ = [bytes.fromhex(text) for text in ("22FD01", "22" + 5 * "FD11", "22F18C", "1902FF", "22" + 16 * "F186", "190A")]
+PATIENCE_NS = 60_000_000
 
 
 class Built:
     """Of one release: the firmware's sources, boards, and images by name and security version."""
 
     def __init__(self, release: Exported, config: Config = CONFIG) -> None:
-        self._config = config
+        self.config = config
         library = ecu_sources(release.folder, release.bundle, config)
         self._bundle, self._files = release.bundle, library | read_packed(release.folder)
         vehicle = controller_image.read(self.image("one")).facts.vehicle
         made = equipment_header(signing.public_key(ROOT), SECRET, vehicle, "bench", "0815")
         self.sources, self.own = library, {EQUIPMENT: made}
 
-    def ecu(self, bank: FlashBank | None = None, firmware: Firmware | None = None) -> BoardEcu:
+    def ecu(
+        self, bank: FlashBank | None = None, firmware: Firmware | None = None, times: FlashTimes = STM32H743
+    ) -> BoardEcu:
         """A board just powered on."""
-        return BoardEcu(self.sources, own=self.own, bank=bank, firmware=firmware)
+        return BoardEcu(self.sources, own=self.own, bank=bank, firmware=firmware, times=times)
 
     def image(self, name: str, version: int = 1) -> bytes:
         """With a digest of its own."""
         manifest = replace(self._bundle.manifest, name=name, security_version=version)
         bundle = replace(self._bundle, manifest=manifest, digest=self.digest(version).hex())
-        return image_of(self._files, bundle, self._config, RELEASE)
+        return image_of(self._files, bundle, self.config, RELEASE)
 
     @staticmethod
     def digest(version: int) -> bytes:
         """Of a release by its security version."""
         return bytes([version]) * 32
+
+
+class Traffic:
+    """A board on a bus with a vehicle, that sends pressures and asks for control, and a tester.
+
+    Attributes:
+        vehicle: `asks` may be changed.
+        sent: by the board, with the times of their ends.
+    """
+
+    def __init__(self, board: BoardEcu, config: Config = CONFIG) -> None:
+        self.board, self.vehicle, self.sent = board, Feed(config), list[Frame]()
+        self._end = Endpoint(isotp_settings(config.bus, is_tester=True))
+        self._due_ns = self.now_ns
+
+    @property
+    def now_ns(self) -> int:
+        """Of the board."""
+        return self.board.board.counter.now_ns
+
+    def send(self, request: bytes) -> None:
+        """By the tester, with the looks that follow."""
+        self._end.send(request)
+
+    def look(self) -> list[bytes]:
+        """A step of time; whole answers that came in it."""
+        frames = self._end.poll(self.now_ns)
+        if self.now_ns >= self._due_ns:
+            self._due_ns += CONFIG.period_ns
+            frames += [frame for _, some in self.vehicle.periods(1) for frame in some]
+        now = [replace(frame, timestamp_ns=self.now_ns) for frame in frames]
+        for frame in self.board.advance(self.now_ns + LOOK_NS, now):
+            self.sent.append(frame)
+            self._end.receive(self.now_ns, frame)
+        return self._end.take()
+
+    def run(self, seconds: float) -> None:
+        """Time without a tester."""
+        until_ns = self.now_ns + round(seconds * 1e9)
+        while self.now_ns < until_ns:
+            self.look()
+
+    def read(self, periods: int) -> Counter[tuple[bytes, int]]:
+        """So many control periods, in which the tester asks as soon as it has its answer, or its patience ends: answers
+        by request and length."""
+        began_ns, until_ns, asked, answers = self.now_ns, 0, 0, Counter[tuple[bytes, int]]()
+        while self.now_ns < began_ns + periods * CONFIG.period_ns:
+            if self.now_ns >= until_ns:
+                self.send(READ[asked % len(READ)])
+                asked, until_ns = asked + 1, self.now_ns + PATIENCE_NS
+            for answer in self.look():
+                answers[READ[(asked - 1) % len(READ)], len(answer)] += 1
+                until_ns = 0
+        assert answers.total() >= asked - 1, (asked, answers)
+        return answers
+
+    def control_frames(self) -> list[list[int]]:
+        """Times of JetCommand and of EcuStatus."""
+        messages = message_set(self.vehicle.config.bus)
+        ids = [one.spec.frame_id for one in (messages.command, messages.status)]
+        return [[frame.timestamp_ns for frame in self.sent if frame.frame_id == one] for one in ids]
+
+    def ask(self, request: bytes, seconds: float = 15.0) -> list[tuple[float, bytes]]:
+        """Answers with the ms that they took, response-pending and the last one."""
+        began_ns, answers = self.now_ns, list[tuple[float, bytes]]()
+        self.send(request)
+        while not answers or answers[-1][1][:1] + answers[-1][1][2:] == b"\x7f\x78":
+            answers += [((self.now_ns - began_ns) / 1e6, answer) for answer in self.look()]
+            assert self.now_ns - began_ns < seconds * 1e9, (request.hex(), answers)
+        return answers
+
+    def unlock(self, level: int, *, right: bool = True) -> bytes:
+        """The answer to the key of a level; that to its seed if there is none."""
+        _, seed = self.ask(bytes([0x27, level]))[-1]
+        if seed[0] == 0x7F:
+            return seed
+        key = KEY.answer(Level(level), seed[2:]) if right else bytes(16)
+        return self.ask(bytes([0x27, level + 1]) + key)[-1][1]
 
 
 class BoardLine(Line):

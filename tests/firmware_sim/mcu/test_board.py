@@ -4,6 +4,7 @@ import platform
 import sys
 from collections.abc import Iterable
 from dataclasses import replace
+from unittest.mock import patch
 
 import pytest
 
@@ -46,8 +47,9 @@ def step_both(board: BoardEcu, host: CEcu, now_ns: int, frames: Iterable[Frame],
 @fuses
 def test_every_frame_and_state_is_the_hosts(sources):
     """Through losses, a damaged frame, foreign traffic, in flight with other bounds, delay and weights, from a saved
-    state on, and bus-off."""
+    state on, and bus-off, whose INIT reads back late."""
     board, host = BoardEcu(sources), host_of(sources)
+    board.board.can.init_reads_late = 20
     own, foreign = board.calibration, [Frame(frame_id=0x123, data=bytes(64))] * 40
     foreign += [Frame(frame_id=0x12345, data=b"", is_extended=True)] * 40
     assert own == host.calibration
@@ -83,7 +85,17 @@ def test_every_frame_and_state_is_the_hosts(sources):
     now_ns += CONFIG.period_ns
     assert board.step(now_ns, [], OFF) == []
     assert len(board.step(now_ns + CONFIG.period_ns, [], BusHealth(bus_off=4))) == 2
-    assert board.status().bus_off == 4
+    assert (board.status().bus_off, board._pointer("sw_board_lost")) == (4, 2)
+    # From a bus that others held all the time the newest command comes, and none of before.
+    can = board.board.can
+    with patch.object(can, "_switch"):
+        can._sending.is_on = False
+        assert board.step(now_ns + 2 * CONFIG.period_ns, [], BusHealth(bus_off=4)) == []
+        at_ns = now_ns + 3 * CONFIG.period_ns
+        can._sending.is_on, can._sending._free_ns = True, at_ns + CONFIG.period_ns // 2 + 1
+        sent = board.step(at_ns, [], BusHealth(bus_off=4))
+    assert [one.timestamp_ns for one in sent] == [at_ns + board.waited_ns] * 2
+    assert board._pointer("sw_board_lost") == 2
     with pytest.raises(McuError, match="from outside"):
         board.step(now_ns, [], fault=Reason.NO_RELEASE)
 

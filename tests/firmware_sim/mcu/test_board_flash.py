@@ -1,12 +1,13 @@
 """The board's flash through its driver in machine code: write-once words, torn ones, cuts, and the next power cycle."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from contract.errors import McuError
 from firmware_sim.mcu.board.board import BANK, Board
-from firmware_sim.mcu.board.flash_controller import SECTOR, WORD, FlashBank, PowerCut
+from firmware_sim.mcu.board.flash_controller import SECTOR, WORD, FlashBank, FlashTimes, PowerCut
 from firmware_sim.mcu.board.small_parts import SystemReset
 from firmware_sim.mcu.build import compile_board
 from firmware_sim.mcu.elf import Firmware, read_elf
@@ -14,7 +15,8 @@ from firmware_sim.mcu.elf import Firmware, read_elf
 pytestmark = pytest.mark.mcu
 WORDS = [bytes(range(k, k + WORD)) for k in (1, 60)]
 CALLED = Path(__file__).with_name("c").joinpath("flash_calls.c").read_bytes()
-KEPT = b"EXTERN(vectors test_erase test_program test_read test_word test_store test_byte test_random test_reset"
+NAMES = b"erase erased program read word store byte random reset"
+KEPT = b"EXTERN(vectors " + b" ".join(b"test_" + name for name in NAMES.split())
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +28,7 @@ def firmware(sources) -> Firmware:
 class Driven:
     """A board whose functions a test calls."""
 
-    def __init__(self, firmware: Firmware, bank: FlashBank | None = None, **facts: int) -> None:
+    def __init__(self, firmware: Firmware, bank: FlashBank | None = None, **facts: Any) -> None:
         self.board = Board(firmware, bank, **facts)
         self.board.run()
 
@@ -81,6 +83,26 @@ def test_what_the_driver_refuses_never_reaches_the_memory(firmware):
     for wrong in (FlashBank().pack()[1:], b"\x03" + FlashBank().pack()[1:]):
         with pytest.raises(McuError, match="must be"):
             FlashBank.unpack(wrong)
+
+
+def test_operations_take_their_time_and_a_read_amid_one_waits_for_its_end(firmware):
+    driven = Driven(firmware, times=FlashTimes(erase_ns=700_000_000, word_ns=90_000))
+    board, counter = driven.board, driven.board.counter
+    assert driven.program(0, WORDS[0]) == 0 and counter.now_ns == 90_000
+    assert (board.call("test_erase", 0), board.call("test_erased"), counter.now_ns < 1_000_000) == (0, 2, True)
+    # A core that does something else meanwhile finds it done; one that reads this bank stands still until then.
+    counter.now_ns += 300_000_000
+    assert (board.call("test_erased"), board.flash.stalled_ns) == (2, 0)
+    assert driven.read(SECTOR) == (0, b"\xff" * 64) and counter.now_ns == 700_090_000
+    assert board.flash.stalled_ns > 399_000_000 and board.call("test_erased") == 0
+    assert (driven.read(0), counter.now_ns) == ((0, b"\xff" * 64), 700_090_000)
+    # One that ends with the core's reset leaves no sector that can be read, one that hangs is given up.
+    assert board.call("test_erase", 1) == 0
+    board.flash.reset()
+    assert Driven(firmware, board.flash.bank).read(SECTOR)[0] == 1
+    board.flash._until_ns += 10_000_000_000
+    counter.now_ns += 5_000_000_000
+    assert board.call("test_erased") == 1
 
 
 @pytest.mark.parametrize("cut_at", [1, 2, 3])

@@ -8,6 +8,7 @@ from typing import Final
 from tests.proofs.ecu_in_c.branch_coverage import branches
 from tests.proofs.loader_in_c.node_library import QUICK, Library, build, sources
 from tests.proofs.loader_in_c.node_program import play
+from tests.proofs.loader_in_c.node_slow import beside_jets, erased_beside, with_few_places
 from tests.proofs.loader_in_c.node_twin import CONFIGS, world
 
 FILES: Final = (
@@ -20,6 +21,7 @@ UNREACHED: Final = {
     ("sw_isotp.c", "frame->length > SW_FRAME_BYTES"): "no CAN controller gives such a frame; the fuzzer does",
     ("sw_isotp.c", "if (end->queue.count == SW_ISOTP_QUEUE || length > room)"): "no request is begun without a place",
     ("sw_node.c", "sw_image_open(image, &numbers) == SW_IMAGE_OK"): "the boot judged the build before",
+    ("sw_node.c", "sw_store_read_image(store"): "the memory would have to fail behind the judgement of the boot",
     ("sw_node.c", "if (now_ns < 0) return 0;"): "no clock here begins before 0; the fuzzer's does",
 }
 """Branches that nothing leads to, by the text of their line, and why they stand there all the same."""
@@ -35,6 +37,9 @@ def missed(folder: Path, seeds: Sequence[int], requests: int = 60) -> list[str]:
         of = world(kind, library)
         for seed in seeds:
             assert play(of, seed, requests, trouble=(0.001, 0.02, 0.1)[seed % 3]).differences == []
+        erased_beside(of)
+        with_few_places(of)
+        beside_jets(of)
         library.c.host_dump()
         for file, at, counts in branches(place):
             if file in FILES:

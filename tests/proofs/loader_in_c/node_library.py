@@ -23,7 +23,7 @@ QUICK: Final = ("-O0", *GEOMETRY)
 _STUBS: Final = ("node_host.c", "node_host.h", "node_fuzz.c", "sw_image.h")
 _OTHERS: Final = ("twin.c", "twin.h", "sw_image.c", "sw_own_ecu.c", "sw_own_layout.c")
 _DECLARED: Final = re.compile(r"^[\w ]+ \*?host_\w+\([^)]*\);", re.MULTILINE)
-BUSY, WANTS_RESET, NEEDS_RESET, SESSION, UNLOCKED, REASON, RUNNING, WORST_WRITES = range(8)
+BUSY, WANTS_RESET, NEEDS_RESET, SESSION, UNLOCKED, REASON, RUNNING, WORST_WRITES, WAITS, DRIVES_JETS, WRITES = range(11)
 """What `Host.fact` can be asked."""
 
 
@@ -113,6 +113,10 @@ class Host:
 
     def fail(self, what: int) -> None:
         self._lib.host_fail(self._room, what)
+
+    def set(self, slow: int, room: int = 8) -> None:
+        """From now on: looks at an erasure until it has ended, and frames that diagnosis may send in a call."""
+        self._lib.host_set(self._room, slow, room)
 
     def control(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         return self._call(self._lib.host_control, now_ns, frames)

@@ -33,7 +33,8 @@ _FUNCTION: Final = re.compile(
     r"^(?!static|typedef)\w[\w ]*?\*?(?:twin|sw_store|sw_records|sw_signature)_\w+\([^)]*\)", re.MULTILINE
 )
 _STRUCTURE: Final = re.compile(
-    r"(?:const )?(?:twin|sw_store|sw_records|sw_part|sw_flash|sw_rules) (?=\*)|sw_(store_result|record_kind)(?= )"
+    r"(?:const )?(?:twin|sw_store|sw_records|sw_part|sw_flash|sw_rules) (?=\*)"
+    r"|sw_(store_result|record_kind|flash_state)(?= )"
 )
 
 LAYOUT: Final = hashlib.sha256(b"layout").digest()

@@ -67,7 +67,7 @@ class Flash:
         self.passed: list[tuple[Kind, bytes]] = []
         """Every record that was kept in the call under way, in order."""
         self.content = {slot: bytearray(b"\xff" * SLOT_BYTES) for slot in Slot}
-        self.is_worn, self.records_left = False, NEVER
+        self.is_worn, self.records_left, self.erases = False, NEVER, True
         self._at = dict.fromkeys(Slot, 0)
         self._memory, self._unreadable = memory, unreadable
 
@@ -84,6 +84,8 @@ class Flash:
     def clear(self, slot: Slot, behind: int = 0) -> Work[None]:
         for at in range(behind, SLOT_BYTES, SECTOR):
             yield
+            if not self.erases:
+                raise MediumError("a sector is worn", at)
             self.content[slot][at : at + SECTOR] = b"\xff" * SECTOR
         self._at[slot] = behind
 
@@ -173,6 +175,43 @@ class Pair:
         """The memory takes so many records more, and then none."""
         self._c.twin_fail(self._twin, records)
         self.flash.records_left = records
+
+    def erases(self, looks: int, *, begins: bool = True, ends: bool = True) -> None:
+        """From now on an erasure takes so many looks, or fails."""
+        self._c.twin_erases(self._twin, looks, 2 if begins and not ends else int(not begins))
+        self.flash.erases = begins and ends
+
+    def limit(self, which: int) -> None:
+        """What may be done to keep a record: an `sw_records_limit`."""
+        self._c.twin_limit(self._twin, which)
+
+    def go_on_in_c(self) -> None:
+        """A piece of work that Python has thrown away."""
+        self._c.sw_store_go_on(self._own)
+
+    def care(self) -> int:
+        """A piece of work for later records; operations of the memory in it."""
+        before = self.operations
+        self._c.sw_records_care(self._kept)
+        self._compare("care", None, None)
+        return self.operations - before
+
+    @property
+    def is_erasing(self) -> bool:
+        """Whether an erasure is at work."""
+        return bool(self._c.sw_store_is_erasing(self._own))
+
+    @property
+    def has_room(self) -> bool:
+        """Whether the C store has room for the state."""
+        return bool(self._c.sw_store_has_room(self._own))
+
+    def refuses(self, length: int) -> bool:
+        """Whether the C store takes no record of so many bytes now; what it takes is taken by Python's as well."""
+        if self._c.sw_store_keep_faults(self._own, bytes(length), length):
+            return True
+        self.flash.kept[Kind.FAULTS] = self.store.records.faults = bytes(length)
+        return False
 
     def plant(self, kind: Kind, record: bytes) -> None:
         """Boot from a record that no store writes."""

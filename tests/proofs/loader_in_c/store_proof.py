@@ -23,10 +23,6 @@ CALLS: Final = 200
 _IMAGES: Final = 5_000
 UNREACHED: Final = {
     ("sw_records.c", "gathered(records, of, begin,"): "the call has just read them; they would have to fail in between",
-    (
-        "sw_state.c",
-        "SW_RECORD_STATE, 0, data, length) != 0",
-    ): "the scan has just read them; they would have to fail in between",
 }
 """Branches that nothing leads to, by the text of their line, and why they stand there all the same."""
 

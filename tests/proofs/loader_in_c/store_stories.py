@@ -33,6 +33,8 @@ LISTS: Final = (
         for text in (listed[:at] + value + listed[at + len(value) :],)
     ),
 )  # fmt: skip
+MOVE, APPEND = 1, 2
+"""`sw_records_limit`."""
 IMAGES: Final = (*GOOD.values(), *WRONG.values(), LONG)
 
 
@@ -223,7 +225,59 @@ def tried(pair: Pair) -> None:
         pair.call("revert")
 
 
-RARE: Final = (forged, tried)
+def cared(pair: Pair) -> None:
+    """With the jets on a full sector is not left; then it is, and is blanked, unless the memory fails."""
+    for _ in range(3):
+        assert pair.care() == 0
+    provision(pair)
+    pair.erases(2)
+    pair.call("announce", 700, bytes(32), is_abandoned=True)
+    pair.go_on_in_c()
+    pair.call("drop")
+    for begins, ends in ((True, True), (False, True), (True, False)):
+        flash(pair, GOOD["two"])
+        assert [pair.care() for _ in range(9)][-4:] == [0] * 4
+        pair.limit(APPEND)
+        while pair.has_room:
+            pair.call("keep_failed_attempts", Level.PROGRAMMING, pair.operations % 200 + 1)
+        assert pair.refuses(8000)
+        pair.limit(MOVE)
+        assert pair.has_room
+        pair.erases(2, begins=begins, ends=ends)
+        # Moved; then the erasure begins, and is looked after, or is not tried again.
+        assert pair.care() > 10
+        found = [(pair.care(), pair.refuses(1)) for _ in range(5)]
+        assert [is_erasing for _, is_erasing in found] == ([True] * 3 if ends else [True])[: 3 * begins] + [False] * (
+            5 - (3 if ends else 1) * begins
+        )
+        if not (begins and ends):
+            pair.call("announce", 700, bytes(32))
+        pair.erases(2)
+        pair.boot()
+    # What is kept is most of a sector; then it cannot be moved.
+    for length in (4000, 1):
+        pair.call("keep_faults", bytes(length))
+        for count in range(30):
+            pair.call("keep_failed_attempts", Level.PROGRAMMING, count + length)
+            pair.fail(NEVER if length > 1 else 0)
+            pair.care()
+            pair.fail(NEVER)
+            while pair.is_erasing:
+                pair.care()
+    pair.limit(MOVE)
+    while not pair.refuses(300):
+        pass
+    # Before the control begins an erasure is waited for, and may fail.
+    pair.boot()
+    pair.erases(2, begins=False)
+    assert pair.refuses(8000)
+    while not pair.refuses(300):
+        pass
+    pair.erases(2)
+    assert not pair.refuses(300)
+
+
+RARE: Final = (forged, tried, cared)
 
 
 def recovered(pair: Pair) -> None:

@@ -29,6 +29,7 @@ from tests.proofs.loader_in_c.node_library import SESSION, Library, build, sourc
 from tests.proofs.loader_in_c.node_planted import PLANTED, noticed
 from tests.proofs.loader_in_c.node_program import play, play_confirmations
 from tests.proofs.loader_in_c.node_sizes import sizes
+from tests.proofs.loader_in_c.node_slow import beside_jets, erased_beside, with_few_places
 from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, Twins, World, as_in_c, world
 
 pytestmark = pytest.mark.compiler
@@ -178,6 +179,12 @@ def test_a_release_is_confirmed_after_its_self_test_alone(of: World) -> None:
     assert [slot.phase for slot in played.python.store.state.slots] == [Phase.CONFIRMED, Phase.FILLING]
     # For the boot before, without a test, after one that failed, behind another announcement; then twice.
     assert (played.seen["7f 3124"], played.seen["7f 3172"]) == (4, 1)
+
+
+def test_a_slow_memory_and_a_full_controller_are_waited_for(of: World) -> None:
+    erased_beside(of)
+    with_few_places(of)
+    beside_jets(of)
 
 
 @pytest.mark.parametrize("faults", [PLANTED[1:3], pytest.param(PLANTED, marks=pytest.mark.proofs)])

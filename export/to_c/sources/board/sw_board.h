@@ -31,6 +31,7 @@ extern "C" {
 #define SW_BOARD_FLASH 0x52002100u    /* registers of the bank that holds what is written in the field, the second */
 #define SW_BOARD_FLASH_BANK 0x08100000u
 #define SW_BOARD_FLASH_SECTORS 8u
+#define SW_BOARD_ERASE_NS INT64_C(5000000000) /* for a sector, beyond which it has failed: at most 4 s (DS12110) */
 
 /* --- The same for every board --- */
 
@@ -38,6 +39,11 @@ extern "C" {
 
 /* Clocks, pins, watchdog: nothing on the emulated board. Runs before memory is cleared. */
 void sw_board_power_on(void);
+
+/* Once a turn of the loop, which takes a control period and a half at most, and after a start, which may erase a sector:
+ * here a watchdog is fed. Nothing on the emulated board.
+ */
+void sw_board_alive(void);
 
 void sw_board_main(void);
 
@@ -64,8 +70,16 @@ void sw_board_can_start(const uint32_t *ids, uint32_t count);
 /* Everything that has come, oldest first, into at most `room` frames; how many. */
 int sw_board_can_receive(sw_frame *frames, int room);
 
-/* Hand over a frame; 1 if there is no room for it or the controller is bus-off, and it is lost. */
-int sw_board_can_send(const sw_frame *frame);
+/* Frames of control have a place each, from which they leave before others with greater identifiers. Hand one over; an
+ * older one that is still there is out of date, and taken back. 1 if the controller is bus-off or is sending the older
+ * one: it is lost, and counted in sw_board_lost.
+ */
+int sw_board_can_send(const sw_frame *frame, uint32_t place);
+extern volatile uint32_t sw_board_lost;
+
+/* Frames of diagnosis leave in their order. How many can be handed over now; 0 while the controller is bus-off. */
+int sw_board_can_room(void);
+void sw_board_can_queue(const sw_frame *frame);
 
 /* Whether all frames that were handed over have left, or never will. */
 int sw_board_can_is_idle(void);

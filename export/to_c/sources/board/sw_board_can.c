@@ -1,5 +1,6 @@
-/* A driver of Bosch's M_CAN (user's manual, revision 3.3): received frames through FIFO 0, sent ones through the transmit
- * FIFO, both polled. Elements have room for 64 bytes.
+/* A driver of Bosch's M_CAN (user's manual, revision 3.3), polled: received frames come through FIFO 0; those of control
+ * leave from dedicated transmit buffers, one each, others through the transmit FIFO behind these. Whenever the bus is free
+ * the controller sends the buffer, or the FIFO's oldest, with the lowest identifier. Elements have room for 64 bytes.
  */
 #include <stddef.h>
 
@@ -38,6 +39,8 @@
 #define CCCR_FD_AND_BRS 0x300u
 #define PSR_BUS_OFF 0x80u
 #define IR_NEW_IN_FIFO_0 1u
+#define IR_BUS_OFF 0x2000000u /* the state has changed since the bit was cleared */
+#define MOST_BUS_OFFS 8u      /* that are counted at once */
 #define REFUSE_REMOTE_AND_OTHERS 0x2bu /* GFC: neither remote frames nor what no filter names */
 #define FILTER_TO_FIFO_0 ((2u << 30) | (1u << 27)) /* a classic filter: identifier and mask */
 #define EXTENDED_TO_FIFO_0 (1u << 29) /* its first word for 29 bits, with the identifier */
@@ -48,14 +51,15 @@
 #define FDF 0x200000u
 #define BRS 0x100000u
 
-/* The message RAM, in words: 64 filters for 11 bits and 32 for 29, 64 received elements, 8 to be sent. */
+/* The message RAM, in words: 64 filters for 11 bits and 32 for 29, 64 received elements, those to be sent. */
 #define FILTERS 0u
 #define EXTENDED_FILTERS 64u
 #define RECEIVED 128u
 #define RECEIVED_ELEMENTS 64u
 #define WORDS 18u
 #define SENT (RECEIVED + RECEIVED_ELEMENTS * WORDS)
-#define SENT_ELEMENTS 8u
+#define OF_CONTROL ((uint32_t)SW_FRAMES_OUT)
+#define IN_FIFO 8u
 
 static const uint8_t lengths[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
 
@@ -90,7 +94,7 @@ void sw_board_can_start(const uint32_t *ids, uint32_t count)
     CAN(GFC) = REFUSE_REMOTE_AND_OTHERS;
     CAN(RXF0C) = (RECEIVED_ELEMENTS << 16) | (4u * RECEIVED);
     CAN(RXESC) = ELEMENT_64_BYTES;
-    CAN(TXBC) = (SENT_ELEMENTS << 24) | (4u * SENT);
+    CAN(TXBC) = (IN_FIFO << 24) | (OF_CONTROL << 16) | (4u * SENT);
     CAN(TXESC) = ELEMENT_64_BYTES;
     CAN(IE) = IR_NEW_IN_FIFO_0;
     CAN(ILE) = 1u;
@@ -135,16 +139,9 @@ static uint32_t code_of(uint8_t length)
     return code;
 }
 
-int sw_board_can_send(const sw_frame *frame)
+static void put(const sw_frame *frame, uint32_t index)
 {
-    const uint32_t status = CAN(TXFQS);
-    const uint32_t index = (status >> 16) & 31u, at = SENT + index * WORDS;
-    /* What waits while the controller is bus-off would come out late, as if it were of then. */
-    if ((CAN(PSR) & PSR_BUS_OFF) != 0u) {
-        CAN(TXBCR) = CAN(TXBRP);
-        return 1;
-    }
-    if ((status & 63u) == 0u) return 1;
+    const uint32_t at = SENT + index * WORDS;
     RAM(at) = frame->is_extended != 0u ? XTD | frame->id : frame->id << STANDARD_SHIFT;
     RAM(at + 1u) = (code_of(frame->length) << 16) | (frame->is_fd != 0u ? FDF | BRS : 0u);
     for (uint32_t i = 0; i < frame->length; i += 4u) {
@@ -153,20 +150,46 @@ int sw_board_can_send(const sw_frame *frame)
         RAM(at + 2u + i / 4u) = word;
     }
     CAN(TXBAR) = UINT32_C(1) << index;
+}
+
+static int is_off(void) { return (CAN(PSR) & PSR_BUS_OFF) != 0u; }
+
+volatile uint32_t sw_board_lost;
+
+int sw_board_can_send(const sw_frame *frame, uint32_t place)
+{
+    /* What waits while the controller is bus-off would come out late, as if it were of then. */
+    const int off = is_off();
+    const uint32_t old = CAN(TXBRP) & (off ? UINT32_MAX : UINT32_C(1) << place);
+    if (old != 0u) CAN(TXBCR) = old;
+    if (off || (CAN(TXBRP) & (UINT32_C(1) << place)) != 0u) {
+        sw_board_lost++;
+        return 1;
+    }
+    put(frame, place);
     return 0;
 }
 
-int sw_board_can_is_idle(void) { return CAN(TXBRP) == 0u || (CAN(PSR) & PSR_BUS_OFF) != 0u; }
+int sw_board_can_room(void) { return is_off() ? 0 : (int)(CAN(TXFQS) & 63u); }
+
+void sw_board_can_queue(const sw_frame *frame) { put(frame, (CAN(TXFQS) >> 16) & 31u); }
+
+int sw_board_can_is_idle(void) { return CAN(TXBRP) == 0u || is_off(); }
 
 void sw_board_can_health(sw_bus_health *health)
 {
-    /* Going bus-off sets INIT; clearing it begins the recovery of 128 times eleven recessive bits. */
-    while ((CAN(CCCR) & CCCR_INIT) != 0u) {
-        if (health->bus_off < UINT32_MAX) health->bus_off++;
-        CAN(CCCR) = CCCR_FD_AND_BRS;
+    /* Going bus-off sets INIT; clearing it begins the recovery of 128 times eleven recessive bits. It reads back late, as
+     * it passes to another clock, so that it does not say whether the controller went off again.
+     */
+    for (uint32_t i = 0; i < MOST_BUS_OFFS && (CAN(IR) & IR_BUS_OFF) != 0u; i++) {
+        CAN(IR) = IR_BUS_OFF;
+        if ((CAN(CCCR) & CCCR_INIT) != 0u) {
+            if (health->bus_off < UINT32_MAX) health->bus_off++;
+            CAN(CCCR) = CCCR_FD_AND_BRS;
+        }
     }
     const uint32_t errors = CAN(ECR);
-    health->is_bus_off = (CAN(PSR) & PSR_BUS_OFF) != 0u;
+    health->is_bus_off = (uint8_t)is_off();
     health->tx_errors = errors & 0xffu;
     /* RP: the counter of 7 bits is at the passive level or above. */
     health->rx_errors = ((errors >> 15) & 1u) != 0u ? 128u : (errors >> 8) & 0x7fu;

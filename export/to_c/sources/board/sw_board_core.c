@@ -94,6 +94,8 @@ void sw_board_reset(void)
 
 void sw_board_power_on(void) {}
 
+void sw_board_alive(void) {}
+
 /* The floating-point unit is off after a reset, and must be on before the first function that might use it. */
 void sw_board_start(void)
 {

@@ -1,5 +1,6 @@
 /* A driver of the STM32H743's flash controller (RM0433, section 4): sectors of 128 KiB, words of 32 bytes, for the bank
- * that is not the program's, so that the core runs on meanwhile. The data cache, where it is on, must not hold this bank.
+ * that is not the program's, so that the core runs on meanwhile: it stands still only where it reads this bank while a
+ * sector of it is erased. The data cache, where it is on, must not hold this bank.
  */
 #include <stddef.h>
 
@@ -21,8 +22,16 @@
 #define CORE_CONFIGURATION SW_BOARD_REGISTER(0xe000ed14u)
 #define IGNORE_BUS_FAULTS (1u << 8)
 
+/* For a controller that hangs there is the watchdog. */
+static void wait(void)
+{
+    while ((FLASH(SR) & SR_AT_WORK) != 0u && (FLASH(SR) & SR_ERRORS) == 0u) {
+    }
+}
+
 static uint32_t begin(void)
 {
+    wait();
     FLASH(CCR) = SR_ERRORS;
     if ((FLASH(CR) & CR_LOCK) != 0u) {
         FLASH(KEYR) = 0x45670123u;
@@ -35,12 +44,13 @@ static uint32_t begin(void)
 static int end(void)
 {
     __asm__ volatile("dsb" ::: "memory");
-    while ((FLASH(SR) & SR_AT_WORK) != 0u && (FLASH(SR) & SR_ERRORS) == 0u) {
-    }
+    wait();
     const uint32_t errors = FLASH(SR) & SR_ERRORS;
     FLASH(CR) = CR_LOCK;
     return errors != 0u;
 }
+
+static int64_t begun_ns; /* of the erasure */
 
 static int erase(void *context, uint32_t sector)
 {
@@ -48,7 +58,20 @@ static int erase(void *context, uint32_t sector)
     if (sector >= SW_BOARD_FLASH_SECTORS || begin() != 0u) return 1;
     FLASH(CR) = CR_64_BITS | CR_ERASE_SECTOR | (sector << 8);
     FLASH(CR) = CR_64_BITS | CR_ERASE_SECTOR | (sector << 8) | CR_START;
-    return end();
+    __asm__ volatile("dsb" ::: "memory");
+    begun_ns = sw_board_now_ns();
+    return 0;
+}
+
+static sw_flash_state erased(void *context)
+{
+    const uint32_t status = FLASH(SR);
+    (void)context;
+    if ((status & SR_AT_WORK) != 0u && (status & SR_ERRORS) == 0u) {
+        return sw_board_now_ns() - begun_ns < SW_BOARD_ERASE_NS ? SW_FLASH_AT_WORK : SW_FLASH_FAILED;
+    }
+    FLASH(CR) = CR_LOCK;
+    return (status & SR_ERRORS) != 0u ? SW_FLASH_FAILED : SW_FLASH_DONE;
 }
 
 static int program(void *context, uint32_t address, const uint8_t *word)
@@ -84,5 +107,5 @@ static int read(void *context, uint32_t address, uint8_t *data, uint32_t length)
 }
 
 const sw_flash sw_board_flash = {
-    NULL, (const uint8_t *)(uintptr_t)SW_BOARD_FLASH_BANK, erase, program, read,
+    NULL, (const uint8_t *)(uintptr_t)SW_BOARD_FLASH_BANK, erase, erased, program, read,
 };

@@ -1,9 +1,10 @@
-/* The program: look for frames, step the ECU once a control period, answer diagnosis, sleep. A step begins when the
+/* The program: look for frames, step the ECU once a control period, then answer diagnosis, sleep. A step begins when the
  * pressures come; without them, half a period after they were due.
  */
 #include "sw_board.h"
 #include "sw_board_equipment.h"
 #if SW_BOARD_LOADER
+#include "sw_image.h"
 #include "sw_layout.h"
 #include "sw_node.h"
 #endif
@@ -21,12 +22,13 @@ typedef struct {
 
 #if SW_BOARD_LOADER
 
-#define ANSWERS SW_NODE_FRAMES
 #define SERVICE_NS INT64_C(1000000) /* between looks at a conversation's times */
 #define TALKS_NS INT64_C(5000000000) /* for so long behind a frame of it */
 
 static sw_node node;
 static uint8_t message[SW_ISOTP_MOST];
+/* The release runs here: its bank of the flash cannot be read while a sector of it is erased. */
+static uint8_t image[SW_IMAGE_HEADER + sizeof(sw_payload)] __attribute__((aligned(64)));
 static int64_t talks_until_ns;
 
 sw_ecu *const sw_board_ecu = &node.ecu;
@@ -47,6 +49,7 @@ static void begin(void)
     static const uint8_t access_key[SW_AES_BYTES] = SW_BOARD_ACCESS_KEY;
     static const sw_equipment equipment = {
         &rules, access_key, SW_BOARD_HARDWARE, SW_BOARD_SERIAL, SW_BOARD_SOFTWARE, random, 0,
+        image, sizeof image,
     };
     (void)sw_node_init(&node, &equipment, &sw_board_flash, message);
 }
@@ -56,31 +59,22 @@ static int control(int64_t now_ns, int count, sw_frame *answers)
     return sw_node_control(&node, now_ns, received, count, answers);
 }
 
-/* The frames from `first` on are new. Control has no use for those of diagnosis: they leave their places. Returns when
- * the next look is due.
- */
-static int64_t serve(sw_board_period *period, int first, int64_t now_ns)
+/* Of these new frames. Returns when the next look is due. */
+static int64_t serve(const sw_frame *frames, int count, int64_t now_ns)
 {
     sw_frame answers[SW_ISOTP_BURST];
-    int kept = first, sent;
-    const int count = period->count;
-    for (int i = first; i < count; i++) {
-        if (sw_isotp_is_request(&received[i])) talks_until_ns = now_ns + TALKS_NS;
+    for (int i = 0; i < count; i++) {
+        if (sw_isotp_is_request(&frames[i])) talks_until_ns = now_ns + TALKS_NS;
     }
-    sent = sw_node_service(&node, now_ns, &received[first], count - first, answers);
-    for (int i = 0; i < sent; i++) (void)sw_board_can_send(&answers[i]);
-    for (int i = first; i < count; i++) {
-        if (!sw_isotp_is_request(&received[i])) received[kept++] = received[i];
-    }
-    period->count = kept;
+    const int sent = sw_node_service(&node, now_ns, frames, count, sw_board_can_room(), answers);
+    for (int i = 0; i < sent; i++) sw_board_can_queue(&answers[i]);
     if (sw_node_wants_reset(&node) && sw_board_can_is_idle()) sw_board_reset();
-    if (sw_node_is_busy(&node)) return now_ns;
-    return now_ns < talks_until_ns ? now_ns + SERVICE_NS : INT64_MAX;
+    const int waits = sw_node_waits(&node);
+    if (sw_node_is_busy(&node) && !waits) return now_ns;
+    return now_ns < talks_until_ns || waits ? now_ns + SERVICE_NS : INT64_MAX;
 }
 
 #else
-
-#define ANSWERS SW_FRAMES_OUT
 
 static sw_ecu ecu;
 
@@ -94,10 +88,16 @@ static int control(int64_t now_ns, int count, sw_frame *answers)
     return sw_ecu_step(&ecu, now_ns, received, count, answers);
 }
 
-static int64_t serve(const sw_board_period *period, int first, int64_t now_ns)
+static int sw_isotp_is_request(const sw_frame *frame)
 {
-    (void)period;
-    (void)first;
+    (void)frame;
+    return 0;
+}
+
+static int64_t serve(const sw_frame *frames, int count, int64_t now_ns)
+{
+    (void)frames;
+    (void)count;
     (void)now_ns;
     return INT64_MAX;
 }
@@ -130,6 +130,16 @@ static void receive(sw_board_period *period)
     }
 }
 
+/* The new ones of diagnosis leave their places: control has no use for them. */
+static void drop_requests(sw_board_period *period, int first)
+{
+    int kept = first;
+    for (int i = first; i < period->count; i++) {
+        if (!sw_isotp_is_request(&received[i])) received[kept++] = received[i];
+    }
+    period->count = kept;
+}
+
 /* Pressures that come twice in a period are no reason for two steps. */
 static int is_due(const sw_board_period *period, int64_t now_ns)
 {
@@ -139,9 +149,9 @@ static int is_due(const sw_board_period *period, int64_t now_ns)
 
 static void step(sw_board_period *period, int64_t now_ns)
 {
-    static sw_frame answers[ANSWERS];
+    static sw_frame answers[SW_FRAMES_OUT];
     const int sent = control(now_ns, period->count, answers);
-    for (int i = 0; i < sent; i++) (void)sw_board_can_send(&answers[i]);
+    for (int i = 0; i < sent; i++) (void)sw_board_can_send(&answers[i], (uint32_t)i);
     const int64_t next_ns = now_ns + (int64_t)SW_PERIOD_NS;
     period->deadline_ns = period->came != 0u ? next_ns + (int64_t)SW_PERIOD_NS / 2 : next_ns;
     period->latest_ns = now_ns;
@@ -162,8 +172,12 @@ void sw_board_main(void)
         const int first = period.count;
         sw_board_can_health(&sw_board_ecu->surroundings.health);
         receive(&period);
-        const int64_t next_ns = serve(&period, first, now_ns);
-        if (is_due(&period, now_ns)) step(&period, now_ns);
+        const int count = period.count - first;
+        const int due = is_due(&period, now_ns);
+        if (due) step(&period, now_ns);
+        const int64_t next_ns = serve(&received[first], count, now_ns);
+        if (!due) drop_requests(&period, first);
+        sw_board_alive();
         if (next_ns > now_ns) sw_board_sleep(next_ns < period.deadline_ns ? next_ns : period.deadline_ns);
     }
 }

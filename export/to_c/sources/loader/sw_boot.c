@@ -60,6 +60,11 @@ void sw_store_boot(sw_store *store)
     }
 }
 
+int sw_store_read_image(const sw_store *store, uint8_t *data, uint32_t length)
+{
+    return store->flash->read(store->flash->context, sw_slots_address(store->running), data, length);
+}
+
 const uint8_t *sw_store_image(const sw_store *store)
 {
     return store->running == SW_NO_SLOT ? 0 : &store->flash->memory[sw_slots_address(store->running)];

@@ -226,7 +226,7 @@ void sw_faults_settle(sw_node *node)
 {
     sw_faults *faults = &node->faults;
     take_waiting(faults);
-    if (faults->is_changed && !node->drives_jets) {
+    if (faults->is_changed && !node->drives_jets && !sw_store_is_erasing(&node->store)) {
         faults->is_changed = 0;
         (void)keep_if_different(node);
     }

@@ -24,14 +24,21 @@ extern "C" {
 #define SW_SLOT_BYTES (SW_SLOT_SECTORS * SW_FLASH_SECTOR)
 #define SW_FLASH_BYTES (SW_RECORD_SECTORS * SW_FLASH_SECTOR + 2u * SW_SLOT_BYTES)
 
-/* Each call returns 0, or 1 if the memory failed. After a call in which the supply goes, the words that it touched have
- * any value, or none: reading them fails.
+/* How an erasure that was begun stands. */
+typedef enum { SW_FLASH_DONE = 0, SW_FLASH_FAILED = 1, SW_FLASH_AT_WORK = 2 } sw_flash_state;
+
+/* Each call but `erased` returns 0, or 1 if the memory failed. After a call in which the supply goes, the words that it
+ * touched have any value, or none: reading them fails.
+ *
+ * Erasing takes a second on some chips, so `erase` only begins it: all bytes are 0xFF once `erased` is no longer AT_WORK,
+ * and until then nothing but that is called. A driver gives an erasure up that takes longer than the chip's longest.
  */
 typedef struct {
     void *context;
-    const uint8_t *memory;                                                /* where it is mapped; images run in place */
-    int (*erase)(void *context, uint32_t sector);                         /* all bytes are 0xFF afterwards */
-    int (*program)(void *context, uint32_t address, const uint8_t *word); /* a word that was erased */
+    const uint8_t *memory;                          /* where it is mapped */
+    int (*erase)(void *context, uint32_t sector);   /* begins */
+    sw_flash_state (*erased)(void *context);        /* how that stands */
+    int (*program)(void *context, uint32_t address, const uint8_t *word); /* a word that was erased, to its end */
     int (*read)(void *context, uint32_t address, uint8_t *data, uint32_t length); /* 1: a word cannot be corrected */
 } sw_flash;
 

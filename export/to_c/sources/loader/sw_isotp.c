@@ -47,10 +47,13 @@ static uint32_t single_of(const sw_frame *frame, uint8_t *message)
     return length;
 }
 
-static uint32_t single(sw_isotp *end, const sw_frame *frame)
+static uint32_t in_one(sw_isotp *end, const sw_frame *frame, uint8_t *message)
 {
-    const uint32_t length = single_of(frame, end->message);
-    if (length > 0u) abort_reception(end);
+    const uint32_t length = single_of(frame, message);
+    if (length > 0u) {
+        abort_reception(end);
+        end->whole = message;
+    }
     return length;
 }
 
@@ -69,6 +72,10 @@ static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
         return;
     }
     if (length <= capacity(frame->length)) return;
+    if (end->is_held) {
+        end->answer = FLOW_OVERFLOW;
+        return;
+    }
     abort_reception(end);
     end->wanted = (uint16_t)length;
     end->received = (uint16_t)(frame->length - 2u);
@@ -100,6 +107,7 @@ static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame
     end->next_until_ns = now_ns + SW_ISOTP_WAIT_NS;
     if (end->received < end->wanted) return 0;
     end->wanted = 0;
+    end->whole = end->message;
     return end->received;
 }
 
@@ -264,6 +272,7 @@ void sw_isotp_init(sw_isotp *end, uint8_t *message)
     uint8_t *bytes = (uint8_t *)end;
     for (size_t i = 0; i < sizeof *end; i++) bytes[i] = 0;
     end->message = message;
+    end->whole = message;
     end->answer = NO_ANSWER;
     end->state = IDLE;
 }
@@ -283,7 +292,7 @@ uint32_t sw_isotp_functional(const sw_frame *frame, uint8_t message[SW_FRAME_BYT
     return frame->data[0] >> 4 == SINGLE ? single_of(frame, message) : 0u;
 }
 
-uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
+uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame, uint8_t single[SW_FRAME_BYTES])
 {
     uint32_t length = 0;
     if (!is_for(frame, SW_REQUEST_ID)) return 0;
@@ -291,7 +300,7 @@ uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
     if (frame->length == 0u || frame->length > SW_FRAME_BYTES) return 0;
     switch (frame->data[0] >> 4) {
     case SINGLE:
-        length = single(end, frame);
+        length = in_one(end, frame, single);
         break;
     case FIRST:
         first(end, now_ns, frame);
@@ -344,12 +353,13 @@ void sw_isotp_send(sw_isotp *end, uint32_t length)
     end->queue.count++;
 }
 
-int sw_isotp_poll(sw_isotp *end, int64_t now_ns, sw_frame frames[SW_ISOTP_BURST])
+int sw_isotp_poll(sw_isotp *end, int64_t now_ns, int room, sw_frame frames[SW_ISOTP_BURST])
 {
+    const int most = room < SW_ISOTP_BURST ? room : SW_ISOTP_BURST;
     int count = 0;
     tick(end, now_ns);
     if (end->answer == FLOW_CONTINUE && end->wanted == 0u) end->answer = NO_ANSWER;
-    if (end->answer != NO_ANSWER) {
+    if (end->answer != NO_ANSWER && most > 0) {
         start_frame(&frames[0], now_ns);
         put(&frames[0], (uint32_t)FLOW << 4 | end->answer);
         put(&frames[0], 0); /* all frames at once, */
@@ -358,6 +368,6 @@ int sw_isotp_poll(sw_isotp *end, int64_t now_ns, sw_frame frames[SW_ISOTP_BURST]
         end->answer = NO_ANSWER;
         count = 1;
     }
-    while (count < SW_ISOTP_BURST && next_frame(end, now_ns, &frames[count])) count++;
+    while (count < most && next_frame(end, now_ns, &frames[count])) count++;
     return count;
 }

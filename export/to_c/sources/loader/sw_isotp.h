@@ -26,7 +26,9 @@ typedef struct {
 } sw_isotp_queue;
 
 typedef struct {
-    uint8_t *message; /* SW_ISOTP_MOST bytes, the caller's: what has come of a message */
+    uint8_t *message; /* SW_ISOTP_MOST bytes, the caller's: what has come of a message of several frames */
+    uint8_t *whole;   /* where the message is that has come last */
+    uint8_t is_held;  /* `message` is still read: another one for it is refused as too much */
     /* Reception. */
     uint16_t wanted; /* bytes of the message on its way; 0 without one */
     uint16_t received;
@@ -62,10 +64,10 @@ int sw_isotp_is_request(const sw_frame *frame);
  */
 uint32_t sw_isotp_functional(const sw_frame *frame, uint8_t message[SW_FRAME_BYTES]);
 
-/* Takes a frame from the bus; frames for others are ignored. Returns the bytes of a message that is whole now and stands
- * in `message` until the next call, or 0.
+/* Takes a frame from the bus; frames for others are ignored. Returns the bytes of a message that is whole now, or 0. It
+ * stands at `whole`: one of a single frame in `single`, others in `message`, until the next call or as long as `is_held`.
  */
-uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame);
+uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame, uint8_t single[SW_FRAME_BYTES]);
 
 /* Whether a message is on its way to us, or one of ours is not on the bus as a whole. */
 int sw_isotp_is_receiving(const sw_isotp *end);
@@ -85,10 +87,10 @@ uint8_t *sw_isotp_place(sw_isotp *end, uint32_t *room);
  */
 void sw_isotp_send(sw_isotp *end, uint32_t length);
 
-/* Frames to be put on the bus now, SW_ISOTP_BURST at most: the answer to the other end first, then what we send. Returns
- * how many.
+/* Frames to be put on the bus now, SW_ISOTP_BURST at most and no more than there is room for: the answer to the other end
+ * first, then what we send. What has no room comes with a later call. Returns how many.
  */
-int sw_isotp_poll(sw_isotp *end, int64_t now_ns, sw_frame frames[SW_ISOTP_BURST]);
+int sw_isotp_poll(sw_isotp *end, int64_t now_ns, int room, sw_frame frames[SW_ISOTP_BURST]);
 
 #ifdef __cplusplus
 }

@@ -15,10 +15,21 @@ static int opens(const uint8_t *image)
     return sw_image_open(image, &numbers) == SW_IMAGE_OK;
 }
 
+/* The booted image where it runs: in the flash, or in memory that can be read while the flash is written. */
+static const uint8_t *image_of(const sw_node *node)
+{
+    const sw_store *store = &node->store;
+    const sw_equipment *equipment = node->equipment;
+    if (store->running == SW_NO_SLOT || equipment->image == NULL) return sw_store_image(store);
+    const uint32_t length = store->state.slots[store->running].length;
+    const uint32_t count = length < equipment->image_bytes ? length : equipment->image_bytes;
+    return sw_store_read_image(store, equipment->image, count) == 0 ? equipment->image : NULL;
+}
+
 /* The ECU of the booted image; without one, an ECU that stays shut. */
 static void start_ecu(sw_node *node)
 {
-    const uint8_t *image = sw_store_image(&node->store);
+    const uint8_t *image = image_of(node);
     sw_numbers numbers;
     node->is_shut = 1;
     if (image != NULL && sw_image_open(image, &numbers) == SW_IMAGE_OK) {
@@ -43,6 +54,7 @@ int sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *f
     sw_store_boot(&node->store);
     sw_faults_open(node);
     start_ecu(node);
+    node->store.records.limit = SW_RECORDS_MOVE;
     return (int)sw_inexact();
 }
 
@@ -94,44 +106,74 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
  */
 static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
 {
-    uint8_t message[SW_FRAME_BYTES];
+    uint8_t single[SW_FRAME_BYTES];
     uint32_t requests = 0;
     for (int i = 0; i < count; i++) {
         if (!sw_isotp_is_request(&frames_in[i])) continue;
-        const uint32_t functional = sw_isotp_functional(&frames_in[i], message);
-        const uint32_t length = functional > 0u ? functional : sw_isotp_receive(&node->isotp, now_ns, &frames_in[i]);
+        node->isotp.is_held = (uint8_t)sw_uds_holds_message(&node->uds);
+        const uint32_t functional = sw_isotp_functional(&frames_in[i], single);
+        const uint32_t length =
+            functional > 0u ? functional : sw_isotp_receive(&node->isotp, now_ns, &frames_in[i], single);
         if (length == 0u || requests == SW_ISOTP_QUEUE) continue;
         requests++;
         if (!sw_isotp_is_full(&node->isotp)) {
-            sw_uds_request(node, now_ns, functional > 0u ? message : node->isotp.message, length, functional > 0u);
+            sw_uds_request(node, now_ns, functional > 0u ? single : node->isotp.whole, length, functional > 0u);
         }
     }
     return requests;
 }
 
-int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
+/* Before diagnosis: what its records may do, and how an erasure for later ones stands. */
+static void look_after_records(sw_node *node)
+{
+    if (!node->has_begun) node->begun_ns = node->service_ns;
+    node->has_begun = 1;
+    node->store.records.limit = node->drives_jets ? SW_RECORDS_APPEND : SW_RECORDS_MOVE;
+    if (sw_store_is_erasing(&node->store) && node->store.work != SW_WORK_CLEAR) sw_records_care(&node->store.records);
+}
+
+/* Behind it, when it has nothing to do. No erasure begins while the vehicle asks for control, or may be about to, as it
+ * may after power-on; one that has begun comes to its end.
+ */
+static void care_for_records(sw_node *node)
+{
+    const int is_quiet = node->service_ns - node->begun_ns >= SW_REMEMBERED_NS && sw_node_refusal(node) == 0u;
+    if (!sw_store_is_erasing(&node->store) && (node->programming.is_updating || is_quiet)) {
+        sw_records_care(&node->store.records);
+    }
+}
+
+static int sent_now(sw_node *node, int64_t time_ns, int room, sw_frame *frames_out)
+{
+    const int sent = sw_isotp_poll(&node->isotp, time_ns, room, frames_out);
+    node->is_sending = (uint8_t)(sent > 0);
+    node->is_full = (uint8_t)(room < SW_ISOTP_BURST && sent == room);
+    return sent;
+}
+
+int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count, int room,
                     sw_frame frames_out[SW_ISOTP_BURST])
 {
     const int64_t time_ns = clipped(now_ns);
     const int was_busy = sw_uds_is_busy(&node->uds);
-    if (node->wants_reset) return 0;
+    if (node->wants_reset) return node->is_full ? sent_now(node, time_ns, room, frames_out) : 0;
     node->service_ns = time_ns;
+    look_after_records(node);
     sw_faults_settle(node);
     sw_uds_look(node, time_ns);
     const int looked_at = count < (int)SW_MOST_FRAMES ? count : (int)SW_MOST_FRAMES;
     const uint32_t requests = take_requests(node, time_ns, frames_in, looked_at);
     /* A request that begins long work has done its first piece; those that come amid it do none. */
     if (was_busy || requests == 0u || !sw_uds_is_busy(&node->uds)) sw_uds_tick(node, time_ns);
-    const int sent = sw_isotp_poll(&node->isotp, time_ns, frames_out);
-    node->is_sending = (uint8_t)(sent > 0);
-    return sent;
+    if (!was_busy && requests == 0u) care_for_records(node);
+    return sent_now(node, time_ns, room, frames_out);
 }
 
 int sw_node_step(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
                  sw_frame frames_out[SW_NODE_FRAMES])
 {
     const int sent = sw_node_control(node, now_ns, frames_in, count, frames_out);
-    return sent + sw_node_service(node, now_ns, frames_in, count, &frames_out[sent]);
+    return sent + sw_node_service(node, now_ns, frames_in, count, SW_ISOTP_BURST, &frames_out[sent]);
 }
 
 int sw_node_is_busy(const sw_node *node)
@@ -139,7 +181,9 @@ int sw_node_is_busy(const sw_node *node)
     return node->wants_reset || node->is_sending || sw_uds_is_busy(&node->uds);
 }
 
-int sw_node_wants_reset(const sw_node *node) { return node->wants_reset; }
+int sw_node_waits(const sw_node *node) { return node->wants_reset || (!node->is_sending && sw_uds_waits(node)); }
+
+int sw_node_wants_reset(const sw_node *node) { return node->wants_reset && !node->is_full; }
 
 int sw_node_needs_reset(const sw_node *node) { return node->wants_reset || node->programming.is_updating; }
 

@@ -9,10 +9,11 @@
  *     every control period:
  *         count = sw_node_step(&node, now_ns, frames_in, n, frames_out);   send frames_out[0 .. count - 1]
  *     in between, whenever there is time and a frame for diagnosis or sw_node_is_busy:
- *         count = sw_node_service(&node, now_ns, frames_in, n, frames_out);
+ *         count = sw_node_service(&node, now_ns, frames_in, n, room, frames_out);
  *     whenever what was sent is on the bus and sw_node_wants_reset: reset the microcontroller.
  *
- * An image runs where it stands in the flash. A transfer may replace the very image that runs on trial: from its
+ * An image runs where it stands in the flash, or from a copy (sw_equipment). Flash memory that cannot be read while a
+ * sector of it is erased, a second on some chips, needs the copy: else a control period waits as long. A transfer may replace the very image that runs on trial: from its
  * announcement on, which a reset alone leads out of, the ECU sends the counts and the pressure counter as they stood, and
  * refuses the self-test.
  *
@@ -47,6 +48,8 @@ typedef struct {
     const char *software;      /* version of the loader */
     sw_random random;
     void *context; /* for `random` */
+    uint8_t *image; /* for a copy of the image that runs, at a multiple of 64 bytes; NULL: it runs in the flash */
+    uint32_t image_bytes; /* of the copy: SW_IMAGE_HEADER + sizeof(sw_payload) */
 } sw_equipment;
 
 struct sw_node {
@@ -62,9 +65,12 @@ struct sw_node {
     uint32_t bundle_hash; /* of the one that was; 0 without one */
     uint8_t wants_reset; /* the caller must reset the ECU */
     uint8_t is_sending;
+    uint8_t is_full; /* whether more might be sent than there was room for */
     /* The vehicle's request for control, as seen in the control periods: while it stands nothing is flashed. */
     uint8_t has_asked;
     uint8_t drives_jets;
+    uint8_t has_begun; /* whether diagnosis was looked at since power-on, at begun_ns first */
+    int64_t begun_ns;
     int64_t asked_ns; /* the latest period with usable pressures that asked for control */
     int64_t service_ns;
     sw_ecu ecu; /* last; the caller writes `ecu.surroundings.health` as for sw_ecu_step */
@@ -81,14 +87,20 @@ int sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *f
 int sw_node_step(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
                  sw_frame frames_out[SW_NODE_FRAMES]);
 
-/* The two parts of it, for whoever runs them apart. Of the frames of a call diagnosis looks at SW_MOST_FRAMES. */
+/* The two parts of it, for whoever runs them apart. Of the frames of a call diagnosis looks at SW_MOST_FRAMES. It sends
+ * no more than there is `room` for, in a CAN controller's memory; what is left comes with a later call, for which a
+ * millisecond is early enough.
+ */
 int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
                     sw_frame frames_out[SW_FRAMES_OUT]);
-int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
+int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count, int room,
                     sw_frame frames_out[SW_ISOTP_BURST]);
 
 /* Whether sw_node_service has something to do without another frame. */
 int sw_node_is_busy(const sw_node *node);
+
+/* Whether that is to wait, for the flash memory or for frames to leave: then a look every millisecond is enough. */
+int sw_node_waits(const sw_node *node);
 
 int sw_node_wants_reset(const sw_node *node);
 

@@ -7,6 +7,7 @@
 #define WORD SW_FLASH_WORD
 #define WORDS (SW_FLASH_SECTOR / WORD)
 #define TRIES 3u /* places in which a record is tried */
+#define FILLED (WORDS / 2u) /* of a sector, from which on it is left when there is time */
 
 /* First byte of a word: what it is. A blank word has 0xFF. */
 #define IS_SECTOR 0xc3u
@@ -127,6 +128,9 @@ static void scan(sw_records *records)
 void sw_records_open(sw_records *records, const sw_flash *flash)
 {
     records->flash = flash;
+    records->limit = SW_RECORDS_WAIT;
+    records->is_erasing = 0;
+    records->other = SW_OTHER_UNKNOWN;
     records->sector = SW_RECORD_SECTORS;
     records->sequence = 0;
     records->end = 1;
@@ -145,18 +149,48 @@ void sw_records_open(sw_records *records, const sw_flash *flash)
     if (records->sector < SW_RECORD_SECTORS) scan(records);
 }
 
-/* A blank sector, erased if need be. */
-static int blanked(const sw_records *records, uint32_t sector)
+static int is_blank_sector(const sw_records *records, uint32_t sector)
 {
     uint8_t data[WORD];
     uint32_t word = 0;
     while (word < WORDS && read_word(records, sector, word, data) == 0 && is_blank(data)) word++;
-    return word < WORDS && records->flash->erase(records->flash->context, sector) != 0;
+    return word == WORDS;
+}
+
+static uint32_t other_sector(const sw_records *records) { return records->sector == 0u ? 1u : 0u; }
+
+int sw_records_begin_erasing(sw_records *records, uint32_t sector)
+{
+    const int failed = records->flash->erase(records->flash->context, sector);
+    records->is_erasing = (uint8_t)(failed == 0);
+    return failed;
+}
+
+sw_flash_state sw_records_erased(sw_records *records)
+{
+    const sw_flash_state state = records->flash->erased(records->flash->context);
+    records->is_erasing = (uint8_t)(state == SW_FLASH_AT_WORK);
+    return state;
+}
+
+/* A blank sector, erased if need be and allowed. */
+static int blanked(sw_records *records, uint32_t sector)
+{
+    sw_flash_state state = SW_FLASH_AT_WORK;
+    if (is_blank_sector(records, sector)) return 0;
+    if (records->limit != (uint8_t)SW_RECORDS_WAIT || sw_records_begin_erasing(records, sector) != 0) return 1;
+    while (state == SW_FLASH_AT_WORK) state = sw_records_erased(records);
+    return state != SW_FLASH_DONE;
 }
 
 void sw_records_tidy(sw_records *records)
 {
-    if (records->sector < SW_RECORD_SECTORS) (void)blanked(records, 1u - records->sector);
+    if (records->sector < SW_RECORD_SECTORS && records->end > FILLED) (void)blanked(records, other_sector(records));
+}
+
+int sw_records_have_room(const sw_records *records, uint32_t length)
+{
+    return records->sector < SW_RECORD_SECTORS && words_of(length) <= WORDS - records->end;
 }
 
 uint32_t sw_records_length(const sw_records *records, sw_record_kind kind)
@@ -248,16 +282,20 @@ static int copied(const sw_records *records, uint32_t from, uint32_t sector, uin
     return 0;
 }
 
-/* The newest records, with this one in place of an older, into the other sector, which is valid from its last word on. */
+/* The newest records, with this one in place of an older if there is one, into the other sector, which is valid from its
+ * last word on.
+ */
 static int moved(sw_records *records, const record *of)
 {
-    const uint32_t own = (uint32_t)of->kind - 1u;
-    sw_records next = *records;
+    const uint32_t own = of == NULL ? SW_RECORD_KINDS : (uint32_t)of->kind - 1u;
+    const uint32_t sector = other_sector(records);
     uint8_t head[WORD];
-    next.sector = records->sector == 0u ? 1u : 0u;
+    if (blanked(records, sector) != 0) return 1;
+    sw_records next = *records;
+    next.sector = sector;
     next.sequence = records->sequence + 1u;
     next.end = 1;
-    if (blanked(records, next.sector) != 0) return 1;
+    next.other = SW_OTHER_UNKNOWN;
     for (uint32_t i = 0; i < SW_RECORD_KINDS; i++) {
         const uint32_t count = words_of(records->lengths[i]);
         next.words[i] = 0;
@@ -271,10 +309,13 @@ static int moved(sw_records *records, const record *of)
         }
         next.end += count;
     }
-    if (write_record(records, next.sector, next.end, of) != 0) return 1;
-    next.words[own] = next.end;
-    next.lengths[own] = of->length;
-    next.end += words_of(of->length);
+    if (of != NULL) {
+        const uint32_t words = words_of(of->length);
+        if (words > WORDS - next.end || write_record(records, next.sector, next.end, of) != 0) return 1;
+        next.words[own] = next.end;
+        next.lengths[own] = of->length;
+        next.end += words;
+    }
     sw_bytes_fill(head, 0, WORD);
     sw_bytes_copy(head, sector_magic, SEQUENCE);
     sw_put_big_u32(&head[SEQUENCE], next.sequence);
@@ -282,6 +323,36 @@ static int moved(sw_records *records, const record *of)
     if (write_word(records, next.sector, 0, head) != 0) return 1;
     *records = next;
     return 0;
+}
+
+/* Whether a move would leave more than half of what is written behind. */
+static int is_worth_a_move(const sw_records *records)
+{
+    uint32_t kept = 1;
+    for (uint32_t i = 0; i < SW_RECORD_KINDS; i++) kept += records->words[i] == 0u ? 0u : words_of(records->lengths[i]);
+    return records->sector < SW_RECORD_SECTORS && records->end > FILLED && 2u * kept < records->end;
+}
+
+void sw_records_care(sw_records *records)
+{
+    const uint32_t sector = other_sector(records);
+    if (records->is_erasing) {
+        const sw_flash_state state = sw_records_erased(records);
+        if (state == SW_FLASH_DONE) records->other = SW_OTHER_BLANK;
+        if (state == SW_FLASH_FAILED) records->other = SW_OTHER_BAD;
+    } else if (records->other == (uint8_t)SW_OTHER_UNKNOWN) {
+        if (is_blank_sector(records, sector)) {
+            records->other = SW_OTHER_BLANK;
+        } else if (sw_records_begin_erasing(records, sector) != 0) {
+            records->other = SW_OTHER_BAD; /* a memory that fails is not tried again */
+        } else {
+            /* The next call looks how it stands. */
+        }
+    } else if (records->other == (uint8_t)SW_OTHER_BLANK && is_worth_a_move(records)) {
+        if (moved(records, NULL) != 0) records->other = SW_OTHER_BAD;
+    } else {
+        /* There is room. */
+    }
 }
 
 int sw_records_keep(sw_records *records, sw_record_kind kind, const uint8_t *data, uint32_t length)
@@ -295,10 +366,12 @@ int sw_records_keep_parts(sw_records *records, sw_record_kind kind, const sw_par
     record of = {kind, parts, count, 0};
     for (uint32_t i = 0; i < count; i++) of.length += parts[i].length;
     const uint32_t words = words_of(of.length);
-    if (of.length > SW_MAX_RECORD) return 1;
+    if (of.length > SW_MAX_RECORD || records->is_erasing) return 1;
     for (uint32_t i = 0; i < TRIES; i++) {
-        if (records->sector == SW_RECORD_SECTORS || words > WORDS - records->end) {
+        if (!sw_records_have_room(records, of.length)) {
+            if (records->limit == (uint8_t)SW_RECORDS_APPEND) return 1;
             if (moved(records, &of) == 0) return 0;
+            records->other = SW_OTHER_UNKNOWN;
         } else {
             const uint32_t word = records->end;
             records->end += words; /* what failed there stays */

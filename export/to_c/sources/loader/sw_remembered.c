@@ -23,8 +23,8 @@ void sw_store_open(sw_store *store, const sw_flash *flash, const sw_rules *rules
     store->slot = 0;
     store->at = 0;
     store->until = 0;
-    sw_store_drop(store);
     sw_records_open(&store->records, flash);
+    sw_store_drop(store);
     sw_records_tidy(&store->records);
     sw_state_open(store);
     const uint32_t length = sw_records_length(&store->records, SW_RECORD_KEYS);

@@ -208,6 +208,19 @@ static uint8_t judged(const sw_transfer *transfer, uint8_t counter, uint32_t byt
     return bytes > transfer->missing ? SW_NRC_TRANSFER_SUSPENDED : SW_UDS_MORE;
 }
 
+/* If it fails there is no transfer any more: what the memory holds is known only after a new announcement. */
+static uint8_t block_written(sw_transfer *transfer, uint8_t code)
+{
+    if (code == SW_UDS_DONE) transfer->state = SW_TRANSFER_OPEN;
+    return code;
+}
+
+static uint8_t write_on(sw_node *node, sw_answer *answer)
+{
+    sw_answer_byte(answer, node->uds.transfer.last);
+    return block_written(&node->uds.transfer, sw_programming_refusal(sw_store_go_on(&node->store)));
+}
+
 static uint8_t take_block(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     sw_transfer *transfer = &node->uds.transfer;
@@ -219,17 +232,14 @@ static uint8_t take_block(sw_node *node, const uint8_t *body, uint32_t length, s
     const uint8_t verdict = judged(transfer, body[0], bytes, digest);
     sw_answer_byte(answer, body[0]);
     if (verdict != SW_UDS_MORE) return verdict;
-    /* If it fails there is no transfer any more: what the memory holds is known only after a new announcement. */
     transfer->state = SW_NO_TRANSFER;
-    const uint8_t code = sw_programming_append(node, &body[1], bytes);
-    if (code != 0u) return code;
-    transfer->state = SW_TRANSFER_OPEN;
     transfer->missing -= bytes;
     transfer->expected = (uint8_t)(body[0] + 1u);
     transfer->has_last = 1;
     transfer->last = body[0];
     for (uint32_t i = 0; i < SW_BLOCK_DIGEST_BYTES; i++) transfer->last_digest[i] = digest[i];
-    return SW_UDS_DONE;
+    node->uds.work = write_on;
+    return block_written(transfer, sw_programming_append(node, &body[1], bytes));
 }
 
 /* All bytes came; the routine that checks finds out whether they are the announced ones. */
@@ -246,21 +256,21 @@ static uint8_t end_transfer(sw_node *node, const uint8_t *body, uint32_t length,
 }
 
 static const sw_service services[] = {
-    {SW_SERVICE_SESSION, SW_IN_ALL, 1, control_session},
+    {SW_SERVICE_SESSION, SW_IN_ALL, 1, 0, control_session},
     /* The programming session begins only while the jets are shut; the reset looks again. */
-    {SW_SERVICE_RESET, SW_IN_PROGRAMMING, 1, reset},
-    {SW_SERVICE_CLEAR_FAULTS, SW_IN_ALL, 0, sw_faults_clear},
-    {SW_SERVICE_REPORT_FAULTS, SW_IN_ALL, 1, sw_faults_report},
-    {SW_SERVICE_READ, SW_IN_ALL, 0, read},
-    {SW_SERVICE_SECURITY, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, give_access},
-    {SW_SERVICE_COMMUNICATION, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, control_communication},
-    {SW_SERVICE_WRITE, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 0, write},
-    {SW_SERVICE_ROUTINE, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, routine},
-    {SW_SERVICE_DOWNLOAD, SW_IN_PROGRAMMING, 0, download},
-    {SW_SERVICE_TRANSFER, SW_IN_PROGRAMMING, 0, take_block},
-    {SW_SERVICE_EXIT, SW_IN_PROGRAMMING, 0, end_transfer},
-    {SW_SERVICE_TESTER_PRESENT, SW_IN_ALL, 1, hear_tester},
-    {SW_SERVICE_FAULT_SETTING, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, sw_faults_set},
+    {SW_SERVICE_RESET, SW_IN_PROGRAMMING, 1, 0, reset},
+    {SW_SERVICE_CLEAR_FAULTS, SW_IN_ALL, 0, 1, sw_faults_clear},
+    {SW_SERVICE_REPORT_FAULTS, SW_IN_ALL, 1, 0, sw_faults_report},
+    {SW_SERVICE_READ, SW_IN_ALL, 0, 0, read},
+    {SW_SERVICE_SECURITY, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 1, give_access},
+    {SW_SERVICE_COMMUNICATION, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 0, control_communication},
+    {SW_SERVICE_WRITE, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 0, 1, write},
+    {SW_SERVICE_ROUTINE, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 1, routine},
+    {SW_SERVICE_DOWNLOAD, SW_IN_PROGRAMMING, 0, 0, download},
+    {SW_SERVICE_TRANSFER, SW_IN_PROGRAMMING, 0, 1, take_block},
+    {SW_SERVICE_EXIT, SW_IN_PROGRAMMING, 0, 0, end_transfer},
+    {SW_SERVICE_TESTER_PRESENT, SW_IN_ALL, 1, 0, hear_tester},
+    {SW_SERVICE_FAULT_SETTING, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 0, sw_faults_set},
 };
 
 const sw_service *sw_service_of(uint8_t number)

@@ -28,9 +28,9 @@ uint32_t sw_slots_begin_again(const sw_store *store, uint32_t slot)
     return standing->received;
 }
 
-int sw_slots_erase(const sw_store *store, uint32_t slot, uint32_t sector)
+int sw_slots_erase(sw_store *store, uint32_t slot, uint32_t sector)
 {
-    return store->flash->erase(store->flash->context, SW_RECORD_SECTORS + slot * SW_SLOT_SECTORS + sector);
+    return sw_records_begin_erasing(&store->records, SW_RECORD_SECTORS + slot * SW_SLOT_SECTORS + sector);
 }
 
 static int written(const sw_store *store, uint32_t address, const uint8_t word[WORD])
@@ -41,15 +41,14 @@ static int written(const sw_store *store, uint32_t address, const uint8_t word[W
     return !sw_bytes_equal(found, word, WORD);
 }
 
-int sw_slots_append(const sw_store *store, uint32_t slot, uint8_t *tail, const uint8_t *data, uint32_t length)
+int sw_slots_append(const sw_store *store, uint32_t slot, uint32_t from, uint8_t *tail, const uint8_t *data,
+                    uint32_t length)
 {
-    const sw_slot_state *standing = &store->state.slots[slot];
-    const uint32_t end = standing->received + length;
-    for (uint32_t at = standing->received; at < end; at++) {
+    for (uint32_t at = from; at < from + length; at++) {
         const uint32_t place = at % WORD;
         if (place == 0u) sw_bytes_fill(tail, 0xff, WORD);
-        tail[place] = data[at - standing->received];
-        if ((place == WORD - 1u || at + 1u == standing->length)
+        tail[place] = data[at - from];
+        if ((place == WORD - 1u || at + 1u == store->state.slots[slot].length)
             && written(store, sw_slots_address(slot) + at - place, tail) != 0) {
             return 1;
         }

@@ -113,6 +113,11 @@ sw_store_state *sw_state_draft(sw_store *store)
     return &store->scratch.next.state;
 }
 
+int sw_store_has_room(const sw_store *store)
+{
+    return store->records.limit != (uint8_t)SW_RECORDS_APPEND || sw_records_have_room(&store->records, 2u * MOST_BYTES);
+}
+
 int sw_state_keep(sw_store *store, const sw_store_state *next)
 {
     uint8_t data[MOST_BYTES];

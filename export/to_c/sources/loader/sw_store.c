@@ -38,9 +38,19 @@ static int holds(const sw_slot_state *slot, const sw_slot_state *other)
            && sw_bytes_equal(slot->sha256, other->sha256, 32);
 }
 
+int sw_store_is_erasing(const sw_store *store) { return store->records.is_erasing; }
+
+/* An erasure of it comes to its end first. */
+static void drop_work(sw_store *store)
+{
+    const int clears = store->work == SW_WORK_CLEAR;
+    store->work = SW_WORK_NONE;
+    while (clears && sw_store_is_erasing(store)) (void)sw_records_erased(&store->records);
+}
+
 void sw_store_drop(sw_store *store)
 {
-    store->work = SW_WORK_NONE;
+    drop_work(store);
     store->announced = SW_NO_SLOT;
 }
 
@@ -62,7 +72,7 @@ static sw_store_result announced(sw_store *store)
 sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_t sha256[32])
 {
     sw_slot_state *next = &store->scratch.next.slot;
-    store->work = SW_WORK_NONE;
+    drop_work(store);
     if (length == 0u || length > SW_SLOT_BYTES) return SW_STORE_OUT_OF_RANGE;
     const uint32_t slot = writable_slot(store);
     if (slot == SW_NO_SLOT) return SW_STORE_OUT_OF_ORDER;
@@ -92,28 +102,50 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
     return SW_STORE_MORE;
 }
 
+/* A piece of the bytes; with the last one they count. The draft of the state stands in the scratch memory. */
+static sw_store_result appended(sw_store *store)
+{
+    sw_store_state *next = &store->scratch.next.state;
+    sw_slot_state *filling = &next->slots[store->slot];
+    const uint32_t left = store->until - store->at;
+    const uint32_t count = left < SW_WRITTEN ? left : SW_WRITTEN;
+    store->work = SW_WORK_NONE;
+    if (sw_slots_append(store, store->slot, filling->received, next->tail[store->slot], &store->data[store->at], count) != 0) {
+        return SW_STORE_BAD_MEMORY;
+    }
+    filling->received += count;
+    store->at += count;
+    if (count < left) {
+        store->work = SW_WORK_APPEND;
+        return SW_STORE_MORE;
+    }
+    if (sw_state_keep(store, next) != 0) return SW_STORE_BAD_MEMORY;
+    store->announced = store->slot;
+    return SW_STORE_DONE;
+}
+
 sw_store_result sw_store_append(sw_store *store, const uint8_t *data, uint32_t length)
 {
     const uint32_t slot = store->announced;
-    store->work = SW_WORK_NONE;
+    drop_work(store);
     if (slot == SW_NO_SLOT) return SW_STORE_OUT_OF_ORDER;
     const sw_slot_state *standing = &store->state.slots[slot];
     if (standing->phase != SW_PHASE_FILLING || length > standing->length - standing->received) {
         return SW_STORE_OUT_OF_ORDER;
     }
-    sw_store_state *next = sw_state_draft(store);
+    (void)sw_state_draft(store);
     store->announced = SW_NO_SLOT;
-    if (sw_slots_append(store, slot, next->tail[slot], data, length) != 0) return SW_STORE_BAD_MEMORY;
-    next->slots[slot].received += length;
-    if (sw_state_keep(store, next) != 0) return SW_STORE_BAD_MEMORY;
-    store->announced = (uint8_t)slot;
-    return SW_STORE_DONE;
+    store->slot = (uint8_t)slot;
+    store->data = data;
+    store->at = 0;
+    store->until = length;
+    return appended(store);
 }
 
 sw_store_result sw_store_finish(sw_store *store)
 {
     const uint32_t slot = store->announced;
-    store->work = SW_WORK_NONE;
+    drop_work(store);
     if (slot == SW_NO_SLOT) return SW_STORE_OUT_OF_ORDER;
     if (store->state.slots[slot].received < store->state.slots[slot].length) {
         store->verdict = SW_VERDICT_INCOMPLETE;
@@ -154,9 +186,15 @@ static sw_store_result reverted(sw_store *store)
     return sw_state_keep(store, next) == 0 ? SW_STORE_DONE : SW_STORE_BAD_MEMORY;
 }
 
+/* Begins to erase the next sector, or looks how that stands. */
 static sw_store_result cleared(sw_store *store)
 {
-    if (sw_slots_erase(store, store->slot, store->at) != 0) {
+    sw_flash_state state = SW_FLASH_FAILED;
+    if (sw_store_is_erasing(store) || sw_slots_erase(store, store->slot, store->at) == 0) {
+        state = sw_records_erased(&store->records);
+    }
+    if (state == SW_FLASH_AT_WORK) return SW_STORE_MORE;
+    if (state == SW_FLASH_FAILED) {
         store->work = SW_WORK_NONE;
         return SW_STORE_BAD_MEMORY;
     }
@@ -169,6 +207,7 @@ sw_store_result sw_store_go_on(sw_store *store)
     const uint8_t work = store->work;
     if (work == SW_WORK_NONE) return SW_STORE_DONE;
     if (work == SW_WORK_CLEAR) return cleared(store);
+    if (work == SW_WORK_APPEND) return appended(store);
     if (sw_judge_go_on(store)) return SW_STORE_MORE;
     store->work = SW_WORK_NONE;
     return work == SW_WORK_FINISH ? finished(store) : reverted(store);
@@ -178,7 +217,7 @@ sw_store_result sw_store_activate(sw_store *store)
 {
     const uint32_t slot = sw_state_in_phase(&store->state, SW_PHASE_CHECKED);
     const uint32_t trial = sw_state_in_phase(&store->state, SW_PHASE_TRIAL);
-    store->work = SW_WORK_NONE;
+    drop_work(store);
     if (slot == SW_NO_SLOT) {
         return trial != SW_NO_SLOT && trial != store->running ? SW_STORE_DONE : SW_STORE_OUT_OF_ORDER;
     }
@@ -194,7 +233,7 @@ sw_store_result sw_store_activate(sw_store *store)
 sw_store_result sw_store_confirm(sw_store *store)
 {
     const uint32_t slot = store->running;
-    store->work = SW_WORK_NONE;
+    drop_work(store);
     if (slot == SW_NO_SLOT) return SW_STORE_OUT_OF_ORDER;
     sw_store_state *next = sw_state_draft(store);
     sw_slot_state *standing = &next->slots[slot];
@@ -217,7 +256,7 @@ sw_store_result sw_store_revert(sw_store *store)
     const uint32_t trial = sw_state_in_phase(&store->state, SW_PHASE_TRIAL);
     /* By what runs: if the answer is lost, and the request comes again, it must not lead back to where it was. */
     const uint32_t now = store->running != SW_NO_SLOT ? store->running : store->state.active;
-    store->work = SW_WORK_NONE;
+    drop_work(store);
     if (trial != SW_NO_SLOT) {
         sw_store_state *next = sw_state_draft(store);
         sw_state_give_up(&next->slots[trial]);

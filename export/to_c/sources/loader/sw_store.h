@@ -7,7 +7,9 @@
  *
  * A loss of power may end any call: what it had kept until then is a state from which the next boot finds a valid image,
  * if there was one. Freestanding, no allocation, no static state. Long work is done in pieces: where a call answers
- * SW_STORE_MORE, call sw_store_go_on until it answers otherwise; the calls above, boot and drop throw that work away first.
+ * SW_STORE_MORE, call sw_store_go_on until it answers otherwise; the calls above, boot and drop throw that work away first,
+ * and wait for an erasure that is at work. While sw_store_is_erasing, make no call but sw_store_go_on and those that read
+ * state, facts and report.
  */
 #ifndef SW_STORE_H
 #define SW_STORE_H
@@ -24,7 +26,8 @@ extern "C" {
 #endif
 
 #define SW_TRIAL_BOOTS 3u
-#define SW_PIECE 4096u /* bytes of an image that are read in one piece of work */
+#define SW_PIECE 4096u /* bytes of an image that are read in one piece of work, */
+#define SW_WRITTEN 512u /* and that are written in one */
 #define SW_NO_SLOT 0xffu
 #define SW_MAX_CALIBRATION 1024u
 #define SW_MAX_REPORT 512u
@@ -75,7 +78,7 @@ typedef struct {
     uint8_t tail[2][SW_FLASH_WORD]; /* of each slot: bytes behind its last whole word */
 } sw_store_state;
 
-typedef enum { SW_WORK_NONE = 0, SW_WORK_CLEAR, SW_WORK_FINISH, SW_WORK_REVERT } sw_work;
+typedef enum { SW_WORK_NONE = 0, SW_WORK_CLEAR, SW_WORK_APPEND, SW_WORK_FINISH, SW_WORK_REVERT } sw_work;
 
 /* What takes turns: reading an image, and changing the state, which is kept before it counts. */
 typedef union {
@@ -107,7 +110,8 @@ typedef struct {
     uint32_t wanted;     /* result of `announce`: the offset from which bytes are wanted */
     /* Work in pieces. */
     uint8_t work, slot;  /* sw_work, and the slot that it is about */
-    uint32_t at, until;  /* sectors to erase, or bytes to read */
+    uint32_t at, until;  /* sectors to erase, bytes to read, or bytes that were appended of so many */
+    const uint8_t *data; /* that are appended */
     sw_scratch scratch;
 } sw_store;
 
@@ -120,19 +124,27 @@ void sw_store_boot(sw_store *store);
 /* The image that was booted, in place; NULL without one. It is void as soon as the slot is announced for another. */
 const uint8_t *sw_store_image(const sw_store *store);
 
+/* Its first bytes, copied; 1: they cannot be read. */
+int sw_store_read_image(const sw_store *store, uint8_t *data, uint32_t length);
+
 /* Make room for an image; then store->wanted is the offset of the bytes that are wanted: more than 0 where an interrupted
  * transfer of this very image can go on. OUT_OF_RANGE, OUT_OF_ORDER, BAD_MEMORY.
  */
 sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_t sha256[32]);
 
-/* The next bytes of the announced image; they outlive a loss of power once this returns. OUT_OF_ORDER, BAD_MEMORY. */
+/* The next bytes of the announced image, which stay where they are until this is done; they outlive a loss of power then.
+ * OUT_OF_ORDER, BAD_MEMORY.
+ */
 sw_store_result sw_store_append(sw_store *store, const uint8_t *data, uint32_t length);
 
 /* Check the announced image; then store->verdict says what was found. OUT_OF_ORDER, BAD_MEMORY. */
 sw_store_result sw_store_finish(sw_store *store);
 
-/* One more piece of announce, finish or revert; DONE without any. */
+/* One more piece of announce, append, finish or revert; DONE without any. */
 sw_store_result sw_store_go_on(sw_store *store);
+
+/* Whether an erasure is at work. */
+int sw_store_is_erasing(const sw_store *store);
 
 /* The session ended: work and transfer are dropped; the next announcement of the same image goes on with it. */
 void sw_store_drop(sw_store *store);
@@ -151,6 +163,9 @@ sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, 
 
 /* The calibration that was kept for the release that runs: its length, 0: none; copied if it has at most `room` bytes. */
 uint32_t sw_store_calibration(const sw_store *store, uint8_t *data, uint32_t room);
+
+/* Whether the state can be kept now: not where the jets run and a sector is full. */
+int sw_store_has_room(const sw_store *store);
 
 /* Wrong keys in a row at a security level (0x01 programming, 0x03 calibration). OUT_OF_RANGE, BAD_MEMORY. */
 uint8_t sw_store_failed_attempts(const sw_store *store, uint8_t level);

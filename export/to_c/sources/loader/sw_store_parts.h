@@ -23,9 +23,11 @@ void sw_state_give_up(sw_slot_state *slot);
 /* sw_slots.c */
 /* Where writing behind the first bytes can go on: behind all of them, or at a sector's start; SW_NO_OFFSET: nowhere. */
 uint32_t sw_slots_begin_again(const sw_store *store, uint32_t slot);
-int sw_slots_erase(const sw_store *store, uint32_t slot, uint32_t sector);
-/* Write behind what a slot has; `tail` are the bytes of its last word that is not whole. 1: the memory failed. */
-int sw_slots_append(const sw_store *store, uint32_t slot, uint8_t *tail, const uint8_t *data, uint32_t length);
+/* Begins; 1: the memory failed. */
+int sw_slots_erase(sw_store *store, uint32_t slot, uint32_t sector);
+/* Write the bytes of a slot from `from` on; `tail` are the bytes of its last word that is not whole. 1: the memory failed. */
+int sw_slots_append(const sw_store *store, uint32_t slot, uint32_t from, uint8_t *tail, const uint8_t *data,
+                    uint32_t length);
 uint32_t sw_slots_address(uint32_t slot);
 
 /* sw_judge.c */

@@ -21,6 +21,10 @@ void sw_uds_init(sw_uds *uds)
 
 int sw_uds_is_busy(const sw_uds *uds) { return uds->service != 0u || uds->reset_is_due; }
 
+int sw_uds_holds_message(const sw_uds *uds) { return uds->waiting > 0u || uds->service == SW_SERVICE_TRANSFER; }
+
+int sw_uds_waits(const sw_node *node) { return node->uds.service != 0u && sw_store_is_erasing(&node->store); }
+
 int sw_uds_is_locked(const sw_node *node, uint8_t level) { return level != 0u && node->access.unlocked != level; }
 
 static void see_time(sw_node *node, int64_t now_ns)
@@ -101,18 +105,41 @@ static void came_to(sw_node *node, uint8_t service, uint8_t code, const sw_answe
     uds->heard_ns = uds->now_ns;
 }
 
+static uint8_t waited(sw_node *node, sw_answer *answer);
+
+/* A request that cannot begin yet is kept where no other one comes; one to every ECU must not take the place of one that
+ * is on its way to this.
+ */
+static uint8_t put_off(sw_node *node, const uint8_t *request, uint32_t length)
+{
+    if (node->isotp.wanted > 0u) return SW_NRC_BUSY_REPEAT_REQUEST;
+    for (uint32_t i = 0; i < length; i++) node->isotp.message[i] = request[i];
+    node->uds.waiting = (uint16_t)length;
+    node->uds.work = waited;
+    return SW_UDS_MORE;
+}
+
 /* The first piece of a request; the bit that suppresses its answer is taken off. */
 static uint8_t began(sw_node *node, uint8_t *request, uint32_t length, sw_answer *answer)
 {
     const sw_service *service = sw_service_of(request[0]);
     if (service == NULL) return SW_NRC_SERVICE_NOT_SUPPORTED;
     if ((service->sessions & 1u << node->uds.session) == 0u) return SW_NRC_SERVICE_NOT_IN_SESSION;
+    if (service->writes && sw_store_is_erasing(&node->store)) return put_off(node, request, length);
     if (service->has_sub_function) {
         if (length < 2u) return SW_NRC_INCORRECT_LENGTH;
         node->uds.is_quiet = (uint8_t)((request[1] & SUPPRESS) != 0u);
         request[1] = (uint8_t)(request[1] & ~SUPPRESS);
     }
     return service->handle(node, &request[1], length - 1u, answer);
+}
+
+static uint8_t waited(sw_node *node, sw_answer *answer)
+{
+    const uint32_t length = node->uds.waiting;
+    if (sw_store_is_erasing(&node->store)) return SW_UDS_MORE;
+    node->uds.waiting = 0;
+    return began(node, node->isotp.message, length, answer);
 }
 
 void sw_uds_request(sw_node *node, int64_t now_ns, uint8_t *request, uint32_t length, int is_functional)

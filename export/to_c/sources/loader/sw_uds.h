@@ -53,6 +53,7 @@ typedef struct {
     uint8_t is_quiet; /* the tester wants no positive answer to it */
     uint8_t is_functional; /* every ECU has the request: what others may serve is passed over in silence */
     uint8_t piece;    /* of it, for the work's own count */
+    uint16_t waiting; /* bytes of a request that waits for the memory to be erased; 0: none does */
     int64_t now_ns;   /* a clock that goes back stands still here */
     int64_t heard_ns; /* since when the tester has been silent */
     int64_t pending_ns;
@@ -81,6 +82,12 @@ void sw_uds_request(sw_node *node, int64_t now_ns, uint8_t *request, uint32_t le
  */
 void sw_uds_tick(sw_node *node, int64_t now_ns);
 
+/* Whether what is worked on is still read where it came: in the message of the node's sw_isotp. */
+int sw_uds_holds_message(const sw_uds *uds);
+
+/* Whether what is worked on waits for the memory: a look every millisecond is enough. */
+int sw_uds_waits(const sw_node *node);
+
 /* Whether a security level is not the one that is unlocked; 0: no level is needed. */
 int sw_uds_is_locked(const sw_node *node, uint8_t level);
 
@@ -99,6 +106,7 @@ typedef struct {
     uint8_t service;
     uint8_t sessions;
     uint8_t has_sub_function;
+    uint8_t writes; /* needs the flash memory: it waits while a sector is erased for later use */
     uint8_t (*handle)(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer);
 } sw_service;
 

@@ -6,6 +6,8 @@ uint8_t test_data[64];
 sw_ecu *const sw_board_ecu = 0;
 extern void sw_board_main(void);
 int test_erase(uint32_t sector) { return sw_board_flash.erase(0, sector); }
+int test_erased(void);
+int test_erased(void) { return (int)sw_board_flash.erased(0); }
 int test_program(uint32_t address) { return sw_board_flash.program(0, address, test_data); }
 int test_read(uint32_t address) { return sw_board_flash.read(0, address, test_data, 64); }
 int test_word(uint32_t address);

@@ -38,10 +38,9 @@ uint8_t sw_inexact(void) { return SW_REASON_NONE; }
 
 static void count(host *of) { of->writes++; }
 
-uint8_t *host_memory(host *of)
-{
-    return &of->memory_room[(64u - (uintptr_t)of->memory_room % 64u) % 64u];
-}
+static uint8_t *aligned(uint8_t *room) { return &room[(64u - (uintptr_t)room % 64u) % 64u]; }
+
+uint8_t *host_memory(host *of) { return aligned(of->memory_room); }
 
 static int erase(void *context, uint32_t sector)
 {
@@ -49,7 +48,16 @@ static int erase(void *context, uint32_t sector)
     count(of);
     if (of->fails == 1) return 1;
     memset(host_memory(of) + sector * SW_FLASH_SECTOR, 0xff, SW_FLASH_SECTOR);
+    of->looks = of->slow;
     return 0;
+}
+
+static sw_flash_state erased(void *context)
+{
+    host *of = context;
+    if (of->looks == 0u) return SW_FLASH_DONE;
+    of->looks--;
+    return SW_FLASH_AT_WORK;
 }
 
 static int program(void *context, uint32_t address, const uint8_t *word)
@@ -101,8 +109,10 @@ void host_init(host *of, const sw_rules *rules, const uint8_t *access_key, const
     strncpy(of->hardware, hardware, HOST_TEXT - 1);
     strncpy(of->serial, serial, HOST_TEXT - 1);
     strncpy(of->software, software, HOST_TEXT - 1);
-    const sw_equipment equipment = {&of->rules, of->access_key, of->hardware, of->serial, of->software, next_seed, of};
-    const sw_flash flash = {of, host_memory(of), erase, program, read_flash};
+    const sw_equipment equipment = {&of->rules, of->access_key, of->hardware, of->serial, of->software, next_seed, of,
+                                    SW_FRAMES_FD ? aligned(of->copy_room) : NULL, HOST_COPY};
+    const sw_flash flash = {of, host_memory(of), erase, erased, program, read_flash};
+    of->room = SW_ISOTP_BURST;
     of->equipment = equipment;
     of->flash = flash;
 }
@@ -123,6 +133,7 @@ int host_provision(host *of, const uint8_t *keys, uint32_t key_bytes, const uint
     result = sw_store_announce(store, length, sha256);
     while (result == SW_STORE_MORE) result = sw_store_go_on(store);
     if (result == SW_STORE_DONE) result = sw_store_append(store, image, length);
+    while (result == SW_STORE_MORE) result = sw_store_go_on(store);
     if (result == SW_STORE_DONE) result = sw_store_finish(store);
     while (result == SW_STORE_MORE) result = sw_store_go_on(store);
     if (result == SW_STORE_DONE) result = sw_store_activate(store);
@@ -138,7 +149,7 @@ int host_control(host *of, int64_t now_ns, const sw_frame *frames, int frame_cou
 int host_service(host *of, int64_t now_ns, const sw_frame *frames, int frame_count, sw_frame *sent)
 {
     const uint32_t before = of->writes;
-    const int found = sw_node_service(&of->node, now_ns, frames, frame_count, sent);
+    const int found = sw_node_service(&of->node, now_ns, frames, frame_count, of->room, sent);
     if (of->writes - before > of->worst) of->worst = of->writes - before;
     return found;
 }
@@ -148,7 +159,8 @@ uint32_t host_fact(const host *of, int which)
     const sw_node *node = &of->node;
     const uint32_t facts[] = {(uint32_t)sw_node_is_busy(node), (uint32_t)sw_node_wants_reset(node),
                               (uint32_t)sw_node_needs_reset(node), node->uds.session, node->access.unlocked,
-                              node->store.reason, node->store.running, of->worst};
+                              node->store.reason, node->store.running, of->worst,
+                              (uint32_t)sw_node_waits(node), node->drives_jets, of->writes};
     return facts[which];
 }
 
@@ -156,6 +168,12 @@ void host_fail(host *of, int what)
 {
     of->fails = what;
     plan_fails = what;
+}
+
+void host_set(host *of, uint32_t slow, int room)
+{
+    of->slow = slow;
+    of->room = room;
 }
 
 /* Counts of branches that were taken, to their files. */

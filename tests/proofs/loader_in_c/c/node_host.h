@@ -5,6 +5,7 @@
 #include "sw_node.h"
 
 #define HOST_TEXT 64
+#define HOST_COPY 8192 /* bytes of an image that run from a copy; the longest ones have more, which nothing reads */
 
 typedef struct {
     sw_node node;
@@ -16,8 +17,11 @@ typedef struct {
     uint64_t seeds;  /* given so far */
     uint32_t writes; /* erasures and words programmed */
     uint32_t worst;  /* of them in one call of the service */
+    uint32_t slow, looks; /* at an erasure until it has ended: of each, and of the one at work */
+    int room; /* frames that diagnosis may send in a call */
     int fails;       /* 1: the flash memory takes nothing; 2: random bytes are zeros; 3: there are none; 4..6: plans are too great */
     uint8_t message[SW_ISOTP_MOST + 1];
+    uint8_t copy_room[HOST_COPY + 64];
     uint8_t memory_room[SW_FLASH_BYTES + 64];
 } host;
 
@@ -33,9 +37,13 @@ int host_provision(host *of, const uint8_t *keys, uint32_t key_bytes, const uint
                    const uint8_t *sha256);
 int host_control(host *of, int64_t now_ns, const sw_frame *frames, int count, sw_frame *sent);
 int host_service(host *of, int64_t now_ns, const sw_frame *frames, int count, sw_frame *sent);
-/* 0: busy, 1: wants_reset, 2: needs_reset, 3: session, 4: unlocked, 5: boot reason, 6: running slot, 7: worst writes */
+/* 0: busy, 1: wants_reset, 2: needs_reset, 3: session, 4: unlocked, 5: boot reason, 6: running slot, 7: worst writes,
+ * 8: waits, 9: drives_jets, 10: writes so far
+ */
 uint32_t host_fact(const host *of, int which);
 void host_fail(host *of, int what);
+/* From now on: looks at an erasure, and frames of diagnosis in a call. */
+void host_set(host *of, uint32_t slow, int room);
 void host_dump(void);
 
 #endif

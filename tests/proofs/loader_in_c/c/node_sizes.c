@@ -17,7 +17,7 @@ void start(void)
     (void)sw_node_init(&node, &equipment, &flash, loader_memory);
     for (;;) {
         (void)sw_node_step(&node, clock_ns, &in, 1, out);
-        if (sw_node_is_busy(&node) || sw_node_needs_reset(&node)) (void)sw_node_service(&node, clock_ns, &in, 1, out);
+        if (sw_node_is_busy(&node) || sw_node_needs_reset(&node)) (void)sw_node_service(&node, clock_ns, &in, 1, SW_ISOTP_BURST, out);
     }
 }
 

@@ -12,7 +12,8 @@ typedef struct {
     uint8_t unreadable[WORDS];
     uint64_t operations, cut_at, worn_at, records_left, random;
     uint32_t twice; /* words that were programmed without being erased, or outside */
-    uint8_t is_off;
+    uint32_t slow, looks; /* at an erasure until it has ended: of each, and of the one at work */
+    uint8_t is_off, breaks; /* breaks: 1: no erasure begins; 2: each fails */
 } twin;
 
 static uint32_t drawn(twin *one, uint32_t below)
@@ -59,7 +60,8 @@ static void tear_sector(twin *one, uint32_t sector)
 static int erase(void *context, uint32_t sector)
 {
     twin *one = context;
-    if (one->is_off || sector >= SW_FLASH_BYTES / SW_FLASH_SECTOR) return 1;
+    if (one->is_off || one->breaks == 1u || sector >= SW_FLASH_BYTES / SW_FLASH_SECTOR) return 1;
+    one->looks = one->slow;
     if (one->operations++ == one->cut_at) {
         tear_sector(one, sector);
         one->is_off = 1;
@@ -68,6 +70,15 @@ static int erase(void *context, uint32_t sector)
     sw_bytes_fill(&one->memory[sector * SW_FLASH_SECTOR], 0xff, SW_FLASH_SECTOR);
     sw_bytes_fill(&one->unreadable[sector * (SW_FLASH_SECTOR / SW_FLASH_WORD)], 0, SW_FLASH_SECTOR / SW_FLASH_WORD);
     return 0;
+}
+
+static sw_flash_state erased(void *context)
+{
+    twin *one = context;
+    if (one->is_off || one->breaks == 2u) return SW_FLASH_FAILED;
+    if (one->looks == 0u) return SW_FLASH_DONE;
+    one->looks--;
+    return SW_FLASH_AT_WORK;
 }
 
 static int program(void *context, uint32_t address, const uint8_t *data)
@@ -126,7 +137,7 @@ void twin_erased(twin *one, const uint8_t *rules)
 /* The supply comes, and goes in the operation with this number from now on. */
 void twin_power_on(twin *one, uint64_t cut_at, uint64_t seed)
 {
-    const sw_flash flash = {one, one->memory, erase, program, read};
+    const sw_flash flash = {one, one->memory, erase, erased, program, read};
     sw_bytes_fill((uint8_t *)&one->store, 0xa5, (uint32_t)sizeof(sw_store)); /* RAM has any value */
     one->flash = flash;
     one->operations = 0;
@@ -142,6 +153,15 @@ void twin_wear(twin *one, uint64_t number) { one->worn_at = number; }
 
 /* So many records are written, and then none. */
 void twin_fail(twin *one, uint64_t records) { one->records_left = records; }
+
+/* Erasures take so many looks, and fail in this way. */
+void twin_erases(twin *one, uint32_t slow, uint8_t breaks)
+{
+    one->slow = slow;
+    one->breaks = breaks;
+}
+
+void twin_limit(twin *one, uint8_t limit) { one->store.records.limit = limit; }
 
 sw_store *twin_store(twin *one) { return &one->store; }
 sw_records *twin_records(twin *one) { return &one->store.records; }
@@ -222,6 +242,7 @@ int main(void)
         if (result == SW_STORE_DONE) {
             const uint32_t wanted = one.store.wanted; /* all of it is there if the same one came before */
             result = sw_store_append(&one.store, &data[wanted], length - wanted);
+            while (result == SW_STORE_MORE) result = sw_store_go_on(&one.store);
         }
         if (result == SW_STORE_DONE) result = sw_store_finish(&one.store);
         while (result == SW_STORE_MORE) result = sw_store_go_on(&one.store);

@@ -1,0 +1,110 @@
+"""The sending side of an M_CAN: dedicated buffers, a FIFO behind them, and the frame on the wire, in virtual time."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.priority import priority
+
+
+class Left(NamedTuple):
+    """A frame, with the time at which it was handed over, and its end on the wire."""
+
+    frame: Frame
+    end_ns: int
+
+
+class _OnWire(NamedTuple):
+    element: int
+    frame: Frame
+    end_ns: int
+
+
+class TransmitBuffers:
+    """Elements by their numbers, those of the FIFO behind the dedicated ones.
+
+    Args:
+        element: the frame in one.
+        duration_ns: of a frame on the wire, until the next one may begin.
+
+    Attributes:
+        dedicated, size: how many dedicated buffers there are, and elements of the FIFO.
+        pending, transmitted: a bit each: to be sent, and sent since it was last asked for.
+        put: the FIFO's next free element.
+        is_on: whether the controller takes part in the bus: it begins no frame otherwise.
+        left: frames that were sent, in order.
+    """
+
+    def __init__(self, element: Callable[[int], Frame], duration_ns: Callable[[Frame], int]) -> None:
+        self._element, self._duration_ns = element, duration_ns
+        self.dedicated = self.size = self.put = 0
+        self.pending = self.transmitted = 0
+        self.is_on = False
+        self.left = list[Left]()
+        self._asked = dict[int, Frame]()
+        self._order = list[int]()
+        self._wire: _OnWire | None = None
+        self._free_ns = 0
+
+    def configure(self, dedicated: int, size: int) -> None:
+        """So many buffers; none is pending."""
+        self.dedicated, self.size, self.put = dedicated, size, dedicated
+
+    @property
+    def free(self) -> int:
+        """Elements that the FIFO still takes."""
+        return self.size - (self.pending >> self.dedicated).bit_count()
+
+    def ask(self, bits: int, now_ns: int) -> None:
+        """Have elements sent, as they stand now."""
+        self.progress(now_ns)
+        for index in range(self.dedicated + self.size):
+            if bits >> index & 1:
+                self._asked[index] = replace(self._element(index), timestamp_ns=now_ns)
+                if index >= self.dedicated:
+                    self._order.append(index)
+                    self.put = self.dedicated + (self.put - self.dedicated + 1) % self.size
+        self.pending |= bits
+        self.transmitted &= ~bits
+
+    def cancel(self, bits: int, now_ns: int) -> None:
+        """Take elements back, but for one whose frame is on the wire."""
+        self.progress(now_ns)
+        if self._wire is not None:
+            bits &= ~(1 << self._wire.element)
+        self._drop(bits)
+
+    def switch(self, now_ns: int, *, is_on: bool) -> None:
+        """On the bus or off; what is on the wire then is lost there, and waits again."""
+        self.progress(now_ns)
+        if is_on and not self.is_on:
+            self._free_ns = max(self._free_ns, now_ns)
+        self.is_on = is_on
+        if not is_on:
+            self._wire = None
+
+    def progress(self, now_ns: int) -> None:
+        """What is sent until then."""
+        while True:
+            if self._wire is not None:
+                index, frame, self._free_ns = self._wire
+                if self._free_ns > now_ns:
+                    return
+                self.left.append(Left(frame, self._free_ns))
+                self.transmitted |= 1 << index
+                self._wire = None
+                self._drop(1 << index)
+            waiting = [*(k for k in range(self.dedicated) if self.pending >> k & 1), *self._order[:1]]
+            if not waiting or not self.is_on:
+                return
+            begin_ns = max(self._free_ns, min(self._asked[k].timestamp_ns for k in waiting))
+            if begin_ns > now_ns:
+                return
+            there = (k for k in waiting if self._asked[k].timestamp_ns <= begin_ns)
+            index = min(there, key=lambda k: priority(self._asked[k]))
+            self._wire = _OnWire(index, self._asked[index], begin_ns + self._duration_ns(self._asked[index]))
+
+    def _drop(self, bits: int) -> None:
+        self.pending &= ~bits
+        self._order = [index for index in self._order if self.pending >> index & 1]
