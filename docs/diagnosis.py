@@ -115,7 +115,7 @@ NRC_TEXTS: Final[Mapping[Nrc, str]] = {
     Nrc.TRANSFER_SUSPENDED: "a block has more bytes than are missing",
     Nrc.PROGRAMMING_FAILURE: "the memory failed, or the self-test did",
     Nrc.WRONG_BLOCK_COUNTER: "a block was left out",
-    Nrc.RESPONSE_PENDING: "it takes longer; the answer follows",
+    Nrc.RESPONSE_PENDING: "it takes longer, as erasing does; the answer follows",
     Nrc.SUB_FUNCTION_NOT_IN_SESSION: "the level is there, not in this session",
     Nrc.SERVICE_NOT_IN_SESSION: "the service is there, not in this session",
 }
@@ -192,7 +192,9 @@ the seed under the level's own key, which is the AES-CMAC of the access key over
 "{LABEL.decode()}" and the level's number, {Level.PROGRAMMING} or {Level.CALIBRATION}, in one byte ([as a
 program](../how-to/flash-an-ecu.md#with-a-tester-of-your-own)). After {MAX_ATTEMPTS} wrong answers in a row the
 level gives no seed for {DELAY_NS / 1e9:g} s, and again after each further one. The
-count outlives a reset."""),
+count outlives a reset. On a microcontroller it is written into flash memory, of which no
+sector is erased while the jets run: once there is no room left, an answer is refused as
+conditions not correct until they are shut."""),
                 "## Identifiers",
                 _table(
                     ("number", "identifier", "holds", "written in session", "level"),
