@@ -38,8 +38,8 @@ BLOCK: Final = 4078
 """Bytes of a TransferData in a message of 4 KiB."""
 WORKING: Final = 1
 """`SW_STORE_WORKING`: there is another piece to come."""
-RECORDS: Final = 8
-"""Bytes of `sw_store` before its records."""
+RECORDS: Final = 3 * 4
+"""Bytes of `sw_store` before its records: three pointers."""
 SCRATCH: Final = SRAM + SRAM_BYTES - 8192
 REQUESTS: Final = tuple(
     map(
