@@ -73,8 +73,9 @@ class Cutter:
                 f"the pressures' counter and the log's clock part {at}: the sender began again, or a clock was set"
             )
 
-    def add(self, table: Array, clock: Clock) -> None:
-        """Cut one stretch into pieces; `table` is as `table_of` makes it."""
+    def add(self, table: Array, clock: Clock, moves: Mask) -> None:
+        """Cut one stretch into pieces; `table` is as `table_of` makes it, without values in rows in which the vehicle
+        does not move, or no one knows."""
         present = np.isfinite(table)
         self.ever_valid |= present[:, :SENSORS].any(axis=0)
         whole = np.flatnonzero(present.all(axis=1))
@@ -90,9 +91,14 @@ class Cutter:
             )
         cut = np.zeros(tail, dtype=np.bool_)
         short: list[tuple[str, int, int]] = []
+        told = set[str]()
         for name, columns in self._groups(present[head:tail]):
             for a, b in _runs(np.any(~present[head:tail, columns], axis=1), head):
-                where = f"no {name} for {b - a} control period{'s' * (b - a > 1)} {self._at(clock, a)}"
+                what = name if moves[a:b].all() else "speed of a moving vehicle"
+                where = f"no {what} for {b - a} control period{'s' * (b - a > 1)} {self._at(clock, a)}"
+                if where in told:
+                    continue
+                told.add(where)
                 if b - a > self._fill:
                     self._cut(where, f"; --fill allows {self._fill}")
                     cut[a:b] = True

@@ -22,7 +22,7 @@ from can_bridge.drives.log_pieces import SHORTEST, Cutter, Piece, resampled
 from can_bridge.drives.vehicle_speed import Travel, VehicleSpeeds, vehicle_speeds
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.message_sets import MessageSet
-from contract.arrays import Array
+from contract.arrays import Array, Mask
 from contract.config.operating_point import OperatingPoint
 from contract.errors import DatasetError
 
@@ -47,7 +47,7 @@ class LogReport:
     Attributes:
         messages: name of the set of messages.
         channel: that they are from; empty where the log has none.
-        speed: least, median and greatest speed of the vehicle in m/s, by its own frames; None without them.
+        speed: least, median of the moving, and greatest speed of the vehicle in m/s, by its own frames; None without.
         without_speed: rows in which none was known, or the vehicle stood.
         dynamic_pressure: in Pa at the median.
         is_resampled: rows were read between those of the log, because the speed varies.
@@ -157,15 +157,16 @@ def series_of(
         lost[1] += int(np.isnan(table[1:, -1]).sum())
         speed, density = _air(speeds, clock, len(table), nominal_s, replace(scales, point=point))
         without_speed += int(np.isnan(speed[1:]).sum())
-        table = coefficients_of(table, speed, density, scales)
+        table, moves = coefficients_of(table, speed, density, scales), np.isfinite(speed)
         if i > 0:
             cutter.restart(stretches[i - 1].frames[-1].time_s, begins[i])
-        cutter.add(table, clock)
+        cutter.add(table, clock, moves)
     if not cutter.pieces:
         dead = [name for name, valid in zip(sensors, cutter.ever_valid, strict=True) if not valid]
         raise DatasetError(
             f"{path}: no part of it has {SHORTEST} control periods in a row with valid pressures and commands; it has "
             f"{len(log.pressures)} pressures and {len(log.commands)} commands"
+            + (f", and {without_speed} rows without the speed of a moving vehicle" if without_speed else "")
             + (f", and {', '.join(dead)} valid in none" if dead else "")
         )
     pieces, is_resampled = cutter.pieces, False
@@ -178,12 +179,13 @@ def series_of(
         "not authentic": log.forged,
         "repeated": repeated + len(log.commands) - len(commands),
         "out of sequence": misplaced,
+        "of a speed repeated, or that no vehicle gets to so fast": 0 if speeds is None else speeds.left_out,
         **log.others,
     }
     report = LogReport(
         messages=log.messages.name,
         channel=log.channel,
-        speed=None if speeds is None else (speeds.speed.min(), float(np.median(speeds.speed)), speeds.speed.max()),
+        speed=None if speeds is None else (speeds.speed.min(), point.speed, speeds.speed.max()),
         without_speed=without_speed,
         dynamic_pressure=point.dynamic_pressure,
         is_resampled=is_resampled,
@@ -201,10 +203,15 @@ def series_of(
 
 
 def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales) -> OperatingPoint:
-    """The operating point by the log's median speed and density. Raises DatasetError where a setting that was given is
-    another one, or the control period is of no speed in the log."""
-    median, known = float(np.median(speeds.speed)), speeds.density[np.isfinite(speeds.density)]
-    words = {"speed": (speeds.speed, "m/s"), "density": (known, "kg/m3")}
+    """The operating point by the log's median density and speed, where the vehicle moves. Raises DatasetError where it
+    never does, a setting that was given is another one, or the control period is of no speed in the log."""
+    moving = speeds.speed[_moves(speeds.speed, period_s, scales)]
+    if not len(moving):
+        raise DatasetError(
+            f"{path}: its VehicleSpeed frames say at most {speeds.speed.max():g} m/s: the vehicle stands: no Cp"
+        )
+    median, known = float(np.median(moving)), speeds.density[np.isfinite(speeds.density)]
+    words = {"speed": (moving, "m/s"), "density": (known, "kg/m3")}
     for name, (values, unit) in words.items():
         setting = float(getattr(scales.point, name))
         if f"operating_point.{name}" not in scales.given or not len(values):
@@ -236,8 +243,12 @@ def _air(
     if speeds is None:
         return np.full(rows, point.speed), np.full(rows, point.density)
     speed, density = speeds.at(clock.start_s + clock.period_s * (np.arange(rows, dtype=np.float64) - 1.0))
-    moves = speed * nominal_s / point.width >= _STANDS * scales.period
+    moves = _moves(speed, nominal_s, scales)
     return np.where(moves, speed, np.nan), np.where(np.isnan(density), point.density, density)
+
+
+def _moves(speed: Array, period_s: float, scales: Scales) -> Mask:
+    return np.asarray(speed * period_s / scales.point.width >= _STANDS * scales.period)
 
 
 def _check_period(path: Path, interval_s: float, scales: Scales) -> None:

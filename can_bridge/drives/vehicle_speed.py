@@ -32,12 +32,14 @@ class VehicleSpeeds:
         speed: in m/s, (n,).
         density: of the air in kg/m3, NaN where the vehicle does not know it, (n,).
         oldest_s: time over which a speed stays in force.
+        left_out: how many more the frames say, which are not believed or were there already.
     """
 
     time_s: Array
     speed: Array
     density: Array
     oldest_s: float
+    left_out: int
 
     def at(self, time_s: Array) -> tuple[Array, Array]:
         """Speed and density at times of rows, (m,) each; the speed is NaN where none is in force."""
@@ -97,7 +99,7 @@ def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config:
         if value is not None and value.speed_m_per_s is not None and value.age_ns * 1e-9 <= oldest_s:
             density = np.nan if value.density_kg_per_m3 is None else value.density_kg_per_m3
             said.append((frame.time_s - value.age_ns * 1e-9, value.speed_m_per_s, density))
-    spans = _spans(said, config)
+    count, spans = len(said), _spans(said, config)
     for _ in range(_STARTS):
         if len(spans) > 1 and spans[0][-1][0] - spans[0][0][0] < oldest_s:
             said = said[len(spans[0]) :]
@@ -106,7 +108,7 @@ def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config:
     if not long:
         return None
     time, speeds, densities = np.array([one for span in long for one in span]).T
-    return VehicleSpeeds(time_s=time, speed=speeds, density=densities, oldest_s=oldest_s)
+    return VehicleSpeeds(time_s=time, speed=speeds, density=densities, oldest_s=oldest_s, left_out=count - len(time))
 
 
 def _spans(said: list[tuple[float, float, float]], config: SpeedConfig) -> list[list[tuple[float, float, float]]]:

@@ -133,6 +133,7 @@ def _forces(episode: Episode, table: Array, *, symmetric: bool) -> Iterator[_Not
     drag, lift, action = table[:, -2], table[:, -1], episode.series["action"]
     mean, pushed = float(drag.mean()), abs(action.mean()) > 0.5 * np.sqrt(np.square(action).mean())
     in_newtons = "of forces in N, import with rho U_inf^2 / 2 times W and the span as in --reference {}=40N"
+    upside_down = f"; {in_newtons.format('Cd').replace('=', '=-')}" if mean < -_FORCE else ""
     if abs(lift.mean()) > abs(mean) and not pushed and (symmetric or drag.std() > abs(mean)):
         yield (
             f"mean Cl is {lift.mean():.3g} and mean Cd {mean:.3g}",
@@ -143,11 +144,11 @@ def _forces(episode: Episode, table: Array, *, symmetric: bool) -> Iterator[_Not
         yield (
             f"mean Cd is {mean:.3g}",
             "a body in a stream has drag above 0, and training would raise it; import with --reference Cd=-1 if the "
-            "file has the other sign",
+            f"file has the other sign{upside_down}",
         )
     elif mean < _DRAG:
         yield f"mean Cd is {mean:.3g}", f"a body has {_DRAG:g} or more by its width; {in_newtons.format('Cd')}"
-    for name, what, size in (("Cd", "mean Cd", abs(mean)), ("Cl", "the deviation of Cl", float(lift.std()))):
+    for name, what, size in (("Cd", "mean Cd", mean), ("Cl", "the deviation of Cl", float(lift.std()))):
         if size > _FORCE:
             yield f"{what} is {size:.3g}", f"no body in a stream reaches {_FORCE:g}; {in_newtons.format(name)}"
 

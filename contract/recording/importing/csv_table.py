@@ -114,7 +114,7 @@ def _remedy(cell: str) -> str:
 
 def _with_header(content: list[str]) -> list[str]:
     """The lines with comments emptied, so that numbers of lines stay; a header that is commented out counts."""
-    comments = 0
+    comments = int("".join(content[:1]).startswith("sep="))  # a spreadsheet's own word
     while comments < len(content) and (content[comments].startswith("#") or not content[comments].strip()):
         comments += 1
     kept = [""] * comments + content[comments:]

@@ -125,6 +125,12 @@ def _ordered(
             if len(set(texts)) < len(texts):
                 raise DatasetError(f"{path}: array {name!r} names a sensor twice")
             return pressures[:, [texts.index(sensor) for sensor in layout.names]], frozenset({name})
+    for name, one in stored.items():
+        lacking = [sensor for sensor in layout.names if sensor not in one.texts]
+        if len(one.texts) == pressures.shape[1] and len(lacking) < len(layout):
+            raise DatasetError(
+                f"{path}: array {name!r} names the columns {_listed(one.texts)}, and none is the sensor {lacking[0]}"
+            )
     return pressures, frozenset()
 
 

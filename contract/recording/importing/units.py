@@ -11,7 +11,7 @@ from contract.errors import ConfigError, DatasetError
 _KNOWN: Final[Mapping[str, tuple[str, float]]] = {
     name: (base, size)
     for base, size, names in (
-        ("1", 1.0, "1|-|none|dimensionless|W/U_inf|t_c|U_inf|U_inf W|rho U_inf^3 W / 2"),
+        ("1", 1.0, "|1|-|none|dimensionless|W/U_inf|t_c|U_inf|U_inf W|rho U_inf^3 W / 2"),
         ("1", 0.01, "%|percent"),
         ("s", 1.0, "s|sec|second|seconds"),
         ("s", 1e-3, "ms|msec|millisecond|milliseconds"),

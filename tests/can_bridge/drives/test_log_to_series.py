@@ -437,7 +437,9 @@ def test_rows_without_a_speed_are_gaps_and_jumps_are_not_believed() -> None:
     one = drive("fd", 120, 23)
     jumps: list[float | None] = [25.0] * 120
     jumps[0] = jumps[40] = jumps[41] = 60.0
-    same(read(with_speeds(one, jumps)), one)
+    series = read(with_speeds(one, jumps))
+    same(series, one)
+    assert series.report.unused == {"of a speed repeated, or that no vehicle gets to so fast": 3}
     # 0.5 s is the oldest that is believed, on either side of a gap.
     silent: list[float | None] = [25.0] * 120
     silent[30:90] = [None] * 60
@@ -445,11 +447,17 @@ def test_rows_without_a_speed_are_gaps_and_jumps_are_not_believed() -> None:
     for k in range(60):
         stands[30 + k] = max(0.0, 25.0 - 0.29 * 5 * min(k, 59 - k))
     for speeds, missing in ((silent, 11), (stands, 33)):
-        with refused(DatasetError, r"no (pressures|command) for \d+ control periods at .*--split"):
+        with refused(DatasetError, r"no speed of a moving vehicle for \d+ control periods at .*--split"):
             read(with_speeds(one, speeds))
         series = read(with_speeds(one, speeds), split=True)
         assert len(series.pieces) == 2
         assert series.report.without_speed == pytest.approx(missing, abs=3)
+        assert len([line for line in series.report.gaps if "speed of a moving vehicle" in line]) == 1
+    # Before it drives off it stands for most of the log; or it never does.
+    waits: list[float | None] = [max(0.0, 25.0 - 0.29 * 5 * max(0, 80 - k)) for k in range(120)]
+    assert read(with_speeds(one, waits)).report.speed == (0.0, 25.0, 25.0)
+    with refused(DatasetError, r"say at most 0 m/s: the vehicle stands"):
+        read(with_speeds(one, [0.0] * 120))
 
 
 def test_a_log_of_two_buses_is_read_by_channel() -> None:

@@ -55,6 +55,7 @@ WRONG: list[tuple[Callable[[Series], Series], tuple[str, ...], str]] = [
     (sensor(1, lambda p: p / 1000), ALL, r"Cp of p2 is less than a hundredth"),
     (scaled(Cp=1 / 375), ALL, r"all Cp are within 0\.0023.*no --dynamic-pressure"),
     (scaled(Cd=40, Cl=40), ALL, r"mean Cd is 53\.6; .*forces in N, .*--reference Cd=40N"),
+    (scaled(Cd=-40), ALL, r"^episode sweep: mean Cd is -53\.6; .*above 0, .*--reference Cd=-40N$"),
     (scaled(Cl=40), ALL, r"the deviation of Cl is 22\.5; .*--reference Cl=40N"),
     (scaled(Cd=0.01), ALL, r"mean Cd is 0\.0134; .*has 0\.02 or more"),
     (lambda d: {"Cd": d["Cl"], "Cl": d["Cd"]}, ALL, r"mean Cl is 1\.34 and mean Cd 0\.0036.*--map Cd=Cl --map Cl=Cd"),

@@ -138,8 +138,8 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
 
 
 def test_comments_and_a_header_that_is_one_are_read(tmp_path, layout):
-    """numpy.savetxt writes the header after a #; others write remarks above it, a byte order mark, or spaces."""
-    for head in ("# {}\n", "# my rig, 2026\n\n{}\n", "\ufeff{}\r\n"):
+    """numpy.savetxt writes the header after a #; others write remarks above it, a byte order mark, or the separator."""
+    for head in ("# {}\n", "# my rig, 2026\n\n{}\n", "\ufeff{}\r\n", "\ufeffsep=,\r\n{}\r\n"):
         values = foreign_plant.series(20, 3)
         path = foreign_plant.write_csv(tmp_path / "a.csv", values)
         names, rows = path.read_text().split("\n", 1)
@@ -237,7 +237,7 @@ def test_numbers_in_a_unit_are_divided_by_what_1_is_in_it(tmp_path, layout):
     """Pascals, milliseconds and newtons by the option, by an attribute, or in brackets behind a column's name."""
     values = foreign_plant.series(20, 3)
     rig = values | {"t": 5 * values["t"], "Cd": -40 * values["Cd"], "Cp": 0.375 * values["Cp"]}
-    names = {"t": "t [ms]", "Cd": "Cd (N)", **{name: f"{name} [kPa]" for name in NAMES}}
+    names = {"t": "t [ms]", "Cd": "Cd (N)", "Cl": "Cl []", **{name: f"{name} [kPa]" for name in NAMES}}
     text = foreign_plant.write_csv(tmp_path / "a.csv", rig).read_text()
     head, rows = text.split("\n", 1)
     (tmp_path / "a.csv").write_text(",".join(names.get(name, name) for name in head.split(",")) + "\n" + rows)
@@ -295,6 +295,9 @@ def test_matlab_files_old_and_new_are_tables(tmp_path, layout):
         for one in REQUIRED:
             np.testing.assert_array_equal(found.episodes[0].series[one], values[one])
     assert told == ["not used: info/rig, info/q"]
+    savemat(tmp_path / "a.mat", matrix | {"taps": np.array(["elsewhere", *turned[1:]], dtype=object)})
+    with pytest.raises(DatasetError, match=f"'taps' names the columns elsewhere, .*none is the sensor {turned[0]}"):
+        imported(tmp_path / "a.mat", layout)
 
 
 def test_empty_columns_and_objects_are_told_and_not_in_the_way(tmp_path, layout):
