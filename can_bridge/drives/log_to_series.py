@@ -208,7 +208,8 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
     moving = speeds.speed[_moves(speeds.speed, period_s, scales)]
     if not len(moving):
         raise DatasetError(
-            f"{path}: its VehicleSpeed frames say at most {speeds.speed.max():g} m/s: the vehicle stands: no Cp"
+            f"{path}: its VehicleSpeed frames say at most {speeds.speed.max():g} m/s: the vehicle stands, so there is "
+            f"no Cp"
         )
     median, known = float(np.median(moving)), speeds.density[np.isfinite(speeds.density)]
     words = {"speed": (moving, "m/s"), "density": (known, "kg/m3")}

@@ -310,9 +310,14 @@ def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array)
         offsets, times = np.unique(pairs[:, 0] - pairs[:, 1], return_counts=True)
         in_order = pairs[pairs[:, 0] - pairs[:, 1] == offsets[times.argmax()], 1]
         between = (owner == b) & alone & (step >= in_order.min()) & (step <= in_order.max())
-        few = min(len(tables[a]), len(tables[b]))
-        if len(pairs) > _ALIKE[1] * few or len(in_order) >= max(_ALIKE[0], 0.5 * between.sum()):
-            copies[a, b] = f"has {len(pairs)} rows or more of"
+        few, ahead = min(len(tables[a]), len(tables[b])), int(offsets[times.argmax()])
+        # What was rounded falls into other cells: by the offset of those that did not, rows are compared themselves.
+        one, other = tables[a][max(ahead, 0) :], tables[b][max(-ahead, 0) :]
+        size = min(len(one), len(other))
+        same = np.abs(one[:size] - other[:size]).max(axis=1) <= 4 * _FINEST
+        count = max(len(pairs), int((same & alone[owner == b][max(-ahead, 0) :][:size]).sum()))
+        if count > _ALIKE[1] * few or len(in_order) >= max(_ALIKE[0], 0.5 * between.sum()):
+            copies[a, b] = f"has {count} rows or more of"
     sources = [(item.provenance.get("source_sha256"), item.provenance.get("source")) for item in episodes]
     for a, b in itertools.combinations(range(len(tables)), 2):
         one, other = tables[a], tables[b]

@@ -166,7 +166,7 @@ def _episode(
     _check_shapes(path, arrays, steps, len(layout))
     _check_clock(path, arrays["t"], period)
     _check_action(path, arrays["action"], limit)
-    _check_size(path, arrays, layout)
+    _check_size(path, arrays, layout, is_divided="Cp" in references)
     return Episode(
         name=source.name,
         role=source.role,
@@ -220,12 +220,14 @@ def _check_action(path: Path, action: Array, limit: float) -> None:
         )
 
 
-def _check_size(path: Path, arrays: Mapping[str, Array], layout: SensorLayout) -> None:
+def _check_size(path: Path, arrays: Mapping[str, Array], layout: SensorLayout, *, is_divided: bool) -> None:
     for name, array in arrays.items():
         peak = float(np.abs(array).max())
         if name not in ("t", "action") and peak > _LARGEST:
             beyond = np.abs(array) > _LARGEST
             hint = "; if it is in Pa, use --dynamic-pressure" if name == "Cp" else ""
+            if name == "Cp" and is_divided:
+                hint = "; pressures must be p - p_inf, not absolute, and in the unit of the option"
             if name in ("Cd", "Cl"):
                 hint = f"; if it is in N, give what 1 is in the file as in --reference {name}=40N"
             if 2 * beyond.sum() < beyond.size:

@@ -133,6 +133,11 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         with pytest.raises(DatasetError, match=message) as caught:
             imported(tmp_path / name, layout)
         assert "\n" not in str(caught.value)
+    absolute = foreign_plant.write_npz(
+        tmp_path / "a.npz", {"Cp": np.full((20, 7), 101325.0), "action": 0 * T, "Cd": T, "Cl": T}
+    )
+    with pytest.raises(DatasetError, match=r"'Cp' reaches 270\.2, .*p - p_inf, not absolute"):
+        imported(absolute, layout, dynamic_pressure=375.0)
     with pytest.raises(DatasetError, match=r"none\.csv: no such file"):
         imported(tmp_path / "none.csv", layout)
 
