@@ -63,6 +63,8 @@ def read_trc(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
                     start_s = since_epoch(_DAY_ZERO + timedelta(days=float(value.replace(",", "."))))
                 case "$COLUMNS":
                     columns = value.split(",")
+                    if not {"O", "I"} <= set(columns) or not {"l", "L"} & set(columns):
+                        raise ValueError(f"columns {quoted(value, 60)}, must have O (time), I, and l or L (length)")
             yield Event(HEADER if name.startswith("$") else COMMENT)
         except (ValueError, OverflowError) as error:
             raise ValueError(f"line {number}: {error}") from None
@@ -94,13 +96,11 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
     is_fd = kind in _FD
     if "l" in values:
         length = check_length(int(values["l"]), is_fd=is_fd)
-    elif "L" in values:
+    else:
         code = int(values["L"])
         # Some write the length there; where a line may be cut off, its bytes do not tell.
         is_length = is_fd and code in FD_LENGTHS and (code > 15 or (is_whole and len(rest) == code))
         length = code if is_length else length_of(code, is_fd=is_fd)
-    else:
-        raise ValueError("has neither length nor length code: ;$COLUMNS must have l or L")
     direction = values.get("d", kind).upper()
     ident, is_rx = (int(frame_id, 16), len(frame_id) > 4), direction != "TX"
     if kind == "RR" or rest[:1] == ["RTR"]:

@@ -129,6 +129,7 @@ def test_damage_is_named_in_one_line(tmp_path):
         (".log", lambda content: b"nonsense\n" + content, "line 1: 'nonsense' is no line of candump"),
         (".trc", lambda content: content[:-10], "line 58: 8 bytes announced, [0-7] there"),
         (".trc", lambda content: content.replace(b" DT ", b" XY ", 1), "line 19: type 'XY' is not one of this format"),
+        (".trc", lambda content: content.replace(b",I,", b",X,", 1), r"columns 'N,O,T,B,X,.*, must have O \(time\), I"),
         (".trc", lambda content: content.replace(b"=2.1", b"=3.0", 1), "line 1: version '3.0', must be 1.0, 1.1"),
     ]:
         path = one_log(tmp_path / f"a{suffix}")

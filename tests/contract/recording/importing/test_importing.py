@@ -134,7 +134,8 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
             imported(tmp_path / name, layout)
         assert "\n" not in str(caught.value)
     absolute = foreign_plant.write_npz(
-        tmp_path / "a.npz", {"Cp": np.full((20, 7), 101325.0), "action": 0 * T, "Cd": T, "Cl": T}
+        tmp_path / "a.npz",
+        {"Cp": np.full((20, 7), 101325.0), "action": np.zeros(20), "Cd": np.ones(20), "Cl": np.zeros(20)},
     )
     with pytest.raises(DatasetError, match=r"'Cp' reaches 270\.2, .*p - p_inf, not absolute"):
         imported(absolute, layout, dynamic_pressure=375.0)
