@@ -206,11 +206,10 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
     """The operating point by the log's median density and speed, where the vehicle moves. Raises DatasetError where it
     never does, a setting that was given is another one, or the control period is of no speed in the log."""
     moving = speeds.speed[_moves(speeds.speed, period_s, scales)]
+    if not len(moving):  # or the control period is of another vehicle
+        moving = speeds.speed[speeds.speed > 0.0]
     if not len(moving):
-        raise DatasetError(
-            f"{path}: its VehicleSpeed frames say at most {speeds.speed.max():g} m/s: the vehicle stands, so there is "
-            f"no Cp"
-        )
+        raise DatasetError(f"{path}: its VehicleSpeed frames say 0 m/s: the vehicle stands, so there is no Cp")
     median, known = float(np.median(moving)), speeds.density[np.isfinite(speeds.density)]
     words = {"speed": (moving, "m/s"), "density": (known, "kg/m3")}
     for name, (values, unit) in words.items():
