@@ -14,8 +14,8 @@ from typing import Final
 LEAST_MB: Final = 150
 """Of address space, by hand: the least with which Python, numpy and the command line load."""
 NEEDS_MB: Final = {
-    **dict.fromkeys(("run", "campaign", "vehicle", "bench"), 850),
-    **dict.fromkeys(("train", "refine", "export", "mcu"), 750),
+    **dict.fromkeys(("run", "campaign", "vehicle", "bench", "export"), 850),
+    **dict.fromkeys(("train", "refine", "mcu"), 750),
     **dict.fromkeys(("record", "picture", "animate"), 550),
     **dict.fromkeys(("develop", "steady", "plant-fmu"), 450),
 }

@@ -1,5 +1,6 @@
 """A case of OpenFOAM as an episode: its probes' p, its force coefficients, and what was commanded."""
 
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -32,7 +33,7 @@ _AT: Final = 0.01
 
 def case_of(path: Path) -> Path | None:
     """The case that a path lies in, be it the case's folder, postProcessing or anything in it; None if in none."""
-    path = path.resolve()
+    path = Path(os.path.realpath(path))  # `resolve` raises RuntimeError for a link that leads round
     if (path / _POST).is_dir():
         return path
     if path.suffix.lower() in SUFFIXES:  # a table that somebody keeps there
@@ -99,7 +100,7 @@ def _table(path: Path, case: Path, file: str, what: str) -> FoamTable:
                 tables[folder] = table
     except (OSError, ValueError) as error:
         raise DatasetError(str(error)) from error
-    named = [table for folder, table in tables.items() if path.resolve().is_relative_to(folder)]
+    named = [table for folder, table in tables.items() if Path(os.path.realpath(path)).is_relative_to(folder)]
     if len(named or tables) != 1:
         found = f"several have {what}, name one: {', '.join(map(str, tables))}" if tables else f"no {what} in it"
         raise DatasetError(f"{case / _POST}: {found}")

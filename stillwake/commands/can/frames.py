@@ -1,6 +1,7 @@
 """The commands for single frames: `stillwake can send|decode`."""
 
 import csv
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -166,7 +167,7 @@ def decode(
     log = Log(file, channels=() if channel is None else (channel,))
     check_json(json_file)
     if csv_file is not None:
-        if csv_file.resolve() == file.resolve():
+        if os.path.realpath(csv_file) == os.path.realpath(file):
             raise BusError(f"{csv_file}: is the file to read; give another name")
         check_output(csv_file, overwrite=overwrite)
     found = Summary(config=config, key=key_of(config.key))

@@ -1,6 +1,7 @@
 """Recorded drives among the files of `stillwake dataset import`: logs of the bus, with forces from elsewhere."""
 
 import hashlib
+import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -134,7 +135,7 @@ def names_of(logs: Sequence[Path]) -> dict[Path, str]:
 
     stems = [stem_of(log) for log in logs]
     names = (
-        stem if stems.count(stem) == 1 else f"{log.resolve().parent.name} {stem}"
+        stem if stems.count(stem) == 1 else f"{Path(os.path.realpath(log)).parent.name} {stem}"
         for log, stem in zip(logs, stems, strict=True)
     )
     return dict(zip(logs, names, strict=True))

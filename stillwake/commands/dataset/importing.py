@@ -1,5 +1,6 @@
 """`stillwake dataset import`: files of one's own, and recorded drives, become a data set."""
 
+import os
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -163,7 +164,7 @@ def import_(
                 f"{log}: given twice; an episode has one role, so cut the log in two if you have no other"
             )
     for path in (*(path for path, _ in files), sensors):
-        if output.resolve() == path.resolve():
+        if os.path.realpath(output) == os.path.realpath(path):
             raise OutputError(f"{output}: is one of the files to read; give another name")
     check_output(output, overwrite=overwrite)
     check_dataset_name(output)

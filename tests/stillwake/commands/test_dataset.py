@@ -88,6 +88,9 @@ def test_a_file_that_is_there_is_replaced_only_when_asked_and_a_source_never(
     source = tmp_path / "held out.h5"
     line = f"error: {source}: is one of the files to read; give another name\n"
     assert refused(*call, source, *files, "--overwrite") == line
+    (tmp_path / "round.h5").symlink_to("round.h5")
+    assert "cannot write" in refused(*call, tmp_path / "round.h5", *files, "--overwrite")
+    assert "round.h5: no such file" in refused(*call, tmp_path / "new.h5", *files, "--test", tmp_path / "round.h5")
     named = "a data set is an HDF5 file; its name must end in .h5 or .hdf5"
     assert named in refused(*call, tmp_path / "my.csv", *files)
     assert "--map Cl: write NAME=COLUMN" in refused(*call, tmp_path / "other.h5", *files, "--map", "Cl")
