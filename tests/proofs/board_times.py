@@ -55,7 +55,8 @@ REQUESTS: Final = tuple(
 
 
 def main(json_file: JsonFile = None) -> None:
-    """Measure and print; a period that control and a piece do not fit into is an error."""
+    """Measure and print. Longer than a period must be neither a step in a flood of requests nor a step with the jets
+    shut and a piece of the loader's work, which does none while they may be open."""
     with library_folder(None) as folder:
         release = bundle.load(BUNDLE)
         built = Built(Exported(bundle=release, bundle_path=BUNDLE, folder=folder), CONFIG)
@@ -65,7 +66,12 @@ def main(json_file: JsonFile = None) -> None:
         bank = board.board.flash.bank.pack()
         pieces = _pieces(board, built.image("two", 2))
         floods = {count: _longest(built, board.firmware, FlashBank.unpack(bank), rows, count) for count in FLOODS}
-    cycles_of = {f"{count} requests in a period": cycles for count, cycles in floods.items()} | pieces
+        shut = _longest(built, board.firmware, FlashBank.unpack(bank), rows, FLOODS[-1], asks=False)
+    cycles_of = {
+        **{f"{count} requests in a period": cycles for count, cycles in floods.items()},
+        f"{FLOODS[-1]} requests, the jets shut": shut,
+        **pieces,
+    }
     figures = {
         what: {f"{clock} MHz": round(cycles / (clock * 1e3), 2) for clock in CORTEX_M7.clocks_mhz}
         for what, cycles in cycles_of.items()
@@ -73,21 +79,21 @@ def main(json_file: JsonFile = None) -> None:
     packages = ("stillwake", "unicorn", "ziglang")
     report(json_file, "diagnosis beside control", figures, packages=packages, bundle=release.manifest.name,
            digest=release.digest, period_ms=CONFIG.period_ns / 1e6)  # fmt: skip
-    together = max(floods.values()) + max(pieces.values())
-    if together > CORTEX_M7.clocks_mhz[-1] * 1e-3 * CONFIG.period_ns:
-        raise StillwakeError(f"a period and a piece of diagnosis take {together} cycles together")
+    longest = max(*floods.values(), shut + max(pieces.values()))
+    if longest > CORTEX_M7.clocks_mhz[-1] * 1e-3 * CONFIG.period_ns:
+        raise StillwakeError(f"a period and what diagnosis does in it take {longest} cycles together")
 
 
-def _longest(built: Built, firmware: Any, bank: FlashBank, rows: Rows, flood: int) -> int:
-    """Cycles of the longest period with so many requests in each, the last of them under control."""
+def _longest(built: Built, firmware: Any, bank: FlashBank, rows: Rows, flood: int, *, asks: bool = True) -> int:
+    """Cycles of the longest period with so many requests in each, the last of them under control if that is asked."""
     board, cycles, planned = built.ecu(bank, firmware), list[int](), 0
-    for number, (now_ns, frames) in enumerate(_periods(rows)):
+    for number, (now_ns, frames) in enumerate(_periods(rows, asks)):
         asked = (_single_frame(REQUESTS[(number + k) % len(REQUESTS)]) for k in range(flood))
         board.step(now_ns, [*asked, *frames])
         cycles.append(board.cycles)
         planned += board.trace.mode is Mode.CONTROL
-    if planned == 0:
-        raise StillwakeError(f"with {flood} requests in a period the board is never in control")
+    if (planned > 0) != asks:
+        raise StillwakeError(f"with {flood} requests in a period the board is in control for {planned} of {PERIODS}")
     return max(cycles)
 
 
@@ -136,14 +142,14 @@ def _pieces(board: Any, image: bytes) -> dict[str, int]:
     }
 
 
-def _periods(rows: Rows) -> Iterator[tuple[int, list[Frame]]]:
-    """Recorded pressures and a speed at which the past is read between its rows; control is requested."""
+def _periods(rows: Rows, asks: bool) -> Iterator[tuple[int, list[Frame]]]:
+    """Recorded pressures and a speed at which the past is read between its rows; control is requested, or is not."""
     messages, ratio, point = message_set(CONFIG.bus), 0.9, CONFIG.operating_point
     pressure, speed = E2eSender(messages.pressure.spec), E2eSender(messages.speed.spec)
     cruises = messages.speed.emit(VehicleSpeed(speed_m_per_s=ratio * point.speed, age_ns=0))
     for k in range(PERIODS):
         pascals = tuple((point.dynamic_pressure * ratio**2 * rows[k % len(rows), :-1]).tolist())
-        frame = Pressure(pressure_pa=pascals, valid=(True,) * len(pascals), enable_request=k > 0, age_ns=0)
+        frame = Pressure(pressure_pa=pascals, valid=(True,) * len(pascals), enable_request=asks and k > 0, age_ns=0)
         now_ns = (k + 1) * CONFIG.period_ns
         sent = pressure.frame(messages.pressure.emit(frame), now_ns=now_ns)
         yield now_ns, [speed.frame(cruises, now_ns=now_ns), sent]
