@@ -207,7 +207,7 @@ def beyond(one: Limits) -> list[float]:
 
 
 @pytest.mark.slow  # compiles with sanitisers, and lives through thousands of periods
-@pytest.mark.parametrize("kind", ["int8", "float32", "linear"])
+@pytest.mark.parametrize("kind", ["int8", "float32"])
 def test_no_number_of_an_image_leads_out_of_an_array(kind, tmp_path):
     altered, random = Altered(kind, tmp_path), Random(kind)
     assert altered.opened([{}]) == [(OK, True)]
@@ -239,4 +239,4 @@ def test_no_number_of_an_image_leads_out_of_an_array(kind, tmp_path):
         patch = {place: packed(one, value, one.run) for one, value, place in places}
         expected = BAD_NUMBERS if patch else OK
         assert (altered.opened([patch])[0][0], altered.in_python(patch)) == (expected, expected), (name, values)
-    assert any("filter_rows" in one.name for one in altered.limits) is (kind != "linear")
+    assert any("filter_rows" in one.name for one in altered.limits)
