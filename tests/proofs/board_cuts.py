@@ -5,7 +5,7 @@
 Loader, drivers and ECU run on the emulated board; a tester flashes a second release over CAN. What a cut leaves, torn
 words included, is taken from one sequence; from there the board is switched on: it must run one of the two releases.
 Its recovery is cut once more, and on some boards the second release is flashed to its end. At last a tester reads at
-full rate beside control, by both kinds of frames: it must cost no frame of control.
+full rate beside control: it must cost no frame of control. All by CAN FD, and again by classic CAN.
 """
 
 import random
@@ -21,15 +21,14 @@ from unittest.mock import patch
 import typer
 
 from can_bridge.tester.sequence import End
-from can_bridge.wire import codec
-from can_bridge.wire.message_specs import ECU_STATUS
+from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Reason
 from contract.config.vehicle import BusConfig
 from contract.errors import StillwakeError
 from firmware_sim.mcu.board.flash_controller import FlashBank, FlashController, PowerCut
 from firmware_sim.mcu.elf import Firmware
 from tests.can_bridge.flashing.releases import keys
-from tests.firmware_sim.ecu_in_c import CONFIG, Exported, exported
+from tests.firmware_sim.ecu_in_c import CONFIG, exported
 from tests.firmware_sim.mcu.board_node import BoardLine, Built, Traffic
 from tests.proofs import command_line
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report
@@ -37,6 +36,7 @@ from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, repor
 COUNTED: Final = ("cuts", "ran_old", "ran_new", "second_cuts", "second_cuts_taken", "flashed_again", "answers_read")
 WRONG: Final = ("without_release", "second_cut_without_release", "not_flashed", "control_frames_lost")
 READING_PERIODS: Final = 500
+FRAMES: Final[tuple[Literal["fd", "classic"], ...]] = ("fd", "classic")
 
 
 class Cuts:
@@ -50,13 +50,14 @@ class Cuts:
     def __init__(self, built: Built, firmware: Firmware | None = None) -> None:
         self._board = built.ecu(firmware=firmware)
         self.firmware, self._image = self._board.firmware, built.image("two", 2)
-        self._one, self._two = (int.from_bytes(Built.digest(k)[:4], "big") for k in (1, 2))
+        self._bus, self._status = built.config.bus, message_set(built.config.bus).status
+        self._one, self._two = (int.from_bytes(Built.digest(k)[:2], "big") for k in (1, 2))
 
     def left(self, built: Built) -> list[bytes]:
         """The flash after a cut in each operation of one sequence over a confirmed release, packed."""
         found: list[bytes] = []
         self._board.power_on(FlashBank(), 0)
-        BoardLine(self._board).provision(keys(), built.image("one"))
+        BoardLine(self._board, self._bus).provision(keys(), built.image("one"))
         erase, program = FlashController._erase, FlashController._program
 
         def cut_and_done(operation: Any, controller: FlashController, *arguments: Any) -> None:
@@ -71,7 +72,7 @@ class Cuts:
             patch.object(FlashController, "_erase", lambda *given: cut_and_done(erase, *given)),
             patch.object(FlashController, "_program", lambda *given: cut_and_done(program, *given)),
         ):
-            assert BoardLine(self._board).flash(self._image).end is End.CONFIRMED
+            assert BoardLine(self._board, self._bus).flash(self._image).end is End.CONFIRMED
         return found
 
     def after(self, packed: bytes, seed: int, *, flashes: bool) -> Counter[str]:
@@ -92,21 +93,20 @@ class Cuts:
             found[WRONG[1]] += self._running() not in (self._one, self._two)
         if flashes:
             found["flashed_again"] += 1
-            ended = BoardLine(board).flash(self._image).end in (End.CONFIRMED, End.ALREADY)
+            ended = BoardLine(board, self._bus).flash(self._image).end in (End.CONFIRMED, End.ALREADY)
             found[WRONG[2]] += not (ended and self._running() == self._two)
         return found
 
     def _running(self) -> int:
-        """The release in its status; 0 for none."""
+        """The upper half of its release's hash, which each set of frames has; 0 for none."""
         board = self._board
         sent = board.advance(board.board.counter.now_ns + 2 * CONFIG.period_ns)
-        status = codec.parse_ecu_status(next(one.data for one in sent if one.frame_id == ECU_STATUS.frame_id))
-        return 0 if status is None or status.reason is Reason.NO_RELEASE else status.bundle_hash
+        status = self._status.parse(next(one.data for one in sent if one.frame_id == self._status.spec.frame_id))
+        return 0 if status is None or status.reason is Reason.NO_RELEASE else status.bundle_hash >> 16
 
 
-def read(release: Exported, frames: Literal["fd", "classic"]) -> Counter[str]:
+def read(built: Built) -> Counter[str]:
     """Ten seconds of reading on a board with a release, counted."""
-    built = Built(release, replace(CONFIG, bus=BusConfig(frames=frames)))
     board = built.ecu()
     BoardLine(board, built.config.bus).provision(keys(), built.image("one"))
     traffic = Traffic(built.ecu(board.board.flash.bank, board.firmware), built.config)
@@ -133,15 +133,16 @@ def main(
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         release = exported(folder / "release")
-        built = Built(release)
-        cuts = Cuts(built)
-        left = cuts.left(built)
-        for number, packed in enumerate(left):
-            (folder / str(number)).write_bytes(packed)
-        work = partial(_part, built, cuts.firmware, folder, every)
-        for part in in_parts(work, len(left), 20, processes, "board"):
-            found += part
-        found += read(release, "fd") + read(release, "classic")
+        for frames in FRAMES:
+            built = Built(release, replace(CONFIG, bus=BusConfig(frames=frames)))
+            cuts = Cuts(built)
+            left = cuts.left(built)
+            for number, packed in enumerate(left):
+                (folder / str(number)).write_bytes(packed)
+            work = partial(_part, built, cuts.firmware, folder, every)
+            for part in in_parts(work, len(left), 20, processes, f"board, {frames}"):
+                found += part
+            found += read(built)
     figures = {f"board_{name}": found[name] for name in (*COUNTED, *WRONG)}
     report(json_file, "cuts on the board", figures, packages=("stillwake", "unicorn"), seed=seed, every=every)
     if any(found[name] for name in WRONG):
