@@ -1,6 +1,7 @@
 """One log in the notations of the field, written after the formats' own descriptions, and by nothing of ours."""
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import can
 
@@ -11,6 +12,9 @@ OTHERS = (
     *("SV: 2 0 1 ::Rig::Wind = 3", "log direct start (0ms)", "1  OverloadFrame"),
 )
 """Lines of an ASC that are no frames."""
+RESOLUTION_S = 2e-6
+"""The text formats write whole microseconds; a double holds times since the epoch to 0.24 us."""
+EPOCH_S = 1_700_000_000
 DATE = "Fri Nov 27 10:00:00.000 2026"
 
 
@@ -118,3 +122,19 @@ def trc(messages: Sequence[can.Message], version: str) -> list[str]:
     columns = {"2.0": [";$COLUMNS=N,O,T,I,d,l,D"], "2.1": [";$COLUMNS=N,O,T,B,I,d,R,L,D"]}.get(version, [])
     head = [] if version == "1.0" else [f";$FILEVERSION={version}", ";$STARTTIME=25569", *columns]
     return [*head, ";", *lines]
+
+
+def identity(message: can.Message) -> tuple[object, ...]:
+    """All but time and channel; of an error frame, that it is one."""
+    if message.is_error_frame:
+        return ("error",)
+    return (
+        *(message.arbitration_id, message.is_extended_id, message.is_remote_frame, message.is_fd, message.is_rx),
+        *(message.bitrate_switch, message.error_state_indicator, message.dlc, bytes(message.data)),
+    )
+
+
+def write(path: Path, log: list[can.Message]) -> None:
+    with can.Logger(path) as writer:
+        for message in log:
+            writer.on_message_received(message)

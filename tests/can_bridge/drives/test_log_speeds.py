@@ -1,0 +1,128 @@
+"""The speed of the vehicle in a log makes its coefficients, and a log of two buses is read by channel."""
+
+from dataclasses import replace
+
+import can
+import numpy as np
+import pytest
+
+from can_bridge.drives.log_to_series import series_of
+from contract.config.operating_point import OperatingPoint
+from contract.errors import DatasetError
+from tests.can_bridge.drives.drive_log import (
+    FLOW,
+    PERIOD,
+    PRESSURE,
+    Drive,
+    drive,
+    log_of,
+    speed,
+)
+from tests.can_bridge.drives.known_series import EXACT, KINDS, LOG, SCALES, in_time, noise, read, same
+from tests.refused import refused
+
+
+def with_speeds(one: Drive, speeds: list[float | None], *, density: float = 0.0) -> list[can.Message]:
+    """The drive's log with a VehicleSpeed behind every pressure."""
+    said = [speed(one.kind, k, 1000.0 + (k + 0.01) * PERIOD, value, density) for k, value in enumerate(speeds)]
+    return in_time([*log_of(one), *said])
+
+
+def test_the_speed_in_the_log_makes_the_coefficients_and_contradictions_are_named() -> None:
+    for kind in KINDS:
+        one = drive(kind, 60, 21)
+        messages = with_speeds(one, [20.0] * 60, density=1.1)
+        scales = replace(SCALES, period=0.16)
+        (piece,) = series_of(LOG, messages, scales, fill=2, split=False).pieces
+        # q = 1.1 * 20^2 / 2 Pa, U W = 20 * 2.5 m2/s.
+        np.testing.assert_allclose(piece.Cp, one.Cp * PRESSURE / 220.0, atol=EXACT)
+        np.testing.assert_allclose(piece.action, one.action * FLOW / 50.0, atol=EXACT)
+        for wrong, text in (
+            (
+                replace(SCALES, period=0.2),
+                r"20 ms apart, .* 20 m/s .*0\.16 W .*--period is 0\.2 .*25 m/s.*--period 0\.16",
+            ),
+            (replace(scales, given=frozenset({"operating_point.speed"})), r"speed = 25 m/s, its .* say 20 m/s"),
+            (
+                replace(scales, given=frozenset({"operating_point.density"})),
+                r"density = 1\.2 kg/m3, its .* say 1\.1 kg",
+            ),
+        ):
+            with refused(DatasetError, text):
+                series_of(LOG, messages, wrong, fill=2, split=False)
+        agreed = replace(scales, point=OperatingPoint(speed=20.1), given=frozenset({"operating_point.speed"}))
+        assert series_of(LOG, messages, agreed, fill=2, split=False).report.speed == (20.0, 20.0, 20.0)
+    # A vehicle that does not know its speed: the operating point's.
+    one = drive("fd", 60, 22)
+    series = read(with_speeds(one, [None] * 60))
+    same(series, one)
+    assert series.report.speed is None
+
+
+def test_rows_of_a_speed_that_varies_lie_at_equal_ways() -> None:
+    """From 20 to 30 m/s: what rises straight with the way travelled must do so in the rows, whatever the speed was."""
+    rows = 300
+    speeds = np.round(np.linspace(20.0, 30.0, rows) / 0.005) * 0.005
+    way = np.concatenate([[0.0], np.cumsum((speeds[1:] + speeds[:-1]) / 2 * PERIOD / 2.5)])
+    q, later = 0.6 * speeds**2, np.append(way[1:], way[-1] + 0.24)
+    pressures = np.round((-0.5 + 0.01 * way[:, None] + 0.1 * np.arange(4)) * q[:, None] / 0.1) * 0.1
+    # Jets reach the action of row k at row k + 1.
+    flows = np.round(5e-4 * later * speeds * 2.5 / 2e-4) * 2e-4
+    one = Drive("fd", pressures / PRESSURE, flows / FLOW)
+    series = read(with_speeds(one, speeds.tolist()))
+    (piece,) = series.pieces
+    assert series.report.is_resampled
+    place = 0.2 * (piece.first_row + np.arange(len(piece)))
+    assert place[-1] == pytest.approx(way[-1], abs=0.25)
+    # Steps of the wire: 0.05 Pa of 240 at least, and 1e-4 m2/s of 50; frames of the speed come 1 % of a period late.
+    for i in range(4):
+        np.testing.assert_allclose(piece.Cp[:, i], -0.5 + 0.01 * place + 0.1 * i, atol=0.05 / 240 + 1e-3)
+    np.testing.assert_allclose(piece.action[:-1], 5e-4 * (place[:-1] + 0.2), atol=1e-4 / 50 + 2e-5)
+    times = np.interp(place, way, 1000.0 + PERIOD * np.arange(rows))
+    np.testing.assert_allclose(piece.time_s, times, atol=0.02 * PERIOD)
+    assert piece.initial_action == pytest.approx(5e-4 * place[0], abs=1e-4 / 50 + 2e-5)
+
+
+def test_rows_without_a_speed_are_gaps_and_jumps_are_not_believed() -> None:
+    one = drive("fd", 120, 23)
+    jumps: list[float | None] = [25.0] * 120
+    jumps[0] = jumps[40] = jumps[41] = 60.0
+    series = read(with_speeds(one, jumps))
+    same(series, one)
+    assert series.report.unused == {"of a speed repeated, or that no vehicle gets to so fast": 3}
+    # 0.5 s is the oldest that is believed, on either side of a gap.
+    silent: list[float | None] = [25.0] * 120
+    silent[30:90] = [None] * 60
+    stands: list[float | None] = [25.0] * 120
+    for k in range(60):
+        stands[30 + k] = max(0.0, 25.0 - 0.29 * 5 * min(k, 59 - k))
+    for speeds, missing in ((silent, 11), (stands, 33)):
+        with refused(DatasetError, r"no speed of a moving vehicle for \d+ control periods at .*--split"):
+            read(with_speeds(one, speeds))
+        series = read(with_speeds(one, speeds), split=True)
+        assert len(series.pieces) == 2
+        assert series.report.without_speed == pytest.approx(missing, abs=3)
+        assert len([line for line in series.report.gaps if "speed of a moving vehicle" in line]) == 1
+    # Before it drives off it stands for most of the log; or it never does.
+    waits: list[float | None] = [max(0.0, 25.0 - 0.29 * 5 * max(0, 80 - k)) for k in range(120)]
+    assert read(with_speeds(one, waits)).report.speed == (0.0, 25.0, 25.0)
+    with refused(DatasetError, r"say 0 m/s: the vehicle stands"):
+        read(with_speeds(one, [0.0] * 120))
+    with refused(DatasetError, r"control period of 0\.2 W / U_inf, and --period is 2 "):
+        series_of(LOG, with_speeds(one, [25.0] * 120), replace(SCALES, period=2.0), fill=2, split=False)
+
+
+def test_a_log_of_two_buses_is_read_by_channel() -> None:
+    one, other = drive("fd", 60, 24), drive("fd", 60, 25)
+    ours, theirs = log_of(one), log_of(other)
+    for messages, channel in ((ours, "can0"), (theirs, "can1")):
+        for message in messages:
+            message.channel = channel
+    with refused(DatasetError, r"can0 \(60 Pressure, 60 JetCommand\) and can1 \(60 .*choose one with --channel"):
+        read(in_time([*ours, *theirs]))
+    # The same identifiers are another node's there; now and then its bytes have a right CRC.
+    generator = np.random.default_rng(1)
+    foreign = [noise(message, generator) for message in theirs[4:]]
+    series = read(in_time([*ours, *foreign, *theirs[:4]]))
+    same(series, one)
+    assert (series.report.channel, series.report.unused) == ("can0", {"on other channels": 120})
