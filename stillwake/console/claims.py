@@ -2,11 +2,10 @@
 
 A lock of the system's on a hidden file beside the place, `.NAME.lock`. It ends with the process, however that ends; a
 file that a killed one left counts for nothing. Linux passes it on to an NFS server, so that it holds among machines
-too. On a file system without locks there are none, and nothing is refused.
+too. Where there are no such locks, as on some file systems and on Windows, nothing is refused.
 """
 
 import atexit
-import fcntl
 import os
 import socket
 from collections.abc import Callable
@@ -48,6 +47,10 @@ def release() -> None:
 
 
 def _lock(path: Path, file: Path) -> None:
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return
     while True:
         held = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
         try:

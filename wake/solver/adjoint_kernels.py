@@ -61,7 +61,7 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     """Carry the sensitivities `gained` of du/dt and dv/dt, zero on faces that are not open, to u, v and p.
 
     Every entry collects what it gives to its neighbours' rates, row by row in x: to scatter from each rate instead
-    takes three times as long. A loop names at most eight arrays: beyond that the compiler does not vectorise.
+    takes twice as long. A loop names at most eight arrays: beyond that the compiler does not vectorise.
     """
     gu, gv = gained.u, gained.v
     real, nx, ny = u.dtype.type, u.shape[0] - 2, u.shape[1] - 2

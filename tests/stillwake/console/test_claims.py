@@ -69,3 +69,11 @@ def test_one_of_two_has_it_and_a_killed_one_holds_nothing(tmp_path):
     claim(tmp_path / "out")
     release()
     assert [item.name for item in tmp_path.iterdir()] == ["link"]
+
+
+def test_where_the_system_has_no_locks_nothing_is_refused(tmp_path, monkeypatch):
+    """As on Windows, whose Python has no fcntl."""
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    claim(tmp_path / "out")
+    release()
+    assert list(tmp_path.iterdir()) == []
