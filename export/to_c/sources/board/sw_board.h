@@ -72,7 +72,7 @@ int sw_board_can_receive(sw_frame *frames, int room);
 
 /* Frames of control have a place each, from which they leave before others with greater identifiers. Hand one over; an
  * older one that is still there is out of date, and taken back. 1 if the controller is bus-off or is sending the older
- * one: it is lost, and counted in sw_board_lost.
+ * one: it is lost. Both that and what is taken back counts in sw_board_lost.
  */
 int sw_board_can_send(const sw_frame *frame, uint32_t place);
 extern volatile uint32_t sw_board_lost;

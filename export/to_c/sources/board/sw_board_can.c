@@ -160,9 +160,11 @@ int sw_board_can_send(const sw_frame *frame, uint32_t place)
 {
     /* What waits while the controller is bus-off would come out late, as if it were of then. */
     const int off = is_off();
-    const uint32_t old = CAN(TXBRP) & (off ? UINT32_MAX : UINT32_C(1) << place);
+    const uint32_t mine = UINT32_C(1) << place, old = CAN(TXBRP) & (off ? UINT32_MAX : mine);
     if (old != 0u) CAN(TXBCR) = old;
-    if (off || (CAN(TXBRP) & (UINT32_C(1) << place)) != 0u) {
+    const uint32_t left = CAN(TXBRP) & mine;
+    if ((old & mine) != left) sw_board_lost++; /* the older one was taken back */
+    if (off || left != 0u) {
         sw_board_lost++;
         return 1;
     }
