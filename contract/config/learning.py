@@ -169,16 +169,23 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     """Of Adam, at the start."""
     last_rate: Positive[float] = 0.1
     """What is left of it at the end."""
-    lift_price: NonNegative[float] = 0.1
-    """Of the squared lift coefficient, in units of the drag coefficient."""
+    lift_price: NonNegative[float] = 0.04
+    """Of the magnitude of the lift coefficient, in units of the drag coefficient."""
     effort_price: NonNegative[float] = 0.0
     """Of the squared action in force."""
-    iterations: bool = False
-    """Whether the controller's iterations act in the loop of training; the model then needs a prior to begin with."""
+    goals: bool = False
+    """Whether prices of lift and effort, and a limit of the jets, are drawn for each stream, half of each at those
+    above."""
     motion_price: NonNegative[float] = 0.2
     """Of the squared transverse velocity at the wake probe, which foretells drag beyond a stretch."""
     sensor_noise: NonNegative[float] = 0.3
     """Largest standard deviation of noise on the sensors, in global deviations of pressure; mostly it is far less."""
+    offset: NonNegative[float] = 0.0
+    """Standard deviation of an offset in Cp that both sensors of a pair have for a stretch."""
+    speed_error: Annotated[float, within(0.0, 0.5, "a speed")] = 0.0
+    """Largest share by which the speed that the prior is told is wrong for a stretch; half of them are told rightly."""
+    loss: Fraction[float] = 0.0
+    """Largest share of periods without pressures; half of the stretches have none."""
     refinement: Positive[float] = 0.75
     """Of the mesh that it is trained on, as `flow.refinement`: a quarter of the default one's cost, and the coarsest on
     which a controller does what it does on the default one."""

@@ -73,10 +73,9 @@ def refine(
         own = replace(own, mpc=mpc)
     config = settings("refine", config_file, overrides, uses=USES, base=own).config
 
-    from stillwake.parts.differentiable_wake import differentiable_wake, iterating, wake_of
+    from stillwake.parts.differentiable_wake import differentiable_wake, wake_of
     from train.refinement.stretches import side_by_side
 
-    in_the_loop = iterating(folder_read, config) if config.refine.iterations else None
     names = tuple(name.strip() for name in sensors.split(","))
     shared = side_by_side(workers, partial(wake_of, config, names)) if workers > 1 else nullcontext()
     with continued(folder), shared as run, progress_bar("steps", estimate_over=600.0) as bar:
@@ -94,7 +93,6 @@ def refine(
                 start=start,
                 progress=lambda t, total: bar.update(settling, completed=t / total),
             ),
-            iterating=in_the_loop,
             workers=run,
             progress=show,
             resume=not restart,

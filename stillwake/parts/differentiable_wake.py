@@ -1,7 +1,7 @@
-"""The truck's wake with its tape, and the controller, as the refinement takes them (`train.refinement.flow`)."""
+"""The truck's wake with its tape as the refinement takes it (`train.refinement.flow`)."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from math import ceil
 from pathlib import Path
@@ -12,14 +12,9 @@ import numpy as np
 from contract.arrays import Array, Index
 from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
-from contract.errors import ConfigError
-from contract.model import model_folder
 from contract.runtime.copies import CopiedWhole
-from contract.runtime.onnx_session import OnnxController
-from export.program.controller_program import program_of
-from export.to_onnx.control_step import build_controller
 from firmware_sim.campaign.starts import phases_apart
-from train.refinement.flow import FlowState, Iterating, Seen
+from train.refinement.flow import FlowState, Seen
 from wake.solver.grid import box_grid
 from wake.truck.regrid import SETTLE_TIME, moved
 from wake.truck.state import State, developed_state, load_state
@@ -140,29 +135,3 @@ def mesh_of(config: Config) -> Config:
     """The settings with the mesh of the refinement."""
     flow = replace(config.flow, refinement=config.refine.refinement, substeps=config.refine.substeps)
     return replace(config, flow=flow)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ControlSteps:
-    """The control step of an ONNX controller as the refinement takes it."""
-
-    controller: OnnxController
-
-    def plan(self, window: Array, plan: Array, free: Array) -> Array:
-        """The plan (H,); raises ControllerError as the controller does."""
-        return self.controller.control_step(window, plan, free, None).plan
-
-
-def iterating(model: Path, config: Config) -> Iterating:
-    """The iterations of a model folder's controller, under the settings, for a prior that changes. Raises ConfigError
-    if the model has no prior yet."""
-    program = program_of(model_folder.read(model), config.mpc)
-    prior = program.prior
-    if prior is None:
-        raise ConfigError(f"refine.iterations = true: {model} has no prior yet; refine it first without")
-
-    def of(weights: Mapping[str, Array]) -> ControlSteps:
-        made = replace(program, prior=replace(prior, **weights))
-        return ControlSteps(controller=OnnxController(build_controller(made).SerializeToString(), made.sizes))
-
-    return Iterating(window=program.window, horizon=program.mpc.horizon, of=of)

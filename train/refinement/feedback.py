@@ -1,8 +1,10 @@
 """The feedback that becomes the prior of the plan: memory in, next action out, odd in the mirror image.
 
 The memory is reduced by fixed filters: the newest rows each by itself, then means under bumps that widen with age. What
-is learned is a layer of tanh units behind them, and how it changes with the vehicle's speed. On the vehicle the
-filters stand in front of it as here (`export.program.weights.PriorWeights`), so that a second layer costs little.
+is learned is a layer of tanh units on the filtered differences and actions, and how that layer is scheduled: by the
+vehicle's speed, by the goal (`contract.controller.goal`), and by the filtered sums of the mirrored sensors. On the
+vehicle the filters stand in front of it as here (`export.program.weights.PriorWeights`), so that a second layer costs
+little.
 """
 
 from collections.abc import Mapping
@@ -13,6 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from contract.arrays import Array
+from contract.controller.goal import OWN, Goal
 
 NEWEST: Final = 10
 """Rows that count each by itself: two convective times."""
@@ -20,8 +23,12 @@ BUMPS: Final = 10
 """Means over what is older."""
 FIRST_PAIR, OTHER_PAIRS, ACTION = 0.4, 0.15, 0.05
 """Scales of the first pair's difference in Cp, of each other pair's, and of the action: roughly their deviations."""
+SUM: Final = 0.3
+"""Scale of a pair's sum in Cp, less its mean."""
 SPEED_SCALE: Final = 0.4
 """Of the speed less the design speed, in design speeds: how far a vehicle's may be from it."""
+SCHEDULED: Final = ("one", "speed", "effort", "lift", "limit")
+"""What schedules the units besides the sums, in the order of the tensors: 1, the scaled speed, a goal's three parts."""
 
 
 def scales_of(pairs: int) -> tuple[float, ...]:
@@ -42,28 +49,38 @@ def filters(memory: int) -> Tensor:
 
 
 class Feedback(nn.Module):
-    """a_{t+1} = limit tanh(output . tanh((first + sigma slope) . filtered rows)), sigma the scaled speed.
+    """a_{t+1} = (1 - limit / 2) A tanh(output . (1 + tanh(gate . (s, sums))) tanh((first . s) . rows)).
 
-    It begins as no control, because `output` is zero, and as one that does not know the speed, because `slope` is.
+    Here A is the release's limit and s = (1, scaled speed, effort, lift, limit) what schedules: the goal's parts are
+    those of `contract.controller.goal`, each from 0 to 1. Rows are the filtered differences and actions, sums the
+    filtered sums of the pairs; the mirror image turns the sign of the rows and leaves the sums, so the action turns its
+    sign exactly. The feedback begins as no control, because `output` is zero, and as one that is not scheduled.
 
     Args:
-        memory: M, rows (differences, action) that it reads.
+        memory: M, rows (differences, sums, action) that it reads.
         units: of the hidden layer.
-        scales: of the columns.
-        limit: bound on |a|, in U_inf W.
+        scales: of the p differences and the action.
+        middles: (p,) of the sums, in Cp.
+        limit: A, bound on |a|, in U_inf W.
         seed: of the first weights.
     """
 
-    def __init__(self, memory: int, units: int, scales: tuple[float, ...], limit: float, seed: int) -> None:
+    def __init__(
+        self, memory: int, units: int, scales: tuple[float, ...], middles: tuple[float, ...], limit: float, seed: int
+    ) -> None:
         super().__init__()
         self.limit = limit
         self._filters = filters(memory)
         self._scales = torch.tensor(scales, dtype=torch.float64)
-        inputs = self._filters.shape[1] * len(scales)
+        self.middles = torch.tensor(middles, dtype=torch.float64)
+        count = self._filters.shape[1]
+        inputs, gates = count * len(scales), len(SCHEDULED) + count * len(middles)
         generator = torch.Generator().manual_seed(seed)
-        self.first = nn.Parameter(torch.randn((inputs, units), generator=generator, dtype=torch.float64) / inputs**0.5)
+        first = torch.zeros((len(SCHEDULED), inputs, units), dtype=torch.float64)
+        first[0] = torch.randn((inputs, units), generator=generator, dtype=torch.float64) / inputs**0.5
+        self.first = nn.Parameter(first)
+        self.gate = nn.Parameter(torch.zeros((gates, units), dtype=torch.float64))
         self.output = nn.Parameter(torch.zeros(units, dtype=torch.float64))
-        self.slope = nn.Parameter(torch.zeros_like(self.first.detach()))
 
     @property
     def memory(self) -> int:
@@ -71,37 +88,48 @@ class Feedback(nn.Module):
         return len(self._filters)
 
     @property
-    def columns(self) -> int:
-        """p + 1."""
-        return len(self._scales)
+    def pairs(self) -> int:
+        """p."""
+        return len(self.middles)
 
-    def forward(self, rows: Tensor, speed: float = 1.0) -> Tensor:
-        """The next action from rows (M, p + 1), oldest first, at a speed in design speeds."""
-        inputs = (self._filters.T @ (rows / self._scales)).flatten()
-        first = self.first + (speed - 1.0) / SPEED_SCALE * self.slope
-        action: Tensor = self.limit * torch.tanh(torch.tanh(inputs @ first) @ self.output)
+    def forward(self, rows: Tensor, speed: float = 1.0, goal: Goal = OWN) -> Tensor:
+        """The next action from rows (M, 2 p + 1), oldest first, at a speed in design speeds, for a goal."""
+        pairs = self.pairs
+        odd = torch.cat([rows[:, :pairs], rows[:, -1:]], dim=1) / self._scales
+        even = (rows[:, pairs:-1] - self.middles) / SUM
+        schedule = torch.tensor([1.0, (speed - 1.0) / SPEED_SCALE, *goal], dtype=torch.float64)
+        first = torch.einsum("s,siu->iu", schedule, self.first)
+        units = torch.tanh((self._filters.T @ odd).flatten() @ first)
+        gates = 1.0 + torch.tanh(torch.cat([schedule, (self._filters.T @ even).flatten()]) @ self.gate)
+        action: Tensor = goal.share_of_limit() * self.limit * torch.tanh((gates * units) @ self.output)
         return action
 
     def begin_with(self, prior: Mapping[str, Array]) -> None:
-        """Take the weights of a prior that was made from such a feedback; of one with other filters, the nearest.
-
-        One that was trained without filters on the vehicle has "hidden" (units, M, p + 1) in place of three tensors.
-        """
-        theirs = prior.get("filters", np.eye(self.memory))
-        first = prior["first"] if "first" in prior else prior["hidden"]
-        slope = SPEED_SCALE * prior.get("slope", np.zeros_like(first))
+        """Take the weights of a prior of these sizes that `as_prior` made."""
+        size = (self._filters.shape[1], len(self._scales))
+        scales = self._scales.numpy()
+        gate, sums = prior["gate"].T.copy(), prior["sums"]
+        centre = np.tile(self.middles.numpy(), len(sums[0]))
+        by_sum = np.moveaxis(sums, 0, -1).reshape(-1, len(sums))
+        gate[0] += centre @ by_sum
         with torch.no_grad():
             self.output.copy_(torch.from_numpy(prior["output"]))
-            for parameter, weights in ((self.first, first), (self.slope, slope)):
-                by_row = np.einsum("mf,ufc,c->mcu", theirs, weights, self._scales.numpy()).reshape(self.memory, -1)
-                nearest, *_ = np.linalg.lstsq(self._filters.numpy(), by_row, rcond=None)
-                parameter.copy_(torch.from_numpy(nearest.reshape(parameter.shape)))
+            first = np.moveaxis(prior["first"] * scales, 1, -1).reshape(len(SCHEDULED), size[0] * size[1], -1)
+            self.first.copy_(torch.from_numpy(first))
+            self.gate.copy_(torch.from_numpy(np.vstack([gate, SUM * by_sum])))
 
     def as_prior(self) -> dict[str, Array]:
-        """What a prior takes of it, with the scales folded in: all tensors but the predictor."""
-        size = (self._filters.shape[1], len(self._scales), -1)
-        layers = {"first": self.first, "slope": self.slope / SPEED_SCALE, "output": self.output}
-        found = {name: layer.detach().numpy() for name, layer in layers.items()}
-        for name in ("first", "slope"):
-            found[name] = np.moveaxis(found[name].reshape(size), -1, 0) / self._scales.numpy()
-        return {"filters": self._filters.numpy(), **found}
+        """What a prior takes of it, with scales and middles folded in: all tensors but the predictor."""
+        count, scheduled = self._filters.shape[1], len(SCHEDULED)
+        first, gate = self.first.detach().numpy(), self.gate.detach().numpy()
+        by_unit = np.moveaxis(first.reshape(scheduled, count, len(self._scales), -1), -1, 1)
+        by_sum = gate[scheduled:] / SUM
+        alone = gate[:scheduled].copy()
+        alone[0] -= np.tile(self.middles.numpy(), count) @ by_sum
+        return {
+            "filters": self._filters.numpy(),
+            "first": by_unit / self._scales.numpy(),
+            "gate": alone.T.copy(),
+            "sums": np.moveaxis(by_sum.reshape(count, self.pairs, -1), -1, 0).copy(),
+            "output": self.output.detach().numpy(),
+        }

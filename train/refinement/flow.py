@@ -1,6 +1,5 @@
-"""What the refinement needs of a differentiable plant, and of the controller's iterations: `train` knows neither."""
+"""What the refinement needs of a differentiable plant, which `train` does not know."""
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -82,25 +81,3 @@ class DifferentiableFlow(Protocol):
             PlantError: the flow diverged.
         """
         ...
-
-
-class Iterations(Protocol):
-    """The controller's fixed iterations from a prior's plan: its control step."""
-
-    def plan(self, window: Array, plan: Array, free: Array) -> Array:
-        """The plan (H,) from the window (L, 2 p + 1), the last plan (H,) and a mask of free actions (H,)."""
-        ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class Iterating:
-    """Iterations for a prior that changes.
-
-    Attributes:
-        window, horizon: L and H.
-        of: from the prior's tensors (`train.refinement.feedback.Feedback.as_prior`) to the control step with them.
-    """
-
-    window: int
-    horizon: int
-    of: Callable[[Mapping[str, Array]], Iterations]

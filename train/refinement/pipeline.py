@@ -12,7 +12,7 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.config.tree import Config
-from contract.errors import ConfigError, DatasetError
+from contract.errors import DatasetError
 from contract.model import model_folder
 from contract.model.model_folder import RESTING
 from contract.recording import dataset
@@ -27,7 +27,7 @@ from train.fitting.unfinished import Identity
 from train.model_store import TrainedModel
 from train.pipeline import deployed, versions
 from train.refinement.feedback import Feedback, scales_of
-from train.refinement.flow import DifferentiableFlow, FlowState, Iterating
+from train.refinement.flow import DifferentiableFlow, FlowState
 from train.refinement.predictor import check_pairs, predictor
 from train.refinement.refine import refine
 from train.refinement.stretches import SideBySide
@@ -45,7 +45,6 @@ def refine_model(
     *,
     sensors: Sequence[str],
     flow: Callable[[Sequence[str]], tuple[DifferentiableFlow, Sequence[FlowState]]],
-    iterating: Iterating | None = None,
     workers: SideBySide | None = None,
     progress: Progress = silent,
     resume: bool = True,
@@ -65,7 +64,6 @@ def refine_model(
             result is exported with.
         sensors: pairs of mirror images.
         flow: from these sensors to the plant and to developed wakes without jets, one for each stream.
-        iterating: the controller's iterations, where they act in the loop of training; of this model with its prior.
         workers: run the stretches of an update side by side; one after the other without.
         resume: continue an interrupted run; if False, start over.
         threads: of torch.
@@ -74,19 +72,11 @@ def refine_model(
         The stored model, and the control periods that the plant was run for.
 
     Raises:
-        ConfigError: the iterations are of a model with other sensors, or are to act at other speeds or side by side.
         DatasetError: the recording is another one, or the sensors are no pairs of mirror images.
         PlantError: the flow diverged.
         StillwakeError: a place cannot be written.
     """
     check_pairs(model.layout, sensors)
-    if iterating is not None and (workers or config.refine.slowest < config.refine.fastest):
-        raise ConfigError("refine.iterations = true: at the design speed and with one worker alone")
-    if iterating is not None and tuple(sensors) != model.sensors:
-        raise ConfigError(
-            f"refine.iterations = true: the model's sensors are {', '.join(model.sensors)}; refine it for "
-            f"{', '.join(sensors)} first without"
-        )
     model_folder.check_free(output)
     trained = replace(model.config.train, seed=config.train.seed)
     settings = replace(model.config, train=trained, refine=config.refine, mpc=config.mpc)
@@ -101,16 +91,17 @@ def refine_model(
             model = _with_sensors(model, dataset_path, settings, sensors, progress, checkpoints)
             model = replace(model, prior=None)
         plant, starts = flow(sensors)
-        deviation = np.array(model.scaling.pressure_std)[model.layout.indices(sensors)]
+        columns = list(model.layout.indices(sensors))
+        means = np.array(model.scaling.pressure_mean)[columns]
+        middles = tuple((means[::2] + means[1::2]).tolist())
         refined = refine(
-            partial(_begun, settings, len(sensors) // 2, model.prior),
+            partial(_begun, settings, middles, model.prior),
             plant,
             starts,
             settings.refine,
-            np.hypot(deviation[::2], deviation[1::2]),
+            np.array(model.scaling.pressure_std)[columns],
             seed=settings.train.seed,
             side_by_side=workers,
-            iterating=iterating,
             progress=progress,
             checkpoints=checkpoints,
         )
@@ -142,12 +133,13 @@ def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Confi
     return np.array(rows)
 
 
-def _begun(settings: Config, pairs: int, prior: Mapping[str, Array] | None) -> Feedback:
+def _begun(settings: Config, middles: tuple[float, ...], prior: Mapping[str, Array] | None) -> Feedback:
     """The feedback as it begins: as the model's prior if that has its sizes, else as no control."""
-    size, scales = settings.refine, scales_of(pairs)
-    made = Feedback(size.memory, size.units, scales, settings.flow.action_limit, settings.train.seed)
-    wanted = (size.units, size.memory, len(scales))
-    if prior is not None and (len(prior["output"]), *prior["predictor"].shape[1:]) == wanted:
+    size, scales = settings.refine, scales_of(len(middles))
+    made = Feedback(size.memory, size.units, scales, middles, settings.flow.action_limit, settings.train.seed)
+    if prior is not None and {name: prior[name].shape for name in made.as_prior() if name in prior} == {
+        name: tensor.shape for name, tensor in made.as_prior().items()
+    }:
         made.begin_with(prior)
     return made
 

@@ -15,15 +15,17 @@ import torch
 from torch import Tensor
 
 from contract.arrays import Array
+from contract.config.controller import CostWeights
 from contract.config.learning import RefineConfig
+from contract.controller.goal import Goal
 from train.fitting import checkpoint, unfinished
 from train.fitting.fit import Checkpoints
 from train.fitting.progress import Phase, Progress, silent
 from train.fitting.unfinished import Reached
 from train.refinement.feedback import Feedback
-from train.refinement.flow import DifferentiableFlow, FlowState, Iterating
+from train.refinement.flow import DifferentiableFlow, FlowState
 from train.refinement.stretches import Done, SideBySide, Task, done
-from train.refinement.windows import Price, Recalled, Stream
+from train.refinement.windows import Price, Readings, Stream
 
 LARGEST_GRADIENT: Final = 0.5
 """Norm to which a gradient is cut: single stretches have some that are ten times the others'."""
@@ -32,6 +34,13 @@ MEAN_OVER: Final = 30
 KEEP_EVERY: Final = 5
 SPEED_CHANGE: Final = 0.25
 """How far towards any other speed a stretch goes, every second time."""
+AT_DESIGN: Final = 3
+"""One in so many streams stays at the design speed, where a release is judged first."""
+GOAL_OVER: Final = 3
+"""Stretches for which a stream has the same goal: the wake needs about one to answer."""
+SOUND: Final = 0.5
+"""Share of stretches whose speed is told rightly, of those without lost frames, and of each part of a goal at the
+settings' own."""
 LAST_ROWS: Final = 20_000
 """Control periods that the predictor of differences is fitted to, the newest."""
 NEAR_DESIGN: Final = 0.1
@@ -81,13 +90,7 @@ class _Training:
                     "speed": one.speed,
                     "committed": one.committed,
                     "stretches": one.stretches,
-                    "recalled": None
-                    if one.recalled is None
-                    else {
-                        "window": torch.from_numpy(one.recalled.window),
-                        "plan": torch.from_numpy(one.recalled.plan),
-                        "in_force": one.recalled.in_force,
-                    },
+                    "goal": tuple(one.goal),
                 }
                 for one in self.streams
             ],
@@ -109,13 +112,7 @@ class _Training:
                 speed=one["speed"],
                 committed=one["committed"],
                 stretches=one["stretches"],
-                recalled=None
-                if one["recalled"] is None
-                else Recalled(
-                    window=one["recalled"]["window"].numpy(),
-                    plan=one["recalled"]["plan"].numpy(),
-                    in_force=one["recalled"]["in_force"],
-                ),
+                goal=Goal(*one["goal"]),
             )
             for one in tree["streams"]
         ]
@@ -133,7 +130,6 @@ def refine(
     *,
     seed: int,
     side_by_side: SideBySide | None = None,
-    iterating: Iterating | None = None,
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> Refined:
@@ -142,9 +138,8 @@ def refine(
     Args:
         make: the feedback as it begins.
         starts: developed wakes without jets, one for each stream.
-        deviations: (p,) of the differences in Cp under sensor noise of one global deviation.
+        deviations: (2 p,) of the sensors' Cp, which sensor noise is counted in.
         side_by_side: runs an update's stretches; one after the other on `flow` without.
-        iterating: the controller's iterations, where they act in the loop of training.
         seed: of noise and starts. An update draws by its number, so that a resumed training draws the same.
 
     Raises:
@@ -156,14 +151,14 @@ def refine(
         feedback=feedback,
         mean=mean,
         optimiser=torch.optim.Adam(feedback.parameters(), lr=settings.learning_rate),
-        streams=[_begun(start, feedback, settings) for start in starts],
+        streams=[Stream.begun(start, feedback, settings.slowest) for start in starts],
     )
     if checkpoints is not None and (tree := checkpoint.load(checkpoints.path(Phase.REFINE), checkpoints.identity)):
         run.take(tree)
     if side_by_side is None:
 
         def side_by_side(tasks: Sequence[Task]) -> list[Done]:
-            return [done(task, flow, iterating) for task in tasks]
+            return [done(task, flow) for task in tasks]
 
     while run.done < settings.updates:
         tasks = _tasks(run, starts, settings, deviations, np.random.default_rng([seed, run.done]))
@@ -181,27 +176,52 @@ def _tasks(
     """The stretches that the next update rests on; streams that are long enough begin again."""
     course = run.done / settings.updates
     periods = round(settings.shortest + (settings.longest - settings.shortest) * min(1.0, 2.0 * course))
-    price = Price(lift=settings.lift_price, motion=settings.motion_price, effort=settings.effort_price)
     tasks = []
     for place in range(settings.batch):
         number = (run.done * settings.batch + place) % len(run.streams)
         if run.streams[number].stretches >= settings.stretches + 2 * number:
-            run.streams[number] = _begun(starts[int(rng.integers(len(starts)))], run.feedback, settings)
+            start = starts[int(rng.integers(len(starts)))]
+            run.streams[number] = Stream.begun(start, run.feedback, settings.slowest)
         stream = run.streams[number]
-        # Squares of uniform draws make little noise frequent.
-        noise = settings.sensor_noise * rng.random() ** 2 * deviations * rng.standard_normal((periods, len(deviations)))
-        speed = _next_speed(stream, settings, rng) if settings.slowest < settings.fastest else 1.0
+        if stream.stretches % GOAL_OVER == 0:
+            stream.goal = _next_goal(settings, rng)
+        effort, lift = stream.goal.prices()
+        is_fixed = settings.slowest == settings.fastest or number % AT_DESIGN == 0
+        speed = 1.0 if is_fixed else _next_speed(stream, settings, rng)
         tasks.append(
             Task(
                 number=number,
                 feedback=run.feedback,
                 stream=stream,
-                price=price,
-                noise=noise,
+                price=Price(lift=lift, motion=settings.motion_price, effort=effort),
+                readings=_readings(settings, deviations, periods, rng),
                 speeds=np.linspace(stream.speed, speed, periods + 1),
+                action_limit=stream.goal.share_of_limit() * run.feedback.limit,
             )
         )
     return tasks
+
+
+def _next_goal(settings: RefineConfig, rng: np.random.Generator) -> Goal:
+    """The settings' own, or with some of its parts anywhere in the range."""
+    own = Goal.of(CostWeights(lift=settings.lift_price, effort=settings.effort_price))
+    drawn, others = rng.random(len(own)), rng.random(len(own)) > SOUND
+    return Goal(*np.where(others, drawn, own).tolist()) if settings.goals else own
+
+
+def _readings(settings: RefineConfig, deviations: Array, periods: int, rng: np.random.Generator) -> Readings:
+    """What a stretch's sensors, speed and frames do wrong."""
+    # Squares of uniform draws make little noise frequent.
+    scale = settings.sensor_noise * rng.random() ** 2
+    noise = scale * deviations * rng.standard_normal((periods, len(deviations)))
+    # Of pairs: an offset of a difference would be a steady lift that is not there.
+    noise += np.repeat(settings.offset * rng.standard_normal(len(deviations) // 2), 2)
+    told, share = rng.uniform(-1.0, 1.0) * (rng.random() > SOUND), rng.random() * (rng.random() > SOUND)
+    return Readings(
+        noise=noise,
+        told=np.full(periods, 1.0 + settings.speed_error * told),
+        lost=rng.random(periods) < settings.loss * share,
+    )
 
 
 def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator) -> float:
@@ -242,7 +262,3 @@ def _cut(gradients: Sequence[Tensor]) -> list[Tensor]:
     """A stretch's gradient, no longer than the largest allowed."""
     norm = float(torch.stack([one.norm() for one in gradients]).norm())
     return [one * min(1.0, LARGEST_GRADIENT / (norm + 1e-6)) for one in gradients]
-
-
-def _begun(state: FlowState, feedback: Feedback, settings: RefineConfig) -> Stream:
-    return Stream.begun(state, feedback.memory, feedback.columns, settings.slowest)

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from contract.arrays import Array
 from train.refinement.feedback import Feedback
-from train.refinement.flow import DifferentiableFlow, Iterating
-from train.refinement.windows import Price, Stream, Stretch, differentiate
+from train.refinement.flow import DifferentiableFlow
+from train.refinement.windows import Price, Readings, Stream, Stretch, differentiate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,15 +21,16 @@ class Task:
 
     Attributes:
         number: of its stream.
-        noise, speeds: as `differentiate` takes them.
+        readings, speeds, action_limit: as `differentiate` takes them.
     """
 
     number: int
     feedback: Feedback
     stream: Stream
     price: Price
-    noise: Array
+    readings: Readings
     speeds: Array
+    action_limit: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,12 +51,12 @@ class Done:
 SideBySide = Callable[[Sequence[Task]], Sequence[Done]]
 
 
-def done(task: Task, flow: DifferentiableFlow, iterating: Iterating | None = None) -> Done:
+def done(task: Task, flow: DifferentiableFlow) -> Done:
     """Run a stretch; raises PlantError as `differentiate` does."""
     feedback, stream = task.feedback, replace(task.stream)
     feedback.zero_grad()
     stretch = differentiate(
-        flow, feedback, stream, task.price, task.noise, iterating, speeds=task.speeds, action_limit=feedback.limit
+        flow, feedback, stream, task.price, task.readings, speeds=task.speeds, action_limit=task.action_limit
     )
     gradients = tuple(one.grad.clone() for one in feedback.parameters() if one.grad is not None)
     return Done(number=task.number, stream=stream, stretch=stretch, gradients=gradients)

@@ -2,25 +2,30 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, inf
-from typing import Self
+from math import ceil, hypot, inf
+from typing import Final, Self
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from contract.arrays import Array
+from contract.controller.goal import OWN, Goal
 from contract.controller.resampling import places
 from train.refinement.feedback import Feedback
-from train.refinement.flow import DifferentiableFlow, FlowState, Iterating, Iterations, Seen
+from train.refinement.flow import DifferentiableFlow, FlowState, Seen
+
+ROUNDED: Final = 0.05
+"""Of Cl: where the slope of its magnitude turns. A sign would let every period near zero count in full."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Price:
-    """What a period costs: Cd + lift Cl^2 + motion Uy^2 + effort a^2.
+    """What a period costs: Cd + lift |Cl| + motion Uy^2 + effort a^2.
 
     Attributes:
-        lift: of the squared lift coefficient.
+        lift: of the magnitude of the lift coefficient, which is rounded off within `ROUNDED`.
         motion: of the squared transverse velocity at the wake probe, which foretells drag that lies beyond the stretch.
         effort: of the squared action in force.
     """
@@ -30,33 +35,24 @@ class Price:
     effort: float = 0.0
 
 
-@dataclass(kw_only=True, eq=False)
-class Recalled:
-    """What the controller's iterations are given again in the next period.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Readings:
+    """What stands between the flow and the feedback in a stretch of n periods.
 
     Attributes:
-        window: (L, 2 p + 1), rows (Cp, action in force), oldest first; its first row is repeated before there is one.
-        plan: (H,), the last one.
-        in_force: the action in force at the next sample.
+        noise: (n, 2 p), what is added to the sensors' Cp, in pairs of mirror images.
+        told: (n,) the speed that the feedback is told, over the flow's own.
+        lost: (n,) whether a period's pressures do not come: the last ones stand for them, and the command stays.
     """
 
-    window: Array
-    plan: Array
-    in_force: float = 0.0
+    noise: Array
+    told: Array
+    lost: NDArray[np.bool_]
 
     @classmethod
-    def begun(cls, sizes: Iterating, cp: Array) -> Self:
-        """Before the first period, at a wake without jets."""
-        return cls(window=np.tile(np.append(cp, 0.0), (sizes.window, 1)), plan=np.zeros(sizes.horizon))
-
-    def change(self, iterations: Iterations, cp: Array, committed: float, command: float) -> float:
-        """What the iterations add to the prior's command for the next period, with one action under way."""
-        self.window = np.vstack([self.window[1:], np.append(cp, self.in_force)])
-        last, free = self.plan.copy(), np.ones(len(self.plan))
-        # The control step shifts the plan by a step.
-        last[1], free[0] = committed, 0.0
-        self.plan, self.in_force = iterations.plan(self.window, last, free), committed
-        return float(self.plan[1]) - command
+    def plain(cls, periods: int, pairs: int) -> Self:
+        """The flow as it is."""
+        return cls(noise=np.zeros((periods, 2 * pairs)), told=np.ones(periods), lost=np.zeros(periods, dtype=bool))
 
 
 @dataclass(kw_only=True, eq=False)
@@ -65,13 +61,13 @@ class Stream:
 
     Attributes:
         state: where it stands.
-        rows: (n, p + 1) of differences and of the action that each period began, oldest first; the present row is still
-            to come. n is the feedback's memory M at the design speed and above, more for slower ones.
-        speeds: (n,) of these rows, in design speeds.
+        rows: (n, 2 p + 1) of differences, of sums and of the action that each period began, oldest first; the present
+            row is still to come. n is the feedback's memory M at the design speed and above, more for slower ones.
+        speeds: (n,) of these rows, in design speeds, as the feedback was told them.
         speed: at which it stands.
         committed: the action of the period that begins, in units of the design speed.
         stretches: that it has run.
-        recalled: of the controller's iterations; None before the first period, and without them.
+        goal: of the feedback, from 0 to 1 each (`contract.controller.goal.Goal`).
     """
 
     state: FlowState
@@ -80,13 +76,14 @@ class Stream:
     speed: float = 1.0
     committed: float = 0.0
     stretches: int = 0
-    recalled: Recalled | None = None
+    goal: Goal = OWN
 
     @classmethod
-    def begun(cls, state: FlowState, memory: int, columns: int, slowest: float = 1.0) -> "Stream":
+    def begun(cls, state: FlowState, feedback: Feedback, slowest: float = 1.0) -> Self:
         """From a flow without jets at the design speed; `slowest` is the least speed to come."""
-        rows = ceil(memory / slowest) + (slowest < 1.0)
-        return cls(state=state, rows=np.zeros((rows, columns)), speeds=np.ones(rows))
+        rows = ceil(feedback.memory / slowest) + (slowest < 1.0)
+        row = np.concatenate([np.zeros(feedback.pairs), feedback.middles.numpy(), [0.0]])
+        return cls(state=state, rows=np.tile(row, (rows, 1)), speeds=np.ones(rows))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -109,8 +106,7 @@ def differentiate(
     feedback: Feedback,
     stream: Stream,
     price: Price,
-    noise: Array,
-    iterating: Iterating | None = None,
+    readings: Readings,
     *,
     speeds: Array | None = None,
     action_limit: float = inf,
@@ -120,41 +116,33 @@ def differentiate(
     The timing is the vehicle's: the command made from the sample of t_k is in force at the end of period k + 1.
 
     Args:
-        noise: (n, p), what is added to the differences that the feedback reads, one row a period.
-        iterating: the controller's iterations, which change each command; that change is a number on the way back, as
-            if it did not depend on the weights. At the design speed alone.
-        speeds: (n + 1,) at the samples, in design speeds; the design speed without.
+        speeds: (n + 1,) of the flow at the samples, in design speeds; the design speed without.
         action_limit: of the jets, whatever the speed is, in units of the design speed.
 
     Raises:
         PlantError: the flow diverged, or the stretch is too long for the tape's memory.
     """
-    periods = len(noise)
+    periods, pairs = len(readings.noise), feedback.pairs
     speeds = np.ones(periods + 1) if speeds is None else speeds
     rows: list[Tensor] = list(torch.from_numpy(stream.rows[1:]))
     past = [*stream.speeds[1:].tolist()]
     leaves, commands, true_rows = list[Tensor](), list[Tensor](), list[list[float]]()
     seen, actions = [flow.begin(stream.state, speeds)], list[float]()
-    iterations = None
-    if iterating is not None:
-        iterations = iterating.of(feedback.as_prior())
-        stream.recalled = stream.recalled or Recalled.begun(iterating, seen[0].Cp)
     kept = len(stream.rows)
     for k in range(periods):
-        speed = float(speeds[k])
-        noted = noise[k] / speed**2
-        leaves.append(
-            torch.tensor([*(seen[-1].differences + noted), stream.committed], dtype=torch.float64, requires_grad=True)
-        )
+        told = float(speeds[k] * readings.told[k])
+        Cp = (seen[-1].Cp + readings.noise[k]) / readings.told[k] ** 2
+        values = np.concatenate([Cp[::2] - Cp[1::2], Cp[::2] + Cp[1::2], [stream.committed]])
+        leaves.append(torch.tensor(values, dtype=torch.float64, requires_grad=True))
         true_rows.append([*seen[-1].differences, stream.committed])
-        rows.append(leaves[-1])
-        past.append(speed)
         before = leaves[-1][-1]
-        command = feedback(read(torch.stack(rows[-kept:]), past[-kept:], feedback.memory), speed) * speed
-        command = before + min(1.0, speed * speed) * (command - before)
-        if iterations is not None and stream.recalled is not None:
-            cp = seen[-1].Cp + np.column_stack([0.5 * noted, -0.5 * noted]).ravel()
-            command = command + stream.recalled.change(iterations, cp, stream.committed, float(command.detach()))
+        rows.append(torch.cat([rows[-1][: 2 * pairs], before[None]]) if readings.lost[k] else leaves[-1])
+        past.append(told)
+        command = before
+        if not readings.lost[k]:
+            window = read(torch.stack(rows[-kept:]), past[-kept:], feedback.memory)
+            command = feedback(window, told, stream.goal) * told
+            command = before + min(1.0, told * told) * (command - before)
         commands.append(command.clamp(-action_limit, action_limit))
         seen.append(flow.advance(stream.committed))
         actions.append(stream.committed)
@@ -162,7 +150,7 @@ def differentiate(
     stream.speed = float(speeds[-1])
     stream.rows, stream.speeds = torch.stack(rows[-kept:]).detach().numpy(), np.array(past[-kept:])
     stream.state, stream.stretches = flow.state(), stream.stretches + 1
-    _go_back(flow, seen, actions, leaves, commands, price)
+    _go_back(flow, seen, actions, leaves, commands, price, readings.told)
     return Stretch(
         Cd=float(np.mean([one.Cd for one in seen[1:]])),
         abs_Cl=float(np.mean([abs(one.Cl) for one in seen[1:]])),
@@ -173,7 +161,7 @@ def differentiate(
 
 
 def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:
-    """(M, p + 1) as the feedback reads them, from rows (n, p + 1) of a stream: at the present speed, as on the vehicle.
+    """(M, c) as the feedback reads them, from rows (n, c) of a stream: at the present speed, as on the vehicle.
 
     There a row has the action in force at its sample, in units of the speed at that time; the row of the present sample
     has the one that begins.
@@ -218,16 +206,20 @@ def _go_back(
     leaves: list[Tensor],
     commands: list[Tensor],
     price: Price,
+    told: Array,
 ) -> None:
-    periods = len(leaves)
+    periods, pairs = len(leaves), len(seen[0].Cp) // 2
     for k in reversed(range(periods)):
-        after, later = seen[k + 1], leaves[k + 1].grad if k + 1 < periods else None
-        to_read = np.zeros_like(after.differences) if later is None else later[:-1].numpy()
+        after, to_Cp = seen[k + 1], np.zeros_like(seen[0].Cp)
+        later = leaves[k + 1].grad if k + 1 < periods else None
+        if later is not None:
+            differences, sums = later.numpy()[:pairs], later.numpy()[pairs : 2 * pairs]
+            to_Cp = np.column_stack([sums + differences, sums - differences]).ravel() / told[k + 1] ** 2
         to_command = flow.back(
             Seen(
-                Cp=np.column_stack([to_read, -to_read]).ravel(),
+                Cp=to_Cp,
                 Cd=1.0 / periods,
-                Cl=2.0 * price.lift * after.Cl / periods,
+                Cl=price.lift * after.Cl / hypot(after.Cl, ROUNDED) / periods,
                 Uy=2.0 * price.motion * after.Uy / periods,
             )
         )

@@ -1,0 +1,57 @@
+"""What a prior knows of the goal: how dear effort and lift are beside drag, and how far the jets may go.
+
+The prior of the plan is trained for a range of goals (`train.refinement`); in every control step it is told where in
+that range the present one lies. What is asked beyond the range, and every term of the cost that the prior does not
+know, is left to the iterations (`beyond`).
+"""
+
+from math import sqrt
+from typing import Final, NamedTuple
+
+from contract.config.controller import CostWeights
+
+DEAREST_EFFORT: Final = 100.0
+"""The largest weight on effort beside one of 1 on drag that a prior is trained for, in Cd per (U_inf W)^2."""
+DEAREST_LIFT: Final = 1.0
+"""The same of the weight on lift, in Cd per |Cl|."""
+NARROWEST: Final = 0.5
+"""The least limit of the jets that it is trained for, as a share of the release's."""
+
+
+class Goal(NamedTuple):
+    """A place in the range, each part from 0 to 1.
+
+    Attributes:
+        effort: root of the weight on effort over `DEAREST_EFFORT`.
+        lift: root of the weight on lift over `DEAREST_LIFT`.
+        limit: how far the jets' limit is narrowed: 0 at the release's own, 1 at `NARROWEST` of it and below.
+    """
+
+    effort: float = 0.0
+    lift: float = 0.0
+    limit: float = 0.0
+
+    @classmethod
+    def of(cls, weights: CostWeights, share_of_limit: float = 1.0) -> "Goal":
+        """Where weights and a limit of the jets, as a share of the release's, lie in the range."""
+        return cls(
+            effort=_root(weights.effort, weights.drag_mean * DEAREST_EFFORT),
+            lift=_root(weights.lift, weights.drag_mean * DEAREST_LIFT),
+            limit=min(1.0, max(0.0, (1.0 - share_of_limit) / (1.0 - NARROWEST))),
+        )
+
+    def prices(self) -> tuple[float, float]:
+        """Weights on effort and lift beside one of 1 on drag."""
+        return DEAREST_EFFORT * self.effort**2, DEAREST_LIFT * self.lift**2
+
+    def share_of_limit(self) -> float:
+        """The limit of the jets as a share of the release's."""
+        return 1.0 - (1.0 - NARROWEST) * self.limit
+
+
+OWN: Final = Goal()
+"""Drag alone, with all that the jets can do."""
+
+
+def _root(weight: float, dearest: float) -> float:
+    return sqrt(weight / dearest) if weight < dearest else float(weight > 0.0)
