@@ -105,18 +105,24 @@ class Feedback(nn.Module):
         return action
 
     def begin_with(self, prior: Mapping[str, Array]) -> None:
-        """Take the weights of a prior of these sizes that `as_prior` made."""
-        size = (self._filters.shape[1], len(self._scales))
-        scales = self._scales.numpy()
-        gate, sums = prior["gate"].T.copy(), prior["sums"]
-        centre = np.tile(self.middles.numpy(), len(sums[0]))
-        by_sum = np.moveaxis(sums, 0, -1).reshape(-1, len(sums))
-        gate[0] += centre @ by_sum
+        """Take the weights of a prior that `as_prior` made, or of release 1.0.0, which knows no goal and no sums.
+
+        Where it has fewer units than there are here, the others stay as they are.
+        """
+        units, pairs, count = len(prior["output"]), self.pairs, self._filters.shape[1]
+        first, gate, sums = prior["first"], prior.get("gate"), prior.get("sums")
+        if "slope" in prior:
+            first = np.zeros((len(SCHEDULED), *prior["slope"].shape))
+            first[0], first[1] = prior["first"], SPEED_SCALE * prior["slope"]
+        gate = np.zeros((units, len(SCHEDULED))) if gate is None else gate.copy()
+        sums = np.zeros((units, count, pairs)) if sums is None else sums
+        by_sum = sums.reshape(units, -1)
+        gate[:, 0] += by_sum @ np.tile(self.middles.numpy(), count)
         with torch.no_grad():
-            self.output.copy_(torch.from_numpy(prior["output"]))
-            first = np.moveaxis(prior["first"] * scales, 1, -1).reshape(len(SCHEDULED), size[0] * size[1], -1)
-            self.first.copy_(torch.from_numpy(first))
-            self.gate.copy_(torch.from_numpy(np.vstack([gate, SUM * by_sum])))
+            self.output[:units] = torch.from_numpy(prior["output"])
+            flat = np.moveaxis(first * self._scales.numpy(), 1, -1).reshape(len(SCHEDULED), -1, units)
+            self.first[:, :, :units] = torch.from_numpy(flat)
+            self.gate[:, :units] = torch.from_numpy(np.hstack([gate, SUM * by_sum]).T.copy())
 
     def as_prior(self) -> dict[str, Array]:
         """What a prior takes of it, with scales and middles folded in: all tensors but the predictor."""

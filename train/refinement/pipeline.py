@@ -134,12 +134,13 @@ def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Confi
 
 
 def _begun(settings: Config, middles: tuple[float, ...], prior: Mapping[str, Array] | None) -> Feedback:
-    """The feedback as it begins: as the model's prior if that has its sizes, else as no control."""
+    """The feedback as it begins: as the model's prior if that fits into its sizes, else as no control."""
     size, scales = settings.refine, scales_of(len(middles))
     made = Feedback(size.memory, size.units, scales, middles, settings.flow.action_limit, settings.train.seed)
-    if prior is not None and {name: prior[name].shape for name in made.as_prior() if name in prior} == {
-        name: tensor.shape for name, tensor in made.as_prior().items()
-    }:
+    if prior is None or "filters" not in prior:
+        return made
+    same = np.array_equal(prior["filters"], made.as_prior()["filters"]) and prior["first"].shape[-1] == len(scales)
+    if same and len(prior["output"]) <= size.units:
         made.begin_with(prior)
     return made
 
