@@ -5,6 +5,7 @@ that range the present one lies. What is asked beyond the range, and every term 
 know, is left to the iterations (`beyond`).
 """
 
+from dataclasses import replace
 from math import sqrt
 from typing import Final, NamedTuple
 
@@ -16,6 +17,10 @@ DEAREST_LIFT: Final = 1.0
 """The same of the weight on lift, in Cd per |Cl|."""
 NARROWEST: Final = 0.5
 """The least limit of the jets that it is trained for, as a share of the release's."""
+SPEED_SCALE: Final = 0.4
+"""Of the speed less the design speed, in design speeds: how far a vehicle's may be from it."""
+SCHEDULED: Final = ("one", "speed", "effort", "lift", "limit")
+"""What schedules a prior's units besides the sums, in the order of its tensors: 1, the scaled speed, a goal's parts."""
 
 
 class Goal(NamedTuple):
@@ -51,6 +56,26 @@ class Goal(NamedTuple):
 
 OWN: Final = Goal()
 """Drag alone, with all that the jets can do."""
+
+
+def schedule(speed: float, goal: Goal) -> tuple[float, ...]:
+    """The values of `SCHEDULED` at a speed in design speeds, for a goal."""
+    return (1.0, (speed - 1.0) / SPEED_SCALE, *goal)
+
+
+def beyond(weights: CostWeights) -> CostWeights:
+    """The weights that the iterations take where a plan starts at a prior: what is asked beyond its range of goals.
+
+    A prior that was trained through the flow is stationary for the goals that it knows. The expected slope of their
+    cost along its plan is zero, so what a model finds of such a slope is noise and error. Of what is asked beyond the
+    range, and of the terms that the prior does not know, the whole slope remains.
+    """
+    return replace(
+        weights,
+        drag_mean=0.0,
+        effort=max(0.0, weights.effort - DEAREST_EFFORT * weights.drag_mean),
+        lift=max(0.0, weights.lift - DEAREST_LIFT * weights.drag_mean),
+    )
 
 
 def _root(weight: float, dearest: float) -> float:

@@ -1,6 +1,8 @@
 """A program's weight matrices by name: what rounding replaces, and what a lowering stores.
 
-Names are those of the tensors: `lstm.weight_input`, `dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`.
+Names are those of the tensors: `lstm.weight_input`, `dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. Of the
+prior, which is small, these are the matrices on filtered rows: `prior.first` (5 n, F (p + 1)), a row for each schedule
+of each unit, and `prior.sums` (n, F p).
 """
 
 from collections.abc import Callable
@@ -25,7 +27,7 @@ def matrices(program: ControllerProgram) -> dict[str, Array]:
 
 
 def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Array]) -> ControllerProgram:
-    """The program with every matrix replaced by what `change` makes of its name and itself; biases and norms stay."""
+    """The program with every matrix replaced by what `change` makes of its name and itself; all else stays."""
 
     def linear(name: str, layer: Linear) -> Linear:
         return replace(layer, weight=change(f"{name}.weight", layer.weight))
@@ -37,8 +39,17 @@ def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Arra
     gates: dict[str, Any] = {
         name: change(f"lstm.{name}", getattr(lstm, name)) for name in ("weight_input", "weight_recurrent")
     }
+    prior = program.prior
+    if prior is not None:
+        first, sums = prior.first, prior.sums
+        prior = replace(
+            prior,
+            first=change("prior.first", first.reshape(-1, first[0, 0].size)).reshape(first.shape),
+            sums=change("prior.sums", sums.reshape(len(sums), -1)).reshape(sums.shape),
+        )
     return replace(
         program,
+        prior=prior,
         encoder=replace(program.encoder, lstm=replace(lstm, **gates), **layers("encoder", "hidden", "output")),
         dynamics=replace(program.dynamics, **layers("dynamics", "input", "hidden", "output")),
         decoder=replace(

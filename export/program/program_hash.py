@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from export.program.controller_program import ControllerProgram
-from export.program.weights import PriorWeights
 
 
 def program_sha256(program: ControllerProgram) -> str:
@@ -18,17 +17,9 @@ def program_sha256(program: ControllerProgram) -> str:
     settings: dict[str, Any] = {name: asdict(getattr(program, name)) for name in parts}
     settings |= {name: getattr(program, name) for name in ("encoder_rows", "action_limit", "sensors", "window")}
     if program.prior is not None:
-        settings["prior"] = _of_prior(program.prior)
+        settings["prior"] = asdict(program.prior)
     digest.update(json.dumps(settings, sort_keys=True, default=_fingerprint).encode())
     return digest.hexdigest()
-
-
-def _of_prior(prior: PriorWeights) -> dict[str, Any]:
-    """Its tensors, without filters as they were before there were any: so its release keeps its hash."""
-    tensors = asdict(prior)
-    if prior.knows_speed or not np.array_equal(prior.filters, np.eye(prior.memory)):
-        return tensors
-    return {"hidden": prior.first, "output": prior.output, "predictor": prior.predictor}
 
 
 def _fingerprint(value: object) -> str:

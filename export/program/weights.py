@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from contract.arrays import Array
+from contract.controller.goal import SCHEDULED, SPEED_SCALE
 from contract.controller.interface import FORCES
 from contract.errors import ExportError
 
@@ -173,19 +174,21 @@ class PriorWeights:
     """The prior of the plan (`export.reference.prior`): a feedback on M past rows, and what predicts the next row.
 
     A row is (y, a): the differences of the sensors' pairs in Cp, first minus second, and the action in U_inf W. No
-    layer has a bias, so a mirrored wake gets the mirrored plan where the pairs are mirror images.
+    layer of rows has a bias, so a mirrored wake gets the mirrored plan where the pairs are mirror images.
 
     Attributes:
         filters: (M, F) weights of the rows, oldest first; units read the F filtered rows.
-        first: (n, F, p + 1), units are tanh of its products with the filtered rows at the design speed.
-        slope: (n, F, p + 1), what `first` gains for each design speed that the vehicle is faster.
-        output: (n,), the action is limit tanh(output . units).
+        first: (5, n, F, p + 1), a unit's weights on them for each of `contract.controller.goal.SCHEDULED`.
+        gate: (n, 5), the same of its gate.
+        sums: (n, F, p), the gate's weights on the filtered sums of the pairs in Cp.
+        output: (n,), of the gated units.
         predictor: (p, M, p + 1), the next differences from the past that ends with the present row.
     """
 
     filters: Array
     first: Array
-    slope: Array
+    gate: Array
+    sums: Array
     output: Array
     predictor: Array
 
@@ -193,17 +196,41 @@ class PriorWeights:
     def from_state(cls, state: State) -> "PriorWeights":
         """Read a state dict; raises ExportError naming the tensor that is missing, unknown or does not fit.
 
-        A model that was refined without filters has one tensor "hidden" (n, M, p + 1) in place of three.
+        A model of 1.0.0 knows the speed at most: it has "slope", what "first" (n, F, p + 1) gains for each design speed
+        that the vehicle is faster, or "hidden" (n, M, p + 1) in place of filters and both.
         """
         tensors = _Tensors("prior", state)
-        is_dense = "hidden" in state
-        first = "hidden" if is_dense else "first"
-        units, inputs, columns = shape = tensors.shape(first, 3)
-        memory = inputs if is_dense else tensors.size("filters", axis=0)
+        if "hidden" in state or "slope" in state:
+            return cls._of_speed_alone(tensors, is_dense="hidden" in state)
+        scheduled, units, count, columns = shape = tensors.shape("first", 4)
+        if scheduled != len(SCHEDULED):
+            raise ExportError(f"prior.first: shape {shape}, must have {len(SCHEDULED)} schedules")
+        memory = tensors.size("filters", axis=0)
         weights = cls(
-            filters=np.eye(inputs) if is_dense else tensors.take("filters", (memory, inputs)),
-            first=tensors.take(first, shape),
-            slope=np.zeros(shape) if is_dense else tensors.take("slope", shape),
+            filters=tensors.take("filters", (memory, count)),
+            first=tensors.take("first", shape),
+            gate=tensors.take("gate", (units, scheduled)),
+            sums=tensors.take("sums", (units, count, columns - 1)),
+            output=tensors.take("output", (units,)),
+            predictor=tensors.take("predictor", (columns - 1, memory, columns)),
+        )
+        tensors.refuse_leftovers()
+        return weights
+
+    @classmethod
+    def _of_speed_alone(cls, tensors: "_Tensors", is_dense: bool) -> "PriorWeights":
+        name = "hidden" if is_dense else "first"
+        units, count, columns = shape = tensors.shape(name, 3)
+        memory = count if is_dense else tensors.size("filters", axis=0)
+        first = np.zeros((len(SCHEDULED), *shape))
+        first[0] = tensors.take(name, shape)
+        if not is_dense:
+            first[1] = SPEED_SCALE * tensors.take("slope", shape)
+        weights = cls(
+            filters=np.eye(count) if is_dense else tensors.take("filters", (memory, count)),
+            first=first,
+            gate=np.zeros((units, len(SCHEDULED))),
+            sums=np.zeros((units, count, columns - 1)),
             output=tensors.take("output", (units,)),
             predictor=tensors.take("predictor", (columns - 1, memory, columns)),
         )
@@ -218,16 +245,20 @@ class PriorWeights:
     @property
     def pairs(self) -> int:
         """p, differences."""
-        return int(self.first.shape[2]) - 1
+        return int(self.first.shape[3]) - 1
 
     @property
-    def knows_speed(self) -> bool:
-        """Whether the vehicle's speed changes a plan."""
-        return bool(self.slope.any())
+    def knows(self) -> dict[str, bool]:
+        """Whether each of `SCHEDULED` changes a unit or its gate."""
+        return {
+            name: bool(first.any() or gate.any())
+            for name, first, gate in zip(SCHEDULED, self.first, self.gate.T, strict=True)
+        }
 
-    def by_rows(self, weights: Array) -> Array:
-        """(n, M, p + 1): what weights (n, F, p + 1) of filtered rows are for the rows themselves."""
-        return np.asarray(np.einsum("mf,nfc->nmc", self.filters, weights))
+    @property
+    def is_gated(self) -> bool:
+        """Whether any gate can differ from 1."""
+        return bool(self.gate.any() or self.sums.any())
 
 
 class _Tensors:

@@ -1,25 +1,36 @@
 """The prior of the plan in NumPy float64: the specification of its lowerings.
 
 A feedback that was trained through the flow (`train.refinement`) is followed over the horizon, on differences that an
-autoregressive model predicts. With rows (y_i, a_i) of the sensors' differences and the action, and a past of M rows,
+autoregressive model predicts. With rows (y_i, a_i) of the sensors' differences and the action, a past of M rows, and
+the schedule s = (1, (speed - 1) / 0.4, effort, lift, limit) of the present speed and goal (`contract.controller.goal`),
 
-    a_{t+k} = limit tanh(output . tanh((first + (speed - 1) slope) . filters^T rows t+k-M .. t+k-1)),
+    g = 1 + tanh(gate s + sums . filters^T (Cp_first + Cp_second, rows t-M+1 .. t)),
+    a_{t+k} = clip(r A tanh(output . (g tanh((sum_j s_j first_j) . filters^T rows t+k-M .. t+k-1)))),
     y_{t+k+1} = predictor . rows t+k-M+1 .. t+k,
 
-where an action that is committed stands as it is. The speed is the vehicle's over the design speed, over the whole
-horizon. The feedback does not read the row of its own step, because on the
-vehicle the command that is made from the pressures of t acts in period t+1, which is how it was trained. So a plan that
-is made a period ahead needs no prediction; a late actuator, and what the horizon has beyond it, do.
+where A is what the jets can do, r A how far the goal lets them go, the clip the control step's own limit, and an action
+that is committed stands as it is. Schedule and gates are of the present, over the whole horizon: how far the wake is
+from the steady one changes over many shedding cycles. The feedback does not read the row of its own step, because on
+the vehicle the command that is made from the pressures of t acts in period t+1, which is how it was trained. So a plan
+that is made a period ahead needs no prediction; a late actuator, and what the horizon has beyond it, do.
 """
 
 import numpy as np
 
 from contract.arrays import Array
+from contract.controller.goal import OWN, Goal, schedule
 from export.program.weights import PriorWeights
 
 
 def prior_plan(
-    prior: PriorWeights, window: Array, committed: Array, free: Array, limit: float, speed: float = 1.0
+    prior: PriorWeights,
+    window: Array,
+    committed: Array,
+    free: Array,
+    reach: float,
+    speed: float = 1.0,
+    goal: Goal = OWN,
+    limit: float = np.inf,
 ) -> Array:
     """The plan (H,) that the optimiser starts from.
 
@@ -27,20 +38,31 @@ def prior_plan(
         window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first; L is at least the prior's memory.
         committed: (H,) the actions where they are not free.
         free: (H,) 1 where the prior decides.
-        limit: bound on |a|, in U_inf W.
+        reach: A, bound on |a| of the program, in U_inf W.
         speed: of the vehicle, as a ratio to the design speed.
+        goal: the present one.
+        limit: bound on |a| in this control step, in U_inf W.
     """
     past, y = past_of(window, prior.memory)
-    hidden = prior.first + (speed - 1.0) * prior.slope
+    scheduled = np.array(schedule(speed, goal))
+    hidden = np.tensordot(scheduled, prior.first, axes=1)
+    gates = gates_of(prior, window, scheduled)
     plan = []
     for k, action in enumerate(committed):
         if free[k] > 0.5:
-            units = np.tanh(np.tensordot(hidden, prior.filters.T @ past, axes=2))
-            action = limit * np.tanh(prior.output @ units)
+            units = gates * np.tanh(np.tensordot(hidden, prior.filters.T @ past, axes=2))
+            action = np.clip(goal.share_of_limit() * reach * np.tanh(prior.output @ units), -limit, limit)
         plan.append(action)
         past = np.vstack([past[1:], [*y, action]])
         y = np.tensordot(prior.predictor, past, axes=2)
     return np.array(plan)
+
+
+def gates_of(prior: PriorWeights, window: Array, scheduled: Array) -> Array:
+    """(n,) from the sums of the newest M rows of the window, and the schedule (5,)."""
+    newest = window[-prior.memory :]
+    sums = prior.filters.T @ (newest[:, :-1:2] + newest[:, 1:-1:2])
+    return np.asarray(1.0 + np.tanh(prior.gate @ scheduled + np.tensordot(prior.sums, sums, axes=2)))
 
 
 def past_of(window: Array, memory: int) -> tuple[Array, Array]:

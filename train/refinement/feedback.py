@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from contract.arrays import Array
-from contract.controller.goal import OWN, Goal
+from contract.controller.goal import OWN, SCHEDULED, SPEED_SCALE, Goal, schedule
 
 NEWEST: Final = 10
 """Rows that count each by itself: two convective times."""
@@ -25,10 +25,6 @@ FIRST_PAIR, OTHER_PAIRS, ACTION = 0.4, 0.15, 0.05
 """Scales of the first pair's difference in Cp, of each other pair's, and of the action: roughly their deviations."""
 SUM: Final = 0.3
 """Scale of a pair's sum in Cp, less its mean."""
-SPEED_SCALE: Final = 0.4
-"""Of the speed less the design speed, in design speeds: how far a vehicle's may be from it."""
-SCHEDULED: Final = ("one", "speed", "effort", "lift", "limit")
-"""What schedules the units besides the sums, in the order of the tensors: 1, the scaled speed, a goal's three parts."""
 
 
 def scales_of(pairs: int) -> tuple[float, ...]:
@@ -97,10 +93,10 @@ class Feedback(nn.Module):
         pairs = self.pairs
         odd = torch.cat([rows[:, :pairs], rows[:, -1:]], dim=1) / self._scales
         even = (rows[:, pairs:-1] - self.middles) / SUM
-        schedule = torch.tensor([1.0, (speed - 1.0) / SPEED_SCALE, *goal], dtype=torch.float64)
-        first = torch.einsum("s,siu->iu", schedule, self.first)
+        scheduled = torch.tensor(schedule(speed, goal), dtype=torch.float64)
+        first = torch.einsum("s,siu->iu", scheduled, self.first)
         units = torch.tanh((self._filters.T @ odd).flatten() @ first)
-        gates = 1.0 + torch.tanh(torch.cat([schedule, (self._filters.T @ even).flatten()]) @ self.gate)
+        gates = 1.0 + torch.tanh(torch.cat([scheduled, (self._filters.T @ even).flatten()]) @ self.gate)
         action: Tensor = goal.share_of_limit() * self.limit * torch.tanh((gates * units) @ self.output)
         return action
 
