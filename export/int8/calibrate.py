@@ -67,4 +67,6 @@ def _by_matrix(seen: LayerInputs) -> dict[str, Array]:
         "decoder.input.weight": seen.z,
         **{f"decoder.blocks.{i}.linear.weight": x for i, x in enumerate(seen.blocks)},
         "decoder.output.weight": seen.forces,
+        "prior.first": seen.prior,
+        "prior.sums": seen.sums,
     }

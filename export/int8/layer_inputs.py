@@ -13,9 +13,11 @@ import numpy as np
 from contract.arrays import Array
 from contract.errors import ExportError
 from export.program.controller_program import ControllerProgram
+from export.program.weights import PriorWeights
 from export.reference.layers import linear
 from export.reference.model import decoder_layers, dynamics_layers, encoder_layers
 from export.reference.mpc import rollout
+from export.reference.prior import filtered_sums, past_of
 
 _RANDOM: Final = 2
 _WANDERING: Final = 2
@@ -34,6 +36,7 @@ class LayerInputs:
         z: of the decoder.
         blocks: of its blocks; `elus` are the outputs of their ELUs.
         forces: of its last layer.
+        prior, sums: of the prior: filtered rows of the past, and filtered sums; empty of a program without one.
     """
 
     row: Array
@@ -47,6 +50,8 @@ class LayerInputs:
     blocks: tuple[Array, ...]
     elus: tuple[Array, ...]
     forces: Array
+    prior: Array
+    sums: Array
 
 
 def layer_inputs(program: ControllerProgram, windows: Sequence[Array]) -> LayerInputs:
@@ -73,7 +78,16 @@ def layer_inputs(program: ControllerProgram, windows: Sequence[Array]) -> LayerI
         blocks=tuple(block.x for block in decoder.blocks),
         elus=tuple(block.elu for block in decoder.blocks),
         forces=decoder.forces,
+        **_of_prior(program.prior, windows),
     )
+
+
+def _of_prior(prior: PriorWeights | None, windows: Sequence[Array]) -> dict[str, Array]:
+    if prior is None:
+        return {"prior": np.empty((0, 0)), "sums": np.empty((0, 0))}
+    past = [prior.filters.T @ past_of(window, prior.memory)[0] for window in windows]
+    sums = [filtered_sums(prior, window) for window in windows]
+    return {name: np.array(rows).reshape(len(windows), -1) for name, rows in (("prior", past), ("sums", sums))}
 
 
 def _plans(program: ControllerProgram, rng: np.random.Generator) -> Array:

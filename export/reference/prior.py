@@ -59,10 +59,15 @@ def prior_plan(
 
 
 def gates_of(prior: PriorWeights, window: Array, scheduled: Array) -> Array:
-    """(n,) from the sums of the newest M rows of the window, and the schedule (5,)."""
+    """(n,) at a window and a schedule (5,)."""
+    by_sums = np.tensordot(prior.sums, filtered_sums(prior, window), axes=2)
+    return np.asarray(1.0 + np.tanh(prior.gate @ scheduled + by_sums))
+
+
+def filtered_sums(prior: PriorWeights, window: Array) -> Array:
+    """(F, p) of the pairs' sums in the newest M rows, the present one among them."""
     newest = window[-prior.memory :]
-    sums = prior.filters.T @ (newest[:, :-1:2] + newest[:, 1:-1:2])
-    return np.asarray(1.0 + np.tanh(prior.gate @ scheduled + np.tensordot(prior.sums, sums, axes=2)))
+    return np.asarray(prior.filters.T @ (newest[:, :-1:2] + newest[:, 1:-1:2]))
 
 
 def past_of(window: Array, memory: int) -> tuple[Array, Array]:
