@@ -8,6 +8,7 @@ import numpy as np
 from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
+from contract.controller.goal import SCHEDULED
 from contract.release.manifest import Scaling
 from export.program.controller_program import ControllerProgram
 
@@ -29,7 +30,7 @@ def random_program(
         seed: of the draw.
         model: widths and window; the paper's if None.
         mpc: optimiser settings; the paper's if None.
-        prior_memory: of a prior with five units that know the speed; 0 for none.
+        prior_memory: of a prior with five units that know speed and goal, and read sums; 0 for none.
     """
     rng = np.random.default_rng(seed)
     model = ModelConfig() if model is None else model
@@ -75,9 +76,14 @@ def _prior(rng: np.random.Generator, pairs: int, memory: int) -> dict[str, Array
     count = min(memory, 7)
     filters = np.triu(np.tril(rng.uniform(0.0, 1.0, (memory, count)), 2), -1)
     filters[:, 0] = rng.uniform(0.0, 1.0, memory)
-    first, slope = rng.normal(0.0, 1.5 / np.sqrt(count), (2, 5, count, pairs + 1))
-    output = rng.normal(0.0, 0.5, 5)
-    return {"filters": filters, "first": first, "slope": slope, "output": output, "predictor": predictor}
+    return {
+        "filters": filters,
+        "first": rng.normal(0.0, 1.0 / np.sqrt(count), (len(SCHEDULED), 5, count, pairs + 1)),
+        "gate": rng.normal(0.0, 0.5, (5, len(SCHEDULED))),
+        "sums": rng.normal(0.0, 0.2 / np.sqrt(count), (5, count, pairs)),
+        "output": rng.normal(0.0, 0.5, 5),
+        "predictor": predictor,
+    }
 
 
 def _uniform(rng: np.random.Generator, shape: tuple[int, ...], fan_in: int) -> Array:

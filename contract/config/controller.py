@@ -1,5 +1,6 @@
 """Settings of the model predictive controller."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from typing import Annotated
 
@@ -34,6 +35,11 @@ class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")
     def as_tuple(self) -> tuple[float, ...]:
         """Weights in declaration order, the order of the controller's `weights` input."""
         return tuple(float(getattr(self, item.name)) for item in fields(self))
+
+    @classmethod
+    def of(cls, values: Iterable[float]) -> "CostWeights":
+        """The weights that `as_tuple` gives; raises ConfigError for a value below zero."""
+        return cls(**{item.name: float(value) for item, value in zip(fields(cls), values, strict=True)})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -76,7 +76,7 @@ class Calibration:
         # A weight that is no number is refused under its name here, before `CostWeights` sees it.
         *weights, action_limit, command_step = map(_kept, NAMES, values[:-1])
         return cls(
-            weights=CostWeights(**dict(zip(WEIGHTS, weights, strict=True))),
+            weights=CostWeights.of(weights),
             action_limit=action_limit,
             command_step=command_step,
             delay_steps=int(values[-1]),

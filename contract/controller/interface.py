@@ -11,9 +11,10 @@ plan       (H,)      the previous step's plan, as it came out; the controller sh
 free       (H,)      1 where the optimiser may change the shifted plan, 0 where it is committed (delay)
 weights    (8,)      cost weights in the order of `CostWeights`; optional, defaults to the manifest's
 speed      ()        the vehicle's speed as a ratio to the design speed; optional, 1 by default
+limit      ()        bound on |a| in U_inf W; optional, defaults to the manifest's, and is never above it
 =========  ========  =====================================================================================
 
-A graph whose plan does not depend on the speed has no such input.
+A graph whose plan does not depend on the speed has no such input. One of release 1.0.0 has no limit.
 
 =========  ========  =====================================================================================
 output     shape     meaning
@@ -33,7 +34,7 @@ from contract.arrays import Array
 from contract.config.controller import CostWeights
 from contract.errors import StillwakeError
 
-INPUTS: Final = ("window", "plan", "free", "weights", "speed")
+INPUTS: Final = ("window", "plan", "free", "weights", "speed", "limit")
 OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
 TERMS: Final = tuple(item.name for item in fields(CostWeights))
 """Cost terms in the order of every array of them."""
@@ -57,7 +58,7 @@ class Sizes:
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """The shape of every input and output by its name."""
-        inputs = ((self.window, self.sensors + 1), (self.horizon,), (self.horizon,), (len(TERMS),), ())
+        inputs = ((self.window, self.sensors + 1), (self.horizon,), (self.horizon,), (len(TERMS),), (), ())
         outputs = ((self.horizon,), (self.horizon, FORCES), (len(TERMS),), ())
         return dict(zip(INPUTS + OUTPUTS, inputs + outputs, strict=True))
 
@@ -83,10 +84,16 @@ class Controller(Protocol):
     """What computes control steps: all that the ECU and the gates of the export need."""
 
     def control_step(
-        self, window: Array, plan: Array, free: Array, weights: Array | None = None, speed: float = 1.0
+        self,
+        window: Array,
+        plan: Array,
+        free: Array,
+        weights: Array | None = None,
+        speed: float = 1.0,
+        limit: float | None = None,
     ) -> ControlStep:
-        """One control step; without weights the controller's own default applies. Raises ControllerError if there is no
-        answer."""
+        """One control step; without weights or a limit the controller's own apply. Raises ControllerError if there is
+        no answer."""
 
 
 class RunnableController(Controller, Protocol):

@@ -24,7 +24,7 @@ class OnnxController:
         self._made_of = model, sizes
         self._graph = _graph(model, sizes)
         self._session = self._graph.session()
-        self._knows_speed = any(item.name == "speed" for item in self._session.get_overridable_initializers())
+        self._defaults = {item.name for item in self._session.get_overridable_initializers()}
         self.description = f"ONNX Runtime {onnxruntime.__version__}"
 
     @classmethod
@@ -48,12 +48,19 @@ class OnnxController:
         self._graph.run_on_zeros(self._session, steps, limit_s)
 
     def control_step(
-        self, window: Array, plan: Array, free: Array, weights: Array | None = None, speed: float = 1.0
+        self,
+        window: Array,
+        plan: Array,
+        free: Array,
+        weights: Array | None = None,
+        speed: float = 1.0,
+        limit: float | None = None,
     ) -> ControlStep:
         """One control step in float32 (`contract.controller.interface`); raises ControllerError if it fails."""
-        feeds = {"window": window, "plan": plan, "free": free} | ({} if weights is None else {"weights": weights})
-        if self._knows_speed:
-            feeds["speed"] = np.array(speed)
+        feeds = {"window": window, "plan": plan, "free": free}
+        for name, value in (("weights", weights), ("speed", speed), ("limit", limit)):
+            if value is not None and name in self._defaults:
+                feeds[name] = np.asarray(value)
         try:
             outputs = self._session.run(
                 list(OUTPUTS), {name: value.astype(np.float32) for name, value in feeds.items()}
@@ -67,4 +74,5 @@ class OnnxController:
 def _graph(model: bytes, sizes: Sizes) -> BoundedGraph:
     shapes = sizes.shapes()
     feeds = {name: np.zeros(shapes[name], dtype=np.float32) for name in ("window", "plan", "free")}
-    return BoundedGraph(name=CONTROLLER, model=model, shapes=shapes, feeds=feeds, outputs=OUTPUTS, optional=("speed",))
+    lacking = ("speed", "limit")
+    return BoundedGraph(name=CONTROLLER, model=model, shapes=shapes, feeds=feeds, outputs=OUTPUTS, optional=lacking)

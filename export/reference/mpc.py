@@ -15,6 +15,8 @@ from typing import Final
 import numpy as np
 
 from contract.arrays import Array
+from contract.config.controller import CostWeights
+from contract.controller.goal import Goal, beyond
 from contract.controller.interface import ControlStep
 from export.program.controller_program import ControllerProgram
 from export.reference.cost import cost_gradient, cost_terms
@@ -32,8 +34,12 @@ def control_step(
     free: Array,
     weights: Array | None = None,
     speed: float = 1.0,
+    limit: float | None = None,
 ) -> ControlStep:
     """What `controller.onnx` computes; arguments as in `contract.controller.interface`.
+
+    Where the plan starts at a prior, the optimiser acts on what the prior does not know (`beyond`). Terms and cost are
+    those of the given weights.
 
     Args:
         window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first.
@@ -41,20 +47,33 @@ def control_step(
         free: (H,) 1 where the shifted plan may be changed, 0 where it is committed.
         weights: (8,) cost weights; the program's if None.
         speed: of the vehicle, as a ratio to the design speed.
+        limit: bound on |a|, in U_inf W; the program's if None or above it.
     """
     previous_action = float(window[-1, -1])
     z = encode(program, window)
-    start = starting_plan(program, window, plan, free, speed)
-    optimised = optimise(program, z, start, previous_action, free, weights)
-    return evaluate(program, z, optimised, previous_action, weights, start)
+    start = starting_plan(program, window, plan, free, weights, speed, limit)
+    asked = _weights(program, weights)
+    remaining = asked if program.prior is None else np.array(beyond(CostWeights.of(asked)).as_tuple())
+    optimised = optimise(program, z, start, previous_action, free, remaining, limit)
+    return evaluate(program, z, optimised, previous_action, asked, start)
 
 
-def starting_plan(program: ControllerProgram, window: Array, plan: Array, free: Array, speed: float = 1.0) -> Array:
+def starting_plan(
+    program: ControllerProgram,
+    window: Array,
+    plan: Array,
+    free: Array,
+    weights: Array | None = None,
+    speed: float = 1.0,
+    limit: float | None = None,
+) -> Array:
     """Where the optimiser starts, (H,): the prior's plan, or without a prior the shifted previous one."""
     shifted = shift(plan)
     if program.prior is None:
         return shifted
-    return prior_plan(program.prior, window, shifted, free, program.action_limit, speed)
+    bound, reach = _bound(program, limit), program.action_limit
+    goal = Goal.of(CostWeights.of(_weights(program, weights)), bound / reach)
+    return prior_plan(program.prior, window, shifted, free, reach, speed, goal, bound)
 
 
 def shift(plan: Array) -> Array:
@@ -123,10 +142,11 @@ def optimise(
     previous_action: Array | float,
     free_mask: Array | float = 1.0,
     weights: Array | None = None,
+    limit: float | None = None,
 ) -> Array:
     """The program's iterations of `adam` at its learning rate."""
-    learning_rates = [program.mpc.learning_rate] * program.mpc.iterations
-    for optimised in adam(program, z, plan, previous_action, learning_rates, free_mask=free_mask, weights=weights):
+    rates = [program.mpc.learning_rate] * program.mpc.iterations
+    for optimised in adam(program, z, plan, previous_action, rates, free_mask=free_mask, weights=weights, limit=limit):
         plan = optimised
     return plan
 
@@ -140,6 +160,7 @@ def adam(
     *,
     free_mask: Array | float = 1.0,
     weights: Array | None = None,
+    limit: float | None = None,
 ) -> Iterator[Array]:
     """Projected Adam on the free actions, from `plan` as its start: yields the plan after each iteration.
 
@@ -149,9 +170,10 @@ def adam(
     Args:
         learning_rates: lr of each iteration, for all plans or, (...,), of each.
         free_mask: 1 where an action may be changed, 0 where it is committed and stays.
+        limit: bound on |a|; the program's if None or above it.
     """
     beta1, beta2 = ADAM_BETAS
-    is_free = np.asarray(free_mask) > 0.5
+    is_free, bound = np.asarray(free_mask) > 0.5, _bound(program, limit)
     start = plan
     m = np.zeros_like(plan)
     v = np.zeros_like(plan)
@@ -160,7 +182,7 @@ def adam(
         m = beta1 * m + (1.0 - beta1) * g
         v = beta2 * v + (1.0 - beta2) * g**2
         direction = (m / (1.0 - beta1**i)) / (np.sqrt(v / (1.0 - beta2**i)) + program.mpc.epsilon)
-        moved = project(plan - np.asarray(learning_rate)[..., None] * direction, program.action_limit)
+        moved = project(plan - np.asarray(learning_rate)[..., None] * direction, bound)
         plan = np.where(is_free, moved, plan)
         yield plan
 
@@ -168,6 +190,10 @@ def adam(
 def project(plan: Array, limit: float) -> Array:
     """The nearest plan with every |a| <= limit."""
     return np.clip(plan, -limit, limit)
+
+
+def _bound(program: ControllerProgram, limit: float | None) -> float:
+    return program.action_limit if limit is None else min(limit, program.action_limit)
 
 
 def _weights(program: ControllerProgram, weights: Array | None) -> Array:
