@@ -70,22 +70,30 @@ class EagerController:
         forces: Tensor = self._decoder_output(x) * self._force_std + self._force_mean
         return forces
 
-    def start(self, window: Array, committed: Tensor, chosen: Tensor, speed: float) -> Tensor:
+    def start(self, window: Array, committed: Tensor, chosen: Tensor, w: Tensor, speed: float, limit: float) -> Tensor:
         """The plan (H,) that the optimiser starts from: the prior as two products with the flattened past."""
         prior = self._program.prior
         if prior is None:
             return committed
         values, memory = self._tensor(window), prior.memory
         pairs = values[:, :-1].reshape(len(values), -1, 2).diff(dim=2).squeeze(2).neg()
+        sums = values[-memory:, :-1].unfold(1, 2, 2).sum(dim=2)
         actions, plan = values[:, -1].roll(-1), list[Tensor]()
         rows = torch.column_stack([pairs, actions])[-memory:]
         filters, output, predictor = map(self._tensor, (prior.filters, prior.output, prior.predictor))
-        hidden = torch.lerp(self._tensor(prior.first), self._tensor(prior.first + prior.slope), speed - 1.0)
+        # A goal: roots of the prices of effort and lift beside drag's, 100 and 1 at most, and half of the limit.
+        prices = torch.sqrt(w[[5, 2]] / (w[0] * self._tensor([100.0, 1.0])))
+        share = limit / self._program.action_limit
+        parts = [1.0, 2.5 * (speed - 1.0), *prices.clamp(max=1.0), min(1.0, 2.0 - 2.0 * share)]
+        hidden = sum(part * self._tensor(each) for part, each in zip(parts, prior.first, strict=True))
+        by_sums = nn.functional.linear((filters.T @ sums).flatten(), self._tensor(prior.sums).flatten(1))
+        output = output * (1.0 + torch.tanh(self._tensor(prior.gate) @ self._tensor(parts) + by_sums))
+        reach = max(0.5, share) * self._program.action_limit
         for action, is_free in zip(committed, chosen, strict=True):
             # The present row's action is not known yet: the past ends before it.
             past = torch.cat([rows[: 1 if len(plan) == 0 else 0], rows[:-1]])[-memory:]
             units = torch.tanh(nn.functional.linear((filters.T @ past).flatten(), hidden.flatten(1)))
-            plan.append(self._program.action_limit * torch.tanh(units @ output) if is_free else action)
+            plan.append((reach * torch.tanh(units @ output)).clamp(-limit, limit) if is_free else action)
             rows = torch.cat([past[-memory:], torch.cat([rows[-1, :-1], plan[-1][None]])[None]])
             following = nn.functional.linear(rows[-memory:].flatten(), predictor.flatten(1))
             rows = torch.cat([rows, torch.cat([following, following.new_zeros(1)])[None]])
@@ -108,10 +116,16 @@ class EagerController:
         )
 
     def control_step(
-        self, window: Array, plan: Array, free: Array, weights: Array | None = None, speed: float = 1.0
+        self,
+        window: Array,
+        plan: Array,
+        free: Array,
+        weights: Array | None = None,
+        speed: float = 1.0,
+        limit: float | None = None,
     ) -> tuple[Array, Array, Array, float]:
         """(new_plan, forces, terms, cost) as float64 arrays; arguments as in `contract.release.bundle`."""
-        limit = self._program.action_limit
+        limit = min(self._program.action_limit, np.inf if limit is None else limit)
         w = self._tensor(self._program.mpc.weights.as_tuple() if weights is None else weights)
         previous_action = self._tensor(window[-1, -1])
         chosen = torch.tensor(free > 0.5)
@@ -119,7 +133,11 @@ class EagerController:
             z = self.encode(window)
         committed = torch.roll(self._tensor(plan), -1)
         committed[-1] = float(plan[-1])
-        start = committed = self.start(window, committed, chosen, speed)
+        start = committed = self.start(window, committed, chosen, w, speed, limit)
+        asked = w.clone()
+        if self._program.prior is not None:
+            # What the prior was trained for is left out: drag, and of effort and lift up to the range's end.
+            asked[[0, 2, 5]] = (w[[0, 2, 5]] - w[0] * self._tensor([1.0, 1.0, 100.0])).clamp(min=0.0)
         # Only the free actions are parameters, so the optimiser cannot know the committed ones.
         free_actions = committed[chosen].clone().requires_grad_(True)
         mpc = self._program.mpc
@@ -127,7 +145,7 @@ class EagerController:
         for _ in range(mpc.iterations if chosen.any() else 0):
             optimiser.zero_grad()
             whole = committed.masked_scatter(chosen, free_actions)
-            cost = w @ self.terms(self.predict(z, whole), whole, previous_action, start)
+            cost = asked @ self.terms(self.predict(z, whole), whole, previous_action, start)
             torch.autograd.backward(cost)
             optimiser.step()
             with torch.no_grad():

@@ -64,9 +64,15 @@ class Listening:
         self.inner.warm_up(steps)
 
     def control_step(
-        self, window: Array, plan: Array, free: Array, weights: Array | None = None, speed: float = 1.0
+        self,
+        window: Array,
+        plan: Array,
+        free: Array,
+        weights: Array | None = None,
+        speed: float = 1.0,
+        limit: float | None = None,
     ) -> ControlStep:
-        self.latest = self.inner.control_step(window, plan, free, weights, speed)
+        self.latest = self.inner.control_step(window, plan, free, weights, speed, limit)
         return self.latest
 
     def taken(self) -> ControlStep | None:

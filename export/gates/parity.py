@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from contract.arrays import Array
-from contract.controller.interface import Controller
+from contract.controller.interface import TERMS, Controller
 from contract.errors import ExportError
 from contract.runtime.onnx_session import OnnxController
 from export.program.controller_program import ControllerProgram
@@ -22,6 +22,10 @@ from export.reference.mpc import control_step
 
 SPEEDS: Final = (1.0, 0.6, 1.4)
 """Of the vehicle, as ratios to the design speed, at which cases are judged in turn where the program depends on it."""
+LIMITS: Final = (1.0, 0.8, 0.3, 1.2, 0.55)
+"""The same of the bound on |a|, in shares of the program's."""
+BEYOND: Final = 100.0
+"""By which every fourth case has effort and lift dearer than a prior was trained for, of the range of other cases."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +63,12 @@ class ControlCase:
     free: Array
     weights: Array | None
     speed: float = 1.0
+    limit: float | None = None
+
+    @property
+    def arguments(self) -> tuple[Array, Array, Array, Array | None, float, float | None]:
+        """In the order of `Controller.control_step`."""
+        return self.window, self.plan, self.free, self.weights, self.speed, self.limit
 
 
 def control_cases(
@@ -78,6 +88,8 @@ def control_cases(
         free = np.ones(h)
         free[: rng.integers(0, h // 4 + 1)] = 0.0
         weights = rng.uniform(0.5, 2.0, 8) * [1.0, 0.1, 0.05, 0.2, 4.0, 1.0, 4.0, 2.0] if i % 2 else None
+        if weights is not None and i % 4 == 3:
+            weights[[TERMS.index("effort"), TERMS.index("lift")]] *= BEYOND
         # Just inside the limit, since rounding to float32 may go up.
         plan = 0.999 * limit * rng.uniform(-1.0, 1.0, h)
         yield ControlCase(
@@ -86,6 +98,7 @@ def control_cases(
             free=free,
             weights=None if weights is None else _as_float32(weights),
             speed=case_speed(program, i),
+            limit=float(np.float32(LIMITS[i % len(LIMITS)] * limit)),
         )
 
 
@@ -123,8 +136,8 @@ def check_lowering(
     tolerance = ParityTolerance() if tolerance is None else tolerance
     differences = []
     for case in control_cases(program, windows):
-        expected = control_step(program, case.window, case.plan, case.free, case.weights, case.speed)
-        found = lowering.control_step(case.window, case.plan, case.free, case.weights, case.speed)
+        expected = control_step(program, *case.arguments)
+        found = lowering.control_step(*case.arguments)
         differences.append(
             (
                 np.abs(found.plan - expected.plan).max(),

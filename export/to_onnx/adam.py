@@ -14,16 +14,20 @@ from collections.abc import Callable
 import numpy as np
 
 from export.program.controller_program import ControllerProgram
-from export.program.float32 import float32_within
 from export.reference.mpc import ADAM_BETAS
 from export.to_onnx.graph_builder import Graph
 
 
 def lower_adam(
-    graph: Graph, program: ControllerProgram, plan: str, free_mask: str, gradient: Callable[[Graph, str], str]
+    graph: Graph,
+    program: ControllerProgram,
+    plan: str,
+    free_mask: str,
+    bound: str,
+    gradient: Callable[[Graph, str], str],
 ) -> str:
-    """The optimised plan (1, H), from the plan (1, H) to start at and the mask of free actions (H,). `gradient` writes
-    dJ/da (1, H) at a plan (1, H) into the body it is given."""
+    """The optimised plan (1, H), from the plan (1, H) to start at, the mask of free actions (H,) and the bound on |a|,
+    (). `gradient` writes dJ/da (1, H) at a plan (1, H) into the body it is given."""
     h, mpc = program.mpc.horizon, program.mpc
     beta1, beta2 = ADAM_BETAS
     number = np.arange(1, mpc.iterations + 1)[:, None]
@@ -33,8 +37,7 @@ def lower_adam(
     rates = graph.constant(mpc.learning_rate * mean_scale / spread_scale, "adam_rate")
     floors = graph.constant(mpc.epsilon / spread_scale, "adam_floor")
     is_free = graph.op("Greater", free_mask, graph.constant(0.5))
-    limit = float32_within(program.action_limit)
-    low, high = graph.constant(-limit), graph.constant(limit)
+    lowest = graph.op("Neg", bound)
 
     body = graph.body()
     a, m, v = (body.input(name, (1, h)) for name in ("plan", "m", "v"))
@@ -44,7 +47,7 @@ def lower_adam(
     v_next = _decayed(body, v, body.op("Mul", g, g), beta2)
     spread = body.op("Add", body.op("Sqrt", v_next), floor)
     moved = body.op("Sub", a, body.op("Div", body.op("Mul", m_next, rate), spread))
-    body.output(body.op("Where", is_free, body.op("Clip", moved, low, high), a), (1, h))
+    body.output(body.op("Where", is_free, body.op("Clip", moved, lowest, bound), a), (1, h))
     body.output(m_next, (1, h))
     body.output(v_next, (1, h))
 

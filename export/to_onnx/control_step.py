@@ -9,11 +9,13 @@ import onnx
 
 from contract.controller.interface import OUTPUTS, Sizes
 from export.int8.rounded_program import Program, effective, precision_of
+from export.program.float32 import float32_within
 from export.to_onnx.adam import lower_adam
 from export.to_onnx.cost import Cost
 from export.to_onnx.decoder import Decoder
 from export.to_onnx.dynamics import Dynamics
 from export.to_onnx.encoder import lower_encoder
+from export.to_onnx.goal import lower_beyond, lower_schedule
 from export.to_onnx.graph_builder import Graph
 from export.to_onnx.prior import lower_prior
 from export.to_onnx.weights import store_for
@@ -28,12 +30,21 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
     window, plan, free = (graph.input(name, shapes[name]) for name in ("window", "plan", "free"))
     weights = graph.default("weights", program.mpc.weights.as_tuple())
     speed = graph.default("speed", 1.0) if program.knows_speed else None
+    reach = graph.constant(float32_within(program.action_limit))
+    bound = graph.op("Min", graph.default("limit", float32_within(program.action_limit)), reach)
 
     dynamics, decoder = Dynamics(graph, program, store), Decoder(graph, program, store)
-    start = shifted(graph, plan, program.mpc.horizon)
+    start, iterated = shifted(graph, plan, program.mpc.horizon), weights
     if program.prior is not None:
-        start = lower_prior(graph, program.prior, program.sizes, program.action_limit, window, start, free, speed)
-    cost = Cost(graph, program.mpc, weights, previous_action(graph, program.sizes, window), start)
+        schedule, share = lower_schedule(graph, weights, speed, graph.op("Div", bound, reach))
+        start = lower_prior(
+            graph, program.prior, store, program.sizes,
+            window=window, committed=start, free=free, schedule=schedule,
+            reach=graph.op("Mul", share, reach), bound=bound,
+        )  # fmt: skip
+        iterated = lower_beyond(graph, weights)
+    before = previous_action(graph, program.sizes, window)
+    cost = Cost(graph, program.mpc, weights, before, start, iterated)
     z = lower_encoder(graph, program, window, store)
 
     def gradient(body: Graph, candidate: str) -> str:
@@ -43,7 +54,7 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
         through_forces = decoder.adjoint(body, tapes, local.signed_forces)
         return dynamics.adjoint(body, rollout, through_forces, local.plan)
 
-    optimised = lower_adam(graph, program, start, free, gradient)
+    optimised = lower_adam(graph, program, start, free, bound, gradient)
     forces = decoder.forces(graph, dynamics.rollout(graph, z, optimised).latents)
     new_plan = graph.op("Squeeze", optimised, graph.index([0]))
     terms = cost.terms(graph, forces, new_plan)

@@ -19,15 +19,17 @@ class CostGradientNames:
 
 class Cost:
     """J for given weights (8,) and previous action (1,); both are values of the outermost graph. `start` is the plan
-    (1, H) that the optimiser starts from."""
+    (1, H) that the optimiser starts from, `iterated` the weights (8,) of the gradient."""
 
-    def __init__(self, graph: Graph, mpc: MpcConfig, weights: str, previous_action: str, start: str) -> None:
+    def __init__(
+        self, graph: Graph, mpc: MpcConfig, weights: str, previous_action: str, start: str, iterated: str
+    ) -> None:
         self._horizon = mpc.horizon
         self._previous_action = previous_action
         self._weights = weights
         self._start = start
         # One value of shape (1,) per term.
-        pieces = graph.ops("Split", weights, graph.index([1] * len(TERMS)), outputs=len(TERMS))
+        pieces = graph.ops("Split", iterated, graph.index([1] * len(TERMS)), outputs=len(TERMS))
         self._weight = dict(zip(TERMS, pieces, strict=True))
         self._drag_reference = graph.constant([mpc.drag_reference], "drag_reference")
         self._prepare(graph, start)

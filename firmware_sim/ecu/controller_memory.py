@@ -223,11 +223,17 @@ class ControllerMemory:
         """With a plan of zeros: the next optimisation starts from none."""
         return replace(self, plan=np.zeros_like(self.plan)) if self.plan.any() else self
 
-    def planned(self, controller: Controller, weights: Array | None = None) -> tuple["ControllerMemory", ControlStep]:
+    def planned(
+        self, controller: Controller, weights: Array | None = None, limit: float | None = None
+    ) -> tuple["ControllerMemory", ControlStep]:
         """One control step on a full window: the memory with the new plan, and what the controller answered. Raises
         ControllerError if there is no answer, or it is not a control step of this horizon in finite numbers, whatever
-        the controller raised or returned. `weights` of the cost are (8,) in the order of `CostWeights`; the
-        controller's own without."""
+        the controller raised or returned.
+
+        Args:
+            weights: of the cost, (8,) in the order of `CostWeights`; the controller's own without.
+            limit: bound on |a| in U_inf W, at any speed; likewise.
+        """
         pending = self.under_way.pending
         plan, free = self.plan.copy(), np.ones(len(self.plan))
         # The graph shifts the plan by a step. What comes first then is under way to a late actuator: as sent,
@@ -235,7 +241,7 @@ class ControllerMemory:
         plan[1 : 1 + len(pending)] = np.array(pending) / self.speed
         free[: len(pending)] = 0.0
         try:
-            step = controller.control_step(self.window, plan, free, weights, self.speed)
+            step = controller.control_step(self.window, plan, free, weights, self.speed, limit)
             horizon = len(self.plan)
             new_plan = _checked("plan", step.plan, (horizon,))
             forces = _checked("forecast", step.forces, (horizon, FORCES))

@@ -341,7 +341,7 @@ class Ecu:
         latest = memory.under_way.newest
         if mode is OperatingMode.CONTROL:
             try:
-                planned, answer = memory.planned(self._controller, self._weights)
+                planned, answer = memory.planned(self._controller, self._weights, self._config.flow.action_limit)
             except ControllerError:
                 return _Decision(memory=memory, action=0.0, fault=Reason.INTERNAL)
             speed, wanted = memory.speed, float(answer.plan[self._config.ecu.frozen_actions])

@@ -33,7 +33,7 @@ class RecordingController:
         self.plan = plan
         self.calls: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
 
-    def control_step(self, window, plan, free, weights=None, speed=1.0) -> ControlStep:
+    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
         self.calls.append((window.copy(), plan.copy(), free.copy()))
         # As the graph does: the shifted plan where it is committed, new actions elsewhere.
         new = np.array([self.plan(i) for i in range(len(plan))])

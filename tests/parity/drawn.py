@@ -41,10 +41,10 @@ def drawn_program(seed: int) -> ControllerProgram:
 def assert_nothing_is_carried(program: ControllerProgram, controller: CController) -> None:
     """Nothing from step to step, and no scratch is read before it is written."""
     cases = list(control_cases(program, count=4))
-    first = [controller.control_step(case.window, case.plan, case.free, case.weights) for case in cases]
+    first = [controller.control_step(*case.arguments) for case in cases]
     for case, expected in zip(reversed(cases), reversed(first), strict=True):
         controller.poison_workspace()
-        found = controller.control_step(case.window, case.plan, case.free, case.weights)
+        found = controller.control_step(*case.arguments)
         np.testing.assert_array_equal(found.plan, expected.plan)
         np.testing.assert_array_equal(found.forces, expected.forces)
         assert found.cost == expected.cost

@@ -43,8 +43,8 @@ def in_integers(rounded: RoundedProgram) -> CController:
 def assert_close(program: ControllerProgram, controller: CController, count: int) -> None:
     errors, forces, gaps = [], [], []
     for case in control_cases(program, count=count):
-        expected = control_step(program, case.window, case.plan, case.free, case.weights, case.speed)
-        found = controller.control_step(case.window, case.plan, case.free, case.weights, case.speed)
+        expected = control_step(program, *case.arguments)
+        found = controller.control_step(*case.arguments)
         errors.append(found.plan - expected.plan)
         forces.append(found.forces - expected.forces)
         gaps.append(found.cost - expected.cost)
@@ -111,8 +111,8 @@ def test_avx2_computes_what_plain_c_does(dynamics_width):
         for flags in (uncontracted, (*uncontracted, "-march=native"))
     )
     for case in control_cases(program, count=4):
-        expected = plain.control_step(case.window, case.plan, case.free, case.weights)
-        found = native.control_step(case.window, case.plan, case.free, case.weights)
+        expected = plain.control_step(*case.arguments)
+        found = native.control_step(*case.arguments)
         np.testing.assert_array_equal(found.plan, expected.plan)
         np.testing.assert_array_equal(found.forces, expected.forces)
 

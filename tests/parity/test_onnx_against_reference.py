@@ -11,6 +11,7 @@ import pytest
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
+from contract.controller.goal import SCHEDULED
 from contract.errors import ExportError
 from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
@@ -48,12 +49,15 @@ def test_paper_size(precision):
 
 def test_the_speed_is_an_input_where_the_plan_depends_on_it():
     program = random_program(2, model=SMALL, mpc=MpcConfig(horizon=6), prior_memory=24)
-    assert program.prior is not None
-    blind = replace(program, prior=replace(program.prior, slope=np.zeros_like(program.prior.slope)))
+    prior = program.prior
+    assert prior is not None
+    without = np.arange(len(SCHEDULED)) != SCHEDULED.index("speed")
+    first, gate = (prior.first.T * without).T, prior.gate * without
+    blind = replace(program, prior=replace(prior, first=first, gate=gate))
     window = random_window(program, np.random.default_rng(0))
-    for one, name in ((program, ["speed"]), (blind, [])):
+    for one, names in ((program, ["speed", "limit"]), (blind, ["limit"])):
         graph = build_controller(one)
-        assert [item.name for item in graph.graph.input][4:] == name
+        assert [item.name for item in graph.graph.input][4:] == names
         controller = OnnxController(graph.SerializeToString(), one.sizes)
         slow, given, default = (
             controller.control_step(window, np.zeros(6), np.ones(6), None, *speed).plan for speed in ([0.6], [1.0], [])

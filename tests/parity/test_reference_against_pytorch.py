@@ -38,8 +38,8 @@ def one_thread():
 def assert_same_step(program: ControllerProgram, case: ControlCase) -> None:
     expected_plan, expected_forces, expected_terms, expected_cost = EagerController(
         program, torch.float64
-    ).control_step(case.window, case.plan, case.free, case.weights, case.speed)
-    found = control_step(program, case.window, case.plan, case.free, case.weights, case.speed)
+    ).control_step(*case.arguments)
+    found = control_step(program, *case.arguments)
     np.testing.assert_allclose(found.plan, expected_plan, rtol=0, atol=TOLERANCE)
     np.testing.assert_allclose(found.forces, expected_forces, rtol=0, atol=TOLERANCE)
     np.testing.assert_allclose(found.terms, expected_terms, rtol=0, atol=TOLERANCE)

@@ -27,11 +27,17 @@ class TimedController:
         self.times = PlanTimes() if times is None else times
 
     def control_step(
-        self, window: Array, plan: Array, free: Array, weights: Array | None = None, speed: float = 1.0
+        self,
+        window: Array,
+        plan: Array,
+        free: Array,
+        weights: Array | None = None,
+        speed: float = 1.0,
+        limit: float | None = None,
     ) -> ControlStep:
         """The other's."""
         self.times.began_ns = self._now_ns()
         try:
-            return self._controller.control_step(window, plan, free, weights, speed)
+            return self._controller.control_step(window, plan, free, weights, speed, limit)
         finally:
             self.times.ended_ns = self._now_ns()

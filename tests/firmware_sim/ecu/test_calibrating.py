@@ -56,21 +56,21 @@ def test_the_releases_own_values_change_no_bit(bench_of, delay, plan_ahead):
     assert plain.ecu.trace.mode is Mode.CONTROL
 
 
-def test_the_weights_are_those_of_the_period_in_the_order_of_the_controllers_input(bench_of):
+def test_weights_and_limit_are_those_of_the_period_in_the_order_of_the_controllers_input(bench_of):
     given: list[tuple[float, ...]] = []
 
     class Weighed(RecordingController):
-        def control_step(self, window, plan, free, weights=None, speed=1.0):
-            given.append(tuple(weights.tolist()))
+        def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None):
+            given.append((*weights.tolist(), limit))
             return super().control_step(window, plan, free)
 
     bench = bench_of(Weighed())
     bench.into_control()
-    own = bench.bundle.manifest.mpc.weights.as_tuple()
-    wanted = tuple(float(k) for k in range(1, len(WEIGHTS) + 1))
-    calibrate(bench, **dict(zip(WEIGHTS, wanted, strict=True)))
+    own = (*bench.bundle.manifest.mpc.weights.as_tuple(), LIMIT)
+    wanted = (*(float(k) for k in range(1, len(WEIGHTS) + 1)), 0.5 * LIMIT)
+    calibrate(bench, **dict(zip((*WEIGHTS, "action_limit"), wanted, strict=True)))
     bench.good(2)
-    assert given == [own, *[wanted] * 2]
+    assert np.float32(given).tolist() == np.float32([own, *[wanted] * 2]).tolist()
 
 
 bounds = st.fixed_dictionaries(

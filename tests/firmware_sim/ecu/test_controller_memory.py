@@ -41,7 +41,7 @@ class Answering:
     def __init__(self, answer: object) -> None:
         self.answer = answer
 
-    def control_step(self, window, plan, free, weights=None, speed=1.0) -> ControlStep:
+    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
         if isinstance(self.answer, BaseException):
             raise self.answer
         return cast(ControlStep, self.answer)

@@ -21,7 +21,7 @@ from tests.examples import examples
 class Mixing:
     """A controller whose plan depends on every number it is given, and on nothing else."""
 
-    def control_step(self, window, plan, free, weights=None, speed=1.0) -> ControlStep:
+    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
         weights = np.linspace(-0.01, 0.02, window.size).reshape(window.shape)
         drive = 0.05 * np.sin(np.sum(weights * window) + np.arange(len(plan)))
         shifted = np.append(plan[1:], plan[-1])

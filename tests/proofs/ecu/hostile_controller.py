@@ -29,7 +29,13 @@ class HostileController:
         self._deed, self._value, self.called = deed, value, False
 
     def control_step(
-        self, window: Array, plan: Array, free: Array, weights: Array | None = None, speed: float = 1.0
+        self,
+        window: Array,
+        plan: Array,
+        free: Array,
+        weights: Array | None = None,
+        speed: float = 1.0,
+        limit: float | None = None,
     ) -> ControlStep:
         """See `Controller`; it also spoils what it was given to read and write, and what it gave back before."""
         self.called, deed = True, self._deed

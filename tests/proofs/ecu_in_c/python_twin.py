@@ -84,11 +84,17 @@ class Networks:
         self.estimated_on.clear()
 
     def control_step(
-        self, window: Array, plan: Array, free: Array, weights: Array | None = None, speed: float = 1.0
+        self,
+        window: Array,
+        plan: Array,
+        free: Array,
+        weights: Array | None = None,
+        speed: float = 1.0,
+        limit: float | None = None,
     ) -> ControlStep:
         """See `Controller`."""
-        assert weights is not None
-        self.planned_on.append((window, plan, free, weights, np.array(speed)))
+        assert weights is not None and limit is not None
+        self.planned_on.append((window, plan, free, weights, np.array([speed, limit])))
         if not self.answers.is_planned:
             raise ControllerError("no answer")
         return ControlStep(plan=self.answers.plan, forces=self.answers.forces, terms=np.zeros(len(TERMS)), cost=0.0)
@@ -170,12 +176,12 @@ class PythonTwin:
         place.trace.interventions = trace.interventions.value
         self.layout.structs.set_state(ffi.addressof(place, "state"), self.ecu.state)
         place.plans_asked, place.estimates_asked = len(networks.planned_on), len(networks.estimated_on)
-        for window, plan, free, weights, speed in networks.planned_on:
+        for window, plan, free, weights, (speed, limit) in networks.planned_on:
             asked = place.planned_on
             for member, values in ((asked.window, window), (asked.plan, plan), (asked.free, free)):
                 copy(ffi, member, values.astype(np.float32))
             copy(ffi, asked.weights, weights.astype(np.float32))
-            asked.speed = float(speed)
+            asked.speed, asked.limit = float(speed), float(limit)
         for window in networks.estimated_on:
             copy(ffi, place.estimated_on, window)
 

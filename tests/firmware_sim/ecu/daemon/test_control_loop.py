@@ -30,7 +30,7 @@ class Slow:
     def __init__(self) -> None:
         self.takes_ns = 0
 
-    def control_step(self, window, plan, free, weights=None, speed=1.0) -> ControlStep:
+    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
         self.rig.now += self.takes_ns
         return ControlStep(plan=np.full(len(plan), 0.01), forces=np.zeros((len(plan), 2)), terms=np.zeros(8), cost=0.0)
 

@@ -35,14 +35,14 @@ class Planning:
     def __init__(self, value: float, length: int | None = None, forces: float = 0.0) -> None:
         self.value, self.length, self.forces = value, length, forces
 
-    def control_step(self, window, plan, free, weights=None, speed=1.0) -> ControlStep:
+    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
         length = len(plan) if self.length is None else self.length
         forces = np.full((len(plan), 2), self.forces)
         return ControlStep(plan=np.full(length, self.value), forces=forces, terms=np.zeros(8), cost=0.0)
 
 
 class Failing:
-    def control_step(self, window, plan, free, weights=None, speed=1.0) -> ControlStep:
+    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
         raise ControllerError("no answer")
 
 

@@ -51,10 +51,10 @@ def test_another_file_is_refused(tmp_path):
 
 
 class Planning:
-    def control_step(self, window, plan, free, weights=None, speed=1.0) -> ControlStep:
+    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
         if not window.any():
             raise ControllerError("none")
-        forces = np.array([window[0], free[0], weights[0], speed])
+        forces = np.array([window[0], free[0], weights[0], speed, limit])
         return ControlStep(plan=plan, forces=forces, terms=np.zeros(8), cost=0.0)
 
 
@@ -62,8 +62,8 @@ def test_a_timed_controller_passes_everything_on_and_notes_before_and_after_a_fa
     timed = TimedController(Planning(), partial(next, count(10)))
     times = [(timed.times.began_ns, timed.times.ended_ns)]
     window, plan, free, weights = np.arange(1, 5)[:, None]
-    answer = timed.control_step(window, plan, free, weights, 5.0)
-    assert (answer.plan.tolist(), answer.forces.tolist()) == ([2], [1, 3, 4, 5])
+    answer = timed.control_step(window, plan, free, weights, 5.0, 6.0)
+    assert (answer.plan.tolist(), answer.forces.tolist()) == ([2], [1, 3, 4, 5, 6])
     times.append((timed.times.began_ns, timed.times.ended_ns))
     timed.times.forget()
     times.append((timed.times.began_ns, timed.times.ended_ns))
