@@ -36,7 +36,7 @@ def lower_prior(
     past, y = _past(graph, prior, sizes, window)
     units, filters = _units(graph, prior, store, schedule), graph.constant(prior.filters.T, "prior.filters")
     gates, lowest = _gates(graph, prior, store, sizes, window, schedule, filters), graph.op("Neg", bound)
-    output = graph.op("Mul", transposed(graph, gates), graph.constant(prior.output[:, None], "prior.output"))
+    output = graph.op("Mul", gates, graph.constant(prior.output[:, None], "prior.output"))
 
     body = graph.body()
     rows, now = body.input("past", (prior.memory, columns)), body.input("y", (1, prior.pairs))
