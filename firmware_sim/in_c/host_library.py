@@ -70,6 +70,7 @@ class CController(NeverCopied):
             free=ctypes.c_float * horizon,
             weights=ctypes.c_float * len(TERMS),
             speed=ctypes.c_float,
+            limit=ctypes.c_float,
         )
         self._output = _structure(
             "sw_output",
@@ -82,7 +83,7 @@ class CController(NeverCopied):
         self._window, self._plan, self._free, self._weights = (
             np.ctypeslib.as_array(getattr(self._input, name)) for name in ("window", "plan", "free", "weights")
         )
-        self._default_weights = self._weights.copy()
+        self._default_weights, self._default_limit = self._weights.copy(), self._input.limit
         self._workspace = _aligned(self._library.sw_workspace_bytes())
 
     @property
@@ -97,12 +98,19 @@ class CController(NeverCopied):
             self.control_step(window, plan, free)
 
     def control_step(
-        self, window: Array, plan: Array, free: Array, weights: Array | None = None, speed: float = 1.0
+        self,
+        window: Array,
+        plan: Array,
+        free: Array,
+        weights: Array | None = None,
+        speed: float = 1.0,
+        limit: float | None = None,
     ) -> ControlStep:
         """One control step in float32; raises ControllerError if an input or a result is not finite."""
         self._window[:], self._plan[:], self._free[:] = window, plan, free
         self._weights[:] = self._default_weights if weights is None else weights
         self._input.speed = speed
+        self._input.limit = self._default_limit if limit is None else limit
         status = self._step(
             ctypes.c_void_p(self._workspace.ctypes.data), ctypes.byref(self._input), ctypes.byref(self._output)
         )
