@@ -4,11 +4,15 @@ Derived in float64 and rounded once: matrices centred where a norm follows, 1 / 
 both LSTM biases added up. Vectors are padded with zeros to whole registers.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 import numpy.typing as npt
 
 from contract.arrays import Array
+from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT, NARROWEST, SCHEDULED, SPEED_SCALE
 from contract.errors import ExportError
+from export.int8.nearest import Int8Matrix
 from export.program.controller_program import ControllerProgram
 from export.program.float32 import float32_within
 from export.program.weights import PriorWeights
@@ -34,7 +38,7 @@ def float_arrays(program: ControllerProgram) -> dict[str, Values]:
         **_dynamics(program),
         **_decoder(program),
         **optimiser_arrays(program),
-        **prior_arrays(program),
+        **prior_arrays(program, {}),
     }
 
 
@@ -129,37 +133,68 @@ def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
     }
 
 
-def prior_arrays(program: ControllerProgram) -> dict[str, Values]:
+def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix]) -> dict[str, Values]:
     """The prior's filters, each from its first row to its last, and its layers; nothing where there is no prior.
 
-    The slopes of the units stand below `first`, on inputs of their own, where they are not all zero.
+    Of the weights on the schedule those behind the last that is used are left out, and of the gates all if they are 1.
+
+    Args:
+        integers: of the prior's two matrices by their names; where they are not, numbers are floats of scale 1.
     """
     if program.prior is None:
         return {}
     prior, units = program.prior, len(program.prior.output)
-    ranges = _filter_ranges(prior)
-    layers = (prior.first, prior.slope) if prior.knows_speed else (prior.first,)
-    products = np.concatenate([layer.reshape(units, -1) for layer in layers], axis=1)
-    filled = np.pad(products, [(0, -units % PRIOR_OUTPUTS_AT_A_TIME), (0, 0)])
+    ranges, scheduled = _filter_ranges(prior), _scheduled(prior)
+    first, first_scale = _stored(prior.first.reshape(-1, prior.first[0, 0].size), integers.get("prior.first"))
+    sums, sums_scale = _stored(prior.sums.reshape(units, -1), integers.get("prior.sums"))
+    # By unit: its weights on an input, each for one of the schedule, stand next to each other.
+    by_unit = first.reshape(-1, units, first.shape[1])[:scheduled].transpose(1, 2, 0)
+    filled = (0, -units % PRIOR_OUTPUTS_AT_A_TIME)
+    gates = {
+        "sw_prior_gate": prior.gate[:, :scheduled],
+        "sw_prior_sums": sums,
+        "sw_prior_sums_scale": sums_scale,
+    }
     return {
         "sw_prior_filter_rows": ranges,
         "sw_prior_filter": np.concatenate(
-            [column[first : first + count] for column, (first, count) in zip(prior.filters.T, ranges, strict=True)]
+            [column[begin : begin + count] for column, (begin, count) in zip(prior.filters.T, ranges, strict=True)]
         ),
-        "sw_prior_weight": filled.T,
+        "sw_prior_first": np.pad(by_unit, [filled, (0, 0), (0, 0)]),
+        "sw_prior_first_scale": np.pad(first_scale.reshape(-1, units)[:scheduled].T, [filled, (0, 0)]),
+        **(gates if prior.is_gated else {}),
         "sw_prior_output": prior.output,
         "sw_prior_predictor": prior.predictor.reshape(prior.pairs, -1),
     }
 
 
-def prior_settings(prior: PriorWeights) -> dict[str, int]:
-    """What `sw_settings.h` has of the filters, and whether the units know the speed."""
+def _stored(matrix: Array, integers: Int8Matrix | None) -> tuple[Array | npt.NDArray[np.int8], Array]:
+    """Numbers of a matrix (outputs, inputs), and their scale for each output."""
+    if integers is None:
+        return matrix, np.ones(len(matrix))
+    return integers.values, integers.scales.astype(np.float64)
+
+
+def prior_settings(prior: PriorWeights) -> dict[str, int | np.float32]:
+    """What `sw_settings.h` has of the filters, of what schedules the units, and of the goals that a prior knows."""
     ranges = _filter_ranges(prior)
     return {
         "SW_PRIOR_FILTERS": len(ranges),
         "SW_PRIOR_FILTER_ROWS": int(ranges[:, 1].sum()),
-        "SW_PRIOR_SLOPE": int(prior.knows_speed),
+        "SW_SCHEDULED": len(SCHEDULED),
+        "SW_PRIOR_SCHEDULED": _scheduled(prior),
+        "SW_PRIOR_GATED": int(prior.is_gated),
+        "SW_SPEED_SCALE": np.float32(SPEED_SCALE),
+        "SW_DEAREST_EFFORT": np.float32(DEAREST_EFFORT),
+        "SW_DEAREST_LIFT": np.float32(DEAREST_LIFT),
+        "SW_NARROWEST": np.float32(NARROWEST),
     }
+
+
+def _scheduled(prior: PriorWeights) -> int:
+    """How many of `SCHEDULED` there are up to the last that changes a unit."""
+    knows = prior.knows
+    return max((number for number, name in enumerate(SCHEDULED, 1) if knows[name]), default=1)
 
 
 def _filter_ranges(prior: PriorWeights) -> Integers:

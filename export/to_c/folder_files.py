@@ -46,7 +46,7 @@ def _facts(settings: Settings) -> dict[str, str | int]:
         "HORIZON": horizon,
         "ITERATIONS": settings.number("SW_ITERATIONS"),
         "PROGRAM": settings.text("SW_PROGRAM_SHA256"),
-        "INPUT_BYTES": _FLOAT_BYTES * (window * (sensors + 1) + 2 * horizon + len(TERMS) + 1),
+        "INPUT_BYTES": _FLOAT_BYTES * (window * (sensors + 1) + 2 * horizon + len(TERMS) + 2),
         "OUTPUT_BYTES": _FLOAT_BYTES * (horizon * (1 + FORCES) + len(TERMS) + 1),
         "PRODUCTS": f"{settings.multiply_accumulates():,}",
     }

@@ -39,7 +39,7 @@ def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, 
         **_dynamics(rounded, ranges),
         **_decoder(rounded, ranges),
         **optimiser_arrays(program),
-        **prior_arrays(program),
+        **prior_arrays(program, rounded.matrices),
     }
 
 

@@ -2,7 +2,8 @@
  *
  * Freestanding C99. No allocation, no recursion, no library calls, no static state: everything that is written stands
  * in the caller's structures, so that several controllers may run side by side. But for a few comparisons in the cost,
- * the work of a step does not depend on the data. Compile the sources as C; C++ may include this header. sw_settings.h,
+ * and for the iterations, which are left out where no weight asks for any, the work of a step does not depend on the data.
+ * Compile the sources as C; C++ may include this header. sw_settings.h,
  * generated, has the sizes and the hash of the program, and sw_weights.c its numbers. They need not be compiled in: with
  * the functions that end in _of they may stand anywhere in memory (sw_program.h).
  */
@@ -41,6 +42,7 @@ typedef struct {
     float free[SW_HORIZON];              /* 1 where the shifted plan may be changed, 0 where it is committed */
     float weights[SW_TERMS];             /* of the cost terms */
     float speed;                         /* the vehicle's, as a ratio to the design speed */
+    float limit;                         /* bound on the actions, whatever the speed; the program's own is never exceeded */
 } sw_input;
 
 /* Its answer. */
@@ -63,8 +65,8 @@ typedef enum {
  */
 sw_status sw_arithmetic(void);
 
-/* Start: an empty window, no plan, every action free, the program's cost weights, the design speed. Answers as
- * sw_arithmetic.
+/* Start: an empty window, no plan, every action free, the program's cost weights and action limit, the design speed.
+ * Answers as sw_arithmetic.
  */
 sw_status sw_input_reset(sw_input *input);
 

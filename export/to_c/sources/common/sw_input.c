@@ -14,6 +14,7 @@ sw_status sw_input_reset_of(const sw_program *program, sw_input *input)
     }
     for (int i = 0; i < SW_TERMS; i++) input->weights[i] = w->default_weights[i];
     input->speed = 1.0f;
+    input->limit = w->action_limit;
     return sw_arithmetic();
 }
 

@@ -134,7 +134,7 @@ static int are_finite(const float *values, int count)
 static decision planned(sw_ecu *ecu)
 {
     decision due = {0.0, SW_REASON_INTERNAL};
-    sw_memory_input(&ecu->state.memory, ecu->calibration.weights, &ecu->input);
+    sw_memory_input(&ecu->state.memory, &ecu->calibration, &ecu->input);
     const sw_status status = sw_control_step_of(&ecu->numbers.program, &ecu->work.control, &ecu->input, &ecu->output);
     const int finite = are_finite(ecu->output.plan, SW_HORIZON) & are_finite(&ecu->output.forces[0][0], 2 * SW_HORIZON);
     if (status == SW_OK && finite) {

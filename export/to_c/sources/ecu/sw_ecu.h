@@ -251,7 +251,7 @@ typedef struct {
 /* What may be changed of a release on the vehicle, in the layout in which UDS and XCP carry it. */
 typedef struct {
     float weights[SW_TERMS]; /* of the cost terms */
-    float action_limit;      /* largest magnitude that the command gate lets pass, in U_inf W */
+    float action_limit;      /* largest magnitude of an action, planned or let pass by the gate, in U_inf W */
     float command_step;      /* largest change in a control period, in U_inf W */
     uint32_t delay_steps;    /* actuator delay in control periods that is compensated */
 } sw_calibration;

@@ -171,7 +171,7 @@ void sw_memory_freeze(sw_memory *memory, int frozen);
 void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW_KEPT][SW_SENSORS]);
 
 /* The control step's input. */
-void sw_memory_input(const sw_memory *memory, const float weights[SW_TERMS], sw_input *input);
+void sw_memory_input(const sw_memory *memory, const sw_calibration *calibration, sw_input *input);
 
 /* --- sw_estimator.c, where there is a sensor check --- */
 

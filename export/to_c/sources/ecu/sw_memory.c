@@ -124,7 +124,7 @@ void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW
 #endif
 }
 
-void sw_memory_input(const sw_memory *memory, const float weights[SW_TERMS], sw_input *input)
+void sw_memory_input(const sw_memory *memory, const sw_calibration *calibration, sw_input *input)
 {
     const int frozen = (int)memory->frozen;
     const double speed = sw_memory_speed(memory);
@@ -142,6 +142,7 @@ void sw_memory_input(const sw_memory *memory, const float weights[SW_TERMS], sw_
         const double sent = memory->under_way[k] / speed;
         input->plan[k] = (float)sent;
     }
-    for (int i = 0; i < SW_TERMS; i++) input->weights[i] = weights[i];
+    for (int i = 0; i < SW_TERMS; i++) input->weights[i] = calibration->weights[i];
     input->speed = (float)speed;
+    input->limit = calibration->action_limit;
 }

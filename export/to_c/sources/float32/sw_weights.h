@@ -12,6 +12,8 @@ extern "C" {
 
 #define SW_CELLS (4 * SW_LSTM_P)
 
+typedef float sw_prior_number; /* of the prior's matrices (sw_prior.h) */
+
 /* Read in place, wherever they stand: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
     /* Scaling: (value - mean) factor of a window's columns, and physical forces = mean + std scaled. */

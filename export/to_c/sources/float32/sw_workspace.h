@@ -59,6 +59,7 @@ typedef struct {
     float forces[2][SW_HORIZON_P];            /* Cd, then Cl */
     float d_forces[2][SW_HORIZON_P];          /* dJ/d(Cd, Cl) */
     float d_latents[SW_LATENT][SW_HORIZON_P]; /* dJ/dz through the forces alone */
+    float limit; /* bound on an action in this control step */
     float plan[SW_HORIZON];
     float start[SW_HORIZON];    /* of the optimiser */
     float gradient[SW_HORIZON]; /* dJ/da */

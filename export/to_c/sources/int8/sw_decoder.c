@@ -40,8 +40,8 @@ static void add_residuals(int32_t *restrict x, const int16_t *restrict elu, int1
 static void decode_steps(sw_workspace *work, int first, int count)
 {
     const sw_weights *w = work->program.weights;
-    sw_decoder_tape *tape = &work->decoder;
-    sw_decoder_scratch *s = &work->phase.decoder;
+    sw_decoder_tape *tape = &work->phase.tape.decoder;
+    sw_decoder_scratch *s = &work->phase.tape.scratch.decoder;
     const float qmax = (float)SW_QMAX(SW_LATENT_P);
     for (int t = 0; t < count; t++) {
         for (int l = 0; l < SW_LATENT_P; l++) s->vector[t][l] = 0;
@@ -107,8 +107,8 @@ static float round_adjoints(int16_t *restrict vector, int32_t *restrict x, float
 static void decode_steps_adjoint(sw_workspace *work, int first, int count)
 {
     const sw_weights *w = work->program.weights;
-    sw_decoder_tape *tape = &work->decoder;
-    sw_decoder_scratch *s = &work->phase.decoder;
+    sw_decoder_tape *tape = &work->phase.tape.decoder;
+    sw_decoder_scratch *s = &work->phase.tape.scratch.decoder;
     float unit[2], unit_of_sums[2];
     for (int t = 0; t < count; t++) {
         const int k = first + t;

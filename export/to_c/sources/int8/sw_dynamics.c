@@ -6,8 +6,8 @@ void sw_roll_out(sw_workspace *work)
 {
     const sw_weights *w = work->program.weights;
     const sw_hot *hot = work->program.hot;
-    sw_dynamics_tape *tape = &work->dynamics;
-    sw_dynamics_scratch *s = &work->phase.dynamics;
+    sw_dynamics_tape *tape = &work->phase.tape.dynamics;
+    sw_dynamics_scratch *s = &work->phase.tape.scratch.dynamics;
     const float qmax = (float)SW_QMAX(SW_STATE_P);
     float state[SW_LATENT];
     for (int l = 0; l < SW_LATENT; l++) state[l] = work->z[l];
@@ -32,8 +32,8 @@ void sw_roll_out_adjoint(sw_workspace *work)
 {
     const sw_weights *w = work->program.weights;
     const sw_hot *hot = work->program.hot;
-    sw_dynamics_tape *tape = &work->dynamics;
-    sw_dynamics_scratch *s = &work->phase.dynamics;
+    sw_dynamics_tape *tape = &work->phase.tape.dynamics;
+    sw_dynamics_scratch *s = &work->phase.tape.scratch.dynamics;
     float adjoint[SW_LATENT] = {0};
     for (int k = SW_HORIZON - 1; k >= 0; k--) {
         for (int l = 0; l < SW_LATENT; l++) adjoint[l] += work->d_latents[k][l];

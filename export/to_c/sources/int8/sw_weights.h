@@ -38,6 +38,8 @@ enum { SW_ADJOINT_GAIN, SW_ADJOINT_SCALE };
 /* Of a layer with a norm: epsilon in its unit, and the unit of its adjoint. */
 enum { SW_LAYER_EPSILON, SW_LAYER_ADJOINT };
 
+typedef int8_t sw_prior_number; /* of the prior's matrices (sw_prior.h) */
+
 /* Read in place, wherever they stand: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
     /* Scaling: (value - mean) factor of a window's columns, and physical forces = mean + std scaled. */

@@ -95,18 +95,23 @@ typedef struct {
     float forces[2][SW_HORIZON_P];            /* Cd, then Cl */
     float d_forces[2][SW_HORIZON_P];          /* dJ/d(Cd, Cl) */
     float d_latents[SW_HORIZON_P][SW_LATENT]; /* dJ/dz through the forces alone */
+    float limit; /* bound on an action in this control step */
     float plan[SW_HORIZON];
     float start[SW_HORIZON];    /* of the optimiser */
     float gradient[SW_HORIZON]; /* dJ/da */
     float moment1[SW_HORIZON];  /* Adam's m and v */
     float moment2[SW_HORIZON];
-    sw_dynamics_tape dynamics;
-    sw_decoder_tape decoder;
     union {
         sw_prior_scratch prior;
         sw_encoder_scratch encoder;
-        sw_dynamics_scratch dynamics;
-        sw_decoder_scratch decoder;
+        struct {
+            sw_dynamics_tape dynamics;
+            sw_decoder_tape decoder;
+            union {
+                sw_dynamics_scratch dynamics;
+                sw_decoder_scratch decoder;
+            } scratch;
+        } tape;
     } phase;
 } sw_workspace;
 

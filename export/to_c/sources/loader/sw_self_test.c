@@ -39,6 +39,7 @@ static int runs(sw_ecu *ecu, float amplitude, float most)
     fill(&ecu->input, amplitude);
     for (int i = 0; i < SW_TERMS; i++) ecu->input.weights[i] = ecu->numbers.release->weights[i];
     ecu->input.speed = 1.0f;
+    ecu->input.limit = FLT_MAX; /* the program's own is looked at */
     ecu->trace.planned = 0;
     int sound = sw_control_step_of(&ecu->numbers.program, &ecu->work.control, &ecu->input, output) == SW_OK;
     for (int k = 0; k < SW_HORIZON; k++) {

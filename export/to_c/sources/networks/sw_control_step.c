@@ -15,8 +15,26 @@ void sw_adam_step(sw_workspace *work, const float free_actions[SW_HORIZON], int 
         const float moved = work->plan[k] - (m * rate) / (sw_sqrt(v) * unbias + w->adam_epsilon);
         work->moment1[k] = m;
         work->moment2[k] = v;
-        if (free_actions[k] > 0.5f) work->plan[k] = sw_min(sw_max(moved, -w->action_limit), w->action_limit);
+        if (free_actions[k] > 0.5f) work->plan[k] = sw_min(sw_max(moved, -work->limit), work->limit);
     }
+}
+
+/* The weights that the iterations take, and whether any of them is not 0. Of a goal that the prior knows its plan has the
+ * best already (contract/controller/goal.py): what is left is what is asked beyond.
+ */
+static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TERMS])
+{
+    int any = 0;
+    for (int i = 0; i < SW_TERMS; i++) asked[i] = weights[i];
+#if SW_PRIOR_UNITS > 0
+    asked[SW_DRAG_MEAN] = 0.0f;
+    asked[SW_EFFORT] = sw_max(weights[SW_EFFORT] - SW_DEAREST_EFFORT * weights[SW_DRAG_MEAN], 0.0f);
+    asked[SW_LIFT] = sw_max(weights[SW_LIFT] - SW_DEAREST_LIFT * weights[SW_DRAG_MEAN], 0.0f);
+    for (int i = 0; i < SW_TERMS; i++) any |= asked[i] > 0.0f || asked[i] < 0.0f;
+#else
+    any = 1; /* the start may be beyond the limit */
+#endif
+    return any;
 }
 
 sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, const sw_input *input, sw_output *output)
@@ -24,6 +42,7 @@ sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, cons
     const float previous_action = input->window[SW_WINDOW - 1][SW_SENSORS];
     if (sw_arithmetic() != SW_OK) return sw_refused(output);
     work->program = *program;
+    work->limit = sw_min(input->limit, program->weights->action_limit);
     sw_start_plan(work, input);
     sw_encode(work, input->window);
     for (int k = 0; k < SW_HORIZON; k++) {
@@ -31,10 +50,12 @@ sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, cons
         work->moment1[k] = 0.0f;
         work->moment2[k] = 0.0f;
     }
-    for (int i = 0; i < SW_ITERATIONS; i++) {
+    float asked[SW_TERMS];
+    const int iterations = asked_of_iterations(asked, input->weights) ? SW_ITERATIONS : 0;
+    for (int i = 0; i < iterations; i++) {
         sw_roll_out(work);
         sw_decode(work);
-        sw_cost_gradient(work, previous_action, input->weights);
+        sw_cost_gradient(work, previous_action, asked);
         sw_decode_adjoint(work);
         sw_roll_out_adjoint(work);
         sw_adam_step(work, input->free, i);
@@ -51,7 +72,7 @@ sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, cons
     }
     /* The inputs as well: clipping makes a finite action of a NaN. */
     const int finite = sw_all_finite(&input->window[0][0], SW_WINDOW * SW_COLUMNS) & sw_all_finite(input->plan, SW_HORIZON) &
-                       sw_all_finite(input->weights, SW_TERMS) & sw_all_finite(&input->speed, 1) &
+                       sw_all_finite(input->weights, SW_TERMS) & sw_all_finite(&input->speed, 1) & sw_all_finite(&input->limit, 1) &
                        sw_all_finite(&output->forces[0][0], 2 * SW_HORIZON) & sw_all_finite(output->plan, SW_HORIZON) &
                        sw_all_finite(&output->cost, 1);
     return finite ? SW_OK : SW_NOT_FINITE;
