@@ -199,38 +199,25 @@ class PriorWeights:
         A model of 1.0.0 knows the speed at most: it has "slope", what "first" (n, F, p + 1) gains for each design speed
         that the vehicle is faster, or "hidden" (n, M, p + 1) in place of filters and both.
         """
-        tensors = _Tensors("prior", state)
-        if "hidden" in state or "slope" in state:
-            return cls._of_speed_alone(tensors, is_dense="hidden" in state)
-        scheduled, units, count, columns = shape = tensors.shape("first", 4)
-        if scheduled != len(SCHEDULED):
-            raise ExportError(f"prior.first: shape {shape}, must have {len(SCHEDULED)} schedules")
-        memory = tensors.size("filters", axis=0)
-        weights = cls(
-            filters=tensors.take("filters", (memory, count)),
-            first=tensors.take("first", shape),
-            gate=tensors.take("gate", (units, scheduled)),
-            sums=tensors.take("sums", (units, count, columns - 1)),
-            output=tensors.take("output", (units,)),
-            predictor=tensors.take("predictor", (columns - 1, memory, columns)),
-        )
-        tensors.refuse_leftovers()
-        return weights
-
-    @classmethod
-    def _of_speed_alone(cls, tensors: "_Tensors", is_dense: bool) -> "PriorWeights":
-        name = "hidden" if is_dense else "first"
-        units, count, columns = shape = tensors.shape(name, 3)
+        tensors, is_dense = _Tensors("prior", state), "hidden" in state
+        if is_dense or "slope" in state:
+            name = "hidden" if is_dense else "first"
+            units, count, columns = shape = tensors.shape(name, 3)
+            slope = np.zeros(shape) if is_dense else SPEED_SCALE * tensors.take("slope", shape)
+            first = np.stack([tensors.take(name, shape), slope, *np.zeros((3, *shape))])
+            gate, sums = np.zeros((units, len(SCHEDULED))), np.zeros((units, count, columns - 1))
+        else:
+            scheduled, units, count, columns = tensors.shape("first", 4)
+            if scheduled != len(SCHEDULED):
+                raise ExportError(f"prior.first: {scheduled} parts, must be {len(SCHEDULED)}: {', '.join(SCHEDULED)}")
+            first = tensors.take("first", (scheduled, units, count, columns))
+            gate, sums = tensors.take("gate", (units, scheduled)), tensors.take("sums", (units, count, columns - 1))
         memory = count if is_dense else tensors.size("filters", axis=0)
-        first = np.zeros((len(SCHEDULED), *shape))
-        first[0] = tensors.take(name, shape)
-        if not is_dense:
-            first[1] = SPEED_SCALE * tensors.take("slope", shape)
         weights = cls(
             filters=np.eye(count) if is_dense else tensors.take("filters", (memory, count)),
             first=first,
-            gate=np.zeros((units, len(SCHEDULED))),
-            sums=np.zeros((units, count, columns - 1)),
+            gate=gate,
+            sums=sums,
             output=tensors.take("output", (units,)),
             predictor=tensors.take("predictor", (columns - 1, memory, columns)),
         )

@@ -37,7 +37,7 @@ def lower_adam(
     rates = graph.constant(mpc.learning_rate * mean_scale / spread_scale, "adam_rate")
     floors = graph.constant(mpc.epsilon / spread_scale, "adam_floor")
     is_free = graph.op("Greater", free_mask, graph.constant(0.5))
-    lowest = graph.op("Neg", bound)
+    lowest = graph.op("Sub", graph.constant(0.0), bound)
 
     body = graph.body()
     a, m, v = (body.input(name, (1, h)) for name in ("plan", "m", "v"))

@@ -26,7 +26,7 @@ def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) ->
     root = graph.op("Sqrt", graph.op("Div", asked, dearest))
     # A cost without drag divides by zero here, and takes the other side.
     any_at_all = graph.op("Cast", graph.op("Greater", asked, graph.constant(0.0)), to=1)
-    prices = graph.op("Where", graph.op("Less", asked, dearest), root, any_at_all)
+    prices = graph.op("Where", graph.op("Greater", dearest, asked), root, any_at_all)
     one, zero = graph.constant(1.0), graph.constant(0.0)
     scale = graph.constant(1.0 / (1.0 - NARROWEST))
     narrowed = graph.op("Min", graph.op("Mul", graph.op("Sub", one, share), scale), one)

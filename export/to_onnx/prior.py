@@ -35,8 +35,9 @@ def lower_prior(
     columns, length = prior.pairs + 1, prior.memory * (prior.pairs + 1)
     past, y = _past(graph, prior, sizes, window)
     units, filters = _units(graph, prior, store, schedule), graph.constant(prior.filters.T, "prior.filters")
-    gates, lowest = _gates(graph, prior, store, sizes, window, schedule, filters), graph.op("Neg", bound)
+    gates = _gates(graph, prior, store, sizes, window, schedule, filters)
     output = graph.op("Mul", gates, graph.constant(prior.output[:, None], "prior.output"))
+    lowest = graph.op("Sub", graph.constant(0.0), bound)
 
     body = graph.body()
     rows, now = body.input("past", (prior.memory, columns)), body.input("y", (1, prior.pairs))
@@ -62,8 +63,8 @@ def lower_prior(
 def _units(graph: Graph, prior: PriorWeights, store: Store, schedule: str) -> str:
     """(F (p + 1), n): what the units multiply the filtered rows with, the sum over the schedule."""
     scheduled, units, count, columns = prior.first.shape
-    by_row = graph.op("Reshape", graph.op("Expand", schedule, graph.index([scheduled, units])), graph.index([-1, 1]))
-    weighted = graph.op("Mul", store(graph, "prior.first"), by_row)
+    by_row = graph.op("Mul", schedule, graph.constant(np.ones((1, units))))
+    weighted = graph.op("Mul", store(graph, "prior.first"), graph.op("Reshape", by_row, graph.index([-1, 1])))
     stacked = graph.op("Reshape", weighted, graph.index([scheduled, units, count * columns]))
     return transposed(graph, graph.op("ReduceSum", stacked, graph.index([0]), keepdims=0))
 

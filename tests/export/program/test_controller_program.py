@@ -46,8 +46,8 @@ def parts():
         "sensors": ("base_0", "base_9"),
         "encoder_rows": 4,
         "prior": {
-            **{name: np.ones((3, 2, 2)) for name in ("first", "slope")},
-            **{"filters": np.ones((6, 2)), "output": np.ones(3), "predictor": np.ones((1, 6, 2))},
+            **{"filters": np.ones((6, 2)), "first": np.ones((5, 3, 2, 2)), "gate": np.ones((3, 5))},
+            **{"sums": np.ones((3, 2, 1)), "output": np.ones(3), "predictor": np.ones((1, 6, 2))},
         },
     }
 
@@ -90,7 +90,10 @@ def test_what_does_not_fit_is_refused_by_its_name():
         ({"sensors": ("base_0", "base_0")}, "'base_0' is named twice"),
         ({"sensors": ()}, "at least one"),
         ({"encoder_rows": 0}, "encoder_rows = 0"),
-        (tensor("prior", "first", 3, 2, 3), r"prior\.slope: shape"),
+        (tensor("prior", "first", 5, 3, 2, 3), r"prior\.sums: shape"),
+        (tensor("prior", "first", 4, 3, 2, 2), r"prior\.first: 4 parts, must be 5: one, speed, effort, lift, limit"),
+        (tensor("prior", "first", 3, 2, 2), r"prior\.first: shape \(3, 2, 2\), must have 4 axes"),
+        (tensor("prior", "slope", 3, 2, 2), r"prior\.first: shape \(5, 3, 2, 2\), must have 3 axes"),
         (tensor("prior", "hidden", 3, 6, 2), r"prior\.f\w+: unknown tensor"),
         ({"action_limit": float("inf")}, "action_limit = inf"),
         ({"action_limit": -0.075}, r"action_limit = -0\.075"),

@@ -26,8 +26,8 @@ actions = st.lists(st.floats(-0.075, 0.075), min_size=HORIZON, max_size=HORIZON)
 masks = st.lists(st.sampled_from([0.0, 1.0]), min_size=HORIZON, max_size=HORIZON).map(np.array)
 
 
-def small(seed: int = 0, **mpc: Any) -> ControllerProgram:
-    return random_program(seed, model=SMALL, mpc=MpcConfig(horizon=HORIZON, **mpc))
+def small(seed: int = 0, prior_memory: int = 0, **mpc: Any) -> ControllerProgram:
+    return random_program(seed, model=SMALL, mpc=MpcConfig(horizon=HORIZON, **mpc), prior_memory=prior_memory)
 
 
 def a_window(program: ControllerProgram, seed: int = 0) -> np.ndarray:
@@ -35,11 +35,11 @@ def a_window(program: ControllerProgram, seed: int = 0) -> np.ndarray:
 
 
 @examples(30)
-@given(plan=actions, free=masks, rate=st.floats(1e-4, 0.2), seed=st.integers(0, 5))
-def test_actions_stay_in_bounds_and_committed_ones_stay_put(plan, free, rate, seed):
-    program = small(seed, iterations=3, learning_rate=rate)
-    found = control_step(program, a_window(program, seed), plan, free).plan
-    assert np.abs(found).max() <= program.action_limit
+@given(plan=actions, free=masks, rate=st.floats(1e-4, 0.2), seed=st.integers(0, 5), limit=st.floats(0.003, 0.2))
+def test_actions_stay_in_bounds_and_committed_ones_stay_put(plan, free, rate, seed, limit):
+    program = small(seed, iterations=3, learning_rate=rate, prior_memory=24 * (seed % 2))
+    found = control_step(program, a_window(program, seed), plan, free, None, 1.0, limit).plan
+    assert np.abs(found * free).max() <= min(limit, program.action_limit)
     np.testing.assert_array_equal(found[free == 0], shift(plan)[free == 0])
 
 
