@@ -39,9 +39,7 @@ def test_a_prior_of_1_0_0_gives_the_plan_that_its_formula_gives(name):
     layers = {"hidden": first} if name == "hidden" else {"filters": filters, "first": first, "slope": slope}
     prior = PriorWeights.from_state({**layers, "output": output, "predictor": predictor})
     window, speed = random_window(program(), rng), 1.0 if name == "hidden" else 1.3
-    rows = [[row[0] - row[1], row[2] - row[3], later[4]] for row, later in zip(window[:-1], window[1:], strict=True)][
-        -MEMORY + 1 :
-    ]
+    rows = [[row[0] - row[1], row[2] - row[3], later[4]] for row, later in pairwise(window[-MEMORY:])]
     rows, y, expected = [rows[0], *rows], window[-1, [0, 2]] - window[-1, [1, 3]], []
     for _ in range(HORIZON):
         units = np.tanh([(each_unit * (filters.T @ rows)).sum() for each_unit in first + (speed - 1.0) * slope])
