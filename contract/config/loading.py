@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from contract.config.names import check_names, takes_text
 from contract.config.tree import Config
@@ -20,6 +20,8 @@ PAPER = "paper"
 """Name of the bare defaults."""
 BASE_KEY = "base"
 """In a TOML file: which of the two it goes on top of."""
+RETIRED: Final = {"refine.iterations": False}
+"""Settings that earlier versions wrote down and this one lacks, with the value that they may still be read with."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,8 +82,21 @@ def training(*, quick: bool = False) -> Config:
 
 def from_tree(tree: Mapping[str, Any]) -> Config:
     """A validated Config from nested mappings; missing keys take the paper's values."""
-    check_names(tree)
-    return typed(tree, Config)
+    kept = without_retired(tree)
+    check_names(kept)
+    return typed(kept, Config)
+
+
+def without_retired(tree: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Nested mappings without the settings of `RETIRED`; raises ConfigError for one with another value."""
+    for name, value in RETIRED.items():
+        section, _, key = name.partition(".")
+        if not isinstance(inside := tree.get(section), Mapping) or key not in inside:
+            continue
+        if inside[key] != value:
+            raise ConfigError(f"{name} = {_short(inside[key])}: this version has no such setting, must be {value}")
+        tree = {**tree, section: {one: inside[one] for one in inside if one != key}}
+    return tree
 
 
 def to_tree(config: Config) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from can_bridge.wire.messages import EcuStatus
 from contract.config.controller import CostWeights, MpcConfig
+from contract.config.loading import without_retired
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
 from contract.release.checks import Bundle
@@ -151,4 +152,5 @@ class RunMetadata:
     def from_tree(cls, tree: Mapping[str, Any]) -> "RunMetadata":
         """Read what `to_tree` wrote. Raises KeyError, TypeError, ConfigError for a field that is missing, unknown or
         makes no sense."""
-        return typed({**tree, "status": list(EcuStatus(**tree["status"]))}, cls)
+        config, status = without_retired(tree["config"]), list(EcuStatus(**tree["status"]))
+        return typed({**tree, "config": config, "status": status}, cls)

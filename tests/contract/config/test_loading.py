@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contract.config.loading import load, load_config
+from contract.config.loading import from_tree, load, load_config, to_tree
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from tests.examples import examples
@@ -49,6 +49,14 @@ def test_a_bad_override_is_refused_in_one_short_line_with_its_value_and_what_is_
             load_config(None, [override])
         text = str(refused.value)
         assert line in text and len(text) < 250 and text.isprintable(), (override, text)
+
+
+def test_a_setting_that_is_gone_is_read_where_it_changed_nothing():
+    tree = to_tree(Config())
+    assert from_tree({**tree, "refine": {**tree["refine"], "iterations": False}}) == Config()
+    for value in (True, "x"):
+        with pytest.raises(ConfigError, match=f"^refine.iterations = '?{value}'?: this version has no such setting"):
+            from_tree({**tree, "refine": {**tree["refine"], "iterations": value}})
 
 
 def test_text_needs_no_quotation_marks():
