@@ -8,18 +8,22 @@ from train.refinement.flow import FlowState, Seen
 
 GROWTH, TURN = 1.01, 0.6
 """A period's: the oscillator grows by the first and turns by the second, rad."""
-PRESSURES = ((0.5, 0.05), (-0.5, -0.05), (0.0, 0.5), (0.0, -0.5))
-"""Cp at two pairs of sensors from x."""
+DIFFERENCES = ((1.0, 0.1), (0.0, 1.0))
+"""Of Cp at two pairs of sensors, from x."""
+MIDDLES = (-0.9, -1.1)
+"""Sums of the pairs without motion."""
 DRAG = 0.6
 """Without motion."""
 
 
 class Oscillator:
-    """x' = tanh(R x + (0, 4 a)), Cd = 0.6 + x.x, Cl = x_0, two pairs, differences x_0 + 0.1 x_1 and x_1, Uy = x_1."""
+    """x' = tanh(R x + (0, 4 a)), Cd = 0.6 + x.x, Cl = x_0, Uy = x_1, and Cp at two pairs: differences x_0 + 0.1 x_1 and
+    x_1, sums x_0^2 - 0.9 and x_0 x_1 - 1.1."""
 
     def __init__(self) -> None:
         turn = GROWTH * np.array([[np.cos(TURN), -np.sin(TURN)], [np.sin(TURN), np.cos(TURN)]])
-        self._turn, self._see = torch.from_numpy(turn), torch.tensor(PRESSURES, dtype=torch.float64)
+        self._turn = torch.from_numpy(turn)
+        self._see, self._middles = (torch.tensor(one, dtype=torch.float64) for one in (DIFFERENCES, MIDDLES))
         self._x = torch.zeros(2, dtype=torch.float64)
         self._bar = torch.zeros(2, dtype=torch.float64)
         self._tape: list[tuple[Tensor, Tensor, Tensor]] = []
@@ -42,7 +46,7 @@ class Oscillator:
         before, acted, after = self._tape.pop()
         x = after.detach().requires_grad_(True)
         value = weights.Cd * (x @ x) + weights.Cl * x[0] + weights.Uy * x[1]
-        value = value + torch.from_numpy(weights.Cp) @ (self._see @ x)
+        value = value + torch.from_numpy(weights.Cp) @ self._pressures(x)
         (own,) = torch.autograd.grad(value, x)
         self._bar, to_action = torch.autograd.grad(after, (before, acted), own + self._bar)
         return float(to_action)
@@ -54,8 +58,12 @@ class Oscillator:
         del state
         return -0.5 * speed, 0.2 * speed**2
 
+    def _pressures(self, x: Tensor) -> Tensor:
+        differences, sums = self._see @ x, self._middles + x[0] * x
+        return torch.stack([sums + differences, sums - differences], dim=1).flatten() / 2.0
+
     def _seen(self, x: Tensor) -> Seen:
-        return Seen(Cp=(self._see @ x).numpy(), Cd=DRAG + float(x @ x), Cl=float(x[0]), Uy=float(x[1]))
+        return Seen(Cp=self._pressures(x).numpy(), Cd=DRAG + float(x @ x), Cl=float(x[0]), Uy=float(x[1]))
 
 
 START = FlowState(flat=np.array([0.3, -0.2]))

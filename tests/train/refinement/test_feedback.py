@@ -4,19 +4,26 @@ import numpy as np
 import pytest
 import torch
 
+from contract.controller.goal import OWN, Goal
 from export.program.weights import PriorWeights
 from export.reference.prior import prior_plan
 from train.refinement.feedback import Feedback, filters
 
-SCALES, LIMIT, MEMORY, SPEEDS = (0.4, 0.15, 0.05), 0.075, 32, (0.6, 1.0, 1.4)
+SCALES, MIDDLES, LIMIT, MEMORY, SPEEDS = (0.4, 0.15, 0.05), (-0.9, -1.1), 0.075, 32, (0.6, 1.0, 1.4)
+GOALS = (OWN, Goal(0.7, 0.2, 0.5), Goal(0.1, 1.0, 0.0))
+
+
+def feedback_of(memory: int = MEMORY, seed: int = 0) -> Feedback:
+    """With weights that a training could have made."""
+    made = Feedback(memory, 5, SCALES, MIDDLES, LIMIT, seed)
+    for number, layer in enumerate(made.parameters()):
+        torch.nn.init.normal_(layer, 0.0, 0.3, generator=torch.Generator().manual_seed(number))
+    return made
 
 
 @pytest.fixture
 def feedback() -> Feedback:
-    made = Feedback(MEMORY, 5, SCALES, LIMIT, 0)
-    for layer in (made.output, made.slope):
-        torch.nn.init.normal_(layer, 0.0, 0.5, generator=torch.Generator().manual_seed(1))
-    return made
+    return feedback_of()
 
 
 def test_every_row_is_read_and_the_newest_by_themselves():
@@ -28,20 +35,25 @@ def test_every_row_is_read_and_the_newest_by_themselves():
         np.testing.assert_array_equal(found[::-1][:newest, :newest], np.eye(newest))
 
 
+def rows_of(rng: np.random.Generator) -> np.ndarray:
+    """Differences, sums about their middles, and actions."""
+    return rng.normal(0.0, 0.2, (MEMORY, 5)) * [1.0, 1.0, 1.0, 1.0, 0.3] + [0.0, 0.0, *MIDDLES, 0.0]
+
+
 def test_before_it_learns_it_does_nothing_and_then_it_is_odd(feedback):
-    rows = torch.from_numpy(np.random.default_rng(0).normal(0.0, 0.2, (MEMORY, 3)))
-    assert Feedback(MEMORY, 5, SCALES, LIMIT, 0)(rows).item() == 0.0
-    action = feedback(rows).item()
+    rows = torch.from_numpy(rows_of(np.random.default_rng(0)))
+    assert Feedback(MEMORY, 5, SCALES, MIDDLES, LIMIT, 0)(rows).item() == 0.0
+    action, mirrored = feedback(rows).item(), rows * torch.tensor([-1.0, -1.0, 1.0, 1.0, -1.0])
     assert 0.0 < abs(action) < LIMIT
-    assert feedback(-rows).item() == pytest.approx(-action, rel=1e-12)
+    assert feedback(mirrored).item() == pytest.approx(-action, rel=1e-12)
+    # The sums matter, and no more than the jets can do is asked for.
+    assert feedback(rows + torch.tensor([0.0, 0.0, 0.3, 0.0, 0.0])).item() != pytest.approx(action, rel=0.01)
+    assert abs(feedback(100.0 * rows, goal=Goal(limit=1.0)).item()) <= 0.5 * LIMIT
 
 
 def test_a_prior_is_taken_up_again_as_it_was():
     for memory in (MEMORY, 6):
-        first = Feedback(memory, 5, SCALES, LIMIT, 1)
-        for layer in (first.output, first.slope):
-            torch.nn.init.normal_(layer, 0.0, 0.5, generator=torch.Generator().manual_seed(1))
-        again = Feedback(memory, 5, SCALES, LIMIT, 2)
+        first, again = feedback_of(memory), Feedback(memory, 5, SCALES, MIDDLES, LIMIT, 2)
         again.begin_with(first.as_prior())
         for kept, whole in zip(again.parameters(), first.parameters(), strict=True):
             np.testing.assert_allclose(kept.detach().numpy(), whole.detach().numpy(), atol=1e-12)
@@ -50,32 +62,38 @@ def test_a_prior_is_taken_up_again_as_it_was():
 def test_the_prior_of_a_program_is_the_feedback_a_period_ahead(feedback):
     """From the vehicle's window: its rows hold the action before them, the committed one comes with the plan."""
     rng = np.random.default_rng(1)
-    rows = rng.normal(0.0, 0.2, (MEMORY, 3))
+    rows = rows_of(rng)
+    differences, sums = rows[:, :2], rows[:, 2:4]
     window = np.zeros((MEMORY, 5))
-    window[:, [0, 2]] = rows[:, :2] + 0.3
-    window[:, [1, 3]] = 0.3
-    window[1:, 4] = rows[:-1, 2]
+    window[:, :4:2], window[:, 1:4:2] = (sums + differences) / 2.0, (sums - differences) / 2.0
+    window[1:, 4] = rows[:-1, 4]
     predictor = rng.normal(size=(2, MEMORY, 3))
-    committed, free = np.array([rows[-1, 2], 0.0, 0.0]), np.array([0.0, 1.0, 1.0])
+    committed, free = np.array([rows[-1, 4], 0.0, 0.0]), np.array([0.0, 1.0, 1.0])
+    cases = [(speed, goal) for speed in SPEEDS for goal in GOALS]
 
     def plans(tensors: dict[str, np.ndarray], window=window, committed=committed) -> np.ndarray:
         prior = PriorWeights.from_state({**tensors, "predictor": predictor})
-        return np.array([prior_plan(prior, window, committed, free, LIMIT, speed) for speed in SPEEDS])
+        return np.array([prior_plan(prior, window, committed, free, LIMIT, *case) for case in cases])
 
     found = plans(feedback.as_prior())
     np.testing.assert_array_equal(found[:, 0], committed[0])
-    by_speed = [feedback(torch.from_numpy(rows), speed).item() for speed in SPEEDS]
-    np.testing.assert_allclose(found[:, 1], by_speed, rtol=1e-12)
-    assert np.ptp(by_speed) > 0.05 * LIMIT
+    expected = [feedback(torch.from_numpy(rows), *case).item() for case in cases]
+    np.testing.assert_allclose(found[:, 1], expected, rtol=1e-12)
+    assert np.ptp(expected) > 0.05 * LIMIT
     # A mirrored wake gets the mirrored plan.
     image = window[:, [1, 0, 3, 2, 4]] * [1, 1, 1, 1, -1]
     np.testing.assert_allclose(plans(feedback.as_prior(), image, -committed), -found)
-    # An older prior has filters, scales and units in one tensor, which does not know the speed.
-    first = feedback.first.detach().numpy().reshape(-1, 3, 5)
-    hidden = np.einsum("mf,fcu->umc", filters(MEMORY).numpy(), first) / SCALES
-    old = {"hidden": hidden, "output": feedback.output.detach().numpy()}
-    np.testing.assert_allclose(plans(old), [found[SPEEDS.index(1.0)]] * len(SPEEDS), rtol=1e-12)
-    taken = Feedback(MEMORY, 5, SCALES, LIMIT, 3)
+
+
+def test_a_training_begins_at_a_prior_of_1_0_0_as_the_vehicle_reads_it():
+    rng, count = np.random.default_rng(2), filters(MEMORY).shape[1]
+    first, slope = rng.normal(0.0, 0.5, (2, 3, count, 3))
+    old = {"filters": filters(MEMORY).numpy(), "first": first, "slope": slope, "output": rng.normal(0.0, 1.0, 3)}
+    taken, predictor = Feedback(MEMORY, 5, SCALES, MIDDLES, LIMIT, 3), np.zeros((2, MEMORY, 3))
     taken.begin_with(old)
-    np.testing.assert_allclose(taken.first.detach(), feedback.first.detach(), atol=1e-12)
-    assert not taken.slope.any()
+    begun, read = (PriorWeights.from_state({**one, "predictor": predictor}) for one in (taken.as_prior(), old))
+    window = rng.normal(-0.5, 0.2, (MEMORY, 5))
+    for speed in SPEEDS:
+        # Units that the old one lacks have no output yet.
+        plans = [prior_plan(one, window, np.zeros(2), np.ones(2), LIMIT, speed) for one in (begun, read)]
+        np.testing.assert_allclose(*plans, rtol=1e-12)
