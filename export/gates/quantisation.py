@@ -5,11 +5,12 @@ the quantised one's plan is priced by the float one's model.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from contract.arrays import Array
+from contract.controller.goal import Goal
 from contract.controller.interface import ControlStep
 from contract.errors import ExportError
 from export.gates.parity import case_speed
@@ -41,8 +42,8 @@ class QuantisationReport:
     Attributes:
         max_action_error, rms_action_error: of the commanded action a_t, in U_inf W.
         max_plan_error: of any action of a plan.
-        max_cost_gap, mean_cost_gap: J(quantised plan) - J(float plan), both under the float program; positive
-            where the quantised plan is worse.
+        max_cost_gap, mean_cost_gap: J(quantised plan) - J(float plan), both under the float program and its own
+            weights; positive where the quantised plan is worse.
     """
 
     cases: int
@@ -53,19 +54,19 @@ class QuantisationReport:
     mean_cost_gap: float
 
 
-Answer = Callable[[Array, Array, Array, None, float], ControlStep]
-"""A control step: window (L, S+1), previous plan (H,), mask of free actions (H,), weights, speed."""
+Answer = Callable[[Array, Array, Array, Array | None, float, float | None], ControlStep]
+"""`Controller.control_step`."""
 
 
 def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[ControlStep]:
     """The float program's answers to consecutive windows (L, S+1), each plan the warm start of the next.
 
-    Where the program depends on the speed, every window is answered at another one.
+    Where the program depends on them, windows are answered at several speeds and for several goals in turn.
     """
     plan, free = np.zeros(program.mpc.horizon), np.ones(program.mpc.horizon)
     found = []
     for number, window in enumerate(windows):
-        found.append(control_step(program, window, plan, free, None, case_speed(program, number)))
+        found.append(control_step(program, window, plan, free, *_asked(program, number)))
         plan = found[-1].plan
     return found
 
@@ -80,12 +81,12 @@ def compare_answers(
     weights = np.array(program.mpc.weights.as_tuple())
     errors, gaps = [], []
     for number, (window, exact) in enumerate(zip(windows, exact_steps, strict=True)):
-        speed = case_speed(program, number)
-        rounded = answer(window, plan, free, None, speed)
-        start = starting_plan(program, window, plan, free, speed)
+        asked = _asked(program, number)
+        rounded = answer(window, plan, free, *asked)
+        start = starting_plan(program, window, plan, free, *asked)
         priced = evaluate(program, encode(program, window), rounded.plan, float(window[-1, -1]), weights, start)
         errors.append(rounded.plan - exact.plan)
-        gaps.append(priced.cost - exact.cost)
+        gaps.append(float((priced.terms - exact.terms) @ weights))
         plan = exact.plan
     if not errors:
         raise ExportError("quantisation gate: no windows to compare on")
@@ -98,6 +99,17 @@ def compare_answers(
         max_cost_gap=float(np.max(gaps)),
         mean_cost_gap=float(np.mean(gaps)),
     )
+
+
+def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float, float | None]:
+    """Weights, speed and limit: the program's own, or every second time those in the middle of what a prior knows."""
+    speed, own = case_speed(program, number), program.mpc.weights
+    if program.prior is None or number % 2 == 0:
+        return None, speed, None
+    halfway = Goal(0.5, 0.5, 0.5)
+    effort, lift = (price * own.drag_mean for price in halfway.prices())
+    goal = replace(own, effort=effort, lift=lift)
+    return np.array(goal.as_tuple()), speed, halfway.share_of_limit() * program.action_limit
 
 
 def check_quantisation(report: QuantisationReport, limits: QuantisationLimits, *, name: str = "int8 weights") -> None:

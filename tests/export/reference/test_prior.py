@@ -1,5 +1,6 @@
 """The prior's plan, and what the iterations make of it: nothing at a goal that it knows, the rest of one beyond."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -8,6 +9,7 @@ import numpy as np
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
+from contract.controller.interface import ControlStep
 from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
@@ -54,10 +56,9 @@ def test_a_prior_of_1_0_0_gives_the_plan_that_its_formula_gives(name):
 def test_at_a_goal_within_the_range_the_plan_is_the_priors_to_the_bit(lowering):
     goals = [DRAG, replace(DRAG, lift=1.0), replace(DRAG, drag_mean=0.5, effort=50.0, lift=0.3, prior=2.0)]
     few, many = (program(iterations=count, learning_rate=0.01) for count in (1, 9))
-    answers = [partial(control_step, one) for one in (few, many)]
-    if lowering == "ONNX":
-        graphs = [build_controller(one).SerializeToString() for one in (few, many)]
-        answers = [OnnxController(graph, few.sizes).control_step for graph in graphs]
+    graphs = [build_controller(one).SerializeToString() for one in (few, many)]
+    lowered: list[Callable[..., ControlStep]] = [OnnxController(graph, few.sizes).control_step for graph in graphs]
+    answers = lowered if lowering == "ONNX" else [partial(control_step, one) for one in (few, many)]
     plans = []
     for window, goal in zip(random_windows(few, len(goals)), goals, strict=True):
         given = window, np.zeros(HORIZON), np.ones(HORIZON), np.array(goal.as_tuple()), 1.2, 0.05

@@ -70,7 +70,7 @@ def test_weights_and_limit_are_those_of_the_period_in_the_order_of_the_controlle
     wanted = (*(float(k) for k in range(1, len(WEIGHTS) + 1)), 0.5 * LIMIT)
     calibrate(bench, **dict(zip((*WEIGHTS, "action_limit"), wanted, strict=True)))
     bench.good(2)
-    assert np.float32(given).tolist() == np.float32([own, *[wanted] * 2]).tolist()
+    np.testing.assert_allclose(given, [own, *[wanted] * 2], rtol=1e-7)
 
 
 bounds = st.fixed_dictionaries(

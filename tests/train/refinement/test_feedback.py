@@ -95,5 +95,5 @@ def test_a_training_begins_at_a_prior_of_1_0_0_as_the_vehicle_reads_it():
     window = rng.normal(-0.5, 0.2, (MEMORY, 5))
     for speed in SPEEDS:
         # Units that the old one lacks have no output yet.
-        plans = [prior_plan(one, window, np.zeros(2), np.ones(2), LIMIT, speed) for one in (begun, read)]
-        np.testing.assert_allclose(*plans, rtol=1e-12)
+        found, expected = (prior_plan(one, window, np.zeros(2), np.ones(2), LIMIT, speed) for one in (begun, read))
+        np.testing.assert_allclose(found, expected, rtol=1e-12)

@@ -141,8 +141,8 @@ def test_it_learns_to_calm_the_oscillator_and_goes_on_after_a_stop(tmp_path):
 
 @pytest.mark.slow  # two processes that load torch
 def test_stretches_side_by_side_are_those_one_after_the_other():
-    wrong = {"offset": 0.1, "speed_error": 0.1, "loss": 0.3}
-    settings = replace(SETTINGS, updates=3, batch=2, slowest=0.8, fastest=1.2, goals=True, **wrong)
+    settings = replace(SETTINGS, updates=3, batch=2, slowest=0.8, fastest=1.2, goals=True)
+    settings = replace(settings, offset=0.1, speed_error=0.1, loss=0.3)
     given = (feedback, Oscillator(), [START] * 2, settings, np.full(4, 0.1))
     alone = refine(*given, seed=3)
     with side_by_side(2, Oscillator) as run:
