@@ -1,6 +1,7 @@
 """The prior of the plan as ONNX nodes: one Scan over the horizon (`export.reference.prior`).
 
-What the schedule makes of the units, and the gates, are made once in a control step.
+The past is one row, oldest differences first. What schedule and filters make of the units, one matrix on that row, and
+the gates are made once in a control step.
 """
 
 import numpy as np
@@ -34,24 +35,22 @@ def lower_prior(
     """
     columns, length = prior.pairs + 1, prior.memory * (prior.pairs + 1)
     past, y = _past(graph, prior, sizes, window)
-    units, filters = _units(graph, prior, store, schedule), graph.constant(prior.filters.T, "prior.filters")
-    gates = _gates(graph, prior, store, sizes, window, schedule, filters)
+    units, gates = _units(graph, prior, store, schedule), _gates(graph, prior, store, sizes, window, schedule)
     output = graph.op("Mul", gates, graph.constant(prior.output[:, None], "prior.output"))
     lowest = graph.op("Sub", graph.constant(0.0), bound)
 
     body = graph.body()
-    rows, now = body.input("past", (prior.memory, columns)), body.input("y", (1, prior.pairs))
+    rows, now = body.input("past", (1, length)), body.input("y", (1, prior.pairs))
     held, chosen = body.input("committed", (1,)), body.input("free", (1,))
-    filtered = body.op("Reshape", body.op("MatMul", filters, rows), body.index([1, prior.filters.shape[1] * columns]))
-    hidden = body.op("Tanh", body.op("MatMul", filtered, units))
+    hidden = body.op("Tanh", body.op("MatMul", rows, units))
     wanted = body.op("Mul", body.op("Tanh", body.op("MatMul", hidden, output)), reach)
     decide = body.op("Greater", chosen, body.constant(0.5))
     action = body.op("Where", decide, body.op("Clip", wanted, lowest, bound), held)
-    row = body.op("Concat", now, action, axis=1)
-    after = body.op("Concat", body.slice(rows, 1, prior.memory), row, axis=0)
+    kept = body.slice(rows, columns, length, 1)
+    after = body.op("Concat", kept, now, action, axis=1)
     predictor = graph.constant(prior.predictor.reshape(-1, length).T, "prior.predictor")
-    body.output(after, (prior.memory, columns))
-    body.output(body.op("MatMul", body.op("Reshape", after, body.index([1, length])), predictor), (1, prior.pairs))
+    body.output(after, (1, length))
+    body.output(body.op("MatMul", after, predictor), (1, prior.pairs))
     body.output(action, (1, 1))
 
     column = graph.index([sizes.horizon, 1])
@@ -61,38 +60,51 @@ def lower_prior(
 
 
 def _units(graph: Graph, prior: PriorWeights, store: Store, schedule: str) -> str:
-    """(F (p + 1), n): what the units multiply the filtered rows with, the sum over the schedule."""
+    """(M (p + 1), n): what the units multiply the past with, the sum over the schedule."""
     scheduled, units, count, columns = prior.first.shape
     by_row = graph.op("Mul", schedule, graph.constant(np.ones((1, units))))
     weighted = graph.op("Mul", store(graph, "prior.first"), graph.op("Reshape", by_row, graph.index([-1, 1])))
     stacked = graph.op("Reshape", weighted, graph.index([scheduled, units, count * columns]))
-    return transposed(graph, graph.op("ReduceSum", stacked, graph.index([0]), keepdims=0))
+    by_filter = transposed(graph, graph.op("ReduceSum", stacked, graph.index([0]), keepdims=0))
+    # Rows are filters here, as in the product with the matrix of filters.
+    by_filter = graph.op("Reshape", by_filter, graph.index([count, columns * units]))
+    by_age = graph.op("MatMul", graph.constant(prior.filters, "prior.filters"), by_filter)
+    return graph.op("Reshape", by_age, graph.index([prior.memory * columns, units]))
 
 
-def _gates(
-    graph: Graph, prior: PriorWeights, store: Store, sizes: Sizes, window: str, schedule: str, filters: str
-) -> str:
+def _gates(graph: Graph, prior: PriorWeights, store: Store, sizes: Sizes, window: str, schedule: str) -> str:
     """(n, 1)."""
-    both = np.zeros((sizes.sensors + 1, prior.pairs))
-    for pair in range(prior.pairs):
-        both[2 * pair : 2 * pair + 2, pair] = 1.0
+    both = np.repeat(np.eye(prior.pairs), 2, axis=0)
     newest = graph.slice(window, sizes.window - prior.memory, sizes.window, 0)
-    sums = graph.op("MatMul", filters, graph.op("MatMul", newest, graph.constant(both, "sums")))
-    by_sums = graph.op("MatMul", store(graph, "prior.sums"), graph.op("Reshape", sums, graph.index([-1, 1])))
+    sums = graph.op("MatMul", newest, graph.constant(np.vstack([both, np.zeros(prior.pairs)]), "sums"))
+    filtered = graph.op("MatMul", graph.constant(prior.filters.T, "prior.filters"), sums)
+    by_sums = graph.op("MatMul", store(graph, "prior.sums"), graph.op("Reshape", filtered, graph.index([-1, 1])))
     by_schedule = graph.op("MatMul", graph.constant(prior.gate, "prior.gate"), schedule)
     return graph.op("Add", graph.op("Tanh", graph.op("Add", by_schedule, by_sums)), graph.constant(1.0))
 
 
 def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple[str, str]:
-    """Rows (y, a) before the present one, (M, p + 1), and the differences now, (1, p)."""
+    """Rows (y, a) before the present one, (1, M (p + 1)), and the differences now, (1, p)."""
     memory, pairs = prior.memory, prior.pairs
     newest = graph.slice(window, sizes.window - memory, sizes.window, 0)
-    signs = np.zeros((sizes.sensors + 1, pairs))
+    row, size = _history(graph, newest, memory, pairs), memory * (pairs + 1) - 1
+    known = graph.slice(row, 0, size - pairs, 1)
+    oldest = graph.slice(row, 0, pairs + 1, 1)
+    now = graph.slice(row, size - pairs, size, 1)
+    return graph.op("Concat", oldest, known, axis=1), now
+
+
+def _history(graph: Graph, window: str, length: int, pairs: int) -> str:
+    """Rows (Cp_k, a_{k-1}), (L, S+1), as (1, L (p + 1) - 1): y_k and a_k in turn, without the last action.
+
+    The first row's action is older than the memory: it is dropped, and the others move up by a row.
+    """
+    signs = np.zeros((2 * pairs + 1, pairs + 1))
     for pair in range(pairs):
-        signs[2 * pair, pair], signs[2 * pair + 1, pair] = 1.0, -1.0
-    differences = graph.op("MatMul", newest, graph.constant(signs, "differences"))
-    # Each pressure's row has the action before it.
-    actions = graph.slice(graph.slice(newest, sizes.sensors, sizes.sensors + 1, 1), 1, memory, 0)
-    rows = graph.op("Concat", graph.slice(differences, 0, memory - 1, 0), actions, axis=1)
-    past = graph.op("Concat", graph.slice(rows, 0, 1, 0), rows, axis=0)
-    return past, graph.slice(differences, memory - 1, memory, 0)
+        signs[2 * pair, pair + 1], signs[2 * pair + 1, pair + 1] = 1.0, -1.0
+    signs[-1, 0] = 1.0
+    # Rows (a_{k-1}, y_k), one after the other: without the first number it is the history.
+    turned = graph.op("MatMul", window, graph.constant(signs, "differences"))
+    size = length * (pairs + 1)
+    row = graph.op("Reshape", turned, graph.index([1, size]))
+    return graph.slice(row, 1, size, 1)
