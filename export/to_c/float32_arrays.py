@@ -5,6 +5,7 @@ both LSTM biases added up. Vectors are padded with zeros to whole registers.
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +26,7 @@ Values = Array | npt.NDArray[np.int8] | Integers | npt.NDArray[np.uint32]
 LANES = 16
 """float32 numbers in the widest vector register that compilers are to fill; narrower ones take two or more."""
 
-PRIOR_OUTPUTS_AT_A_TIME = 4
+PRIOR_UNITS_AT_A_TIME = 8
 """As `sw_prior.c` computes them."""
 
 
@@ -136,34 +137,30 @@ def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
 def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix]) -> dict[str, Values]:
     """The prior's filters, each from its first row to its last, and its layers; nothing where there is no prior.
 
-    Of the weights on the schedule those behind the last that is used are left out, and of the gates all if they are 1.
-
     Args:
         integers: of the prior's two matrices by their names; where they are not, numbers are floats of scale 1.
     """
     if program.prior is None:
         return {}
     prior, units = program.prior, len(program.prior.output)
-    ranges, scheduled = _filter_ranges(prior), _scheduled(prior)
+    ranges = _filter_ranges(prior)
     first, first_scale = _stored(prior.first.reshape(-1, prior.first[0, 0].size), integers.get("prior.first"))
     sums, sums_scale = _stored(prior.sums.reshape(units, -1), integers.get("prior.sums"))
-    # By unit: its weights on an input, each for one of the schedule, stand next to each other.
-    by_unit = first.reshape(-1, units, first.shape[1])[:scheduled].transpose(1, 2, 0)
-    filled = (0, -units % PRIOR_OUTPUTS_AT_A_TIME)
-    gates = {
-        "sw_prior_gate": prior.gate[:, :scheduled],
+    by_unit = {
+        # A unit's weights on an input, each for one of the schedule, stand next to each other.
+        "sw_prior_first": first.reshape(-1, units, first.shape[1]).transpose(1, 2, 0),
+        "sw_prior_first_scale": first_scale.reshape(-1, units).T,
+        "sw_prior_gate": prior.gate,
         "sw_prior_sums": sums,
         "sw_prior_sums_scale": sums_scale,
+        "sw_prior_output": prior.output,
     }
     return {
         "sw_prior_filter_rows": ranges,
         "sw_prior_filter": np.concatenate(
             [column[begin : begin + count] for column, (begin, count) in zip(prior.filters.T, ranges, strict=True)]
         ),
-        "sw_prior_first": np.pad(by_unit, [filled, (0, 0), (0, 0)]),
-        "sw_prior_first_scale": np.pad(first_scale.reshape(-1, units)[:scheduled].T, [filled, (0, 0)]),
-        **(gates if prior.is_gated else {}),
-        "sw_prior_output": prior.output,
+        **{name: _filled(values) for name, values in by_unit.items()},
         "sw_prior_predictor": prior.predictor.reshape(prior.pairs, -1),
     }
 
@@ -175,6 +172,11 @@ def _stored(matrix: Array, integers: Int8Matrix | None) -> tuple[Array | npt.NDA
     return integers.values, integers.scales.astype(np.float64)
 
 
+def _filled(by_unit: Any) -> Any:
+    """Zeros behind the last unit, up to whole eights."""
+    return np.pad(by_unit, [(0, -len(by_unit) % PRIOR_UNITS_AT_A_TIME)] + [(0, 0)] * (by_unit.ndim - 1))
+
+
 def prior_settings(prior: PriorWeights) -> dict[str, int | np.float32]:
     """What `sw_settings.h` has of the filters, of what schedules the units, and of the goals that a prior knows."""
     ranges = _filter_ranges(prior)
@@ -182,19 +184,11 @@ def prior_settings(prior: PriorWeights) -> dict[str, int | np.float32]:
         "SW_PRIOR_FILTERS": len(ranges),
         "SW_PRIOR_FILTER_ROWS": int(ranges[:, 1].sum()),
         "SW_SCHEDULED": len(SCHEDULED),
-        "SW_PRIOR_SCHEDULED": _scheduled(prior),
-        "SW_PRIOR_GATED": int(prior.is_gated),
         "SW_SPEED_SCALE": np.float32(SPEED_SCALE),
         "SW_DEAREST_EFFORT": np.float32(DEAREST_EFFORT),
         "SW_DEAREST_LIFT": np.float32(DEAREST_LIFT),
         "SW_NARROWEST": np.float32(NARROWEST),
     }
-
-
-def _scheduled(prior: PriorWeights) -> int:
-    """How many of `SCHEDULED` there are up to the last that changes a unit."""
-    knows = prior.knows
-    return max((number for number, name in enumerate(SCHEDULED, 1) if knows[name]), default=1)
 
 
 def _filter_ranges(prior: PriorWeights) -> Integers:

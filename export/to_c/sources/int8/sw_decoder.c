@@ -4,8 +4,15 @@
 #include "sw_norm.h"
 #include "sw_parts.h"
 
+/* A long function that is called: a copy for each of its calls would take 2 KiB of flash. */
+#if defined(__GNUC__)
+#define CALLED __attribute__((noinline))
+#else
+#define CALLED
+#endif
+
 /* Products for the first one or for both of the vectors. */
-static void multiply(sw_decoder_scratch *s, const int8_t *matrix, int rows, int columns, int count)
+static CALLED void multiply(sw_decoder_scratch *s, const int8_t *matrix, int rows, int columns, int count)
 {
     if (count == 2) {
         sw_dots_two(s->sums[0], matrix, s->vector[0], rows, columns);
@@ -37,7 +44,7 @@ static void add_residuals(int32_t *restrict x, const int16_t *restrict elu, int1
     }
 }
 
-static void decode_steps(sw_workspace *work, int first, int count)
+static CALLED void decode_steps(sw_workspace *work, int first, int count)
 {
     const sw_weights *w = work->program.weights;
     sw_decoder_tape *tape = &work->phase.tape.decoder;
@@ -104,7 +111,7 @@ static float round_adjoints(int16_t *restrict vector, int32_t *restrict x, float
     return fine.factor > 0.0f ? unit * w->decoder_largest / fine.factor : 0.0f;
 }
 
-static void decode_steps_adjoint(sw_workspace *work, int first, int count)
+static CALLED void decode_steps_adjoint(sw_workspace *work, int first, int count)
 {
     const sw_weights *w = work->program.weights;
     sw_decoder_tape *tape = &work->phase.tape.decoder;

@@ -19,32 +19,26 @@ extern "C" {
 /* Inputs of the units: the filtered rows. Of their gates: the filtered sums of the sensors' pairs. */
 #define SW_PRIOR_INPUTS (SW_PRIOR_FILTERS * SW_PRIOR_ROW)
 #define SW_PRIOR_SUMS (SW_PRIOR_FILTERS * (SW_PRIOR_ROW - 1))
-/* The units, filled up with zeros to four at a time. */
-#define SW_PRIOR_OUTPUTS ((SW_PRIOR_UNITS + 3) / 4 * 4)
+/* The units, filled up with zeros to eight at a time. */
+#define SW_PRIOR_OUTPUTS ((SW_PRIOR_UNITS + 7) / 8 * 8)
 
 /* Members of sw_weights: the first row of a past that each filter reads, and how many; the rows' weights, filter by filter;
  * the layers. The two matrices are the numbers times their scales, which are 1 in a float32 library: a unit's weights on
  * its inputs, each for all that schedules it, and those of its gate on the sums.
  */
-#define SW_PRIOR_NUMBERS                                                                              \
-    SW_ALIGNED int32_t prior_filter_rows[SW_PRIOR_FILTERS][2];                                        \
-    SW_ALIGNED float prior_filter[SW_PRIOR_FILTER_ROWS];                                              \
-    SW_ALIGNED sw_prior_number prior_first[SW_PRIOR_OUTPUTS][SW_PRIOR_INPUTS][SW_PRIOR_SCHEDULED];    \
-    SW_ALIGNED float prior_first_scale[SW_PRIOR_OUTPUTS][SW_PRIOR_SCHEDULED];                         \
-    SW_PRIOR_GATE_NUMBERS                                                                             \
-    SW_ALIGNED float prior_output[SW_PRIOR_UNITS];                                                    \
+#define SW_PRIOR_NUMBERS                                                                        \
+    SW_ALIGNED int32_t prior_filter_rows[SW_PRIOR_FILTERS][2];                                  \
+    SW_ALIGNED float prior_filter[SW_PRIOR_FILTER_ROWS];                                        \
+    SW_ALIGNED sw_prior_number prior_first[SW_PRIOR_OUTPUTS][SW_PRIOR_INPUTS][SW_SCHEDULED];    \
+    SW_ALIGNED float prior_first_scale[SW_PRIOR_OUTPUTS][SW_SCHEDULED];                         \
+    SW_ALIGNED float prior_gate[SW_PRIOR_OUTPUTS][SW_SCHEDULED];                                \
+    SW_ALIGNED sw_prior_number prior_sums[SW_PRIOR_OUTPUTS][SW_PRIOR_SUMS];                     \
+    SW_ALIGNED float prior_sums_scale[SW_PRIOR_OUTPUTS];                                        \
+    SW_ALIGNED float prior_output[SW_PRIOR_OUTPUTS];                                            \
     SW_ALIGNED float prior_predictor[SW_PRIOR_ROW - 1][SW_PRIOR_PAST];
 
-#if SW_PRIOR_GATED
-#define SW_PRIOR_GATE_NUMBERS                                        \
-    SW_ALIGNED float prior_gate[SW_PRIOR_UNITS][SW_PRIOR_SCHEDULED]; \
-    SW_ALIGNED sw_prior_number prior_sums[SW_PRIOR_UNITS][SW_PRIOR_SUMS]; \
-    SW_ALIGNED float prior_sums_scale[SW_PRIOR_UNITS];
 #else
-#define SW_PRIOR_GATE_NUMBERS
-#endif
-
-#else
+#define SW_SCHEDULED 1
 #define SW_PRIOR_INPUTS 1
 #define SW_PRIOR_OUTPUTS 1
 #define SW_PRIOR_NUMBERS
@@ -52,6 +46,7 @@ extern "C" {
 
 typedef struct {
     float rows[SW_PRIOR_MEMORY + SW_HORIZON][SW_PRIOR_ROW]; /* oldest first: what was, then what is predicted */
+    float schedule[SW_SCHEDULED];
     float inputs[SW_PRIOR_INPUTS];
     float weight[SW_PRIOR_INPUTS][SW_PRIOR_OUTPUTS]; /* as they are scheduled in this control step */
     float outputs[SW_PRIOR_OUTPUTS];
