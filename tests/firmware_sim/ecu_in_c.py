@@ -49,7 +49,7 @@ class Exported:
 
 def exported(root: Path) -> Exported:
     """Bundle and library of a random program in int8."""
-    program = random_program(1, model=MODEL, mpc=MpcConfig(horizon=8))
+    program = random_program(1, model=MODEL, mpc=MpcConfig(horizon=8), prior_memory=WINDOW)
     rng = np.random.default_rng(0)
     rows = np.concatenate([random_window(program, rng) for _ in range(8)])
     windows = [rows[i : i + WINDOW] for i in range(20)]

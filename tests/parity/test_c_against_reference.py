@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contract.config.controller import MpcConfig
+from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.interface import ControllerError
 from examples.random_programs import random_program
@@ -19,6 +19,7 @@ from export.gates.parity import check_lowering, control_cases
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window, random_windows
 from export.reference.mpc import shift
+from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from firmware_sim.in_c.host_library import CController
 from tests.each import each
@@ -63,15 +64,50 @@ def test_equal_forces_share_the_subgradient():
     plan=st.lists(st.floats(-0.075, 0.075), min_size=HORIZON, max_size=HORIZON).map(np.array),
     free=st.lists(st.sampled_from([0.0, 1.0]), min_size=HORIZON, max_size=HORIZON).map(np.array),
     scale=st.sampled_from([0.0, 1.0, 1e3, 1e9]),
+    limit=st.floats(0.0, 0.125, width=32),
     seed=st.integers(0, 100),
 )
-def test_actions_stay_in_bounds_and_committed_ones_stay_put(small, plan, free, scale, seed):
+def test_actions_stay_in_bounds_and_committed_ones_stay_put(small, plan, free, scale, limit, seed):
     program, controller = small
-    window = random_window(program, np.random.default_rng(seed))
-    found = controller.control_step(window, plan, free, scale * np.array(program.mpc.weights.as_tuple())).plan
+    window, weights = random_window(program, np.random.default_rng(seed)), np.array(program.mpc.weights.as_tuple())
+    found = controller.control_step(window, plan, free, scale * weights, limit=limit).plan
     committed = free == 0
-    assert np.abs(found[~committed]).max(initial=0.0) <= program.action_limit
+    assert np.abs(found[~committed]).max(initial=0.0) <= min(limit, program.action_limit)
     np.testing.assert_array_equal(found[committed], shift(plan).astype(np.float32)[committed])
+
+
+SKIPS, ALWAYS = b"? SW_ITERATIONS : 0;", b">= 0 ? SW_ITERATIONS : 0;"
+MOVES, MOVES_OTHERWISE = b"const float moved = ", b"const float moved = 0.001f + "
+GOALS = (
+    (0, CostWeights(lift=0.0)),
+    (0, CostWeights(drag_mean=2.0, lift=1.9, effort=150.0)),
+    (0, CostWeights(drag_mean=0.5, lift=0.5, effort=3.0)),
+    (1, CostWeights(lift=1.1)),
+    (1, CostWeights(effort=101.0)),
+    (1, CostWeights(rate=1e-3)),
+)
+"""Whether the iterations have something to do."""
+
+
+@each("precision", ["float32", "int8"])
+def test_iterations_that_nothing_asks_for_are_left_out_and_would_change_no_bit(precision):
+    """As they are, but with a wrong step of Adam, beside iterations that always run."""
+    program = random_program(5, model=SMALL, mpc=MpcConfig(horizon=HORIZON), prior_memory=24)
+    sources = c_library(program) if precision == "float32" else int8_library(program, random_windows(program, 10))
+    step = sources["sw_control_step.c"]
+    assert step.count(SKIPS) == step.count(MOVES) == 1
+    skipping, iterating = (
+        CController(sources | {"sw_control_step.c": step.replace(*change)}, program.sizes, flags=FAST_BUILD)
+        for change in ((MOVES, MOVES_OTHERWISE), (SKIPS, ALWAYS))
+    )
+    for case, (is_asked, goal) in product(control_cases(program, count=5), GOALS):
+        weights = np.array(replace(goal, drag_fluctuation=0.0, smoothness=0.0).as_tuple())
+        found, expected = (
+            one.control_step(case.window, case.plan, case.free, weights, case.speed, case.limit)
+            for one in (skipping, iterating)
+        )
+        assert np.array_equal(found.plan, expected.plan) == (not is_asked), goal
+        assert is_asked or (found.cost, found.terms.tolist()) == (expected.cost, expected.terms.tolist())
 
 
 def test_nothing_is_carried_from_step_to_step_and_no_scratch_is_read(small):
@@ -81,7 +117,8 @@ def test_nothing_is_carried_from_step_to_step_and_no_scratch_is_read(small):
 def test_a_number_that_is_not_finite_is_reported(small):
     program, controller = small
     (case,) = control_cases(program, count=1)
-    sound = {"window": case.window, "plan": case.plan, "weights": program.mpc.weights.as_tuple(), "speed": 1.0}
+    sound = {"window": case.window, "plan": case.plan, "weights": program.mpc.weights.as_tuple()}
+    sound |= {"speed": 1.0, "limit": 0.05}
     for where, value in product(sound, (np.nan, np.inf)):
         broken = np.array(sound[where])
         broken[(-1,) * broken.ndim] = value

@@ -239,4 +239,5 @@ def test_no_number_of_an_image_leads_out_of_an_array(kind, tmp_path):
         patch = {place: packed(one, value, one.run) for one, value, place in places}
         expected = BAD_NUMBERS if patch else OK
         assert (altered.opened([patch])[0][0], altered.in_python(patch)) == (expected, expected), (name, values)
-    assert any("filter_rows" in one.name for one in altered.limits)
+    judged = {one.name.removeprefix("weights.") for one in altered.limits}
+    assert judged >= {f"prior_{name}" for name in ("filter_rows", "first", "first_scale", "gate", "sums", "sums_scale")}

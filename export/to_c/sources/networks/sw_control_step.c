@@ -72,8 +72,9 @@ sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, cons
     }
     /* The inputs as well: clipping makes a finite action of a NaN. */
     const int finite = sw_all_finite(&input->window[0][0], SW_WINDOW * SW_COLUMNS) & sw_all_finite(input->plan, SW_HORIZON) &
-                       sw_all_finite(input->weights, SW_TERMS) & sw_all_finite(&input->speed, 1) & sw_all_finite(&input->limit, 1) &
-                       sw_all_finite(&output->forces[0][0], 2 * SW_HORIZON) & sw_all_finite(output->plan, SW_HORIZON) &
+                       sw_all_finite(input->weights, SW_TERMS) & sw_all_finite(&input->speed, 1) &
+                       sw_all_finite(&input->limit, 1) & sw_all_finite(&output->forces[0][0], 2 * SW_HORIZON) &
+                       sw_all_finite(output->plan, SW_HORIZON) &
                        sw_all_finite(&output->cost, 1);
     return finite ? SW_OK : SW_NOT_FINITE;
 }
