@@ -63,16 +63,8 @@ class Listening:
     def warm_up(self, steps: int) -> None:
         self.inner.warm_up(steps)
 
-    def control_step(
-        self,
-        window: Array,
-        plan: Array,
-        free: Array,
-        weights: Array | None = None,
-        speed: float = 1.0,
-        limit: float | None = None,
-    ) -> ControlStep:
-        self.latest = self.inner.control_step(window, plan, free, weights, speed, limit)
+    def control_step(self, *given: Any, **named: Any) -> ControlStep:
+        self.latest = self.inner.control_step(*given, **named)
         return self.latest
 
     def taken(self) -> ControlStep | None:

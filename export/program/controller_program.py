@@ -97,7 +97,7 @@ class ControllerProgram:
     @property
     def knows_speed(self) -> bool:
         """Whether the vehicle's speed changes a plan."""
-        return self.prior is not None and self.prior.knows["speed"]
+        return self.prior is not None and self.prior.knows_speed
 
     @property
     def latent(self) -> int:

@@ -235,17 +235,10 @@ class PriorWeights:
         return int(self.first.shape[3]) - 1
 
     @property
-    def knows(self) -> dict[str, bool]:
-        """Whether each of `SCHEDULED` changes a unit or its gate."""
-        return {
-            name: bool(first.any() or gate.any())
-            for name, first, gate in zip(SCHEDULED, self.first, self.gate.T, strict=True)
-        }
-
-    @property
-    def is_gated(self) -> bool:
-        """Whether any gate can differ from 1."""
-        return bool(self.gate.any() or self.sums.any())
+    def knows_speed(self) -> bool:
+        """Whether the vehicle's speed changes a plan."""
+        place = SCHEDULED.index("speed")
+        return bool(self.first[place].any() or self.gate[:, place].any())
 
 
 class _Tensors:

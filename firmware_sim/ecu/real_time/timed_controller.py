@@ -1,8 +1,8 @@
 """A controller that records when its latest control step began and ended: `Ecu.step` itself knows no clock."""
 
 from collections.abc import Callable
+from typing import Any
 
-from contract.arrays import Array
 from contract.controller.interface import Controller, ControlStep
 
 
@@ -26,18 +26,10 @@ class TimedController:
         self._now_ns = now_ns
         self.times = PlanTimes() if times is None else times
 
-    def control_step(
-        self,
-        window: Array,
-        plan: Array,
-        free: Array,
-        weights: Array | None = None,
-        speed: float = 1.0,
-        limit: float | None = None,
-    ) -> ControlStep:
+    def control_step(self, *given: Any, **named: Any) -> ControlStep:
         """The other's."""
         self.times.began_ns = self._now_ns()
         try:
-            return self._controller.control_step(window, plan, free, weights, speed, limit)
+            return self._controller.control_step(*given, **named)
         finally:
             self.times.ended_ns = self._now_ns()

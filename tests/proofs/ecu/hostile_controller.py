@@ -28,15 +28,7 @@ class HostileController:
         """For the next step: one of `GOOD` or `BAD`, and the action that is planned, in U_inf W."""
         self._deed, self._value, self.called = deed, value, False
 
-    def control_step(
-        self,
-        window: Array,
-        plan: Array,
-        free: Array,
-        weights: Array | None = None,
-        speed: float = 1.0,
-        limit: float | None = None,
-    ) -> ControlStep:
+    def control_step(self, window: Array, plan: Array, *given: Any, **named: Any) -> ControlStep:
         """See `Controller`; it also spoils what it was given to read and write, and what it gave back before."""
         self.called, deed = True, self._deed
         for array in self._kept:
