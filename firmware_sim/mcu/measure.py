@@ -22,13 +22,13 @@ PHASES: Final = ("compile", "emulate", "run on this host", "count cycles")
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
-    """What a control step needs on the core.
+    """What a control step needs on the core, one in which all iterations run.
 
     Attributes:
         precision, program_sha256: of the library.
         flash_bytes, ram_bytes, stack_bytes: memory; RAM is what is linked there, and the stack.
         multiply_accumulates: products of weights, by the networks' sizes.
-        instructions: executed ones, exact; they are the same in every step.
+        instructions: executed ones, exact; they are the same in every such step.
         cycles: modelled ones (`timing`).
         one_per_cycle_ms, modelled_ms: by clock in MHz, at an instruction a cycle and by the model.
         steps: control steps compared with the host.
@@ -100,10 +100,10 @@ def measure(
     found = _replay(machine, rows, window, settings.number("SW_HORIZON"))
     phase(PHASES[2])
     expected = _on_host(sources, rows)
-    stack = machine.stack_used("mcu_step")
+    stack = machine.stack_used("mcu_longest_step")
     phase(PHASES[3])
     counter.start()
-    machine.call("mcu_step")
+    machine.call("mcu_longest_step")
     instructions, cycles = counter.total()
     return Measurement(
         precision=settings.text("SW_PRECISION"),
