@@ -1,50 +1,88 @@
-"""What a weight of the cost changes under the shipped release: side force, jets and drag, in the closed loop.
+"""What a weight of the cost changes under a release: side force, jets and drag, in the closed loop.
 
-    python -m benchmarks weights [--json FILE]
+    python -m benchmarks weights [--workers 2] [--json FILE]
 
 On the mesh that the prior is trained on, through CAN and ECU, int8: 15 t_c without and 85 with control, of which the
-last 50 count. One weight at a time has another value than the release's.
+last 50 count, from three starts. A weight has seven values over the range that the prior knows; the others are the
+release's. Spearman's rank correlation says how well the effect follows the weight.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache
-from typing import Any, Final
+from functools import partial
+from pathlib import Path
+from statistics import mean
+from typing import Annotated, Any, Final, NamedTuple
 
+import numpy as np
+import typer
 from matplotlib.figure import Figure
 from rich.table import Table
+from scipy.stats import spearmanr
 
-from benchmarks.common.command_line import JsonFile, console, save, track
+from benchmarks.common.command_line import JsonFile, Parts, console, save, track
 from benchmarks.common.commands import LOOP
+from benchmarks.common.parts import part
+from benchmarks.common.workers import process_pool
 from contract.config.loading import load_config
+from contract.controller.calibration import Calibration
+from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT
 from contract.release import bundle as bundles
 from contract.results import versions
 from contract.shipped import BUNDLE
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
+from firmware_sim.campaign.starts import phases_apart
 from firmware_sim.ecu.calibrating import release_calibration
 from firmware_sim.runs.summary import summary
 from stillwake.parts.differentiable_wake import mesh_of
 from wake.solver.grid import box_grid
 from wake.truck.regrid import SETTLE_TIME, moved
-from wake.truck.state import State, developed_state
+from wake.truck.state import developed_state, load_state, save_state
 from wake.truck.truck_wake import TruckWake
 
 SPANS: Final = Spans(lead_in=15.0, controlled=85.0, settle=35.0)
-TRIED: Final = {"lift": (0.0, 0.2, 0.4, 0.8, 1.6), "effort": (0.0, 20.0, 50.0, 100.0)}
-"""Values by weight."""
+SHARES: Final = (np.arange(7) / 6) ** 2
+"""Of the dearest weight: the prior takes its root, so these are equal steps of what it reads."""
+DEAREST: Final = {"lift": DEAREST_LIFT, "effort": DEAREST_EFFORT}
+EFFECTS: Final = {"lift": ("abs_Cl_controlled",), "effort": ("rms_action", "jet_power_controlled")}
+"""What each weight is called after."""
 
 
-def main(json_file: JsonFile = None) -> None:
-    """Run every value and print a table."""
-    cases = [(name, value) for name, values in TRIED.items() for value in values]
-    rows = [{"weight": name, "value": value, **outcome(name, value)} for name, value in track(cases, "weights", "runs")]
-    table = Table("weight", "value", "less drag, %", "mean |Cl|", "rms action")
-    for row in rows:
-        found = (f"{row[name]:.4g}" for name in ("reduction_percent", "abs_Cl_controlled", "rms_action"))
-        table.add_row(row["weight"], f"{row['value']:g}", *found)
-    console.print(table)
-    release = bundles.load(BUNDLE)
+class Case(NamedTuple):
+    """One run: a weight, its value, and where in the shedding cycle it starts."""
+
+    weight: str
+    value: float
+    phase: int
+
+
+def main(
+    json_file: JsonFile = None,
+    parts: Parts = Path("runs/weights"),
+    phases: Annotated[int, typer.Option(min=1, max=25, help="Starts, equal parts of a shedding cycle apart.")] = 3,
+    workers: Annotated[int, typer.Option(min=1, max=16, help="Processes, a run each at a time.")] = 1,
+    bundle: Annotated[Path, typer.Option(help="Another release in place of the shipped one.")] = BUNDLE,
+) -> None:
+    """Run every value from every start and print a table."""
+    release = bundles.load(bundle)
+    folder = started(parts / release.digest[:12], phases)
+    cases = [
+        Case(weight, float(round(share * dearest, 6)), phase)
+        for weight, dearest in DEAREST.items()
+        for share in SHARES
+        for phase in range(phases)
+    ]
+    with process_pool(workers) as pool:
+        outcomes = list(track(pool.map(partial(_kept, folder, bundle), cases), "weights", "runs", len(cases)))
+    rows = [{**case._asdict(), **outcome} for case, outcome in zip(cases, outcomes, strict=True)]
+    figures = {"runs": rows, "spearman": _correlations(rows), "end_to_end": _end_to_end(rows)}
+    table = Table("weight", "value", "less drag, %", "mean |Cl|", "rms action", "jet power")
+    for weight in DEAREST:
+        for value, found in means(rows, weight).items():
+            shown = ("reduction_percent", "abs_Cl_controlled", "rms_action", "jet_power_controlled")
+            table.add_row(weight, f"{value:g}", *(f"{found[name]:.4g}" for name in shown))
+    console.print(table, figures["spearman"], figures["end_to_end"])
     facts = {
         "bundle": release.manifest.name,
         "digest": release.digest,
@@ -52,39 +90,89 @@ def main(json_file: JsonFile = None) -> None:
         "mesh": mesh_of(load_config()).flow.refinement,
         "versions": versions("stillwake", "onnxruntime", "numpy", "numba"),
     }
-    save(json_file, figures=rows, facts=facts)
+    save(json_file, figures=figures, facts=facts)
 
 
-def outcome(name: str, value: float, spans: Spans = SPANS) -> dict[str, Any]:
-    """Figures of a run with another value of a weight."""
-    release, config = bundles.load(BUNDLE), mesh_of(load_config())
-    own = release_calibration(release, config)
-    other = replace(own, weights=replace(own.weights, **{name: value}))
-    wake = TruckWake(config.flow, body=config.body)
-    wake.reset(_start())
-    found = summary(Simulation(release, config, spans=spans, calibration=other).run(wake))
-    return {key: found[key] for key in (*LOOP, "Cd_uncontrolled")}
-
-
-@cache
-def _start() -> State:
+def started(folder: Path, phases: int) -> Path:
+    """The folder with a developed wake on the training's mesh in each phase of the shedding cycle."""
+    folder.mkdir(parents=True, exist_ok=True)
     config = mesh_of(load_config())
     wake = TruckWake(config.flow, body=config.body)
-    return moved(developed_state(), box_grid(config.body.length), wake, SETTLE_TIME)
+    if not (folder / f"start_{phases - 1}.npz").is_file():
+        moved(developed_state(), box_grid(config.body.length), wake, SETTLE_TIME)
+        reached = 0
+        for phase, apart in enumerate(phases_apart(phases, config.flow.control_period)):
+            for _ in range(apart - reached):
+                wake.advance(0.0)
+            reached = apart
+            save_state(folder / f"start_{phase}.npz", wake.state())
+    return folder
 
 
-def drawn(rows: list[Mapping[str, Any]]) -> dict[str, Figure]:
-    """The picture of `docs/explanation/through-the-flow.md`."""
+def outcome(bundle: Path, start: Path, calibration: Calibration) -> dict[str, Any]:
+    """Figures of a run with these values on the vehicle."""
+    release, config = bundles.load(bundle), mesh_of(load_config())
+    wake = TruckWake(config.flow, body=config.body)
+    wake.reset(load_state(start))
+    found = summary(Simulation(release, config, spans=SPANS, calibration=calibration).run(wake))
+    return {key: found[key] for key in (*LOOP, "Cd_uncontrolled", "jet_power_controlled")}
+
+
+def _kept(folder: Path, bundle: Path, case: Case) -> dict[str, Any]:
+    own = release_calibration(bundles.load(bundle), mesh_of(load_config()))
+    other = replace(own, weights=replace(own.weights, **{case.weight: case.value}))
+    file = folder / f"{case.weight}_{case.value:g}_{case.phase}.json"
+    made: dict[str, Any] = part(file, lambda: outcome(bundle, folder / f"start_{case.phase}.npz", other))
+    return made
+
+
+def means(rows: Sequence[Mapping[str, Any]], weight: str) -> dict[float, dict[str, float]]:
+    """Every figure's mean over the starts, by the weight's value."""
+    found: dict[float, dict[str, float]] = {}
+    for value in dict.fromkeys(row["value"] for row in rows if row["weight"] == weight):
+        runs = [row for row in rows if (row["weight"], row["value"]) == (weight, value)]
+        names = (name for name, figure in runs[0].items() if isinstance(figure, float) and name != "value")
+        found[value] = {name: mean(run[name] for run in runs) for name in names}
+    return found
+
+
+def _correlations(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Spearman's rank correlation over all runs: 1 where the effect falls whenever the weight rises.
+
+    Of a weight with several effects it is that of the one that follows least.
+    """
+    found = {}
+    for weight, effects in EFFECTS.items():
+        runs = [row for row in rows if row["weight"] == weight]
+        values = [run["value"] for run in runs]
+        found[weight] = min(-float(spearmanr(values, [run[name] for run in runs]).statistic) for name in effects)
+    return found
+
+
+def _end_to_end(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
+    """How much less of each effect there is at the dearest value than at none, in per cent of that."""
+    found = {}
+    for weight, effects in EFFECTS.items():
+        first, *_, last = means(rows, weight).values()
+        found[weight] = {name: 100.0 * (1.0 - last[name] / first[name]) for name in effects}
+    return found
+
+
+def drawn(figures: Mapping[str, Any]) -> dict[str, Figure]:
+    """The picture of `docs/explanation/through-the-flow.md`: each effect and the drag over its weight."""
     figure = Figure(figsize=(8.0, 3.0), layout="constrained")
-    shown = (("lift", "abs_Cl_controlled", "mean |Cl|"), ("effort", "rms_action", "rms action, U_inf W"))
+    shown = (("lift", "abs_Cl_controlled", "mean |Cl|"), ("effort", "jet_power_controlled", "jet power"))
     for axes, (weight, name, label) in zip(figure.subplots(1, 2), shown, strict=True):
-        found = [row for row in rows if row["weight"] == weight]
-        values = [row["value"] for row in found]
-        heights = [row[name] for row in found]
-        axes.plot(values, heights, "o-", color="tab:blue")
-        axes.set(xlabel=f"weight on {weight}", ylabel=label, ylim=(0.0, 1.15 * max(heights)))
+        runs = [row for row in figures["runs"] if row["weight"] == weight]
+        averaged = means(figures["runs"], weight)
+        axes.plot([run["value"] for run in runs], [run[name] for run in runs], ".", color="tab:blue", alpha=0.5)
+        axes.plot(list(averaged), [found[name] for found in averaged.values()], "-", color="tab:blue")
+        axes.set(xlabel=f"weight on {weight}", ylabel=label)
+        axes.set_ylim(bottom=0.0)
         drag = axes.twinx()
-        drag.plot(values, [row["reduction_percent"] for row in found], "s--", color="tab:orange")
+        drag.plot(
+            list(averaged), [found["reduction_percent"] for found in averaged.values()], "s--", color="tab:orange"
+        )
         drag.set(ylabel="less drag, %", ylim=(0.0, 40.0))
         drag.yaxis.label.set_color("tab:orange")
         axes.yaxis.label.set_color("tab:blue")
