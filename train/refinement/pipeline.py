@@ -22,7 +22,7 @@ from train.distillation.evaluate import evaluate_model
 from train.fitting import unfinished
 from train.fitting.fit import Checkpoints
 from train.fitting.progress import Phase, Progress, silent
-from train.fitting.threads import torch_threads
+from train.fitting.threads import torch_threads, without_denormals
 from train.fitting.unfinished import Identity
 from train.model_store import TrainedModel
 from train.pipeline import deployed, versions
@@ -86,7 +86,7 @@ def refine_model(
     identity = Identity.of_refinement(settings, model.dataset_sha256, sensors, threads)
     unfinished.check(folder, identity)
     checkpoints = Checkpoints(folder=folder, identity=identity, resume=True)
-    with torch_threads(threads):
+    with torch_threads(threads), without_denormals():
         if tuple(sensors) != model.sensors:
             model = _with_sensors(model, dataset_path, settings, sensors, progress, checkpoints)
             model = replace(model, prior=None)

@@ -75,8 +75,8 @@ _FLOW: list[DifferentiableFlow] = []
 
 
 def _begin(flow: Callable[[], DifferentiableFlow]) -> None:
-    # Numbers so small that some processors take a hundred times as long for them end a flow and begin its adjoint.
     torch.set_num_threads(1)
+    # For good, as `without_denormals` for a while.
     torch.set_flush_denormal(True)
     _FLOW.append(flow())
 
