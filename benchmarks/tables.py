@@ -12,7 +12,6 @@ from benchmarks.common.commands import ROOT
 from benchmarks.common.markdown import fill, names, read
 from benchmarks.controller import tables as controller_tables
 from benchmarks.ecu import tables as ecu_tables
-from benchmarks.model import tables as model_tables
 from benchmarks.release import campaign_tables, loop_tables, roads_tables
 from benchmarks.release import tables as release_tables
 from benchmarks.wake import tables as wake_tables
@@ -27,7 +26,6 @@ FOLDERS = (
     campaign_tables,
     loop_tables,
     wake_tables,
-    model_tables,
     controller_tables,
     load_tables,
     roads_tables,
@@ -35,14 +33,11 @@ FOLDERS = (
 
 SOURCES = {
     "adjoint": "adjoint", "authentication": "bus", "bus_faults": "bus_loss_05", "bus_runs": "bus_secured",
-    "campaign_paper": "campaign", "can_load": "can_load_fd", "codec": "bus_studies", "controller": "controller",
-    "controller_loop": "controller_loop", "controller_narrow": "controller_narrow", "environment": "roads",
-    "flash_c": "flash_c", "flips": "bus_studies", "limits": "limit_latency", "live": "live_speed",
-    "mcu_release": "mcu", "monitor": "campaign", "roads": "roads",
-    "release_distributions": "release_figures",
-    "sensor_check_alarms": "sensor_check", "sensor_check_faults": "sensor_check", "square": "square",
-    "steady_response": "steady_response", "steps": "wake_speed", "summary": "demo", "training": "training",
-    "tune_settings": "tune", "two_nodes": "two_nodes",
+    "campaign_paper": "campaign", "can_load": "can_load_fd", "controller": "controller",
+    "controller_loop": "controller_loop", "environment": "roads", "flash_c": "flash_c", "limits": "limit_latency",
+    "live": "live_speed", "mcu_release": "mcu", "monitor": "campaign", "release_distributions": "release_figures",
+    "roads": "roads", "sensor_check_alarms": "sensor_check", "sensor_check_faults": "sensor_check",
+    "square": "square", "steps": "wake_speed", "summary": "demo",
 }  # fmt: skip
 """The results file that dates a table, where its own text does not: of several, the one most of its rows are of."""
 

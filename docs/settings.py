@@ -23,10 +23,11 @@ For everyone who sets something: every setting of the tree, by the name that `--
 (`--config FILE.toml`) use. `stillwake config` prints the values that hold for a call, and where each comes from;
 `stillwake config --toml` prints a file to start from. A default is the paper's number where the paper has one, and
 its source names the place: a section, table, equation or appendix. "Ours" is what the paper does not give, with the
-reason or the page that has it. The release's value is given where it differs; [training](../explanation/training.md),
-[the cost](../explanation/cost.md) and [small networks](../explanation/small-networks.md) have its reasons. Lengths are
-in W, times in t_c, actions a = jet flow rate in U_inf W. A number without a unit is a ratio, or counts what its name
-says. A value outside its bounds is refused by name.
+reason or the page that has it. The release's value is given where it differs; [training](../how-to/train.md),
+[the weights of the cost](equations.md#the-weights-of-the-cost) and
+[smaller networks](../explanation/studies.md#smaller-networks) have its reasons. Lengths are in W, times in t_c, actions
+a = jet flow rate in U_inf W. A number without a unit is a ratio, or counts what its name says. A value outside its
+bounds is refused by name.
 `make generated` writes this page from `contract/config/`."""
 
 

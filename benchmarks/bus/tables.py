@@ -39,13 +39,9 @@ def tables(results: Path) -> dict[str, str]:
     found["figures"] |= read(results / "bus_studies.json")["figures"]
     return {
         "bus": bus(found),
-        "codec": codec(found),
-        "flips": flips(found),
         "authentication": authentication(found),
         "bus_runs": bus_runs(results),
         "bus_faults": bus_faults(results),
-        "two_nodes": two_nodes(results),
-        "isotp": isotp(results),
         "attack_tools": attack_tools(results),
     }
 
@@ -59,39 +55,6 @@ def bus(found: Any) -> str:
         f"Measured on {found['date']}. Response times: {played['message_sets']} sets, {played['messages']} messages, "
         f"{played['frames']}\nframes; at random they come up to {100 * played['largest_ratio']:.0f} % of the bound."
     )
-
-
-def codec(found: Any) -> str:
-    """Times of both codecs; medians of one run."""
-    rows = [
-        (row["message"], row["direction"], row["stillwake_us"], row["cantools_us"], f"{row['ratio']:.1f}")
-        for row in found["figures"]["codec"]["rows"]
-    ]
-    return table(("message", "direction", "stillwake, us", "cantools, us", "times as fast"), rows)
-
-
-def flips(found: Any) -> str:
-    """Damaged frames and random bytes that one frame's check lets pass, and those that reach the node."""
-    rows = []
-    for name, row in found["figures"]["flips"]["flips"].items():
-        three = row["three_bit"]
-        among = row["random_among_genuine"]
-        rows.append(
-            (
-                name,
-                *(f"{row[key]['accepted']} of {row[key]['tried']:,}" for key in ("one_bit", "two_bit")),
-                f"{three['accepted']} of {three['tried']:,}{'' if three['exhaustive'] else ' (sampled)'}",
-                f"{row['random_per_million']:.1f}",
-                f"{row['expected_random_per_million']:.2g}",
-                f"{row['random']['live']} of {row['random']['tried']:,}",
-                f"{among['live']} of {among['tried']:,}",
-            )
-        )
-    heads = (
-        *("message", "1 bit", "2 bits", "3 bits", "random, per million", "expected"),
-        *("taken, random bytes alone", "taken, in place of every fifth frame"),
-    )
-    return table(heads, rows)
 
 
 def authentication(found: Any) -> str:
@@ -131,27 +94,6 @@ def attack_tools(results: Path) -> str:
     return f"{table(('learned', ''), rows)}\n\nMeasured on {found['date']}, scapy {versions['scapy']}."
 
 
-def isotp(results: Path) -> str:
-    """What a block of a transfer costs, compared with the library that the tester uses."""
-    found = read(results / "isotp.json")
-    figures = found["figures"]
-    rows = [
-        (
-            row["frames"],
-            row["direction"],
-            str(row["frames_of_a_block"]),
-            f"{row['stillwake_us']:.0f}",
-            f"{row['can_isotp_us']:.0f}",
-            f"{row['ratio']:.1f}",
-        )
-        for row in figures["rows"]
-    ]
-    heads = ("frames", "direction", "frames of a block", "stillwake, us", "can-isotp, us", "times as fast")
-    return f"""{table(heads, rows)}
-
-A block of {figures["block_bytes"]} bytes, measured on {found["date"]}."""
-
-
 def bus_runs(results: Path) -> str:
     """The closed loop on each bus."""
     rows = []
@@ -183,18 +125,6 @@ def bus_faults(results: Path) -> str:
         latched = "no" if fault is None else f"{fault['reason']}, {fault['after_enable']} periods after the request"
         rows.append((name, figures["reduction_percent"], figures["abs_Cl_controlled"], held, latched))
     return table(("pressures", "less drag, %", "mean abs Cl", "periods in control", "latched"), rows)
-
-
-def two_nodes(results: Path) -> str:
-    """Frames between two processes."""
-    found = read(results / "two_nodes.json")
-    figures, facts = found["figures"], found["facts"]
-    rows = [(name, figures[name]["sent"], figures[name]["good"]) for name in ("pressures", "commands")]
-    trip = figures["round_trip_ms"]
-    return f"""{table(("message", "sent", "received and good"), rows)}
-
-{facts["interface"]}, a period of {facts["period_ms"]:g} ms, {figures["garbage"]} pieces of garbage in between. Round
-trip p50/p99/max: {trip["p50"]:.1f}/{trip["p99"]:.1f}/{trip["max"]:.1f} ms, on a machine that did other work as well."""
 
 
 def _names(waits: dict[str, float]) -> list[str]:

@@ -10,10 +10,9 @@ _NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
 
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker, which is the name of its file."""
-    times = {name: latency(results / f"{name}.json") for name in ("controller", "controller_narrow")}
     return {
         "controller_loop": loop(results / "controller_loop.json"),
-        **times,
+        "controller": latency(results / "controller.json"),
         "mcu": mcu(results / "mcu.json"),
         "mcu_release": mcu_release(results / "mcu.json"),
     }
@@ -85,7 +84,7 @@ Cortex-M4F:
 
 def _sizes(rows: list[dict[str, Any]], clocks: tuple[str, ...]) -> str:
     heads = ("dynamics/decoder width, iterations, weights", "M MAC", "flash, KiB", "RAM, KiB", "stack, B", "M instr.")
-    times = tuple(f"ms at {clock} MHz, {kind}" for clock in clocks for kind in ("1 a cycle", "modelled"))
+    times = tuple(f"ms at {clock} MHz, modelled" for clock in clocks)
     return table(
         (*heads, *times, "= host to the bit"),
         [
@@ -96,7 +95,7 @@ def _sizes(rows: list[dict[str, Any]], clocks: tuple[str, ...]) -> str:
                 row["ram_bytes"] / 1024,
                 row["stack_bytes"],
                 row["instructions"] / 1e6,
-                *(row[kind][clock] for clock in clocks for kind in ("one_per_cycle_ms", "modelled_ms")),
+                *(row["modelled_ms"][clock] for clock in clocks),
                 "yes" if row["identical"] else "no",
             )
             for row in rows

@@ -1,7 +1,7 @@
 """The tables of the campaign: every disturbance of the loop, safe or not, useful or not."""
 
+import re
 from collections.abc import Mapping, Sequence
-from itertools import groupby
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,23 +26,23 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def campaign(found: Mapping[str, Any]) -> str:
-    """The matrix, a row a scenario."""
+    """The matrix, a row a scenario; what is done is not repeated where only a number or a sensor differs."""
     rows: list[Sequence[object]] = []
-    for _, group in groupby(found["figures"], key=lambda row: row["group"]):
-        rows += [
+    kind = ""
+    for row in found["figures"]:
+        before, kind = kind, re.sub(r"[\d.]+|(?:upper|lower|base)_\d+", "", row["name"])
+        rows.append(
             (
                 row["name"],
-                row["sentence"],
-                "safe" if row["safe"] else "**UNSAFE**",
-                row["use"],
+                "" if kind == before else row["sentence"],
+                row["use"] if row["safe"] else f"**UNSAFE**, {row['use']}",
                 _spread(row, "reduction_percent", ".1f"),
-                _spread(row, "abs_Cl", ".2f"),
+                _number(row["abs_Cl"], ".2f"),
                 _number(row["in_control_percent"], ".0f"),
                 row["latches"] or "",
             )
-            for row in group
-        ]
-    heads = ("scenario", "what is done", "safe", "use", "less drag, %", "mean abs Cl", "in control, %", "latched")
+        )
+    heads = ("scenario", "what is done", "use", "less drag, %", "mean abs Cl", "in control, %", "latched")
     facts, figures = found["facts"], found["figures"]
     safe = sum(row["safe"] for row in figures)
     return f"""{table(heads, rows)}

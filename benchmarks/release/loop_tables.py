@@ -1,10 +1,8 @@
-"""The tables of the shipped release from several phases and at other speeds, and of what a search found."""
+"""The tables of the shipped release from several phases and at other speeds."""
 
 import re
 from collections import Counter
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from benchmarks.common.markdown import read, table
 
@@ -17,12 +15,7 @@ _NAMES = (
 
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker."""
-    return {
-        "release_loop": release_loop(results),
-        "drive": drive(results),
-        "tune": tune(results),
-        "tune_settings": tune_settings(results),
-    }
+    return {"release_loop": release_loop(results), "drive": drive(results)}
 
 
 def drive(results: Path) -> str:
@@ -75,35 +68,3 @@ def release_loop(results: Path) -> str:
 is {before:.4f} without and {under:.4f} with control.
 
 {table(_HEADS, rows)}"""
-
-
-def tune(results: Path) -> str:
-    """The winner of a search and the present settings."""
-    found = read(results / "tune.json")
-    figures, facts = found["figures"], found["facts"]
-    given_up = sum(trial["given_up"] for trial in figures["trials"])
-    scores = [trial["score"] for trial in figures["trials"] if trial["score"] is not None]
-    return f"""Measured on {found["date"]}: {len(figures["trials"])} trials of {facts["phases"]} starts in
-{figures["search_hours"]:.2f} h on a busy machine, {given_up} of them given up early, seed {facts["seed"]}. On the
-coarse mesh the release scores {scores[0]:.2f} points, the best trial {max(scores):.2f}."""
-
-
-def tune_settings(results: Path) -> str:
-    """What was varied: present, winner's, and how much of the score's variance hangs on it."""
-    found = read(results / "tune.json")
-    figures = found["figures"]
-    present, best = found["facts"]["present"], figures["best"] or {}
-    rows = [
-        (f"`{name}`", _value(present, name), _value(best, name), _share(figures["importances"], name))
-        for name in found["facts"]["vary"]
-    ]
-    return table(("setting", "release", "best trial", "share in the variance of the score"), rows)
-
-
-def _value(mpc: Mapping[str, Any], name: str) -> object:
-    word = name.rpartition(".")[2]
-    return mpc.get("weights", {}).get(word, mpc.get(word))
-
-
-def _share(importances: Mapping[str, float], name: str) -> object:
-    return f"{100 * importances[name]:.0f} %" if name in importances else None

@@ -19,9 +19,7 @@ def tables(results: Path) -> dict[str, str]:
         "steps": _steps(results),
         "live": _live(results),
         "adjoint": _adjoint(results),
-        "open_loop": _open_loop(results),
         "square": _square(results),
-        "steady_response": _steady_response(results),
         "openfoam_loop": _openfoam_loop(results),
     }
 
@@ -39,7 +37,6 @@ def _square(results: Path) -> str:
 def _steps(results: Path) -> str:
     rows = []
     for row in read(results / "wake_speed.json")["figures"]:
-        shares = ", ".join(f"{label} {100 * share:.0f} %" for label, share in row["shares"].items())
         rows.append(
             (
                 f"{row['cells']:,}, {row['precision']}",
@@ -48,12 +45,12 @@ def _steps(results: Path) -> str:
                 row["ns_per_cell_and_step"],
                 row["floor_sweeps_ns"],
                 row["floor_transforms_ns"],
-                shares,
+                *(f"{100 * row['shares'][label]:.0f}" for label in ("convection, diffusion, walls", "Poisson")),
             )
         )
     heads = (
         "cells", "CPU s per t_c", "at full amplitude", "ns a cell and step", "floor: memory", "floor: transforms",
-        "shares",
+        "convection, diffusion, walls, %", "Poisson, %",
     )  # fmt: skip
     return table(heads, rows)
 
@@ -80,37 +77,6 @@ def _live(results: Path) -> str:
         "abs_Cl_uncontrolled", "abs_Cl_controlled",
     )  # fmt: skip
     return table(heads, [tuple(row[name] for name in names) for row in read(results / "live_speed.json")["figures"]])
-
-
-def _open_loop(results: Path) -> str:
-    names = ("Cd", "base_Cp", "abs_Cl", "mean_Cl", "rms_action", "Cd_net", "jet_power")
-    found = read(results / "open_loop.json")
-    facts = found["facts"]
-    rows = [[f"{row['frequency']:.2f}", row["lead"], *(row[name] for name in names)] for row in found["figures"]]
-    span = f"{facts['settle']:g} to {facts['controlled']:g} t_c"
-    return f"""Measured on {found["date"]}, averages over the whole cycles of the sine in {span}.
-
-{table(("frequency", "begins after", *names), rows)}"""
-
-
-def _steady_response(results: Path) -> str:
-    """What a pulse grows to on the steady wake, and what undoing it takes."""
-    figures = read(results / "steady_response.json")["figures"]
-    growth = [(f"{row['t_c']:g} to {row['t_c'] + 5:g}", row["velocity"], row["pressure"]) for row in figures["growth"]]
-    lags = [(f"{row['lag_t_c']:g}", f"{row['action']:.0f}", row["left"]) for row in figures["undoing"]]
-    modes = [
-        (order, "; ".join(f"{mode['growth']:+.3f} at {mode['frequency']:.3f}" for mode in modes[:4]))
-        for order, modes in figures["modes"].items()
-    ]
-    return "\n\n".join(
-        [
-            table(
-                ("t_c after the pulse", "largest v on the axis, a kick", "largest pressure difference, a kick"), growth
-            ),
-            table(("order", "growing pairs: rate at frequency, in 1 / t_c"), modes),
-            table(("undone from t_c on", "largest action, in kicks", "motion left in the end"), lags),
-        ]
-    )
 
 
 def _openfoam_loop(results: Path) -> str:

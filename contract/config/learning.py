@@ -20,7 +20,7 @@ from contract.config.units import PASSES, STEPS, WINDOWS
 SelectionMethod = Literal["shap", "qr", "greedy", "random", "hand"]
 """How the slim encoder's sensors are chosen (`train.selection`)."""
 
-_ENCODER_ALONE: Final = ours("the paper distils the encoder alone", page="explanation/small-networks.md")
+_ENCODER_ALONE: Final = ours("the paper distils the encoder alone", page="explanation/studies.md#smaller-networks")
 _SLIMMED: Final = paper("section 2.3.2", "only the encoder is slimmed")
 
 
@@ -62,7 +62,7 @@ class ModelConfig(Settings, source=paper("table 1")):
 
 @dataclass(frozen=True, kw_only=True)
 class FinishConfig(
-    Settings, section="train.finish", source=ours("the paper has no finish", page="explanation/training.md")
+    Settings, section="train.finish", source=ours("the paper has no finish", page="how-to/train.md")
 ):
     """Last passes of the joint fit, with a longer unroll. Started with it, training stalls on the mean forces; from
     a model that already predicts 5 steps it brings the error at the controller's horizon down.
@@ -100,7 +100,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     segment: Annotated[
         AtLeastOne[int],
         WINDOWS,
-        ours("the plain way; the paper does not give how windows are drawn", page="explanation/training.md"),
+        ours("the plain way; the paper does not give how windows are drawn", page="how-to/train.md"),
     ] = 1
     """Consecutive windows drawn together; 1 draws each on its own. Neighbours share most of their work, so 8 makes an
     iteration several times cheaper for a batch of the same size."""

@@ -60,7 +60,7 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
 class OpenFoamConfig(Settings, source=ours("the second plant is not the paper's case", page="how-to/use-openfoam.md")):
     """The second plant's mesh and start. Its time step in a coupled run is `flow`'s."""
 
-    refinement: Annotated[float, _REFINEMENT, ours("the mesh of the comparison", page="explanation/openfoam.md")] = 1.0
+    refinement: Annotated[float, _REFINEMENT, ours("the mesh of the comparison", page="how-to/use-openfoam.md")] = 1.0
     """Divides every spacing of the body-fitted mesh; the time step must shrink with it."""
     develop_time: Annotated[Positive[float], TIME] = 50.0
     """Time without jets before a first run, t_c, from the own solver's developed wake."""

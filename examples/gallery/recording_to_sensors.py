@@ -154,6 +154,6 @@ for name, chosen in choices.items():
 # - A slim encoder is trained on the chosen four, judged on held-out data, exported, and run in the closed loop. There
 #   the methods lie closer together than in any table of errors.
 #
-# The page :doc:`Which sensors </explanation/sensors>` has those figures, and :doc:`Use your own data
+# The page :doc:`Studies </explanation/studies>` has those figures, and :doc:`Use your own data
 # </how-to/use-your-own-data>` leads from your files to ``dataset`` above. To rank your own sensors, take the path of
 # your data set in place of ``recording()``, and that of your model in place of ``model()``.

@@ -11,8 +11,8 @@ from contract.shipped import BUNDLE
 
 ROOT = Path(__file__).resolve().parents[2]
 PICTURES = ROOT / "docs" / "pictures"
-NOT_FROM_RESULTS = {"mean_flow.png", "model_forces.png", "model_latents.png"}
-"""Drawn by `stillwake picture mean`, and from networks of a study, which are not shipped."""
+NOT_FROM_RESULTS = {"mean_flow.png"}
+"""Drawn by `stillwake picture mean`."""
 
 
 def digest(path: Path) -> str:

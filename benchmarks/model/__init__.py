@@ -1,1 +1,0 @@
-"""Measurements of the model, its data and its training."""
