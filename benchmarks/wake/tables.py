@@ -69,12 +69,11 @@ def _adjoint(results: Path) -> str:
 
 def _live(results: Path) -> str:
     heads = (
-        "refinement", "grid, time step", "cells a slot", "ms a control period", "of processor time", "wall Cd",
-        "std Cl", "Strouhal", "reduction under control, %", "mean abs Cl before", "under control",
+        "refinement", "grid, time step", "cells a slot", "ms a control period", "wall Cd", "std Cl", "Strouhal",
+        "reduction under control, %", "mean abs Cl",
     )  # fmt: skip
     names = (
-        "refinement", "case", "slot_cells", "period_ms", "cpu_ms", "Cd", "Cl_std", "St", "reduction_percent",
-        "abs_Cl_uncontrolled", "abs_Cl_controlled",
+        "refinement", "case", "slot_cells", "period_ms", "Cd", "Cl_std", "St", "reduction_percent", "abs_Cl_controlled",
     )  # fmt: skip
     return table(heads, [tuple(row[name] for name in names) for row in read(results / "live_speed.json")["figures"]])
 

@@ -61,9 +61,7 @@ class ModelConfig(Settings, source=paper("table 1")):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FinishConfig(
-    Settings, section="train.finish", source=ours("the paper has no finish", page="how-to/train.md")
-):
+class FinishConfig(Settings, section="train.finish", source=ours("the paper has no finish", page="how-to/train.md")):
     """Last passes of the joint fit, with a longer unroll. Started with it, training stalls on the mean forces; from
     a model that already predicts 5 steps it brings the error at the controller's horizon down.
 
