@@ -51,17 +51,15 @@ def _latched(troubles: list[str]) -> str:
 
 
 def release_loop(results: Path) -> str:
-    """The shipped release from several phases, one by one."""
+    """The shipped release over several phases."""
     found = read(results / "release_loop.json")
     figures, facts = found["figures"], found["facts"]
-    rows: list[tuple[object, ...]] = [
-        (f"{t:g} t_c", *(row[name] for name in _NAMES))
-        for t, row in zip(facts["phases_t_c"], figures["phases"], strict=True)
-    ]
     spread = figures["over_phases"]
-    rows.append(("**mean**", *(spread[name]["mean"] for name in _NAMES)))
-    rows.append(("95 % confidence of the mean, +-", *(spread[name]["half_width_95"] for name in _NAMES)))
-    rows.append(("least .. most", *(f"{spread[name]['least']:.4g} .. {spread[name]['most']:.4g}" for name in _NAMES)))
+    rows = [
+        (f"mean of {len(figures['phases'])} starts", *(spread[name]["mean"] for name in _NAMES)),
+        ("95 % confidence of the mean, +-", *(spread[name]["half_width_95"] for name in _NAMES)),
+        ("least .. most", *(f"{spread[name]['least']:.4g} .. {spread[name]['most']:.4g}" for name in _NAMES)),
+    ]
     before, under = (spread[f"Cd_net_{name}"]["mean"] for name in ("uncontrolled", "controlled"))
     return f"""Measured on {found["date"]}: {facts["bundle"]}, {facts["lead_in"]:g} t_c without and
 {facts["controlled"]:g} with control, of which the last {facts["controlled"] - facts["settle"]:g} count. Mean `Cd_net`

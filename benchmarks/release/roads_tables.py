@@ -22,7 +22,7 @@ def tables(results: Path) -> dict[str, str]:
 def _environment(rows: list[dict[str, Any]]) -> str:
     """What the environment gives a policy: the rows of its own mesh that know no more of the flow than it shows."""
     known = [row for row in rows if tuple(row["mesh"]) == _DEFAULT_MESH and row["kind"] != "oracle"]
-    heads = ("policy", "mean reward", "mean `Cd_net`", "mean abs Cl", "mean Cl", "mean `jet_power`", "sensors", "steps")
+    heads = ("policy", "mean reward", "mean `Cd_net`", "mean abs Cl", "mean Cl", "mean `jet_power`", "steps")
     return table(
         heads,
         [
@@ -33,7 +33,6 @@ def _environment(rows: list[dict[str, Any]]) -> str:
                 f"{row['abs_Cl']:.3f}",
                 f"{row['mean_Cl']:+.3f}",
                 f"{row['jet_power']:.3f}",
-                row["sensors"],
                 f"{row['interactions']:,}",
             )
             for row in sorted(known, key=lambda row: float(row["Cd"]), reverse=True)
