@@ -19,29 +19,29 @@ def tables(results: Path) -> dict[str, str]:
     """Every table by its marker."""
     found = read(results / "flash.json")
     return {
-        "flash_proof": proof(found, read(results / "flash_memory.json")["figures"]),
+        "flash_proof": proof(found),
         "flash_c": in_c(read(results / "flash_c.json")),
         "flash_pieces": pieces(read(results / "flash_pieces.json")),
         "flash_times": times(read(results / "flash_times.json")),
     }
 
 
-def proof(found: dict[str, Any], memory: dict[str, Any]) -> str:
-    """Cuts, and what was lost: in the folder, and once in a flash memory and a folder."""
+def proof(found: dict[str, Any]) -> str:
+    """Cuts in the folder, and what was lost."""
     of, facts = found["figures"], found["facts"]
     texts = {
-        "operations": "changing calls of the whole sequence; writes and erasures of the flash memory",
+        "operations": "changing calls of the whole sequence",
         "cuts_depth_1": "first cuts",
         "cuts_depth_2": "second cuts, in the recovery from a first one",
         "boots": "power-ons that were judged",
         **_LOST,
     }
-    rows = [(text, of[name], memory[name]) for name, text in texts.items()]
+    rows = [(text, of[name]) for name, text in texts.items()]
     which = "each of them" if facts["every"] == 1 else f"one in {facts['every']} of them"
-    return f"""{table(("", "folder", "flash memory, 0.7.0"), rows)}
+    return f"""{table(("", "figure"), rows)}
 
-Folder: measured on {found["date"]} with {facts["versions"]["stillwake"]}; {which} is cut in {facts["seeds"]} ways. The
-second cuts are drawn by the seed. Flash memory: each is cut in one way; its power-ons and losses include a folder's."""
+Measured on {found["date"]} with {facts["versions"]["stillwake"]}; {which} is cut in {facts["seeds"]} ways. The
+second cuts are drawn by the seed."""
 
 
 def in_c(found: dict[str, Any]) -> str:
