@@ -285,7 +285,7 @@ def _head() -> str:
 
 For ECU engineers with a tester or a calibration tool of their own: what an ECU that runs with `--slots` understands.
 [Flash an ECU](../how-to/flash-an-ecu.md) and [calibrate](../how-to/calibrate.md) have the commands that use it, and
-[the threat model](../explanation/threat-model.md) explains what the keys protect. `make generated` writes this page
+[protection](../explanation/protection.md) explains what the keys protect. `make generated` writes this page
 from `can_bridge/uds/` and `can_bridge/calibration/`.
 
 {_timing()}

@@ -110,7 +110,7 @@ def test_the_weights_of_the_release_mean_what_they_are_called() -> None:
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="needs the openssl command")
 def test_openssl_agrees_about_the_signature(tmp_path: Path) -> None:
-    """The check that `docs/how-to/sign-a-release.md` shows, with a program that knows nothing of this one."""
+    """The check that `docs/reference/release-bundle.md` shows, with a program that knows nothing of this one."""
     signature = (RELEASE / "manifest.sig").read_text(encoding="ascii").split()[-1]
     (tmp_path / "raw").write_bytes(bytes.fromhex(signature))
     key = ROOT / "contract" / "release" / "release.pub"

@@ -95,11 +95,11 @@ def run(
     --fault puts a fault on the bus: the node in whose port it is (vehicle or ecu), the fault, and when it acts, in s of
     the run; ecu:drop:probability=0.1@5..10 loses a tenth of what the ECU sends. The faults are drop, burst_loss,
     duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer and clock_drift; their parameters
-    are in docs/reference/bus-faults.md.
+    are in docs/reference/disturbances.md.
 
     --ecu c runs the whole ECU as its C sources. With --ecu cortex-m7, which cortex-m7-board names as well, they run as
     the firmware of an emulated board, from its reset vector on: frames pass through its CAN controller's registers, and
-    modelled cycles are charged as compute time; docs/how-to/from-a-fresh-board.md has more. Both are of the folder that
+    modelled cycles are charged as compute time; docs/how-to/board-and-rtos.md has more. Both are of the folder that
     --library names, or of the shipped model.
 
     --disturb takes the same texts, and what disturbs the run elsewhere: noise:level=0.5 at the transducers,

@@ -1,4 +1,4 @@
-"""The pages on methods, plants and faults of one's own: their code runs as it stands, and does what they promise."""
+"""The code of pages and examples for methods, plants and faults of one's own does what they promise, as it stands."""
 
 import re
 import sys
@@ -10,23 +10,27 @@ import numpy as np
 import pytest
 import torch
 
+from can_bridge.bus.faults.fault import wrap
+from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame
 from contract.config.loading import load_config
+from contract.config.vehicle import BusConfig
 from contract.recording.dataset import UNITS, Dataset, Episode, write
 from contract.release.bundle import load
 from contract.sensors import TRUCK
 from contract.shipped import BUNDLE
+from examples.own_faults import EveryNth, WithSensors, clipped, third_lost
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from train.samples.rows import Rows
 
-HOW_TO = Path(__file__).parents[2] / "docs" / "how-to"
+DOCS = Path(__file__).parents[2] / "docs"
 SHORT = Spans(lead_in=8.0, controlled=4.0, settle=0.0, averages=False)
 """t_c: the window of 32 control periods fills meanwhile."""
 
 
 def blocks(page: str) -> list[str]:
-    text = (HOW_TO / page).read_text(encoding="utf-8")
+    text = (DOCS / page).read_text(encoding="utf-8")
     return re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
@@ -39,12 +43,12 @@ def module(name: str, *code: str) -> ModuleType:
 
 @pytest.fixture(scope="module")
 def plant() -> ModuleType:
-    return module("my_plant", blocks("add-a-plant.md")[0])
+    return module("my_plant", blocks("how-to/add-a-plant.md")[0])
 
 
 def test_a_selection_finds_the_sensors_that_the_forces_are_made_of():
     """Drag is sensor 70, side force sensors 12 and 33; the others are noise, and one is a copy of 12."""
-    (code,) = blocks("add-a-sensor-selection.md")
+    (code,) = blocks("how-to/add-a-sensor-selection.md")
     draws = np.random.default_rng(1).standard_normal((500, 91)).astype(np.float32)
     draws[:, 40] = draws[:, 12]
     forces = np.column_stack([3.0 * draws[:, 70], 2.0 * draws[:, 12] + draws[:, 33]])
@@ -57,7 +61,7 @@ def test_a_selection_finds_the_sensors_that_the_forces_are_made_of():
 
 
 def test_its_script_prints_names_that_train_takes(tmp_path, capsys):
-    (code,) = blocks("add-a-sensor-selection.md")
+    (code,) = blocks("how-to/add-a-sensor-selection.md")
     rng = np.random.default_rng(2)
     series = {name: rng.normal(size=(60, len(TRUCK)) if name == "Cp" else 60) for name in UNITS}
     series["t"], series["action"] = 0.2 * np.arange(60.0), 0.01 * np.sin(np.arange(60.0))
@@ -84,7 +88,7 @@ def test_the_oscillator_sheds_at_its_own_frequency_without_jets(plant):
 def test_the_shipped_controller_drives_it_over_the_bus(plant, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "my_plant", plant)
     names: dict[str, Any] = {}
-    exec(compile(blocks("add-a-plant.md")[1], "page", "exec"), names)
+    exec(compile(blocks("how-to/add-a-plant.md")[1], "page", "exec"), names)
     log = names["log"]
     assert log.bus.lost == log.bus.rejected == 0
     assert set(log.series["mode"][70:]) == {log.series["mode"][-1]}
@@ -93,23 +97,22 @@ def test_the_shipped_controller_drives_it_over_the_bus(plant, monkeypatch, capsy
 
 
 def test_every_third_frame_is_lost_at_a_port_and_in_a_run(plant):
-    fault, at_a_port, in_a_run = blocks("add-a-disturbance.md")[:3]
-    made = module("my_fault", fault, at_a_port, in_a_run)
+    bus = SimulatedBus(BusConfig())
+    port = wrap(bus.port("vehicle"), [EveryNth(n=3)], clock=lambda: bus.now_ns, seed=1)
     for number in range(7):
-        made.port.send(Frame(frame_id=number, data=b""))
-    assert [injector.acted for injector in made.port.injectors] == [2]
+        port.send(Frame(frame_id=number, data=b""))
+    assert [injector.acted for injector in port.injectors] == [2]
     config = load_config()
     oscillator = plant.OscillatorPlant(config.flow)
     wide = Spans(lead_in=8.0, controlled=28.0, settle=0.0, averages=False)
-    log = Simulation(load(BUNDLE), config, spans=wide, disturbances=made.disturbances).run(oscillator)
+    log = Simulation(load(BUNDLE), config, spans=wide, disturbances=third_lost(3.0)).run(oscillator)
     (injected,) = log.metadata.faults
     # From 3 s to 3.6 s there are 60 frames of the vehicle: pressures and speeds.
     assert (injected.text, injected.acted) == ("vehicle:every_nth:n=3", 20)
 
 
 def test_clipped_sensors_are_what_the_controller_reads(plant):
-    made = module("my_sensors", *blocks("add-a-disturbance.md")[3:])
     config = load_config()
-    faulty = made.WithSensors(plant.OscillatorPlant(config.flow), made.Clipped(0.25))
+    faulty = WithSensors(plant.OscillatorPlant(config.flow), clipped(0.25))
     log = Simulation(load(BUNDLE), config, spans=SHORT).run(faulty)
     assert np.abs(log.series["wall_Cp"]).max() == pytest.approx(0.25)

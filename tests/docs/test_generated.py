@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from cantools.database import Database
 
+from can_bridge.bus.faults.text import KINDS as BUS_FAULTS
 from can_bridge.calibration.xcp import Command
 from can_bridge.uds.services import Did, Nrc, Routine, Service
 from contract.config.loading import load_config, to_tree
@@ -89,8 +90,10 @@ def test_every_setting_has_a_line_with_default_release_unit_bounds_source_and_me
 
 def test_every_kind_of_disturbance_has_a_row_with_its_parameters():
     page = (ROOT / "docs" / "reference" / "disturbances.md").read_text(encoding="utf-8")
-    rows = {re.split(r"\W", row[3:])[0]: row for row in page.splitlines() if row.startswith("| `")}
+    elsewhere, of_the_bus = page.partition("## Faults of the bus")[::2]
+    rows = {re.split(r"\W", row[3:])[0]: row for row in elsewhere.splitlines() if row.startswith("| `")}
     assert sorted(rows) == sorted(KINDS)
+    assert set(re.findall(r"^\| `(\w+)", of_the_bus, re.MULTILINE)) == BUS_FAULTS.keys()
     for name, kind in KINDS.items():
         # The only node that a reset or a clock can be of need not be named.
         unnamed = {"start_s", "end_s"} | ({"node"} if name in ("reset", "clock") else set())

@@ -20,7 +20,7 @@ from firmware_sim.in_c.c_image import controller_image, read_packed
 from tests.firmware_sim.ecu_in_c import CONFIG, exported
 
 BUS = ("--bus", "udp_multicast:239.74.163.41")
-PAGE = Path(__file__).resolve().parents[2] / "docs/how-to/from-a-fresh-board.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs/how-to/board-and-rtos.md"
 COMMAND = (sys.executable, "-m", "stillwake")
 
 

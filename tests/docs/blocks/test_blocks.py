@@ -131,12 +131,11 @@ def test_c_compiles_without_a_warning(tmp_path, tmp_path_factory, shared_builds)
 def stand_ins(page: str, folder: Path, release: Path) -> dict[str, Any]:
     """What the prose of a page takes for granted."""
     match Path(page).stem:
-        case "bus-faults":
-            return {"bus": SimulatedBus(Config().bus), "config": Config(), "SimulatedBus": SimulatedBus}
         case "disturbances":
             wake = TruckWake(FlowConfig(refinement=0.4, substeps=12))
             config = load_config(None, ["flow.refinement=0.4", "flow.substeps=12"])
-            return {"bundle": bundle.load(release), "config": config, "wake": wake, "state": wake.state()}
+            wakes = {"bundle": bundle.load(release), "config": config, "wake": wake, "state": wake.state()}
+            return wakes | {"bus": SimulatedBus(config.bus), "SimulatedBus": SimulatedBus}
         case "environment":
             # start.npz, as `stillwake develop` writes it, but at rest.
             body = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=20)

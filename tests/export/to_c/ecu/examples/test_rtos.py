@@ -1,4 +1,4 @@
-"""The files of the page on FreeRTOS and Zephyr compile as they stand, and drive."""
+"""The files of `examples/rtos` compile as they stand, and drive."""
 
 import re
 import subprocess
@@ -13,21 +13,18 @@ from contract.config.learning import ModelConfig
 from firmware_sim.in_c.compiler import host_compiler
 from tests.export.to_c.ecu.examples.conftest import without
 
-PAGE = (Path(__file__).parents[5] / "docs" / "how-to" / "use-an-rtos.md").read_text(encoding="utf-8")
-HEADER, TASK, FREERTOS, ZEPHYR = re.findall(r"^```c\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+RTOS = Path(__file__).parents[5] / "examples" / "rtos"
 C = Path(__file__).with_name("c")
 SYSTEMS = {
     "freertos": ["FreeRTOS.h", "freertos.c"],
     # The tests' compiler takes no folders in folders.
     "zephyr": ["zephyr.h", "zephyr.c"],
 }
-"""What stands in for each: as far as the page uses it, one thread, and time that passes while it sleeps. Both play
+"""What stands in for each: as far as the files use it, one thread, and time that passes while it sleeps. Both play
 the vehicle of `pressures.h`: a frame a control period, at its beginning, amid more frames of other nodes than the queue
 holds. JetCommands are printed in hex, and the program ends when the pressures do."""
-PORTS = {
-    "freertos": {"queue.h": "", "task.h": "", "port.c": FREERTOS},
-    "zephyr": {"port.c": re.sub(r"^#include <zephyr/.*>$", '#include "zephyr.h"', ZEPHYR, flags=re.MULTILINE)},
-}
+EMPTY = {"queue.h": b"", "task.h": b""}
+"""What FreeRTOS has in files that its stand-in does not need."""
 
 
 @pytest.mark.compiler
@@ -38,10 +35,10 @@ def test_every_period_has_a_command_and_the_jets_are_driven(system, folder, buil
         pytest.skip("one of the sets shows it")
     stand_ins = {name: (C / name).read_text() for name in ("board.h", "board.c", *SYSTEMS[system])}
     contents = without(folder, "main_socketcan.c", "systick.c")
-    contents |= {
-        name: text.encode()
-        for name, text in ({"ecu_port.h": HEADER, "ecu_task.c": TASK} | stand_ins | PORTS[system]).items()
-    }
+    files = {name: (RTOS / name).read_text() for name in ("ecu_port.h", "ecu_task.c", f"port_{system}.c")}
+    port = re.sub(r"^#include <zephyr/.*>$", '#include "zephyr.h"', files[f"port_{system}.c"], flags=re.MULTILINE)
+    files |= {f"port_{system}.c": port} | stand_ins
+    contents |= EMPTY | {name: text.encode() for name, text in files.items()}
     program = tmp_path / "ecu"
     shared_builds.compile_c(contents, program, compiler=host_compiler(), flags=("-O0", "-ffp-contract=off"))
     done = subprocess.run([program], capture_output=True, text=True, timeout=60, check=True)

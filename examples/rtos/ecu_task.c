@@ -1,0 +1,45 @@
+/* The ECU as a task, for any system that has what ecu_port.h asks for.
+ *
+ * Deadlines are absolute, so that delays do not add up, and they follow the pressures slowly, because the vehicle's clock
+ * and this one drift apart. A deadline that was missed by more than a quarter of a period is left out; the ECU sees that
+ * by its clock, and counts it. */
+
+#include "ecu_port.h"
+
+#define GRACE 4         /* a step that begins later than a period / GRACE is left out */
+#define LARGEST_SLEW 32 /* deadlines move by a period / LARGEST_SLEW at most */
+
+static sw_ecu ecu; /* all memory there is */
+static sw_frame received[ROOM], to_send[SW_FRAMES_OUT];
+
+static int64_t next_due(int64_t due_ns, int64_t arrived_ns)
+{
+    const int64_t late_ns = clock_ns() - due_ns - SW_PERIOD_NS / GRACE;
+    const int64_t next_ns = due_ns + SW_PERIOD_NS * (late_ns > 0 ? (late_ns - 1) / SW_PERIOD_NS + 1 : 1);
+    const int64_t most_ns = SW_PERIOD_NS / LARGEST_SLEW;
+    if (arrived_ns < 0) return next_ns;
+    int64_t error_ns = (arrived_ns + SW_STEP_OFFSET_NS - next_ns) % SW_PERIOD_NS;
+    if (error_ns > SW_PERIOD_NS / 2) error_ns -= SW_PERIOD_NS;
+    if (error_ns < -SW_PERIOD_NS / 2) error_ns += SW_PERIOD_NS;
+    if (error_ns > most_ns) error_ns = most_ns;
+    if (error_ns < -most_ns) error_ns = -most_ns;
+    return next_ns + error_ns;
+}
+
+void controller_task(void)
+{
+    int64_t due_ns = clock_ns() + SW_PERIOD_NS;
+    (void)sw_ecu_init(&ecu); /* a build that it refuses keeps the jets shut, and EcuStatus has the reason */
+    for (;;) {
+        int64_t arrived_ns = -1;
+        sleep_until(due_ns);
+        const int count = take_frames(received, ROOM);
+        for (int i = 0; i < count; i++) {
+            if (received[i].id == SW_PRESSURE_ID) arrived_ns = received[i].timestamp_ns;
+        }
+        note_health(&ecu.surroundings.health);
+        const int sent = sw_ecu_step(&ecu, clock_ns(), received, count, to_send);
+        for (int i = 0; i < sent; i++) send_frame(&to_send[i]);
+        due_ns = next_due(due_ns, arrived_ns);
+    }
+}
