@@ -63,18 +63,21 @@ def schedule(speed: float, goal: Goal) -> tuple[float, ...]:
     return (1.0, (speed - 1.0) / SPEED_SCALE, *goal)
 
 
-def beyond(weights: CostWeights) -> CostWeights:
+def beyond(weights: CostWeights, *, knows_goal: bool = True) -> CostWeights:
     """The weights that the iterations take where a plan starts at a prior: what is asked beyond its range of goals.
+
+    A prior that was trained for drag alone knows no other goal, and leaves effort and lift to the iterations whole.
 
     A prior that was trained through the flow is stationary for the goals that it knows. The expected slope of their
     cost along its plan is zero, so what a model finds of such a slope is noise and error. Of what is asked beyond the
     range, and of the terms that the prior does not know, the whole slope remains.
     """
+    drag = weights.drag_mean if knows_goal else 0.0
     return replace(
         weights,
         drag_mean=0.0,
-        effort=max(0.0, weights.effort - DEAREST_EFFORT * weights.drag_mean),
-        lift=max(0.0, weights.lift - DEAREST_LIFT * weights.drag_mean),
+        effort=max(0.0, weights.effort - DEAREST_EFFORT * drag),
+        lift=max(0.0, weights.lift - DEAREST_LIFT * drag),
     )
 
 

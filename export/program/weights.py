@@ -237,8 +237,16 @@ class PriorWeights:
     @property
     def knows_speed(self) -> bool:
         """Whether the vehicle's speed changes a plan."""
-        place = SCHEDULED.index("speed")
-        return bool(self.first[place].any() or self.gate[:, place].any())
+        return self._knows("speed")
+
+    @property
+    def knows_goal(self) -> bool:
+        """Whether weights on effort and lift change a plan."""
+        return self._knows("effort", "lift")
+
+    def _knows(self, *names: str) -> bool:
+        places = [SCHEDULED.index(name) for name in names]
+        return bool(self.first[places].any() or self.gate[:, places].any())
 
 
 class _Tensors:

@@ -53,7 +53,10 @@ def control_step(
     z = encode(program, window)
     start = starting_plan(program, window, plan, free, weights, speed, limit)
     asked = _weights(program, weights)
-    remaining = asked if program.prior is None else np.array(beyond(CostWeights.of(asked)).as_tuple())
+    remaining = asked
+    if program.prior is not None:
+        left = beyond(CostWeights.of(asked), knows_goal=program.prior.knows_goal)
+        remaining = np.array(left.as_tuple())
     optimised = optimise(program, z, start, previous_action, free, remaining, limit)
     return evaluate(program, z, optimised, previous_action, asked, start)
 

@@ -42,7 +42,7 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
             window=window, committed=start, free=free, schedule=schedule,
             reach=graph.op("Mul", share, reach), bound=bound,
         )  # fmt: skip
-        iterated = lower_beyond(graph, weights)
+        iterated = lower_beyond(graph, weights, knows_goal=program.prior.knows_goal)
     before = previous_action(graph, program.sizes, window)
     cost = Cost(graph, program.mpc, weights, before, start, iterated)
     z = lower_encoder(graph, program, window, store)

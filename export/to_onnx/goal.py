@@ -38,10 +38,11 @@ def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) ->
     return schedule, reach
 
 
-def lower_beyond(graph: Graph, weights: str) -> str:
-    """The weights (8,) of the iterations behind a prior."""
+def lower_beyond(graph: Graph, weights: str, *, knows_goal: bool) -> str:
+    """The weights (8,) of the iterations behind a prior, which knows a goal or drag alone."""
     known, kept = np.zeros(len(TERMS)), np.ones(len(TERMS))
-    known[[TERMS.index("effort"), TERMS.index("lift")]] = DEAREST_EFFORT, DEAREST_LIFT
+    if knows_goal:
+        known[[TERMS.index("effort"), TERMS.index("lift")]] = DEAREST_EFFORT, DEAREST_LIFT
     kept[TERMS.index("drag_mean")] = 0.0
     drag = graph.slice(weights, TERMS.index("drag_mean"), TERMS.index("drag_mean") + 1)
     rest = graph.op("Sub", weights, graph.op("Mul", drag, graph.constant(known, "known")))

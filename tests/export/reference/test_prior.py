@@ -72,10 +72,17 @@ def test_at_a_goal_within_the_range_the_plan_is_the_priors_to_the_bit(lowering):
     assert np.abs(plans[0]).max() > 0.01
 
 
-def test_beyond_the_range_the_plan_moves_against_the_slope_of_what_is_asked_beyond():
-    """Adam's first step is -lr sign(g), here of a cost written out: the prior knows the rest of it."""
+@each("knows_goal", [True, False])
+def test_beyond_the_range_the_plan_moves_against_the_slope_of_what_is_asked_beyond(knows_goal):
+    """Adam's first step is -lr sign(g), here of a cost written out: the prior knows the rest of it, or drag alone."""
     one = program(iterations=1, learning_rate=1e-6)
-    goal = np.array(replace(DRAG, drag_mean=2.0, effort=250.0, lift=3.0).as_tuple())
+    effort, lift = 250.0, 3.0
+    if not knows_goal:
+        assert one.prior is not None
+        first, gate, goals = one.prior.first.copy(), one.prior.gate.copy(), slice(2, 4)
+        first[goals], gate[:, goals] = 0.0, 0.0
+        one, effort, lift = replace(one, prior=replace(one.prior, first=first, gate=gate)), 50.0, 1.0
+    goal = np.array(replace(DRAG, drag_mean=2.0, effort=effort, lift=lift).as_tuple())
     for window in random_windows(one, 5):
         given, z = (window, np.zeros(HORIZON), np.ones(HORIZON), goal), encode(one, window)
 
