@@ -30,7 +30,7 @@ from contract.controller.c_folder import EXPECTED, Settings, read_recorded, read
 from stillwake.parts.c_release import write_shipped_library
 from stillwake.parts.releases import open_release
 
-release = open_release(None, None)
+release = open_release(None)
 config = load_config()
 with tempfile.TemporaryDirectory() as folder:
     write_shipped_library(Path(folder), release, config)

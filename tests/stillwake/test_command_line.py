@@ -30,7 +30,7 @@ def test_it_starts_without_what_a_vehicle_does_not_install():
 def test_rounds_under_a_controller_are_added(cli, tmp_path, short_release, coarse):
     output = tmp_path / "a.h5"
     for number in (1, 2):
-        what = ("--controlled", 2, "--episodes", 1, "--role", "train", *coarse.words)
+        what = ("controlled=2", "--episodes", 1, "--role", "train", *coarse.words)
         outcome = cli("record", output, "--under", short_release, *what)
         assert (outcome.code, outcome.err) == (0, "")
         assert f"round {number}, 2 control steps under the controller" in outcome.out.replace("\n", " ")

@@ -51,7 +51,7 @@ def test_other_units_names_and_series_are_taken_where_they_are(tmp_path, layout)
     values = foreign_plant.series(30, 2)
     renamed = {"drag": values["Cd"], "p": values["Cp"] * 375.0} | {k: values[k] for k in ("action", "Cl")}
     path = foreign_plant.write_npz(tmp_path / "a.npz", renamed)
-    made = imported(path, layout, renamed={"Cd": "drag", "Cp": "p"}, dynamic_pressure=375.0)
+    made = imported(path, layout, renamed={"Cd": "drag", "Cp": "p"}, references=references_of(["Cp=375Pa"]))
     np.testing.assert_allclose(made.episodes[0].series["Cp"], values["Cp"], rtol=1e-12)
     np.testing.assert_array_equal(made.episodes[0].series["Cd"], values["Cd"])
     # The action before the first row and the ledger are taken where they are.
@@ -100,7 +100,7 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         ("a.npz", {"initial_action": np.zeros(5)}, r"'initial_action' has shape \(5,\), must be one number"),
         ("a.npz", {"Cd": np.zeros(19)}, r"'Cd' has shape \(19,\), must be \(20,\)"),
         ("a.npz", {"Cp": np.zeros((7, 20))}, r"'Cp' has shape \(7, 20\), must be \(20, 7\) .*transpose it"),
-        ("a.npz", {"Cp": 500.0 * np.ones((20, 7))}, "'Cp' reaches 500, .* if it is in Pa, use --dynamic-pressure"),
+        ("a.npz", {"Cp": 500.0 * np.ones((20, 7))}, "'Cp' reaches 500, .* if it is in Pa, give .*--reference Cp=240Pa"),
         (
             "a.npz",
             {"Cd": np.where(T < 1, 1e9, 1.2)},
@@ -138,7 +138,7 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         {"Cp": np.full((20, 7), 101325.0), "action": np.zeros(20), "Cd": np.ones(20), "Cl": np.zeros(20)},
     )
     with pytest.raises(DatasetError, match=r"'Cp' reaches 270\.2, .*p - p_inf, not absolute"):
-        imported(absolute, layout, dynamic_pressure=375.0)
+        imported(absolute, layout, references=references_of(["Cp=375Pa"]))
     with pytest.raises(DatasetError, match=r"none\.csv: no such file"):
         imported(tmp_path / "none.csv", layout)
 
@@ -265,9 +265,9 @@ def test_numbers_in_a_unit_are_divided_by_what_1_is_in_it(tmp_path, layout):
     for path, texts, more, message in (
         (tmp_path / "a.csv", [], {}, r"'t \[ms\]' is in 'ms', t must be without dimension: give W / U_inf as in --ref"),
         (tmp_path / "a.csv", ["t=5ms", "Cd=4Pa"], {}, r"'Cd \(N\)' is in 'N' by the file's own word, which --ref"),
-        (kilo, ["t=5ms", "Cd=40N"], {}, "'Cp' is in 'kPa', .* give --dynamic-pressure"),
+        (kilo, ["t=5ms", "Cd=40N"], {}, "'Cp' is in 'kPa', .* --reference Cp=240Pa"),
         (packed(tmp_path / "d.h5", values, {"units": "1"}), ["Cd=40N"], {}, "'Cd' is in '1' by the file's own word"),
-        (kilo, ["Cp=1kPa"], {"dynamic_pressure": 1.0}, "--reference Cp=1kPa: --dynamic-pressure 1 gives it, too"),
+        (kilo, ["t=5ms", "Cd=40N", "Cp=-1kPa"], {}, "--reference Cp=-1kPa: a dynamic pressure must be positive"),
         (kilo, ["drag=1"], {}, "--reference drag=1: 'drag' is no series and no sensor"),
     ):
         with pytest.raises(DatasetError, match=message):
