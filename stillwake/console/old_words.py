@@ -49,6 +49,7 @@ OLD: Final[Mapping[str, Mapping[str, str]]] = {
     "refine": {"--start": "--state"},
     "export": {"--sensors": "--estimator"},
     "plant-fmu": {"--start": "--state"},
+    "identify": {"": "python examples/linear_feedback.py"},
     "steady": {"": "stillwake develop --steady"},
     "animate": {"": "stillwake picture FILE.gif"},
     "picture vorticity": {"": "stillwake picture"},

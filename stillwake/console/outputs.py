@@ -36,8 +36,10 @@ def check_output(
     if mark and folder and path.is_dir() and any(path.iterdir()) and not (path / mark).exists():
         raise OutputError(f"{path}: there is something else; name another folder")
     if not overwrite and path.exists() and not (folder and not any(path.iterdir())):
-        ways = "give another name" if overwrite is None else "give --overwrite to replace it, or another name"
-        raise OutputError(f"{path}: {occupant or 'there is one already'}; {ways}")
+        there = occupant or "there is one already"
+        if overwrite is None:
+            raise OutputError(f"{path}: {there}; give another name")
+        raise OutputError(f"{path}: {there}; give --overwrite to replace it, or another name")
 
 
 def check_json(path: Path | None) -> None:

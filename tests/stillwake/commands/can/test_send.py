@@ -1,4 +1,4 @@
-"""`stillwake can send` and `can keygen`: frames on a virtual bus, and a key that is written once."""
+"""`stillwake can send` and `keygen --secret`: frames on a virtual bus, and a key that is written once."""
 
 import stat
 from collections.abc import Callable
