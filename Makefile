@@ -65,7 +65,7 @@ pristine:
 	build/pristine/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt \
 		build/wheel/stillwake-*.whl
 	build/pristine/bin/python -I tests/install/step_an_ecu.py
-	build/pristine/bin/stillwake bundle verify
+	build/pristine/bin/stillwake bundle inspect
 	build/pristine/bin/stillwake --help > build/pristine/help.txt
 	build/pristine/bin/python -I tests/install/walk_verbs.py
 
@@ -98,7 +98,7 @@ lint: $(VENV)/dev.stamp
 # From the shipped recording to a bundle of the shipped kind, then the loop with it.
 retrain: $(VENV)/dev.stamp
 	$(BIN)/stillwake train runs/model --overwrite
-	$(BIN)/stillwake export runs/model runs/bundle --sensors --overwrite
+	$(BIN)/stillwake export runs/model runs/bundle --estimator --overwrite
 	$(BIN)/stillwake run runs/retrained --overwrite --bundle runs/bundle
 
 # The shipped release anew: make release KEY=release.key NAME=truck-wake-9. A model in runs/release is taken as it is.
@@ -114,9 +114,9 @@ release: $(VENV)/dev.stamp
 	test -f runs/release/model.json || test -f runs/trained/model.json || $(BIN)/$(TRAIN)
 	test -f runs/release/model.json || test -f runs/refined/model.json || $(BIN)/$(REFINE)
 	test -f runs/release/model.json || $(BIN)/$(SPEEDS)
-	$(BIN)/stillwake export runs/release runs/release_bundle --sensors --name $(NAME) --key $(KEY) --overwrite
+	$(BIN)/stillwake export runs/release runs/release_bundle --estimator --name $(NAME) --key $(KEY) --overwrite
 	$(BIN)/python -m benchmarks.release.ship runs/release runs/release_bundle --command "$(TRAIN); $(REFINE); $(SPEEDS)"
-	$(BIN)/stillwake bundle verify
+	$(BIN)/stillwake bundle inspect
 	@echo "in place; to check: stillwake run runs/demo --overwrite, stillwake mcu, make test"
 
 # Everything slow: all figures in results/, and the tables made of them. make full RESUME=1 goes on after a stop.

@@ -31,7 +31,7 @@ end of this page you can write the call that you need. In a terminal `--help` af
 {EPILOG}
 
 Exit status 0 is success, 1 an error that one line on standard error names, and 2 a call that the command line does not
-understand. Others stand with the command that has them. `--config` and `--set` take the names in
+understand. Others stand with the command that has them. `--set` takes the names in
 [settings](settings.md)."""
 
 

@@ -220,8 +220,8 @@ little-endian, as [the how-to page](../how-to/calibrate.md#by-hand) describes.""
                     ((_byte(one), _words(one.name), NRC_TEXTS[one]) for one in Nrc if one not in UNSENT),
                 ),
                 "## Tools of others",
-                _wrapped("""`stillwake diagnose pdx FILE.pdx` writes all of UDS above as ODX 2.2 (ISO 22901-1): each
-request and answer with its types, trouble codes and negative responses, the sessions and levels as states
+                _wrapped("""`stillwake export --for-testers FOLDER` writes all of UDS above as ODX 2.2 (ISO 22901-1):
+each request and answer with its types, trouble codes and negative responses, the sessions and levels as states
 that services need, and how the ECU is reached. It is made from the same tables as this page. A test has
 odxtools read it, ask the running server by it, in every session, and decode the answers. The communication
 parameters have the names of ISO 15765-2, 15765-3 and 11898-2; their subsets hold those alone that are used,
@@ -307,15 +307,15 @@ def _identifiers() -> str:
 diagnosis plan gives this ECU. Without a plan take two free ones of 11 bits outside 0x7DF to 0x7EF, greater than the
 control's, so that a tester's frames wait for pressures and commands and not the other way round; or of 29 bits the
 normal fixed ones of ISO 15765-2, made of the target's and the source's address: with 0x5A for this ECU and 0xF1
-for the tester, in a file for `--config`,"""),
+for the tester, in a file for `--set`,"""),
             '```toml\n[bus.diagnosis]\nrequest_id = "0x18DA5AF1"\nresponse_id = "0x18DAF15A"\n'
             'functional_id = "0x18DB33F1"\n```',
             _wrapped("""Three digits are 11 bits, eight are 29, as candump writes them: 0x00000123 is another
 identifier than 0x123, and 0x0123 is refused. `--set bus.diagnosis.request_id=0x18DA5AF1` means the same. A number
 without quotation marks has no zeros in front: it has 11 bits up to 0x7FF, and 29 from 0x1000 on. One that is
 taken twice, or by a message of the DBC, is refused, and so are two lengths in one conversation."""),
-            _wrapped("""ECU and tester need the same settings: `ecu --slots`, `ecu board`, `export --c` (constants
-of `sw_ecu_settings.h`), `flash`, `flash-keys`, `ecu info`, `calibrate` with its A2L, `diagnose` with its PDX, and the
+            _wrapped("""ECU and tester need the same settings: `ecu --slots`, `ecu --mcu`, `export --c` (constants
+of `sw_ecu_settings.h`), `flash`, `diagnose`, `calibrate`, the A2L and PDX of `export --for-testers`, and the
 names in `can decode` and `can monitor`. XCP is not in the ECU in C. The DBC has the messages of the control alone, and
 its hash is in every release: what describes diagnosis to other tools is the PDX, and the A2L for XCP."""),
             _wrapped(f"""A functional request goes to every ECU on the bus. It has one frame; the beginning of a longer

@@ -101,7 +101,7 @@ def write(path: Path, png: bytes) -> None:
 @contextmanager
 def _server() -> Iterator[str]:
     """The page's address while it runs."""
-    command = [sys.executable, "-m", "stillwake", "bench", "serve", "--port", "0", "--fast"]
+    command = [sys.executable, "-m", "stillwake", "live", "--port", "0", "--fast"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None

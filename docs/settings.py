@@ -20,7 +20,7 @@ PAGE: Final = ROOT / "docs" / "reference" / "settings.md"
 _HEAD: Final = """# Settings
 
 For everyone who sets something: every setting of the tree, by the name that `--set NAME=VALUE` and a TOML file
-(`--config FILE.toml`) use. `stillwake config` prints the values that hold for a call, and where each comes from;
+(`--set FILE.toml`) use. `stillwake config` prints the values that hold for a call, and where each comes from;
 `stillwake config --toml` prints a file to start from. A default is the paper's number where the paper has one, and
 its source names the place: a section, table, equation or appendix. "Ours" is what the paper does not give, with the
 reason or the page that has it. The release's value is given where it differs; [training](../how-to/train.md),

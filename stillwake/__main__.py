@@ -20,8 +20,7 @@ from typing import Annotated, Final
 
 import typer
 
-from stillwake.commands.bench import bench
-from stillwake.commands.bundle import bundle
+from stillwake.commands.bundle import bundle, keygen
 from stillwake.commands.campaign import campaign
 from stillwake.commands.can import can
 from stillwake.commands.config import config
@@ -29,18 +28,20 @@ from stillwake.commands.dataset import dataset
 from stillwake.commands.diagnosis.calibrate import calibrate
 from stillwake.commands.diagnosis.diagnose import diagnose
 from stillwake.commands.diagnosis.flash import flash
-from stillwake.commands.diagnosis.flash_keys import flash_keys
 from stillwake.commands.ecu import ecu
 from stillwake.commands.export import export, mcu
-from stillwake.commands.picture import animate, picture
-from stillwake.commands.plant import develop, steady
-from stillwake.commands.plant_fmu import plant_fmu
+from stillwake.commands.latency import latency
+from stillwake.commands.live import live
+from stillwake.commands.picture import picture
+from stillwake.commands.plant import develop, plant_fmu
 from stillwake.commands.record import record
 from stillwake.commands.refine import refine
-from stillwake.commands.run import report, run
+from stillwake.commands.report import report
+from stillwake.commands.run import run
 from stillwake.commands.train import train
 from stillwake.commands.vehicle import vehicle
 from stillwake.console.endings import status_of
+from stillwake.console.old_words import refuse_old
 from stillwake.console.stopping import ends_like_ctrl_c
 from stillwake.console.terminal import console
 
@@ -81,21 +82,18 @@ WAKE: Final = "Study the wake"
 SETTINGS: Final = "Settings of every command"
 
 PANELS: Final[Mapping[str, Sequence[Callable[..., None]]]] = {
-    CONTROL: (run, report, campaign, vehicle, flash, flash_keys, calibrate, mcu),
+    CONTROL: (run, report, live, campaign, latency, vehicle, flash, calibrate, diagnose, mcu, keygen),
     MODEL: (record, train, refine, export),
-    WAKE: (develop, steady, animate, plant_fmu),
+    WAKE: (develop, picture, plant_fmu),
     SETTINGS: (config,),
 }
 for panel, commands in PANELS.items():
     for command in commands:
         app.command(rich_help_panel=panel)(command)
-app.add_typer(bench, name="bench", rich_help_panel=CONTROL)
 app.add_typer(bundle, name="bundle", rich_help_panel=CONTROL)
 app.add_typer(can, name="can", rich_help_panel=CONTROL)
 app.add_typer(ecu, name="ecu", rich_help_panel=CONTROL)
-app.add_typer(diagnose, name="diagnose", rich_help_panel=CONTROL)
 app.add_typer(dataset, name="dataset", rich_help_panel=MODEL)
-app.add_typer(picture, name="picture", rich_help_panel=WAKE)
 
 
 def _let_paragraphs_flow(group: typer.Typer) -> None:
@@ -120,6 +118,7 @@ def main() -> None:
             stream.reconfigure(errors="backslashreplace")
 
     def command() -> None:
+        refuse_old(sys.argv[1:])
         check_memory(sys.argv[1:])
         app()
 

@@ -201,7 +201,7 @@ def coarse(shared_wake, tmp_path_factory) -> Coarse:
     path = tmp_path_factory.mktemp("coarse") / "start.npz"
     save_state(path, start)
     settings = ("--set", f"flow.refinement={flow.refinement}", "--set", f"flow.substeps={flow.substeps}")
-    return Coarse(words=("--start", str(path), *settings), flow=flow, start=start)
+    return Coarse(words=("--state", str(path), *settings), flow=flow, start=start)
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,7 @@ from wake.truck.regrid import SETTLE_TIME, moved
 from wake.truck.state import State, check_body, developed_state, develops, load_state, start_name
 from wake.truck.truck_wake import TruckWake
 
-PlantName = Literal["stillwake", "openfoam"]
+PlantName = Literal["wake", "openfoam"]
 
 
 @contextmanager
@@ -37,11 +37,11 @@ def open_plant(
         progress: called with (time, total) while OpenFOAM's start develops, or the shipped one settles on another grid.
         start: a state of the own solver to begin from; its clock is set to zero and its jets are shut.
     """
-    if name == "stillwake":
+    if name == "wake":
         yield own_wake(config, progress, start=start)
         return
     if start is not None:
-        raise PlantError(f"start {start}: OpenFOAM develops its own; only the own solver begins from a state file")
+        raise PlantError(f"state {start}: OpenFOAM develops its own; only the own solver begins from a state file")
     from wake.openfoam.develop import developed, require_truck
     from wake.openfoam.plant import OpenFoamWake
 
@@ -78,9 +78,9 @@ def _start(path: Path | None, config: Config) -> State:
         check_body(state.origin, config.body)
     reynolds = config.flow.reynolds
     if state.origin is not None and state.origin.reynolds != reynolds:
-        name = "the shipped start" if path is None else f"start {path}"
+        name = "the shipped start" if path is None else f"state {path}"
         raise PlantError(
             f"flow.reynolds = {reynolds:g}: {name} is of {state.origin.reynolds:g}; `{develops(reynolds)}` makes one, "
-            f"to be given with `--start {start_name(reynolds)} --set flow.reynolds={reynolds:g}`"
+            f"to be given with `--state {start_name(reynolds)} --set flow.reynolds={reynolds:g}`"
         )
     return replace(state, substep=0, action=0.0)

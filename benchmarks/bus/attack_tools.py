@@ -58,9 +58,9 @@ def _ecu(place: Path) -> Iterator[None]:
     """The ECU, provisioned and running; fails if the scans ended it."""
     root, keys, slots, access = (str(place / name) for name in ("root", "keys.list", "slots", "access.key"))
     trusted = ROOT / "contract" / "release" / "release.pub"
-    stillwake("bundle", "keygen", root)
-    stillwake("bundle", "keylist", keys, "--root", f"{root}/release.key", "--version", 1, "--key", trusted)
-    stillwake("can", "keygen", access)
+    stillwake("keygen", root)
+    stillwake("bundle", "keylist", keys, "--key", f"{root}/release.key", "--version", 1, "--allow", trusted)
+    stillwake("keygen", "--secret", access)
     stillwake("ecu", "provision", slots, "--root", f"{root}/release.pub", "--keys", keys, "--bundle", BUNDLE)
     words = ["ecu", "--slots", slots, "--access", access, "--bus", ":".join(BUS), "--set", "bus.frames=classic"]
     with subprocess.Popen([sys.executable, "-m", "stillwake", *words], stderr=subprocess.DEVNULL) as process:

@@ -8,14 +8,14 @@ import typer
 
 from contract.shipped import MODEL as SHIPPED
 from stillwake.console.outputs import save_json
-from stillwake.console.progress import steps_begin
-from stillwake.console.terminal import make_console, progress_bar
+from stillwake.console.progress import progress
+from stillwake.console.terminal import make_console
 
 T = TypeVar("T")
 
 console: Final = make_console()
 """Tables, for whoever reads or redirects them."""
-progress: Final = make_console(stderr=True)
+bars: Final = make_console(stderr=True)
 """Bars, which are no part of the result."""
 
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures and their settings here, too.")]
@@ -34,9 +34,8 @@ def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -
     """The items, with progress: a bar, or lines where there is no terminal."""
     total = len(items) if total is None and isinstance(items, Sized) else total
     # An item may take minutes: the speed is that of the last hour.
-    with progress_bar(unit, estimate_over=3600.0, console=progress) as bar:
-        task = bar.add_task(label, total=total, note="")
-        steps_begin(bar, task)
+    with progress(unit, estimate_over=3600.0, console=bars) as report:
+        report(label, 0, total)
         for done, item in enumerate(items, start=1):
             yield item
-            bar.update(task, completed=done)
+            report(label, done, total)

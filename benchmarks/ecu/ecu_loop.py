@@ -21,7 +21,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, Parts, console, progress, save
+from benchmarks.common.command_line import JsonFile, Parts, bars, console, save
 from benchmarks.common.parts import part
 from benchmarks.ecu.lockstep import Lockstep
 from contract.config.loading import load_config
@@ -29,7 +29,7 @@ from contract.config.tree import Config
 from contract.errors import McuError, StillwakeError, install
 from contract.release.checks import Bundle
 from contract.results import versions
-from firmware_sim.bench.ecus import CORTEX_M7, C, loop_ecu
+from firmware_sim.bench.ecus import MCU, C, loop_ecu
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.ecu.stepped import LoopEcu
@@ -38,12 +38,12 @@ from firmware_sim.in_c.compiler import zig_compiler
 from firmware_sim.mcu.build import COMMON
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.summary import summary
-from stillwake.console.terminal import progress_bar
+from stillwake.console.progress import progress
 from stillwake.parts.c_release import library_folder
 from stillwake.parts.releases import open_release
 from wake.plants import open_plant
 
-ECUS: Final = (CORTEX_M7, C, "python")
+ECUS: Final = (MCU, C, "python")
 COMPARED: Final = (*COMMON, "-march=native")
 """Flags of the ECU that is compared with the core: contraction as there, which needs a machine with fused products."""
 _KEPT: Final = (
@@ -65,7 +65,7 @@ def main(
     """Close the three loops and print a table."""
     if library is None and bundle is not None:
         raise StillwakeError("--bundle: name its C library with --library")
-    release = open_release(bundle, None)
+    release = open_release(bundle)
     config = replace(load_config(), mpc=release.manifest.mpc)
     with library_folder(library) as folder:
         sources = ecu_sources(folder, release, config)
@@ -79,7 +79,7 @@ def main(
     def driven_by(kind: str) -> dict[str, Any]:
         ecu = None if kind == "python" else loop_ecu(kind, sources, clock_mhz=clock_mhz)
         lockstep = None
-        if ecu is not None and kind == CORTEX_M7:
+        if ecu is not None and kind == MCU:
             lockstep = Lockstep(ecu.ecu, CEcu(sources, compiler=compiler, flags=COMPARED))
             ecu = replace(ecu, ecu=lockstep)
         log = driven(release, config, spans, kind, ecu)
@@ -110,13 +110,12 @@ def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEc
     simulation = Simulation(release, config, spans=spans, ecu=ecu)
     with ExitStack() as stack:
         scratch = Path(stack.enter_context(TemporaryDirectory()))
-        wake = stack.enter_context(open_plant("stillwake", scratch, config))
-        bar = stack.enter_context(progress_bar("periods", console=progress))
-        task = bar.add_task(f"ECU {kind}", total=None, note="")
+        wake = stack.enter_context(open_plant("wake", scratch, config))
+        report = stack.enter_context(progress("periods", console=bars))
         return simulation.run(
             wake,
-            ready=lambda total: bar.update(task, completed=0, total=total),
-            progress=lambda row, done, total: bar.update(task, completed=done, note=f"Cd {row.sample.Cd:.3f}"),
+            ready=lambda total: report(f"ECU {kind}", 0, total),
+            progress=lambda row, done, total: report(f"ECU {kind}", done, total, f"Cd {row.sample.Cd:.3f}"),
         )
 
 

@@ -143,7 +143,7 @@ def main(
 ) -> None:
     """False alarms of the sensor check, and what it finds of each fault."""
     config = Config()
-    release = open_release(bundle, None)
+    release = open_release(bundle)
     check = sensor_check_of(release, config)
     if check is None:
         raise StillwakeError(f"bundle {release.manifest.name}: has no sensor estimator")

@@ -80,7 +80,7 @@ def loops(path: Path) -> str:
         )
         for row in found["figures"]
     ]
-    core = next(row for row in found["figures"] if row["kind"] == "cortex-m7")
+    core = next(row for row in found["figures"] if row["kind"] == "mcu")
     times = ("modelled ms, median", "most")
     heads = (
         "ECU",

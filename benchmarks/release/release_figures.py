@@ -20,7 +20,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, console, progress, save
+from benchmarks.common.command_line import JsonFile, bars, console, save
 from benchmarks.common.pictures import PICTURES, draw
 from benchmarks.release import release_drawings
 from contract.arrays import Array
@@ -30,8 +30,9 @@ from contract.runtime.onnx_session import OnnxController
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import Row, RunLog
-from stillwake.console.terminal import progress_bar
-from stillwake.parts.releases import Trust, open_release
+from stillwake.console.options import Trust
+from stillwake.console.progress import progress
+from stillwake.parts.releases import open_release
 from wake.pictures.fields import TimeMean
 from wake.plants import open_plant
 from wake.solver.flow import Flow
@@ -89,17 +90,16 @@ def main(
     listening = Listening(inner=OnnxController.of(release))
     forecasts: list[Array] = []
     first, settled = round(lead_in / period), round((lead_in + settle) / period)
-    with open_plant("stillwake", run, config) as wake, progress_bar("periods", console=progress) as bar:
+    with open_plant("wake", run, config) as wake, progress("periods", console=bars) as report:
         assert isinstance(wake, TruckWake)
         means = [TimeMean(wake.grid.shape) for _ in range(2)]
-        task = bar.add_task("closed loop", total=round((lead_in + controlled) / period), note="")
 
         def show(row: Row, done: int, total: int) -> None:
             step = listening.taken()
             forecasts.append(np.full((horizon, 2), np.nan) if step is None else step.forces)
             if done <= first or done > settled:
                 means[done > first].add(wake.flow)
-            bar.update(task, completed=done, total=total, note=f"Cd {row.sample.Cd:.3f}")
+            report("closed loop", done, total, f"Cd {row.sample.Cd:.3f}")
 
         log = run_closed_loop(
             run,

@@ -1,4 +1,4 @@
-"""The tables of the shipped release in the closed loop, from what `stillwake run` and `stillwake steady` measured."""
+"""The tables of the shipped release in the closed loop, from what `stillwake run` and `develop --steady` measured."""
 
 from collections.abc import Mapping
 from pathlib import Path

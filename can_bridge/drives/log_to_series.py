@@ -227,9 +227,9 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
     if not slow * (1 - _OUTSIDE) <= scales.period <= fast * (1 + _OUTSIDE):
         raise DatasetError(
             f"{path}: its pressures are {period_s * 1e3:.4g} ms apart, which at the {median:g} m/s of its VehicleSpeed "
-            f"frames is a control period of {usual:.4g} W / U_inf, and --period is {scales.period:g} (at the "
-            f"{scales.point.speed:g} m/s of operating_point.speed it would be "
-            f"{period_s / scales.point.convective_time:.4g}): give --period {usual:.4g}"
+            f"frames is a control period of {usual:.4g} W / U_inf, and flow.control_period is {scales.period:g} (at "
+            f"the {scales.point.speed:g} m/s of operating_point.speed it would be "
+            f"{period_s / scales.point.convective_time:.4g}): give --set flow.control_period={usual:.4g}"
         )
     return point
 
@@ -255,8 +255,8 @@ def _check_period(path: Path, interval_s: float, scales: Scales) -> None:
     if abs(interval_s / scales.period_s - 1.0) > _OTHER_PERIOD:
         raise DatasetError(
             f"{path}: its pressures are {interval_s * 1e3:.4g} ms apart, the control period is "
-            f"{scales.period_s * 1e3:.4g} ms; it is --period times W / U_inf: give the drive's operating_point.width "
-            f"and .speed with --config or --set"
+            f"{scales.period_s * 1e3:.4g} ms; it is flow.control_period times W / U_inf: give the drive's "
+            f"operating_point.width and .speed with --set"
         )
 
 
@@ -266,6 +266,6 @@ def _check_drift(path: Path, clock: Clock, rows: int, scales: Scales) -> None:
     if abs(drift) > _DRIFT + clock.jitter_s / (scales.period_s * rows / 2):
         raise DatasetError(
             f"{path}: its pressures come every {clock.period_s * 1e3:.6g} ms, the control period is "
-            f"{scales.period_s * 1e3:.6g} ms: {drift:+.2%}, more than clocks differ; put --period or operating_point "
-            f"right"
+            f"{scales.period_s * 1e3:.6g} ms: {drift:+.2%}, more than clocks differ; put flow.control_period or "
+            f"operating_point right"
         )

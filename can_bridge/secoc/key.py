@@ -63,7 +63,7 @@ def read_secret(path: Path) -> bytes:
         return secret
     except ValueError as error:
         # What is in the file stays out of the message.
-        raise KeyFileError(f"{path}: {error}; `stillwake can keygen` makes a key file") from None
+        raise KeyFileError(f"{path}: {error}; `stillwake keygen --secret` makes a key file") from None
 
 
 def write_key(path: Path, secret: bytes) -> None:

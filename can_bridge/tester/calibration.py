@@ -1,6 +1,5 @@
 """Calibrating an ECU by diagnosis, as steps over an open client: read, change, read back, store."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -8,7 +7,7 @@ from can_bridge.flashing.access_level import Level
 from can_bridge.tester.asking import Asking
 from can_bridge.tester.messages import NotNowError, RefusedError
 from can_bridge.uds.services import Did, Nrc, Session
-from contract.controller.calibration import NAMES, PACKED_BYTES, Calibration, CalibrationLimits
+from contract.controller.calibration import PACKED_BYTES, Calibration, CalibrationLimits
 from contract.errors import ConfigError, FlashError
 
 _STORE: Final = b"\x01"
@@ -56,19 +55,6 @@ def read(asking: Asking) -> Calibrated:
         )
     except ConfigError as error:
         raise FlashError(f"the ECU has a calibration of another version of stillwake ({error})") from error
-
-
-def changed(found: Calibrated, values: Mapping[str, float]) -> Calibration:
-    """The calibration in force with other values, by name. Raises ConfigError for an unknown name, or a value that is
-    out of the ECU's limits."""
-    for name, value in values.items():
-        if name not in NAMES:
-            raise ConfigError(f"calibration: {name!r} is none of {', '.join(NAMES)}")
-        if name == "delay_steps" and not value.is_integer():
-            raise ConfigError(f"calibration: delay_steps = {value:g}: must be a whole number of control periods")
-    wanted = [values.get(name, now) for name, now in zip(NAMES, found.in_force.values, strict=True)]
-    found.limits.check_values(wanted)
-    return Calibration.of(wanted)
 
 
 def unlock(asking: Asking) -> None:

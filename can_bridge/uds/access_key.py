@@ -25,7 +25,7 @@ class AccessKey:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """From a file as `stillwake can keygen` writes it; raises KeyFileError as `read_key` does."""
+        """From a file as `stillwake keygen --secret` writes it; raises KeyFileError as `read_key` does."""
         made = cls.__new__(cls)
         made._take(read_key(path))
         return made

@@ -6,19 +6,18 @@ limits can be narrowed this way, never widened.
 """
 
 import struct
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import isfinite
 from typing import Final
 
 import numpy as np
 
 from contract.config.controller import CostWeights
+from contract.controller.interface import TERMS
 from contract.errors import ConfigError
 
-WEIGHTS: Final = tuple(item.name for item in fields(CostWeights))
-"""In the order of the controller's input."""
-NAMES: Final = (*WEIGHTS, "action_limit", "command_step", "delay_steps")
+NAMES: Final = (*TERMS, "action_limit", "command_step", "delay_steps")
 """Names of all values, in the order in which they are packed."""
 _PACKED: Final = struct.Struct(f"<{len(NAMES) - 1}fI")
 PACKED_BYTES: Final = _PACKED.size
@@ -61,7 +60,7 @@ class Calibration:
         rounded = {name: _kept(name, value) for name, value in zip(NAMES[:-1], self.values, strict=False)}
         if not 0 <= self.delay_steps <= _MOST_STEPS:
             raise ConfigError(f"calibration: delay_steps = {self.delay_steps}: must be in 0..{_MOST_STEPS}")
-        object.__setattr__(self, "weights", CostWeights(**{name: rounded[name] for name in WEIGHTS}))
+        object.__setattr__(self, "weights", CostWeights(**{name: rounded[name] for name in TERMS}))
         object.__setattr__(self, "action_limit", rounded["action_limit"])
         object.__setattr__(self, "command_step", rounded["command_step"])
 
@@ -100,6 +99,21 @@ class CalibrationLimits:
 
     least: Calibration
     greatest: Calibration
+
+    def changed(self, now: Calibration, values: Mapping[str, object]) -> Calibration:
+        """A calibration with other values, by name: the way of every weight to an ECU, whoever gives it. Raises
+        ConfigError for an unknown name, what is no number, or a value that is out of the limits."""
+        wanted = dict(zip(NAMES, now.values, strict=True))
+        for name, value in values.items():
+            if name not in NAMES:
+                raise ConfigError(f"calibration: {name!r} is none of {', '.join(NAMES)}")
+            if not isinstance(value, int | float) or isinstance(value, bool):
+                raise ConfigError(f"calibration: {name} = {value!r}: must be a number")
+            if name == "delay_steps" and value != value // 1:
+                raise ConfigError(f"calibration: delay_steps = {value:g}: must be a whole number of control periods")
+            wanted[name] = value
+        self.check_values(tuple(wanted.values()))
+        return Calibration.of(tuple(wanted.values()))
 
     def check(self, calibration: Calibration) -> None:
         """Raises ConfigError for a value that is out of range; the message names it and the range."""

@@ -83,7 +83,7 @@ def refuse_unfit(found: Sequence[Finding], name: str) -> None:
     """Raise DatasetError for the first finding that stops training, with the number of others."""
     stopping = [item.text for item in found if item.stops == "training"]
     if stopping:
-        others = f" (and {len(stopping) - 1} more: see `stillwake dataset check {name}` with the same settings)"
+        others = f" (and {len(stopping) - 1} more: see `stillwake dataset inspect {name}` with the same settings)"
         more = others if len(stopping) > 1 else ""
         raise DatasetError(f"{name}: {stopping[0]}{more}")
 
@@ -111,8 +111,8 @@ def _disagreements(dataset: Dataset, config: Config) -> Iterator[Finding]:
             yield Finding(
                 stops="training",
                 text=f"{name.replace('_', ' ')} is {value:g} in the data set, flow.{name} = {setting:g} in the "
-                f"settings: use --set flow.{name}={value!r}, or --config with what `stillwake dataset show FILE "
-                f"--settings` prints",
+                f"settings: use --set flow.{name}={value!r}, or --set with what `stillwake dataset inspect "
+                f"FILE --settings` prints",
             )
 
 
@@ -336,7 +336,7 @@ def _units(dataset: Dataset) -> Iterator[Finding]:
         yield Finding(
             stops=None,
             text=f"no action of the training episodes is above {largest:.3g}, the limit is {limit:g}: the model does "
-            f"not know larger ones; --limit should be about the largest action that was recorded",
+            f"not know larger ones; flow.action_limit should be about the largest action that was recorded",
         )
     if not training or period is None:
         return
@@ -346,5 +346,5 @@ def _units(dataset: Dataset) -> Iterator[Finding]:
         yield Finding(
             stops=None,
             text=f"Cl of {longest.name} has its peak at {frequency:.3g} U_inf / W, most wakes have it at 0.1 to 0.4: "
-            f"t and --period are in W / U_inf, so divide seconds by that (--reference t=NUMBER)",
+            f"t and flow.control_period are in W / U_inf, so divide seconds by that (--reference t=NUMBER)",
         )

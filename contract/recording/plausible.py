@@ -166,7 +166,7 @@ def _pressures(episode: Episode, names: Sequence[str], pressure: Array) -> Itera
             f"Cp of {_listed(names, beyond)} is {mean[worst]:.3g} in the mean, from {least:.3g} to {most:.3g}",
             f"a wall has {_LOWEST:g} to {_HIGHEST:g}; "
             + (
-                "of pressures in Pa against p_inf, import with --dynamic-pressure, rho U_inf^2 / 2 in Pa"
+                "of pressures in Pa against p_inf, import with rho U_inf^2 / 2 as in --reference Cp=240Pa"
                 if several
                 else f"of a sensor in another unit, give what 1 is in it as in --reference {names[worst]}=375Pa"
             ),
@@ -179,7 +179,7 @@ def _pressures(episode: Episode, names: Sequence[str], pressure: Array) -> Itera
         before = f", of numbers from {least:.3g} to {most:.3g} divided by {divisor:g}" if already else ""
         yield (
             f"all Cp are within {np.abs(pressure).max():.3g}{before}",
-            "numbers that have no dimension already need no --dynamic-pressure",
+            "numbers that have no dimension already need no --reference Cp",
         )
     weak = (rms < 0.01 * np.median(rms)) & (deviation < 0.01 * np.median(deviation)) & (swing > 0)
     if weak.any():
@@ -217,7 +217,7 @@ def _readings(
     if times > 1 and np.mean(gaps == times) > 0.9 and np.median(jumps) > 0.05 * spread.max():
         yield (
             f"every row is there {times} times, {rows - 1 - len(changes)} of {rows} are as the one before",
-            f"keep one of {times}, and give --period and t by those",
+            f"keep one of {times}, and give flow.control_period and t by those",
         )
         return
     still, swing = np.diff(table, axis=0) == 0, np.ptp(table, axis=0)
@@ -283,7 +283,7 @@ def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[st
             yield (
                 f"{what} is {sizes[high]:.3g} in {episodes[high].name} and {sizes[low]:.3g} in {episodes[low].name}, "
                 f"{sizes[high] / sizes[low]:.3g} times: files of one body are alike, so one has another unit or scale; "
-                f"convert it, as --dynamic-pressure and --reference hold for all files"
+                f"convert it, as --reference holds for all files"
             )
 
 

@@ -72,7 +72,7 @@ def uncontrolled(dataset: Dataset) -> Episode | None:
 
 
 def fitting_settings(dataset: Dataset) -> str:
-    """A TOML file of the settings that follow from the data set, for `--config`; each with its reason."""
+    """A TOML file of the settings that follow from the data set, for `--set`; each with its reason."""
     return "\n".join(_settings_lines(dataset)) + "\n"
 
 

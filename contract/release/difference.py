@@ -10,7 +10,6 @@ from contract.release import image_contents
 from contract.release.checks import sha256
 from contract.release.container import read_files
 from contract.release.manifest import MANIFEST, open_manifest
-from contract.release.signing import PublicKey
 
 MISSING: Final = "-"
 """Stands for what one of the two lacks."""
@@ -24,21 +23,21 @@ class Difference(NamedTuple):
     b: str
 
 
-def differences(a: Path, b: Path, trusted: PublicKey | None = None) -> list[Difference]:
+def differences(a: Path, b: Path) -> list[Difference]:
     """All of them, manifest fields by dotted names; the bundles may be of other versions' DBCs. Raises BundleError as
     `contract.release.bundle.load` does, but for the DBC."""
     rows = []
-    ours, theirs = _facts(a, trusted), _facts(b, trusted)
+    ours, theirs = _facts(a), _facts(b)
     for name in [*ours, *(name for name in theirs if name not in ours)]:
         rows += list(_compared(name, ours.get(name), theirs.get(name)))
     return rows
 
 
-def _facts(path: Path, trusted: PublicKey | None) -> dict[str, Any]:
+def _facts(path: Path) -> dict[str, Any]:
     """All that is compared, in the order in which it is shown."""
     if image_contents.is_image(path):
-        return {**image_contents.compared(image_contents.opened(path, trusted))}
-    bundle = bundles.load(path, trusted, any_dbc=True)
+        return {**image_contents.compared(image_contents.opened(path))}
+    bundle = bundles.load(path, any_dbc=True)
     opened = open_manifest(path, read_files(path)[MANIFEST])
     body = dict(opened.body)
     return {

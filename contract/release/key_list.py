@@ -17,7 +17,9 @@ Numbers are big-endian.
 """
 
 import struct
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -60,6 +62,13 @@ class KeyList:
             raise KeyFileError(f"key list: key {weak[0]} is of small order: anyone can sign anything for it")
         if both := self.keys & self.revoked:
             raise KeyFileError(f"key list: key {min(key.fingerprint for key in both)} is allowed and revoked")
+
+
+def is_list(path: Path) -> bool:
+    """Whether a file begins as a list does; False where it cannot be read."""
+    with suppress(OSError), path.open("rb") as file:
+        return file.read(len(_MAGIC)) == _MAGIC
+    return False
 
 
 def encode(listed: KeyList, root: Ed25519PrivateKey) -> bytes:

@@ -67,7 +67,7 @@ class Repository:
 
     Args:
         folder: with `metadata` and `targets`, to be served.
-        keys: folder with a folder for each key, as `stillwake bundle keygen` makes it; those that a call does not use
+        keys: folder with a folder for each key, as `stillwake keygen` makes it; those that a call does not use
             need not be there.
         now: of every expiry.
     """

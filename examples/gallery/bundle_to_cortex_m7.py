@@ -30,7 +30,7 @@ from contract.controller.c_folder import EXPECTED, Settings, read_recorded, read
 from stillwake.parts.c_release import write_shipped_library
 from stillwake.parts.releases import open_release
 
-release = open_release(None, None)
+release = open_release(None)
 config = load_config()
 with tempfile.TemporaryDirectory() as folder:
     write_shipped_library(Path(folder), release, config)
@@ -163,6 +163,6 @@ plt.show()
 # without it will be slower. The count of instructions is exact, and does not depend on the data.
 #
 # This is the control step alone. The ECU around it, with protection, fail-safe, sensor check and command gate, comes
-# on top. ``stillwake run runs/m7 --ecu cortex-m7`` runs it in the closed loop with its modelled time, and the page
+# on top. ``stillwake run runs/m7 --ecu mcu`` runs it in the closed loop with its modelled time, and the page
 # :doc:`Integrate the ECU in C </how-to/integrate-the-ecu>` has its memory and worst case. ``stillwake mcu`` prints
 # the figures of this page for any library, compared over all recorded rows.

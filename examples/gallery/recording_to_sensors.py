@@ -16,7 +16,7 @@ explains what the full procedure does beyond it.
 # The recording
 # -------------
 # The shipped recording holds 72,500 control steps under open-loop forcing, and more under a controller: the pressure
-# coefficient Cp at 90 places, the action of the jets, and drag and lift. ``stillwake dataset show`` lists its
+# coefficient Cp at 90 places, the action of the jets, and drag and lift. ``stillwake dataset inspect`` lists its
 # episodes. Three of them are enough here. Time is in t_c = W / U_inf, and there is a sample every 0.2 t_c.
 
 import matplotlib.pyplot as plt

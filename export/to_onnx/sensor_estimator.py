@@ -61,7 +61,7 @@ def read_estimator(content: bytes) -> RoundedEstimator:
     layers = [node for node in graph.node if node.op_type == "Gemm"]
     weights = [made_by.get(node.input[1]) for node in layers]
     if not layers or any(node is None or node.op_type != "DequantizeLinear" for node in weights):
-        raise ExportError(f"{ESTIMATOR}: has no int8 weights: fit it again (stillwake bundle renew --sensors DATASET)")
+        raise ExportError(f"{ESTIMATOR}: has no int8 weights: fit it again (stillwake bundle renew --dataset DATASET)")
     matrices = [
         Int8Matrix(values=constants[node.input[0]], scales=constants[node.input[1]])
         for node in weights

@@ -81,9 +81,7 @@ def run_closed_loop(
         folder.path.mkdir()
         frames = stack.enter_context(ExitStack())
         capture = frames.enter_context(frame_log.recording(folder.frames))
-        wake = stack.enter_context(
-            open_plant("stillwake", output, disturbances.plant(config)) if plant is None else plant
-        )
+        wake = stack.enter_context(open_plant("wake", output, disturbances.plant(config)) if plant is None else plant)
         picture = LevelPicture(wake)
         recorder = WakeRecorder(Scene.of(picture, wake.layout), simulation.periods[1])
 

@@ -1,4 +1,4 @@
-"""The ECU in C of a run, by its name: on this machine, or as the firmware of an emulated board."""
+"""The ECU in C of a run, by its name: on this machine, or as the firmware of an emulated microcontroller."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -11,9 +11,8 @@ from firmware_sim.in_c.c_ecu import CEcu
 from firmware_sim.in_c.compiler import host_compiler
 
 C: Final = "c"
-CORTEX_M7: Final = "cortex-m7"
-CORTEX_M7_BOARD: Final = "cortex-m7-board"
-"""The same: the whole firmware of a board with that core."""
+MCU: Final = "mcu"
+"""The whole firmware of a board with a Cortex-M7, emulated."""
 CLOCKS_MHZ: Final = (1.0, 10_000.0)
 """Range of clocks; a core at less takes seconds for a step, and none runs at more."""
 
@@ -31,7 +30,7 @@ def check_ecu(kind: str, clock_mhz: float) -> None:
         return
     lowest, highest = CLOCKS_MHZ
     if not lowest <= clock_mhz <= highest:
-        raise ConfigError(f"--clock-mhz {clock_mhz:g}: must be in {lowest:g}..{highest:g}")
+        raise ConfigError(f"a clock of {clock_mhz:g} MHz: must be in {lowest:g}..{highest:g}")
     import_module("firmware_sim.mcu.board.board_ecu")
 
 
@@ -39,7 +38,7 @@ def loop_ecu(kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.
     """An ECU in C, just powered on.
 
     Args:
-        kind: C, CORTEX_M7 or CORTEX_M7_BOARD.
+        kind: C or MCU.
         sources: `firmware_sim.in_c.c_ecu.ecu_sources`.
         clock_mhz: of the emulated core.
 
@@ -59,7 +58,7 @@ def loop_ecu(kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.
     core = BoardEcu(sources, clock_mhz=clock_mhz)
     return LoopEcu(
         ecu=core,
-        kind=CORTEX_M7,
+        kind=MCU,
         computed_by=f"C99 {precision}, {core.description}",
         step_ns=lambda: core.step_ns,
         clock_mhz=clock_mhz,

@@ -11,7 +11,8 @@ import numpy as np
 
 from contract.config.controller import CostWeights
 from contract.config.tree import Config
-from contract.controller.calibration import LARGEST_WEIGHT, WEIGHTS, Calibration, CalibrationLimits, as_float32
+from contract.controller.calibration import LARGEST_WEIGHT, Calibration, CalibrationLimits, as_float32
+from contract.controller.interface import TERMS
 from contract.release.checks import Bundle
 
 LEAST_SHARE: Final = 0.05
@@ -33,7 +34,7 @@ def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
     """Least and greatest values for a release in a vehicle."""
     own = release_calibration(bundle, config)
     least = Calibration(
-        weights=CostWeights(**dict.fromkeys(WEIGHTS, 0.0)),
+        weights=CostWeights(**dict.fromkeys(TERMS, 0.0)),
         action_limit=LEAST_SHARE * own.action_limit,
         command_step=LEAST_SHARE * own.command_step,
         delay_steps=0,
@@ -48,7 +49,7 @@ def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
 
 
 def with_calibration(config: Config, calibration: Calibration) -> Config:
-    """The vehicle's settings with a calibration's values.
+    """The vehicle's settings with a calibration's bounds and delay; its weights are the controller's input.
 
     A value that is a setting rounded to float32 is that setting, with all of its digits: an ECU that is given its own
     values goes on to the bit as it would have. Any other bound is the float32 as it stands, as in C.
@@ -57,11 +58,8 @@ def with_calibration(config: Config, calibration: Calibration) -> Config:
     def bound(value: float, own: float) -> float:
         return own if value == as_float32(own) else float(np.float32(value))
 
-    own = config.mpc.weights
-    kept = {name: value for name, value in vars(own).items() if as_float32(value) == getattr(calibration.weights, name)}
     return replace(
         config,
-        mpc=replace(config.mpc, weights=replace(calibration.weights, **kept)),
         flow=replace(config.flow, action_limit=bound(calibration.action_limit, config.flow.action_limit)),
         ecu=replace(
             config.ecu,

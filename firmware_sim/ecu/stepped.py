@@ -57,7 +57,7 @@ class LoopEcu:
     """An ECU for a closed loop, and what a run records of it.
 
     Attributes:
-        kind: python, c or cortex-m7.
+        kind: python, c or mcu.
         computed_by: what computes its control step, for people.
         step_ns: what its latest step takes in virtual time; the loop charges `ecu.compute_time_ms` without it.
         clock_mhz: of the core that `step_ns` is of.

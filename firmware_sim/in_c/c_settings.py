@@ -22,7 +22,8 @@ from contract.config.tree import Config
 from contract.config.vehicle import SpeedConfig
 from contract.controller.c_folder import ECU_SETTINGS
 from contract.controller.c_numbers import Numbers
-from contract.controller.calibration import LARGEST_WEIGHT, WEIGHTS, Calibration
+from contract.controller.calibration import LARGEST_WEIGHT, Calibration
+from contract.controller.interface import TERMS
 from contract.errors import ConfigError, LibraryError
 from contract.release import manifest as manifests
 from contract.release.checks import Bundle
@@ -45,7 +46,7 @@ _MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.windo
     _COUNTED, 2**29
 )
 """Most periods that the C ECU's state has room for; those that are added have room in an int together."""
-_GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(WEIGHTS, LARGEST_WEIGHT))
+_GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(TERMS, LARGEST_WEIGHT))
 """C allows a release's own weight where it is greater."""
 _LONGEST_PERIOD_NS: Final = 2**53
 """Times up to it are exact in double, so that the command gate's share of a period is the same in both languages."""

@@ -15,7 +15,7 @@ from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle
 from contract.runtime.copies import NeverCopied
 from firmware_sim.bench.virtual_loop import check_bit_rates
-from firmware_sim.ecu.calibrating import release_calibration
+from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.fit import check_sensors
 from firmware_sim.ecu.stepped import LoopEcu
@@ -45,8 +45,8 @@ class LiveSession(NeverCopied):
         ecu: makes an ECU, just powered on, by the controller's name; each is made once.
         ahead: of a controller's name what makes its ECU ahead, because that takes seconds; None where it does not.
         controllers, plants: what there is to choose, and what is missing.
-        settings: to begin with. Whether control is requested in them counts for nothing: it is after `enable_after`.
-        enable_after: t_c from a start until control is requested by itself.
+        settings: to begin with. Whether control is requested in them counts for nothing: it is after `lead_in`.
+        lead_in: t_c from a start until control is requested by itself.
         kept: latest periods that a page should keep, and that wait for `messages` at most.
         clock: wall clock in s.
     """
@@ -64,7 +64,7 @@ class LiveSession(NeverCopied):
         controllers: Sequence[Choice],
         plants: Sequence[Choice],
         settings: LiveSettings | None = None,
-        enable_after: float = 10.0,
+        lead_in: float = 10.0,
         kept: int = 3000,
         seed: int = 0,
         clock: Callable[[], float] = time.monotonic,
@@ -73,11 +73,12 @@ class LiveSession(NeverCopied):
         if config.bus.key:
             raise ConfigError("bus.key: the live loop has no authentication; leave it empty")
         self._bundle, self._config, self._wake = bundle, config, wake
-        self._make_ecu, self._ahead, self._own = ecu, ahead, release_calibration(bundle, config)
+        self._make_ecu, self._ahead = ecu, ahead
+        self._own, self._limits = release_calibration(bundle, config), limits_of(bundle, config)
         self._made: dict[str, tuple[LoopEcu, EcuState]] = {}
         self._choices = {"controller": tuple(controllers), "plant": tuple(plants)}
         self._clock = clock
-        self._lead_in = round(enable_after / config.flow.control_period)
+        self._lead_in = round(lead_in / config.flow.control_period)
         self._kept, self._seed = kept, seed
         self._automatic = True
         self._paused = False
@@ -88,6 +89,8 @@ class LiveSession(NeverCopied):
         self._rows: list[Period] = []
         self._ticks: deque[float] = deque(maxlen=_PACE)
         self._settings = LiveSettings() if settings is None else settings
+        if self._settings.weights == self._own.weights:
+            self._settings = replace(self._settings, weights=None)
         self._check_choices(self._settings)
         self._start(self._settings)
 
@@ -168,7 +171,7 @@ class LiveSession(NeverCopied):
                 self._note("set", "the plant starts again")
 
     def _changed(self, given: dict[str, Any]) -> LiveSettings:
-        return self._settings.changed(given, self._bundle.manifest.sensors, self._bundle.manifest.mpc.weights)
+        return self._settings.changed(given, self._bundle.manifest.sensors, self._own, self._limits)
 
     def _apply(self, after: LiveSettings, *, enable: bool | None) -> None:
         """Have other settings from the next period on; if that cannot be, an error, and all is as it was."""
@@ -186,7 +189,7 @@ class LiveSession(NeverCopied):
         self._settings = replace(after, enable=run.request.wanted)
         self._settings_due = True
         labels = {choice["name"]: choice["label"] for choice in self._choices["controller"]}
-        for text in changes(before, self._settings, self._bundle.manifest.mpc.weights, labels):
+        for text in changes(before, self._settings, self._own.weights, labels):
             self._note("set", text)
 
     def _exchange(self, before: LiveSettings, after: LiveSettings) -> None:

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final, NamedTuple, Self
 
 from contract.config.controller import CostWeights
-from contract.controller.calibration import LARGEST_WEIGHT, WEIGHTS
+from contract.controller.calibration import LARGEST_WEIGHT, Calibration, CalibrationLimits
+from contract.controller.interface import TERMS
 from contract.errors import ConfigError
 
 _TRUE: Final = ("clear", "power_cycle", "restart")
@@ -41,9 +42,9 @@ def asked(request: object) -> Asked:
     return Asked(action, value)
 
 
-CONTROLLERS: Final = ("int8", "c", "cortex-m7", "off")
-"""ECU in Python with the release's ONNX graph; its twin in C on this machine; the same on an emulated core; no supply.
-The first name is older than graphs of float32: scripts have it."""
+CONTROLLERS: Final = ("python", "c", "mcu", "off")
+"""ECU in Python with the release's ONNX graph; its twin in C on this machine; the same on an emulated
+microcontroller; no supply."""
 PLANTS: Final = ("wake", "recording")
 """The flow solver, which answers the jets; recorded pressures, which do not."""
 
@@ -104,22 +105,24 @@ class LiveSettings:
     babble: bool = False
     weights: CostWeights | None = field(default=None)
 
-    def changed(self, given: Mapping[str, Any], sensors: Sequence[str], own: CostWeights) -> Self:
+    def changed(
+        self, given: Mapping[str, Any], sensors: Sequence[str], own: Calibration, limits: CalibrationLimits
+    ) -> Self:
         """With other values in place of some. Raises ConfigError naming what is not known, of another type or out of
         its bounds.
 
         Args:
             given: by the names of the attributes; weights as a mapping by name, or None for the release's.
-            own: the release's weights, for those that are not named.
+            own, limits: of the release, for the weights that are not named and the bounds of the others.
         """
         known = {item.name for item in fields(self)}
         if unknown := sorted(set(given) - known):
             raise ConfigError(f"live setting {unknown[0]!r}: must be one of {', '.join(sorted(known))}")
         values = {name: _checked(name, value, sensors) for name, value in given.items() if name != "weights"}
         if "weights" in given:
-            values["weights"] = _weights(given["weights"], self.weights or own)
-            if values["weights"] == own:
-                values["weights"] = None
+            now = replace(own, weights=self.weights or own.weights)
+            weights = _weights(given["weights"], now, limits)
+            values["weights"] = None if weights == own.weights else weights
         return replace(self, **values)
 
     @property
@@ -164,12 +167,12 @@ def _within(name: str, value: Any, slider: Slider) -> float:
     return float(value)
 
 
-def _weights(given: Any, now: CostWeights) -> CostWeights | None:
+def _weights(given: Any, now: Calibration, limits: CalibrationLimits) -> CostWeights | None:
     if given is None:
         return None
-    if not isinstance(given, Mapping) or (set(given) - set(WEIGHTS)):
-        raise ConfigError(f"live setting weights = {given!r}: must be numbers by the names {', '.join(WEIGHTS)}")
-    return replace(now, **{name: _within(name, value, WEIGHT) for name, value in given.items()})
+    if not isinstance(given, Mapping) or (set(given) - set(TERMS)):
+        raise ConfigError(f"live setting weights = {given!r}: must be numbers by the names {', '.join(TERMS)}")
+    return limits.changed(now, given).weights
 
 
 def changes(before: LiveSettings, now: LiveSettings, own: CostWeights, controllers: Mapping[str, str]) -> Iterator[str]:
@@ -193,5 +196,5 @@ def changes(before: LiveSettings, now: LiveSettings, own: CostWeights, controlle
             yield set_to if new else unset
     if now.weights != before.weights:
         was, cost = before.weights or own, now.weights or own
-        changed = [f"{name} {getattr(cost, name):g}" for name in WEIGHTS if getattr(was, name) != getattr(cost, name)]
+        changed = [f"{name} {getattr(cost, name):g}" for name in TERMS if getattr(was, name) != getattr(cost, name)]
         yield f"calibration of the cost: {', '.join(changed)}"

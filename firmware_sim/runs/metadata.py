@@ -12,7 +12,7 @@ from can_bridge.wire.messages import EcuStatus
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.loading import without_retired
 from contract.config.tree import Config
-from contract.controller.calibration import Calibration
+from contract.controller.calibration import Calibration, as_float32
 from contract.release.checks import Bundle
 from contract.typed import typed
 from firmware_sim.ecu.calibrating import with_calibration
@@ -55,7 +55,7 @@ class RunEcu:
     """Which ECU a run had.
 
     Attributes:
-        kind: python, c or cortex-m7.
+        kind: python, c or mcu.
         clock_mhz: of an emulated core; None where virtual time is charged by `ecu.compute_time_ms`.
         modelled_ms: median of what that core took for a step with a plan, by the model of its pipeline; None without.
         modelled_ms_max: the longest.
@@ -119,14 +119,15 @@ class RunMetadata:
         """Metadata of a run in this process. `calibration` is of the ECU that ran: weights and bounds are recorded as
         it had them. `others` are the attributes that do not follow from these."""
         manifest = bundle.manifest
-        ran = with_calibration(replace(config, mpc=manifest.mpc), calibration)
+        mpc = replace(manifest.mpc, weights=calibration.weights)
+        ran = with_calibration(replace(config, mpc=mpc), calibration)
         return cls(
             controller=f"{manifest.name} ({manifest.precision}, {bundle.digest[:12]})",
             digest=bundle.digest,
             signer=None if bundle.signer is None else bundle.signer.fingerprint,
             sensors=manifest.sensors,
             mpc=manifest.mpc,
-            weights=ran.mpc.weights,
+            weights=calibration.weights,
             budget_ms=manifest.budget_ms,
             config=ran,
             versions={
@@ -141,7 +142,7 @@ class RunMetadata:
     def changed_weights(self) -> dict[str, tuple[float, float]]:
         """(in force, the bundle's) of every cost weight that differs from the bundle's, by its name."""
         ours, bundles = asdict(self.weights), asdict(self.mpc.weights)
-        return {name: (ours[name], bundles[name]) for name in ours if ours[name] != bundles[name]}
+        return {name: (ours[name], bundles[name]) for name in ours if ours[name] != as_float32(bundles[name])}
 
     def to_tree(self) -> dict[str, Any]:
         """Nested plain values, accepted back by `from_tree`."""

@@ -189,7 +189,7 @@ def _weights(run: RunMetadata) -> str:
 
 
 def _ecu(run: RunMetadata) -> str:
-    kinds = {"python": "in Python", "c": "in C, on this machine", "cortex-m7": "in C, on an emulated Cortex-M7"}
+    kinds = {"python": "in Python", "c": "in C, on this machine", "mcu": "in C, on an emulated Cortex-M7"}
     clock = "" if run.ecu.clock_mhz is None else f" at {run.ecu.clock_mhz:g} MHz"
     return kinds.get(run.ecu.kind, run.ecu.kind) + clock
 

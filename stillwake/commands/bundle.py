@@ -1,5 +1,6 @@
-"""The commands for release bundles: `stillwake bundle keygen|sign|verify|inspect|sbom|diff|renew|keylist`."""
+"""The commands for release bundles, `stillwake bundle sign|inspect|diff|renew|keylist`, and `stillwake keygen`."""
 
+import secrets
 from datetime import date
 from functools import partial
 from pathlib import Path
@@ -24,11 +25,13 @@ from contract.release.key_list import KeyList
 from contract.release.manifest import SpeedRange
 from contract.release.signing import PublicKey
 from contract.shipped import BUNDLE
-from stillwake.console.outputs import Overwrite, check_output
+from stillwake.console import options as shared
+from stillwake.console.outputs import check_output
+from stillwake.console.progress import progress
 from stillwake.console.settings import settings
-from stillwake.console.terminal import Overrides, console, print_table, progress_bar
+from stillwake.console.terminal import console, print_table
 from stillwake.parts.fitted_estimator import fitted_estimator
-from stillwake.parts.releases import Trust, describe, locate, open_release, signature
+from stillwake.parts.releases import describe, locate, open_release, signature
 
 
 class NotComparedError(StillwakeError):
@@ -37,25 +40,57 @@ class NotComparedError(StillwakeError):
     status = 2
 
 
-bundle = typer.Typer(no_args_is_help=True, help="Release bundles: make keys, sign, verify, show what is inside.")
+bundle = typer.Typer(
+    no_args_is_help=True, help="Release bundles: sign, verify, show what is inside, name who may sign."
+)
 
-BundlePath = Annotated[Path | None, typer.Argument(help="Bundle directory; default: the shipped one.")]
 DIFFERENT: Final = 1
 """Exit status of `diff`, as of diff(1)."""
 
-KeyFile = Annotated[Path, typer.Option("--key", help="Private key file (PEM), as `bundle keygen` writes it.")]
+DataSet = Annotated[Path | None, typer.Option("--dataset", help="Fit a new sensor estimator to this; takes minutes.")]
+SecurityVersion = Annotated[
+    int | None, typer.Option(help="An ECU that confirmed a greater one refuses this bundle.", min=0)
+]
+Hardware = Annotated[str | None, typer.Option(help="Name of the only hardware it may be flashed to.")]
+Speeds = Annotated[
+    str | None, typer.Option(metavar="SLOWEST:FASTEST", help="A smaller range, in design speeds: 0.7:1.3.")
+]
+BillOfMaterials = Annotated[
+    Path | None, typer.Option(help="Write the bill of materials, CycloneDX 1.6.", metavar="FILE")
+]
+Allowed = Annotated[list[Path], typer.Option("--allow", help="Public key that may sign (repeatable).", metavar="PUB")]
+Revoked = Annotated[
+    list[Path], typer.Option("--revoke", help="Public key that no longer may (repeatable).", metavar="PUB")
+]
+
+
+def keygen(
+    path: Annotated[Path, typer.Argument(help="Folder to write release.key and release.pub into; or a secret's file.")],
+    secret: Annotated[
+        bool,
+        typer.Option("--secret", help="A secret for frames (bus.key) or for a tester's access, in place of a pair."),
+    ] = False,
+) -> None:
+    """Make a key pair: release.key signs and stays secret, release.pub is for everyone who is to trust it.
+
+    With --secret it is 128 random bits as hexadecimal digits: for authenticated frames, with `bus.key` on both nodes,
+    or for a tester's access, with --access. Frames and access need secrets of their own. What is there is never
+    overwritten.
+    """
+    if secret:
+        from can_bridge.secoc.key import KEY_LENGTH, write_key
+
+        write_key(path, secrets.token_bytes(KEY_LENGTH))
+        console.print(
+            f"wrote {path}: keep it secret; for frames it is --set bus.key={path}, for access --access {path}"
+        )
+        return
+    public = signing.write_key_pair(path, Ed25519PrivateKey.generate())
+    console.print(f"wrote {path / signing.PRIVATE_KEY} and {path / signing.PUBLIC_KEY}: key {public.fingerprint}")
 
 
 @bundle.command()
-def keygen(folder: Annotated[Path, typer.Argument(help="Folder to write release.key and release.pub into.")]) -> None:
-    """Make a key pair: release.key signs and stays secret, release.pub is for everyone who is to trust it."""
-    public = signing.write_key_pair(folder, Ed25519PrivateKey.generate())
-    wrote = f"wrote {folder / signing.PRIVATE_KEY} and {folder / signing.PUBLIC_KEY}"
-    console.print(f"{wrote}: key {public.fingerprint}")
-
-
-@bundle.command()
-def sign(path: Annotated[Path, typer.Argument(help="Bundle directory.")], key: KeyFile) -> None:
+def sign(path: Annotated[Path, typer.Argument(help="Bundle directory.")], key: shared.PrivateKey) -> None:
     """Verify a bundle and sign it in place; an older signature is replaced."""
     from export.release.judged import judge
 
@@ -68,42 +103,29 @@ def renew(
     path: Annotated[Path, typer.Argument(help="Bundle directory; its DBC may be another version's.")],
     output: Annotated[Path, typer.Argument(help="Bundle directory.")],
     name: Annotated[str, typer.Option(help="Name of the new bundle.")],
-    key: KeyFile,
-    trust: Trust = None,
-    sensors: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DATASET", help="Fit a new sensor estimator for the bundle, from this data set: takes minutes."
-        ),
-    ] = None,
-    security_version: Annotated[
-        int | None,
-        typer.Option(help="An ECU that confirmed a greater one refuses this bundle; default: the old one's.", min=0),
-    ] = None,
-    hardware: Annotated[
-        str | None, typer.Option(help="Name of the only ECU hardware it may be flashed to; default: the old one's.")
-    ] = None,
-    speeds: Annotated[
-        str | None,
-        typer.Option(metavar="SLOWEST:FASTEST", help="A smaller range of speeds, in design speeds, such as 0.7:1.3."),
-    ] = None,
-    overwrite: Overwrite = False,
-    overrides: Overrides = [],  # noqa: B006
+    key: shared.PrivateKey,
+    trust: shared.Trust = None,
+    dataset: DataSet = None,
+    security_version: SecurityVersion = None,
+    hardware: Hardware = None,
+    speeds: Speeds = None,
+    overwrite: shared.Overwrite = False,
+    given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Make a bundle of the same controller for this version's stillwake.dbc, and sign it.
 
-    The old bundle must be in order but for its DBC. The new one names it by its hash.
-    With --set operating_point.speed=12.5, or another setting of that section, it is for another vehicle or speed; with
-    --set mpc.weights.lift=0.1 it has other weights of the cost. --security-version and --hardware decide which ECUs
-    take it when it is flashed. A sensor estimator that it has is kept; with --sensors it gets one, or another one.
+    The old bundle must be in order but for its DBC. The new one names it by its hash. With --set
+    operating_point.speed=12.5, or another setting of that section, it is for another vehicle or speed; with --set
+    mpc.weights.lift=0.1 it has other weights of the cost. --security-version and --hardware decide which ECUs take it
+    when it is flashed. A sensor estimator that it has is kept; with --dataset it gets one, or another one.
     """
     from export.release.judged import judge
 
     check_output(output, overwrite=overwrite, folder=True)
     _, trusted = locate(path, trust)
     private = signing.read_private_key(key)
-    loaded = settings("bundle renew", None, overrides, uses=["operating_point", "mpc.weights"])
-    with progress_bar("batches") as bar:
+    loaded = settings("bundle renew", given, uses=["operating_point", "mpc.weights"])
+    with progress("batches") as report:
         renewed = bundles.renew(
             path,
             output,
@@ -116,7 +138,7 @@ def renew(
             security_version=security_version,
             hardware=hardware,
             speeds=None if speeds is None else _speeds(speeds),
-            estimator=None if sensors is None else partial(fitted_estimator, sensors, bar),
+            estimator=None if dataset is None else partial(fitted_estimator, dataset, report),
             judge=judge,
         )
     console.print(*describe(renewed), sep="\n")
@@ -138,9 +160,47 @@ def _given(loaded: Loaded, section: str, values: object) -> dict[str, float]:
 
 
 @bundle.command()
-def verify(path: BundlePath = None, trust: Trust = None) -> None:
-    """Make every check that loading makes, one line each, and fail if one of them does."""
-    where, trusted = locate(path, trust)
+def inspect(
+    path: Annotated[
+        Path | None, typer.Argument(help="Bundle directory, image (.swi) or key list; default: the shipped bundle.")
+    ] = None,
+    trust: shared.Trust = None,
+    sbom: BillOfMaterials = None,
+) -> None:
+    """Verify a bundle, an image or a key list, and show what it holds and who signed it.
+
+    Of a bundle every check that loading makes has a line, and so has a control step; if one fails, nothing else is
+    shown and the exit status is 1. Of a key list any signer is accepted, unless --trust names the root key.
+    """
+    if path is not None and key_list.is_list(path):
+        _refuse_sbom(sbom)
+        _show(*_opened_list(path, locate(path, trust)[1]))
+        return
+    if path is not None and is_image(path):
+        _refuse_sbom(sbom)
+        print_table("image", _folded(""), rows=list(described(opened(*locate(path, trust))).items()))
+        return
+    if sbom is not None:
+        check_output(sbom, overwrite=None)
+    _verify(*locate(path, trust))
+    release = open_release(path, trust)
+    print_table("bundle", _folded(""), rows=rows(release))
+    if sbom is not None:
+        from export.release.sbom import release_bom
+
+        content = release_bom(release, read_files(BUNDLE if path is None else path))
+        with replacing(sbom) as temporary:
+            temporary.write_bytes(content)
+        console.print(f"wrote {sbom}")
+
+
+def _refuse_sbom(sbom: Path | None) -> None:
+    if sbom is not None:
+        raise BundleError("--sbom: is of a bundle")
+
+
+def _verify(where: Path, trusted: PublicKey | None) -> None:
+    """Make every check, print a line for each. Raises BundleError if one of them fails."""
     checks = bundles.examine(where, trusted)
     if all(check.error is None for check in checks):
         checks.append(_first_step(bundles.load(where, trusted)))
@@ -168,41 +228,9 @@ def _first_step(release: Bundle) -> Check:
 
 
 @bundle.command()
-def inspect(path: BundlePath = None, trust: Trust = None) -> None:
-    """Show what a bundle or a controller image (.swi) holds and who signed it; one that does not verify is refused."""
-    if path is not None and is_image(path):
-        found = list(described(opened(*locate(path, trust))).items())
-    else:
-        found = rows(open_release(path, trust))
-    print_table("bundle", _folded(""), rows=found)
-
-
-@bundle.command()
-def sbom(
-    output: Annotated[Path, typer.Argument(help="File to write, for example release.cdx.json.")],
-    path: BundlePath = None,
-    trust: Trust = None,
-    overwrite: Overwrite = False,
-) -> None:
-    """Verify a bundle and write its bill of materials, CycloneDX 1.6: files, model, data set, tools, with hashes.
-
-    `export` writes one next to every bundle.
-    """
-    check_output(output, overwrite=overwrite)
-
-    from export.release.sbom import release_bom
-
-    content = release_bom(open_release(path, trust), read_files(BUNDLE if path is None else path))
-    with replacing(output) as temporary:
-        temporary.write_bytes(content)
-    console.print(f"wrote {output}")
-
-
-@bundle.command()
 def diff(
     a: Annotated[Path, typer.Argument(help="Bundle directory.")],
     b: Annotated[Path, typer.Argument(help="Another one.")],
-    trust: Trust = None,
 ) -> None:
     """Show what differs between two bundles, manifest, signer and files by their hashes, or between two images (.swi).
 
@@ -210,8 +238,7 @@ def diff(
     be of other versions' stillwake.dbc.
     """
     try:
-        _, trusted = locate(a, trust)
-        found = differences(a, b, trusted)
+        found = differences(a, b)
     except StillwakeError as error:
         raise NotComparedError(str(error)) from error
     if not found:
@@ -223,38 +250,20 @@ def diff(
 
 @bundle.command()
 def keylist(
-    path: Annotated[Path, typer.Argument(help="Key list to write, or to show.")],
-    root: Annotated[
-        Path | None,
-        typer.Option(help="Root key file (PEM): private to make a list, public to demand whose a shown one must be."),
-    ] = None,
-    version: Annotated[
-        int | None, typer.Option(help="Of the list; an ECU takes only a greater one than it has.")
-    ] = None,
-    key: Annotated[
-        list[Path], typer.Option(help="Public key file (PEM) that may sign releases (repeatable).", metavar="PUB")
-    ] = [],  # noqa: B006
-    revoke: Annotated[
-        list[Path], typer.Option(help="Public key file (PEM) that must not any more (repeatable).", metavar="PUB")
-    ] = [],  # noqa: B006
-    show: Annotated[bool, typer.Option("--show", help="Show a list that is there.")] = False,
-    overwrite: Overwrite = False,
+    path: Annotated[Path, typer.Argument(help="Key list to write; one that is there is never overwritten.")],
+    key: shared.PrivateKey,
+    version: Annotated[int, typer.Option(help="Of the list; an ECU takes only a greater one than it has.")],
+    allow: Allowed,
+    revoke: Revoked = [],  # noqa: B006
 ) -> None:
-    """Make the list of the keys that may sign releases for an ECU, signed by the root key, or show one.
+    """Make the list of the keys that may sign releases for an ECU, signed by the root key.
 
     An ECU knows its root key from production on, and takes every list that this key signed and that has a greater
-    version than its own. A root key is made like any other: `stillwake bundle keygen FOLDER`.
+    version than its own. A root key is made like any other: `stillwake keygen FOLDER`.
     """
-    if show:
-        if version is not None or key or revoke:
-            raise KeyFileError("--show takes no --version, --key or --revoke: it shows what is in the list")
-        _show(*_opened_list(path, None if root is None else signing.read_public_key(root)))
-        return
-    if root is None or version is None or not key:
-        raise KeyFileError("give --root, --version and at least one --key to make a list, or --show to see one")
-    check_output(path, overwrite=overwrite)
-    private = signing.read_private_key(root)
-    allowed, revoked = (frozenset(map(signing.read_public_key, paths)) for paths in (key, revoke))
+    check_output(path, overwrite=None)
+    private = signing.read_private_key(key)
+    allowed, revoked = (frozenset(map(signing.read_public_key, paths)) for paths in (allow, revoke))
     made = KeyList(version=version, keys=allowed, revoked=revoked)
     raw = key_list.encode(made, private)
     with replacing(path) as temporary:

@@ -1,10 +1,10 @@
 """The command that runs a test plan: the loop under every disturbance, in parallel, and one report of it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 from rich.table import Table
@@ -14,14 +14,15 @@ from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release.checks import Bundle
 from contract.results import versions
+from stillwake.console import options as shared
 from stillwake.console.claims import claim
-from stillwake.console.numbers import cores
+from stillwake.console.numbers import workers_of
 from stillwake.console.outputs import check_json, save_json
-from stillwake.console.progress import steps_begin
+from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
-from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
-from stillwake.parts.releases import Trust, describe, open_release
+from stillwake.console.terminal import console
+from stillwake.parts.releases import describe, open_release
 
 if TYPE_CHECKING:
     from firmware_sim.campaign.conduct import Campaign, Result
@@ -30,64 +31,43 @@ if TYPE_CHECKING:
 NOT_SAFE: Final = 3
 """Exit status of a campaign that is whole, but in which an invariant broke."""
 _USES: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
-_QUICK: Final = {"phases": 1, "controlled": 40.0, "settle": 20.0}
-"""One start and two thirds of the time: a look, not a figure."""
-_WHOLE: Final = {"phases": 3, "controlled": 60.0, "settle": 20.0}
 _LONGEST: Final = 1e6
 """t_c: a run of a day."""
 _MOST_PHASES: Final = 25
 """A shedding cycle has as many control periods."""
+
+Scenarios = Annotated[list[Path], typer.Option(help="Scenarios of your own, a TOML file (repeatable).", metavar="FILE")]
+Only = Annotated[list[str], typer.Option(help="Only scenarios of such names, 'noise_*' (repeatable).", metavar="GLOB")]
+ListThem = Annotated[bool, typer.Option("--list", help="Print the test plan, and run nothing.")]
+Phases = Annotated[int, typer.Option(help="Starts, equal parts of a shedding cycle apart.", min=1, max=_MOST_PHASES)]
+Controlled = Annotated[float, typer.Option(help="Time with control, t_c.", min=0.2, max=_LONGEST)]
+Settle = Annotated[float, typer.Option(help="Left out of the controlled averages, t_c.", min=0.0, max=_LONGEST)]
 
 
 def campaign(
     output: Annotated[
         Path | None, typer.Argument(help="Folder to write; a campaign that was stopped there goes on.")
     ] = None,
-    scenarios: Annotated[
-        list[Path],
-        typer.Option(
-            help="TOML file with scenarios of your own, besides the built-in ones (repeatable).", metavar="FILE"
-        ),
-    ] = [],  # noqa: B006  (typer reads it, nothing writes it)
-    only: Annotated[
-        list[str],
-        typer.Option(help="Only scenarios whose name matches, e.g. 'noise_*' (repeatable).", metavar="GLOB"),
-    ] = [],  # noqa: B006
-    list_them: Annotated[bool, typer.Option("--list", help="Print the test plan, and run nothing.")] = False,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="One starting phase and 40 t_c with control: a look, not a figure.")
-    ] = False,
-    phases: Annotated[
-        int | None, typer.Option(help="Starts, equal parts of a shedding cycle apart (3).", min=1, max=_MOST_PHASES)
-    ] = None,
-    controlled: Annotated[
-        float | None, typer.Option(help="Time with control, t_c (60).", min=0.2, max=_LONGEST)
-    ] = None,
-    settle: Annotated[
-        float | None, typer.Option(help="Left out of the averages, t_c (20).", min=0.0, max=_LONGEST)
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Of everything that the disturbances draw.", min=0)] = 0,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes, a run each at a time; default: one a core.", min=1)
-    ] = None,
-    scheduler: Annotated[str | None, typer.Option(help="Run on this dask scheduler's workers.")] = None,
-    bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
-    trust: Trust = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace a campaign with other settings that is in the folder.")
-    ] = False,
-    json_file: JsonFile = None,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
+    scenarios: Scenarios = [],  # noqa: B006  (typer reads it, nothing writes it)
+    only: Only = [],  # noqa: B006
+    list_them: ListThem = False,
+    phases: Phases = 3,
+    controlled: Controlled = 60.0,
+    settle: Settle = 20.0,
+    seed: shared.Seed = 0,
+    workers: shared.Workers = None,
+    bundle: shared.Bundle = None,
+    overwrite: shared.Overwrite = False,
+    json_file: shared.JsonFile = None,
+    given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Run a test plan: the loop under noise, delay, lying sensors, a bad bus, another flow, each from several starts.
 
-    Writes a table, figures and one page into the folder. It can be stopped at
-    any time: finished runs are kept, and the same command goes on. Another
-    seed, bundle, span or setting makes another campaign.
+    Writes a table, figures and one page into the folder. It can be stopped at any time: finished runs are kept, and the
+    same command goes on. Another seed, bundle, span or setting makes another campaign. With --phases 1 --controlled 40
+    it is a look, no figure.
 
-    Exit status 3: an invariant broke in a scenario. What is of no use to the
-    drag is a figure, no failure.
+    Exit status 3: an invariant broke in a scenario. What is of no use to the drag is a figure, no failure.
     """
     from firmware_sim.campaign.folder import CampaignFolder
     from firmware_sim.campaign.listing import listing
@@ -95,21 +75,19 @@ def campaign(
     if output is None and not list_them:
         raise StillwakeError("name the folder to write, or give --list to see the test plan")
     check_json(json_file)
-    config = settings("campaign", config_file, overrides, uses=_USES).config
-    release = open_release(bundle, trust)
-    defaults = _QUICK if quick else _WHOLE
-    given = {"phases": phases, "controlled": controlled, "settle": settle}
-    spans = {name: defaults[name] if value is None else value for name, value in given.items()}
+    spread = workers_of(workers)
+    config = settings("campaign", given, uses=_USES).config
+    release = open_release(bundle)
+    spans = {"phases": phases, "controlled": controlled, "settle": settle}
     planned = _planned(release, config, scenarios, only, spans, seed)
     if list_them or output is None:
-        lines = listing(planned.scenarios, phases=planned.phases)
-        console.print(*lines, sep="\n")
+        console.print(*listing(planned.scenarios, phases=planned.phases), sep="\n")
         return
     folder = CampaignFolder(output)
     claim(output, folder=True)
     folder.check(planned.label(), overwrite=overwrite)
     console.print(*describe(release), sep="\n")
-    result = _conducted(planned, folder, cores() if workers is None else workers, scheduler)
+    result = _conducted(planned, folder, spread)
 
     from firmware_sim.campaign.report import write_report
 
@@ -164,22 +142,19 @@ def _planned(
     return campaign
 
 
-def _conducted(planned: "Campaign", folder: "CampaignFolder", workers: int, scheduler: str | None) -> "Result":
+def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[str, Any]) -> "Result":
     """Run what is missing, with progress; when it is stopped, report how to go on."""
     from firmware_sim.campaign.conduct import conduct
 
     # A run takes half a minute: the speed is that of the last hour.
-    with progress_bar("runs", estimate_over=3600.0) as bar:
-        task = bar.add_task("campaign", total=None, note="")
-        bar.update(task, completed=0, note="preparing the starts")
+    with progress("runs", estimate_over=3600.0) as report:
+        report("the starts", 0)
 
         def show(done: int, total: int, name: str) -> None:
-            bar.update(task, completed=done, total=total or None, note=name, refresh=True)
-            if total and not done:
-                steps_begin(bar, task)
+            report("campaign" if total else "the starts", done, total or None, name)
 
         try:
-            return conduct(planned, folder, workers=workers, scheduler=scheduler, progress=show)
+            return conduct(planned, folder, **spread, progress=show)
         except KeyboardInterrupt:
             if not folder.finished:
                 raise

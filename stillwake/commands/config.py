@@ -8,10 +8,12 @@ from typing import Annotated, Final
 import typer
 
 from contract.config.listing import Section, Setting, as_toml, sections, shown
-from contract.config.loading import PAPER, Loaded, load
+from contract.config.loading import PAPER, Loaded
 from contract.config.sources import Source
 from contract.errors import ConfigError
-from stillwake.console.terminal import ConfigFile, Overrides, console
+from stillwake.console import options as shared
+from stillwake.console.settings import read_settings
+from stillwake.console.terminal import console
 
 HEAD: Final = ("setting", "value", "default", "unit", "from")
 WIDTH: Final = 80
@@ -22,17 +24,16 @@ def config(
         str, typer.Argument(help="Only what begins like this, e.g. ecu or train.finish; also explains each one.")
     ] = "",
     changed: Annotated[bool, typer.Option("--changed", help="Only what differs from the paper's settings.")] = False,
-    toml: Annotated[bool, typer.Option("--toml", help="Print them as a TOML file for --config.")] = False,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
+    toml: Annotated[bool, typer.Option("--toml", help="Print them as a TOML file for --set.")] = False,
+    given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Show the settings: values, units, and where each value comes from.
 
-    The last column gives the source: the "default", the shipped "release", the "file" of --config, or the command
-    line's "--set". With a prefix, the default's own source is given too. The same --config and --set give the same
-    settings to every other command but `export`, which begins with its model's own.
+    The last column gives the source: the "default", the shipped "release", a "file" of --set, or a single "--set". With
+    a prefix, the default's own source is given too. The same --set gives the same settings to every other command but
+    `export`, which begins with its model's own.
     """
-    loaded = load(config_file, overrides)
+    loaded = read_settings(given)
     listed = chosen(sections(loaded.config), prefix, only_changed=changed)
     if toml:
         text = as_toml(listed, base=None if prefix else PAPER)

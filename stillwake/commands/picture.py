@@ -1,8 +1,8 @@
-"""The commands that draw: `stillwake picture ...` for stills and means, `stillwake animate` for runs."""
+"""The command that draws the flow: a state, a mean over time, or a moving picture."""
 
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -10,100 +10,120 @@ import typer
 
 from contract.config.tree import Config
 from contract.errors import ConfigError
+from stillwake.console import options as shared
 from stillwake.console.claims import claim
 from stillwake.console.numbers import steps_of
+from stillwake.console.progress import progress
 from stillwake.console.settings import settings
-from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
+from stillwake.console.terminal import console
 
 if TYPE_CHECKING:
     from firmware_sim.runs.run_log import RunLog
+    from wake.recording.forcing import ForcingName
     from wake.truck.truck_wake import TruckWake
 
 USUAL_DURATION: Final = 25.0
 """t_c: five shedding cycles."""
+MOVING: Final = (".gif", ".webp")
+"""How the name of a moving picture ends."""
+FORCINGS: Final = {
+    "none": (),
+    "sine": ("amplitude", "frequency"),
+    "training": ("seed",),
+    "chirp": (),
+    "extended_chirp": (),
+}
+"""What the jets may do, with its parameters."""
+_FREQUENCY: Final = 0.2
+"""1/t_c, about that of the shedding."""
 
-STILL: Final = ("body", "flow")
-"""Settings that a picture of one state uses."""
-MOVING: Final = ("body", "flow", "forcing")
-"""Settings that a run uses."""
-
-picture = typer.Typer(no_args_is_help=True, help="Draw the flow: vorticity, pressure, or a mean over time.")
-
-
-Forcing = Literal["none", "sine", "training", "chirp", "extended_chirp"]
-Field = Literal["vorticity", "pressure"]
-
-Output = Annotated[Path, typer.Argument(help="File to write: .png, .pdf or .svg; a picture that is there is replaced.")]
-StateFile = Annotated[Path | None, typer.Option("--state", help="Flow state (.npz); default: the shipped start.")]
-SensorNames = Annotated[
-    str, typer.Option("--sensors", help="Comma-separated sensors to colour by Cp; default: a run's, or all.")
-]
-ForcingName = Annotated[Forcing, typer.Option(help="What the jets do.")]
-Amplitude = Annotated[float | None, typer.Option(help="Amplitude of the sine, U_inf W; default: the action's limit.")]
-Frequency = Annotated[float, typer.Option(help="Frequency of the sine, 1/t_c.")]
-Seed = Annotated[int, typer.Option(help="Seed of the training waveform.", min=0)]
-RunFolder = Annotated[Path | None, typer.Option("--run", help="Folder written by `run`: replay its actions.")]
-Duration = Annotated[
-    float | None, typer.Option(help="How long to run, in t_c; default: 25, or all of a run folder.", min=0.2)
-]
+Output = Annotated[Path, typer.Argument(help="Still (.png, .pdf, .svg), or moving (.gif, .webp).")]
+Field = Annotated[Literal["vorticity", "pressure", "mean"], typer.Option(help="What is drawn.")]
+Duration = Annotated[float | None, typer.Option(help="How long to run, t_c; default: 25, or all of a run.", min=0.2)]
+Settle = Annotated[float, typer.Option(help="Run, but left out of the picture, t_c.", min=0.0)]
+Forcing = Annotated[str, typer.Option(metavar="TEXT|RUN", help="What the jets do, or a run folder to replay.")]
+Every = Annotated[int, typer.Option(help="Control steps between frames.", min=1)]
+Width = Annotated[int, typer.Option(help="Pixels of a moving picture.", min=400, max=4000)]
 
 
-@picture.command()
-def vorticity(
+def picture(
     output: Output,
-    state: StateFile = None,
-    sensors: SensorNames = "",
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006  (typer reads it, nothing writes it)
-) -> None:
-    """Vorticity around the truck, its jets, and wall pressure at the sensors."""
-    config = settings("picture vorticity", config_file, overrides, uses=STILL).config
-    _still(output, "vorticity", state, sensors, config)
-
-
-@picture.command()
-def pressure(
-    output: Output,
-    state: StateFile = None,
-    sensors: SensorNames = "",
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
-) -> None:
-    """Pressure around the truck and at its sensors."""
-    config = settings("picture pressure", config_file, overrides, uses=STILL).config
-    _still(output, "pressure", state, sensors, config)
-
-
-@picture.command()
-def mean(
-    output: Output,
-    state: StateFile = None,
+    field: Field = "vorticity",
+    state: shared.State = None,
+    sensors: shared.Sensors = "",
     duration: Duration = None,
-    settle: Annotated[float, typer.Option(help="Run, but left out of the mean, t_c.", min=0.0)] = 0.0,
-    forcing: ForcingName = "none",
-    amplitude: Amplitude = None,
-    frequency: Frequency = 0.2,
-    seed: Seed = 1,
-    run: RunFolder = None,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
+    settle: Settle = 0.0,
+    forcing: Forcing = "none",
+    every: Every = 1,
+    width: Width = 800,
+    given: shared.Settings = [],  # noqa: B006  (typer reads it, nothing writes it)
 ) -> None:
-    """Mean flow behind the truck with streamlines; prints the length of the recirculation bubble and mean forces."""
-    from wake.pictures.drawing import check_suffix, mean_figure, save_figure
-    from wake.pictures.fields import mean_flow
-    from wake.truck.recirculation import recirculation_length
+    """Draw the flow: vorticity or pressure with the jets, and wall pressure at the sensors; or a mean with streamlines.
 
-    check_suffix(output)
+    A still is of the state. --field mean and moving pictures run the wake from there: without control, with the jets
+    forced, or replaying the actions of a run folder. The forcings are none, sine, training (training:seed=2), chirp and
+    extended_chirp; a sine has the action's limit and 0.2 / t_c unless it is told otherwise. A mean prints the length of
+    the recirculation bubble and mean forces. --sensors are coloured by Cp; without them a run's, or all.
+    """
+    moves = output.suffix.lower() in MOVING
+    if moves and field == "mean":
+        raise ConfigError(f"{output}: the mean flow does not move; name a file that ends in .png, .pdf or .svg")
+    if moves:
+        _check_moving(output)
+    else:
+        _check_still(output)
     claim(output)
-    config = settings("picture mean", config_file, overrides, uses=MOVING).config
-    actions = _actions(config, duration, forcing, amplitude, frequency, seed, run)
+    runs = moves or field == "mean"
+    config = settings("picture", given, uses=("body", "flow", *(["forcing"] if runs else []))).config
+    if field != "mean" and not moves:
+        if duration is not None or settle or forcing != "none":
+            raise ConfigError("--duration, --settle and --forcing go with --field mean or a moving picture")
+        _draw_still(output, field, config, state, sensors)
+        return
+    actions = actions_of(config, duration, forcing)
     skip = steps_of("--settle", settle, config.flow.control_period, least=0)
     if skip >= len(actions):
         raise ConfigError(f"--settle {settle}: must be shorter than the run of {_time(config, len(actions)):g} t_c")
     wake = _start(config, state)
-    with progress_bar("steps") as bar:
-        task = bar.add_task("mean flow", total=len(actions), note="")
-        flow = mean_flow(wake, actions, skip, lambda done, _: bar.update(task, completed=done))
+    if field == "mean":
+        _draw_mean(output, wake, config, actions, skip)
+        return
+    coloured = shared.names_in(sensors)
+    if coloured is None and forcing.partition(":")[0] not in FORCINGS:
+        coloured = _run_log(Path(forcing)).metadata.sensors
+    _draw_moving(output, wake, field, coloured, actions, skip, every=every, width=width)
+
+
+def _check_moving(output: Path) -> None:
+    from wake.pictures.animation import check_target
+
+    check_target(output)
+
+
+def _check_still(output: Path) -> None:
+    from wake.pictures.drawing import check_suffix
+
+    check_suffix(output)
+
+
+def _draw_still(
+    output: Path, field: Literal["vorticity", "pressure"], config: Config, state: Path | None, sensors: str
+) -> None:
+    from wake.pictures.drawing import WakePicture, save_figure
+
+    wake = _start(config, state)
+    save_figure(output, WakePicture(wake, field, shared.names_in(sensors)).update())
+    console.print(f"wrote {output}")
+
+
+def _draw_mean(output: Path, wake: "TruckWake", config: Config, actions: npt.NDArray[np.float64], skip: int) -> None:
+    from wake.pictures.drawing import mean_figure, save_figure
+    from wake.pictures.fields import mean_flow
+    from wake.truck.recirculation import recirculation_length
+
+    with progress("steps") as report:
+        report("mean flow", 0, len(actions))
+        flow = mean_flow(wake, actions, skip, lambda done, _: report("mean flow", done, len(actions)))
     save_figure(output, mean_figure(wake.grid, wake.body, flow, _time(config, len(actions) - skip)))
     measured = wake.surface.measure(flow)
     length = recirculation_length(wake.grid, flow)
@@ -111,61 +131,33 @@ def mean(
     console.print(f"wrote {output}")
 
 
-def animate(
-    output: Annotated[
-        Path,
-        typer.Argument(help="File to write: .gif or .webp; a picture there is replaced."),
-    ],
-    state: StateFile = None,
-    duration: Duration = None,
-    skip: Annotated[float, typer.Option(help="Run before the first frame, t_c.", min=0.0)] = 0.0,
-    field: Annotated[Field, typer.Option(help="What colours the flow.")] = "vorticity",
-    forcing: ForcingName = "none",
-    amplitude: Amplitude = None,
-    frequency: Frequency = 0.2,
-    seed: Seed = 1,
-    run: RunFolder = None,
-    sensors: SensorNames = "",
-    every: Annotated[int, typer.Option(help="Control steps between frames.", min=1)] = 1,
-    fps: Annotated[int, typer.Option(help="Frames per second.")] = 10,
-    width: Annotated[int, typer.Option(help="Pixels.", min=400, max=4000)] = 800,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
+def _draw_moving(
+    output: Path,
+    wake: "TruckWake",
+    field: Literal["vorticity", "pressure"],
+    coloured: tuple[str, ...] | None,
+    actions: npt.NDArray[np.float64],
+    skip: int,
+    *,
+    every: int,
+    width: int,
 ) -> None:
-    """Run the wake and write it as a moving picture: without control, forced, or replaying recorded actions."""
-    from wake.pictures.animation import animate as write_animation
-    from wake.pictures.animation import check_target
+    from wake.pictures.animation import animate
     from wake.pictures.drawing import WakePicture
 
-    check_target(output)
-    claim(output)
-    config = settings("animate", config_file, overrides, uses=MOVING).config
-    left_out = steps_of("--skip", skip, config.flow.control_period, least=0)
-    actions = _actions(config, duration, forcing, amplitude, frequency, seed, run)
-    wake = _start(config, state)
-    coloured = _run_log(run).metadata.sensors if run is not None and not sensors else _names(sensors)
     drawn = WakePicture(wake, field, coloured, width)
-    with progress_bar("steps") as bar:
-        task = bar.add_task("animation", total=len(actions), note="")
-        frames = write_animation(
-            output, drawn, wake, actions, skip=left_out, every=every, fps=fps,
-            progress=lambda done, _: bar.update(task, completed=done),
-        )  # fmt: skip
+    with progress("steps") as report:
+        report("animation", 0, len(actions))
+        frames = animate(
+            output,
+            drawn,
+            wake,
+            actions,
+            skip=skip,
+            every=every,
+            progress=lambda done, _: report("animation", done, len(actions)),
+        )
     console.print(f"wrote {output}: {frames} frames, {output.stat().st_size / 1e6:.2f} MB")
-
-
-def _still(output: Path, field: Field, state: Path | None, sensors: str, config: Config) -> None:
-    from wake.pictures.drawing import WakePicture, check_suffix, save_figure
-
-    check_suffix(output)
-    claim(output)
-    wake = _start(config, state)
-    save_figure(output, WakePicture(wake, field, _names(sensors)).update())
-    console.print(f"wrote {output}")
-
-
-def _names(listed: str) -> tuple[str, ...] | None:
-    return tuple(name.strip() for name in listed.split(",")) if listed else None
 
 
 def _start(config: Config, state: Path | None) -> "TruckWake":
@@ -182,43 +174,40 @@ def _time(config: Config, steps: int) -> float:
     return steps * config.flow.control_period
 
 
-def _actions(
-    config: Config,
-    duration: float | None,
-    forcing: Forcing,
-    amplitude: float | None,
-    frequency: float,
-    seed: int,
-    run: Path | None,
-) -> npt.NDArray[np.float64]:
-    """The actions to command in turn, one a control period: from a signal, or those of a run."""
-    if run is not None and forcing != "none":
-        raise ConfigError("--forcing and --run exclude each other: give one")
+def actions_of(config: Config, duration: float | None, forcing: str) -> npt.NDArray[np.float64]:
+    """The actions to command in turn, one a control period: from a forcing, or those of a run folder. Raises
+    StillwakeError for a forcing that does not exist, or a run that is shorter than `duration` in t_c."""
     asked = None if duration is None else steps_of("--duration", duration, config.flow.control_period)
-    if run is None:
+    if forcing.partition(":")[0] in FORCINGS:
         usual = round(USUAL_DURATION / config.flow.control_period)
-        return _signal(config, usual if asked is None else asked, forcing, amplitude, frequency, seed)
+        return _signal(config, usual if asked is None else asked, forcing)
     # Row k holds the action reached at t_k, and the plant is to ramp there from the one before.
-    recorded: npt.NDArray[np.float64] = _run_log(run).series["action"][1:]
+    recorded: npt.NDArray[np.float64] = _run_log(Path(forcing)).series["action"][1:]
     steps = len(recorded) if asked is None else asked
     if steps > len(recorded):
         raise ConfigError(f"--duration {duration}: the recording holds {_time(config, len(recorded)):g} t_c")
     return recorded[:steps]
 
 
-def _signal(
-    config: Config, steps: int, forcing: Forcing, amplitude: float | None, frequency: float, seed: int
-) -> npt.NDArray[np.float64]:
+def _signal(config: Config, steps: int, forcing: str) -> npt.NDArray[np.float64]:
     from wake.recording.forcing import SIGNALS, sine
 
-    if not (isfinite(frequency) and frequency > 0.0):
-        raise ConfigError(f"--frequency {frequency:g}: must be a positive number")
-    if forcing == "sine":
-        height = config.flow.action_limit if amplitude is None else amplitude
+    kind, _, text = forcing.partition(":")
+    texts = shared.pairs(text.split(",") if text else [], "sine:amplitude=0.05", FORCINGS[kind] or ("no parameter",))
+    try:
+        values = {name: float(value) for name, value in texts}
+    except ValueError:
+        raise ConfigError(f"--forcing {forcing}: its parameters must be numbers") from None
+    if kind == "sine":
+        frequency = values.get("frequency", _FREQUENCY)
+        if not (isfinite(frequency) and frequency > 0.0):
+            raise ConfigError(f"--forcing {forcing}: frequency must be a positive number")
+        height = values.get("amplitude", config.flow.action_limit)
         return sine(steps, config.flow, amplitude=height, frequency=frequency)
-    if amplitude is not None:
-        raise ConfigError(f"--amplitude {amplitude}: only --forcing sine has one")
-    return SIGNALS[forcing](steps, config.forcing, config.flow, np.random.default_rng(seed))
+    seed = values.get("seed", 1.0)
+    if not (0.0 <= seed < 2.0**32 and seed.is_integer()):
+        raise ConfigError(f"--forcing {forcing}: seed must be a whole number from 0 to 2^32 - 1")
+    return SIGNALS[cast("ForcingName", kind)](steps, config.forcing, config.flow, np.random.default_rng(int(seed)))
 
 
 def _run_log(folder: Path) -> "RunLog":

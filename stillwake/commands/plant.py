@@ -1,4 +1,4 @@
-"""The commands that prepare flows: the developed wake, and the steady one."""
+"""The commands that prepare flows: the developed wake and the steady one, and the plant for other simulation tools."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -6,64 +6,69 @@ from typing import Annotated, Final
 
 import typer
 
+from contract.atomic import replacing
+from contract.config.tree import Config
+from contract.errors import ConfigError, OutputError
 from contract.results import versions
+from stillwake.console import options as shared
 from stillwake.console.numbers import steps_of
-from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
+from stillwake.console.outputs import check_json, check_output, save_json
+from stillwake.console.progress import progress
 from stillwake.console.settings import settings
-from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.console.terminal import console
+from stillwake.parts.settling import settle_into
 
 USES: Final = ("flow", "body")
 """Settings of a plant without forcing or control."""
+USUAL_DURATION: Final = 200.0
+"""t_c: forty shedding cycles."""
+
+Duration = Annotated[float | None, typer.Option(help="Settling time, t_c (200).")]
+Steady = Annotated[bool, typer.Option("--steady", help="The steady symmetric wake instead; see above.")]
 
 
 def develop(
     output: Annotated[Path, typer.Argument(help="State file to write (.npz).")],
-    duration: Annotated[float, typer.Option(help="Settling time, t_c.")] = 200.0,
-    overwrite: Overwrite = False,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
+    duration: Duration = None,
+    steady: Steady = False,
+    overwrite: shared.Overwrite = False,
+    json_file: shared.JsonFile = None,
+    given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Start the flow from rest and run it until the wake sheds; write its state, for runs to begin from.
+    """Start the flow from rest and run it until the wake sheds; write its state, for --state of other commands.
 
-    The shipped start was made in this way. `run --start`, `record --start` and
-    `picture --state` begin from such a file. Another Reynolds number or body
-    needs one of its own, with the same settings in both commands, for example
-    --set flow.reynolds=1000.
+    The shipped start was made in this way. Another Reynolds number or body needs one of its own, with the same settings
+    in both commands, for example --set flow.reynolds=1000.
+
+    With --steady, compute the flow with its two halves held symmetric, so that no vortices are shed, until it is
+    steady. Its drag is the least that a controller can reach by suppressing the shedding alone; --json writes it.
     """
-    config = settings("develop", config_file, overrides, uses=USES).config
+    config = settings("develop", given, uses=USES).config
+    if steady and duration is not None:
+        raise ConfigError(f"--duration {duration:g}: does not go with --steady, which ends when the flow is steady")
+    if json_file is not None and not steady:
+        raise ConfigError("--json: goes with --steady; a developed wake is a state and no figure")
+    duration = USUAL_DURATION if duration is None else duration
     steps_of("--duration", duration, config.flow.control_period)
     check_output(output, overwrite=overwrite)
+    check_json(json_file)
+    if steady:
+        _steady(output, config, json_file)
+        return
 
     from wake.truck.develop import develop as develop_wake
     from wake.truck.state import save_state
     from wake.truck.truck_wake import TruckWake
 
     wake = TruckWake(config.flow, body=config.body)
-    with progress_bar("t_c") as bar:
-        task = bar.add_task("developing", total=duration, note="")
-        state = develop_wake(wake, duration, lambda t, _: bar.update(task, completed=round(t, 1)))
+    with progress("t_c") as report:
+        report("developing", 0, duration)
+        state = develop_wake(wake, duration, lambda t, _: report("developing", round(t, 1), duration))
     save_state(output, state)
     console.print(f"wrote {output}")
 
 
-def steady(
-    output: Annotated[Path, typer.Argument(help="State file to write (.npz).")],
-    overwrite: Overwrite = False,
-    json_file: JsonFile = None,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
-) -> None:
-    """Compute the flow with its two halves held symmetric, so that no vortices are shed, until it is steady.
-
-    Its drag is the least that a controller can reach by suppressing the
-    shedding alone.
-    """
-    config = settings("steady", config_file, overrides, uses=USES).config
-    check_output(output, overwrite=overwrite)
-    check_json(json_file)
-
-    from stillwake.console.settling import settle_into
-
+def _steady(output: Path, config: Config, json_file: Path | None) -> None:
     settled, grid = settle_into(output, config)
     figures = settled.figures()
     facts = {
@@ -74,3 +79,28 @@ def steady(
     }
     save_json(json_file, figures=figures, facts=facts)
     console.print("  ".join(f"{name} {value:.4g}" for name, value in figures.items()), f"\nwrote {output}")
+
+
+def plant_fmu(
+    output: Annotated[Path, typer.Argument(help="FMU to write (.fmu).")],
+    state: shared.State = None,
+    overwrite: shared.Overwrite = False,
+    given: shared.Settings = [],  # noqa: B006
+) -> None:
+    """Write the wake of `run` as an FMU for co-simulation, FMI 3.0: jet flow and vehicle speed in, pressures out.
+
+    It runs in the importing tool's Python, where stillwake[sim] has to be installed. The ECU for it is `export
+    --fmu`'s. Writing it needs a C compiler.
+    """
+    config = settings("plant-fmu", given, uses=(*USES, "operating_point")).config
+    if output.suffix.lower() != ".fmu":
+        raise OutputError(f"{output}: must be a file ending in .fmu")
+    check_output(output, overwrite=overwrite)
+
+    from export.to_c.source_folders import plant_fmu_sources
+    from firmware_sim.fmu.plant_fmu import plant_fmu as made
+
+    content = made(config, plant_fmu_sources(), state)
+    with replacing(output) as temporary:
+        temporary.write_bytes(content)
+    console.print(f"wrote {output}: FMI 3.0 co-simulation, a control period of {config.period_ns / 1e6:g} ms")

@@ -1,170 +1,166 @@
 """The command that records: forced episodes, the paper's data set, or a round under a release's controller or from the
 steady wake."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
-from rich.progress import TaskID
 
 from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
-from contract.errors import StillwakeError
+from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle
+from stillwake.console import options as shared
 from stillwake.console.claims import claim
-from stillwake.console.numbers import cores
-from stillwake.console.outputs import Overwrite, check_dataset_name, check_output
+from stillwake.console.numbers import workers_of
+from stillwake.console.outputs import check_dataset_name, check_output
+from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
-from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
+from stillwake.console.terminal import console
 from stillwake.parts.releases import describe, open_release
 
 if TYPE_CHECKING:
     from wake.recording.feedback import PolicyFactory
 
 
+STEPS: Final = {"training": 6000, "chirp": 1500, "uncontrolled": 500}
+"""Control steps of the usual forced episodes."""
+KINDS: Final = (*STEPS, "controlled", "calm")
+
+Lengths = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="KIND=STEPS", help="Control steps of a kind of episode.", show_default=False),
+]
+Paper = Annotated[bool, typer.Option("--paper", help="The paper's data set instead; see above.")]
+Under = Annotated[Path | None, typer.Option(help="Bundle whose controller drives the jets instead.")]
+FromSteady = Annotated[Path | None, typer.Option(help="State file of the steady wake to begin at instead.")]
+Amplitudes = Annotated[
+    tuple[float, float] | None, typer.Option(help="Least and greatest rms of random actions, U_inf W (0.0005 0.02).")
+]
+Episodes = Annotated[int | None, typer.Option(help="How many: with --under (2), --from-steady (8).", min=1)]
+Exploration = Annotated[float | None, typer.Option(help="Rms of the noise on commands, in action limits (0.15).")]
+Role = Annotated[str | None, typer.Option(help="What the round is for: train, or to be held out.")]
+
+
 def record(
     output: Annotated[
-        Path,
-        typer.Argument(help="Data set to write (.h5 or .hdf5); with --under or --from-steady, to add to."),
+        Path, typer.Argument(help="Data set to write (.h5 or .hdf5); with --under or --from-steady, to add to.")
     ],
-    training: Annotated[
-        int | None,
-        typer.Option(
-            help="Control steps of the training waveform, a sine whose frequency and amplitude vary (6000).", min=0
-        ),
-    ] = None,
-    chirp: Annotated[
-        int | None,
-        typer.Option(help="Control steps of the chirp, a slow sweep of the frequency, to test on (1500).", min=0),
-    ] = None,
-    uncontrolled: Annotated[int | None, typer.Option(help="Control steps without forcing (500).", min=0)] = None,
-    paper: Annotated[
-        bool,
-        typer.Option(
-            "--paper",
-            help="The paper's data set instead: 50,000 training steps in ten episodes, 2,500 uncontrolled, 10,000 of "
-            "the chirp to test on, and 10,000 of the extended chirp of its appendix A.",
-        ),
-    ] = False,
-    under: Annotated[
-        Path | None,
-        typer.Option(help="Instead, let this release bundle's controller drive the jets, and add the episodes."),
-    ] = None,
-    controlled: Annotated[
-        int | None, typer.Option(help="With --under: control steps an episode (1100).", min=1)
-    ] = None,
-    from_steady: Annotated[
-        Path | None,
-        typer.Option(
-            "--from-steady",
-            help="Instead, begin at the steady symmetric wake of this file (.npz, from `steady`; computed and written "
-            "there if there is none) under small random actions, and add the episodes. With --under, the controller "
-            "acts as well.",
-        ),
-    ] = None,
-    calm: Annotated[int | None, typer.Option(help="With --from-steady: control steps an episode (350).", min=1)] = None,
-    amplitudes: Annotated[
-        tuple[float, float] | None,
-        typer.Option(
-            help="With --from-steady: smallest and largest rms of the random action, in U_inf W; the episodes lie "
-            "between them, evenly by the logarithm (0.0005 0.02).",
-        ),
-    ] = None,
-    episodes: Annotated[
-        int | None, typer.Option(help="With --under: episodes (2); with --from-steady (8).", min=1)
-    ] = None,
-    exploration: Annotated[
-        float | None,
-        typer.Option(help="With --under: rms of the noise added to the commands, in action limits (0.15)."),
-    ] = None,
-    role: Annotated[
-        str | None,
-        typer.Option(
-            help="With --under: train, or controlled to hold the episodes out (train); with --from-steady, train or "
-            "calm."
-        ),
-    ] = None,
-    seed: Annotated[
-        int,
-        typer.Option(
-            help="Seed of the training waveform; with --paper, of the first of its ten episodes, and the others count "
-            "on from it; with --under, of the exploration and of where episodes begin; with --from-steady, of the "
-            "random actions.",
-            min=0,
-        ),
-    ] = 1,
-    start: Annotated[
-        Path | None,
-        typer.Option(help="Flow state in which episodes begin (.npz, from `develop`); default: the shipped start."),
-    ] = None,
-    overwrite: Overwrite = False,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes, an episode each at a time; default: one a core.", min=1)
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(help="Record on this dask scheduler's workers; they must have the output's folder at its path."),
-    ] = None,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006  (typer reads it, nothing writes it)
+    lengths: Lengths = None,
+    paper: Paper = False,
+    under: Under = None,
+    from_steady: FromSteady = None,
+    amplitudes: Amplitudes = None,
+    episodes: Episodes = None,
+    exploration: Exploration = None,
+    role: Role = None,
+    seed: shared.Seed = 1,
+    state: shared.State = None,
+    overwrite: shared.Overwrite = False,
+    workers: shared.Workers = None,
+    given: shared.Settings = [],  # noqa: B006  (typer reads it, nothing writes it)
 ) -> None:
     """Record the forced wake at every control step: pressures at all sensors, drag and side force.
 
-    With --under, record it under a controller with exploration, and add the
-    episodes. With --from-steady, record how small disturbances grow on the
-    steady wake, with or without a controller. It can be stopped at any time.
-    The same command continues where it was, and leaves a finished recording
-    as it is.
+    The episodes are training=6000, a sine whose frequency and amplitude vary; chirp=1500, a slow sweep of the
+    frequency, to test on; and uncontrolled=500. Another length, or 0, takes the place of one. --paper has 50,000
+    training steps in ten episodes, 2,500 uncontrolled, 10,000 of the chirp, and 10,000 of the extended chirp of the
+    paper's appendix A. The workers of a scheduler must have the output's folder at its path.
+
+    With --under, record it under a controller with exploration, and add the episodes, of controlled=1100 each. With
+    --from-steady, record how small disturbances grow on the steady wake (`develop --steady`, computed and written there
+    if there is none), with or without a controller, calm=350 each; the rms of their random actions lies between
+    --amplitudes, evenly by the logarithm. --role controlled or calm holds a round out. --seed is of the training
+    waveform, with --paper of the first of its ten episodes, from which the others count on; or of exploration, random
+    actions and where episodes begin.
+
+    It can be stopped at any time. The same command continues where it was, and leaves a finished recording as it is.
     """
+    steps = lengths_of(lengths or [])
     is_forced = under is None and from_steady is None
     uses = ("body", "flow", "forcing" if is_forced else "forcing.exploration_time")
-    config = settings("record", config_file, overrides, uses=uses).config
+    config = settings("record", given, uses=uses).config
     claim(output)
     check_dataset_name(output)
-    lengths = {"training": training, "chirp": chirp, "uncontrolled": uncontrolled}
-    of_controlled = {"controlled": controlled, "exploration": exploration}
-    of_calm = {"calm": calm, "amplitudes": amplitudes}
-    of_round: dict[str, Any] = {"episodes": episodes, "role": role}
-    how = {"workers": cores() if workers is None else workers, "scheduler": scheduler, "start": start}
-    if from_steady is None:
-        _refuse_given(of_calm, "is of episodes from the steady wake: give --from-steady FILE as well")
+    options = {"amplitudes": amplitudes, "exploration": exploration, "episodes": episodes, "role": role, "state": state}
+    how = {**workers_of(workers), "start": state}
     if is_forced:
-        _refuse_given(of_controlled, "needs a controller: give --under BUNDLE as well")
-        _refuse_given(of_round, "needs a controller or the steady wake: give --under or --from-steady as well")
-        if paper:
-            _refuse_given(lengths, "does not go with --paper, which has its own lengths")
-        _record_forced(output, config, None if paper else _given(lengths), seed, {**how, "overwrite": overwrite})
+        _check_forced(steps, options, paper=paper)
+        _record_forced(output, config, None if paper else {**STEPS, **steps}, seed, {**how, "overwrite": overwrite})
         return
-    option, steps = ("--under", "--controlled") if from_steady is None else ("--from-steady", "--calm")
+    _check_round(steps, options, from_steady, paper=paper, overwrite=overwrite)
+    of_plan = {
+        "episodes": episodes,
+        "role": role,
+        "seed": seed,
+        "exploration": exploration,
+        "steps": steps.get("controlled" if from_steady is None else "calm"),
+    }
+    if amplitudes is not None:
+        of_plan |= dict(zip(("smallest", "largest"), amplitudes, strict=True))
+    _record_round(output, config, from_steady, under, _given(of_plan), how)
+
+
+def lengths_of(texts: list[str]) -> dict[str, int]:
+    """Control steps by kind; raises ConfigError for what is none."""
+    found = {}
+    for kind, text in shared.pairs(texts, "training=6000", KINDS):
+        if not (text.isascii() and text.isdigit() and len(text) < 10):
+            raise ConfigError(f"{kind}={text}: must be a number of control steps")
+        found[kind] = int(text)
+    return found
+
+
+def _check_forced(steps: Mapping[str, int], options: Mapping[str, object], *, paper: bool) -> None:
+    """Refuse what is of a round."""
+    for kind, option in (("controlled", "--under BUNDLE"), ("calm", "--from-steady FILE")):
+        if kind in steps:
+            raise StillwakeError(f"{kind}={steps[kind]}: give {option} as well")
+    if paper and steps:
+        raise StillwakeError(f"{next(iter(steps))}=: does not go with --paper, which has its own lengths")
+    _refuse_given(options, ("amplitudes",), "give --from-steady FILE as well")
+    _refuse_given(options, ("exploration",), "needs a controller: give --under BUNDLE as well")
+    _refuse_given(options, ("episodes", "role"), "give --under BUNDLE or --from-steady FILE as well")
+
+
+def _check_round(
+    steps: Mapping[str, int],
+    options: Mapping[str, object],
+    steady: Path | None,
+    *,
+    paper: bool,
+    overwrite: bool,
+) -> None:
+    """Refuse what is of forced episodes, or of the other kind of round."""
+    option, own = ("--under", "controlled") if steady is None else ("--from-steady", "calm")
     if paper:
         raise StillwakeError(f"{option} and --paper are two recordings: give one of them")
     if overwrite:
         raise StillwakeError(f"--overwrite does not go with {option}, which adds a round and replaces nothing")
-    _refuse_given(lengths, f"does not go with {option}: give {steps} and --episodes instead")
-    of_plan = {**of_round, "seed": seed, "steps": controlled, "exploration": exploration}
-    if from_steady is not None:
-        _refuse_given(of_controlled, "does not go with --from-steady: give --calm and --amplitudes instead")
-        _refuse_given({"start": start}, "does not go with --from-steady, which names where episodes begin")
-        smallest, largest = (None, None) if amplitudes is None else amplitudes
-        of_plan |= {"steps": calm, "smallest": smallest, "largest": largest}
-    _record_round(output, config, from_steady, under, _given(of_plan), how)
+    for kind in steps:
+        if kind != own:
+            raise StillwakeError(f"{kind}=: does not go with {option}: give {own}=STEPS and --episodes instead")
+    if steady is None:
+        _refuse_given(options, ("amplitudes",), "give --from-steady FILE as well")
+        return
+    _refuse_given(options, ("exploration",), "does not go with --from-steady: give --amplitudes instead")
+    _refuse_given(options, ("state",), "does not go with --from-steady, which names where episodes begin")
 
 
 def _record_forced(
-    output: Path, config: Config, lengths: Mapping[str, int] | None, seed: int, how: Mapping[str, Any]
+    output: Path, config: Config, steps: Mapping[str, int] | None, seed: int, how: Mapping[str, Any]
 ) -> None:
     """Episodes of these lengths, in control steps; None: the paper's."""
     from wake.recording.episode_plan import EpisodePlan, paper_plans
     from wake.recording.recorder import record as record_dataset
 
-    if lengths is None:
+    if steps is None:
         plans = paper_plans(seed)
     else:
-        steps = {"training": 6000, "chirp": 1500, "uncontrolled": 500, **lengths}
         plans = (
             EpisodePlan(forcing="training", steps=steps["training"], seed=seed),
             EpisodePlan(forcing="chirp", steps=steps["chirp"], seed=0),
@@ -172,7 +168,7 @@ def _record_forced(
         )
     plans = tuple(plan for plan in plans if plan.steps > 0)
     if not plans:
-        raise StillwakeError("nothing to record: give at least one of --training, --chirp, --uncontrolled")
+        raise StillwakeError(f"nothing to record: give steps for at least one of {', '.join(STEPS)}")
     with _continued(output), _progress(len(plans)) as shown:
         written = record_dataset(output, plans, config, **how, **shown)
     total = sum(plan.steps for plan in plans)
@@ -215,7 +211,7 @@ def _record_round(
 
 def _settled(steady: Path, config: Config) -> None:
     """Compute the steady wake if it is not there, and check that it is one, of this plant."""
-    from stillwake.console.settling import settle_into
+    from stillwake.parts.settling import settle_into
     from wake.recording.episode_job import check_start
     from wake.truck.state import load_state
     from wake.truck.steady import check_steady
@@ -233,7 +229,7 @@ def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
     from firmware_sim.ecu.bundle_policy import BundlePolicy
     from firmware_sim.ecu.fit import check_flow
 
-    release = open_release(bundle, None)
+    release = open_release(bundle)
     check_flow(release, config.flow)
     # Built once here, so that a model that does not load is refused before anything is recorded.
     policy = partial(BundlePolicy, release, layout=layout_of(config.body))
@@ -261,29 +257,25 @@ def _continued(output: Path) -> Iterator[None]:
 def _progress(episodes: int) -> Iterator[dict[str, Any]]:
     """`progress` and `notice` of a recording of so many episodes."""
     # A block takes seconds, and is counted when it is whole: only many of them show the speed.
-    with progress_bar("steps", estimate_over=600.0) as bar:
+    with progress("steps", estimate_over=600.0) as report:
         done: dict[str, tuple[int, int]] = {}
-        tasks: dict[str, TaskID] = {}
 
         def show(name: str, steps: int, total: int) -> None:
             done[name] = (steps, total)
             if len(done) < episodes:
                 return
-            # What an earlier call recorded counts as done, but not for the speed.
             everything = (sum(part) for part in zip(*done.values(), strict=True))
             for label, (completed, of) in {**done, "all": tuple(everything)}.items():
-                if label not in tasks:
-                    tasks[label] = bar.add_task(label, total=of, completed=completed, note="")
-                bar.update(tasks[label], completed=completed)
+                report(label, completed, of)
 
-        yield {"progress": show, "notice": bar.console.print}
+        yield {"progress": show, "notice": console.print}
 
 
 def _given(options: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 
-def _refuse_given(options: Mapping[str, object], reason: str) -> None:
-    for name, value in options.items():
-        if value is not None:
-            raise StillwakeError(f"--{name} {reason}")
+def _refuse_given(options: Mapping[str, object], names: Sequence[str], reason: str) -> None:
+    for name in names:
+        if options[name] is not None:
+            raise StillwakeError(f"--{name}: {reason}")

@@ -8,60 +8,49 @@ from typing import Annotated, Final
 
 import typer
 
-from contract.atomic import check_writable
 from contract.config.loading import load_config, to_tree
-from contract.model.model_folder import check_free
 from contract.results import versions
 from contract.shipped import model as shipped_model
 from contract.shipped import recording as shipped_recording
-from stillwake.console.claims import claim
-from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
+from stillwake.console import options as shared
+from stillwake.console.outputs import check_json, save_json
+from stillwake.console.progress import progress
 from stillwake.console.settings import settings
-from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, Threads, console, progress_bar
-from stillwake.parts.training_progress import PhaseBars, continued
-from train.fitting import unfinished
+from stillwake.console.terminal import console
+from stillwake.parts.training_progress import TrainingProgress, check_model_output, continued
 
 SENSORS: Final = "upper_39,lower_39,base_0,base_9"
 USES: Final = ("refine", "mpc", "train.seed")
 
 
+Model = Annotated[Path | None, typer.Option(help="Model directory to refine; default: the shipped one.")]
+Processes = Annotated[int, typer.Option("--workers", min=1, help="Processes that share refine.batch.")]
+
+
 def refine(
     output: Annotated[Path, typer.Argument(help="Model directory to write.")],
-    model: Annotated[Path | None, typer.Option(help="Model directory to refine. Default: the shipped one.")] = None,
-    sensors: Annotated[str, typer.Option(help="Comma-separated sensors, in pairs of mirror images.")] = SENSORS,
-    dataset: Annotated[
-        Path | None, typer.Option(help="Data set that the model was trained on. Default: the shipped recording.")
-    ] = None,
-    start: Annotated[
-        Path | None, typer.Option(help="Developed wake (.npz) on the default mesh. Default: the shipped one.")
-    ] = None,
-    threads: Threads = 1,
-    workers: Annotated[
-        int, typer.Option(min=1, help="Processes that share the stretches of an update (refine.batch).")
-    ] = 1,
-    restart: Annotated[
-        bool, typer.Option("--restart", help="Delete the checkpoints of a run that was stopped, and start over.")
-    ] = False,
-    overwrite: Overwrite = False,
-    json_file: JsonFile = None,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
+    model: Model = None,
+    sensors: shared.Sensors = SENSORS,
+    dataset: shared.DataSet = None,
+    state: shared.State = None,
+    threads: shared.Threads = 1,
+    workers: Processes = 1,
+    restart: shared.Restart = False,
+    overwrite: shared.Overwrite = False,
+    json_file: shared.JsonFile = None,
+    given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Train through the flow where a model's controller starts from.
 
-    In closed loop with the flow solver, a small feedback learns by the exact
-    gradient of drag. In the controller it gives the plan that the optimiser
-    starts from. It can be stopped at any time; the same command goes on.
-    docs/explanation/through-the-flow.md describes it.
+    In closed loop with the flow solver, a small feedback learns by the exact gradient of drag. In the controller it
+    gives the plan that the optimiser starts from. It can be stopped at any time; the same command goes on.
+    docs/explanation/through-the-flow.md describes it. --sensors are pairs of mirror images, --dataset is what the model
+    was trained on, and --state is on the usual grid.
     """
     from train import model_store
     from train.refinement.pipeline import refine_model
 
-    claim(output, folder=True)
-    check_free(output)
-    check_output(output, overwrite=overwrite, folder=True, occupant="there is a model already")
-    folder = unfinished.folder_of(output)
-    check_writable(folder, folder=True)
+    folder = check_model_output(output, overwrite=overwrite)
     check_json(json_file)
     folder_read = shipped_model() if model is None else model
     trained = model_store.load(folder_read)
@@ -71,16 +60,15 @@ def refine(
         kept = own.mpc
         mpc = replace(load_config().mpc, horizon=kept.horizon, drag_reference=kept.drag_reference)
         own = replace(own, mpc=mpc)
-    config = settings("refine", config_file, overrides, uses=USES, base=own).config
+    config = settings("refine", given, uses=USES, base=own).config
 
     from stillwake.parts.differentiable_wake import differentiable_wake, wake_of
     from train.refinement.stretches import side_by_side
 
-    names = tuple(name.strip() for name in sensors.split(","))
-    shared = side_by_side(workers, partial(wake_of, config, names)) if workers > 1 else nullcontext()
-    with continued(folder), shared as run, progress_bar("steps", estimate_over=600.0) as bar:
-        show = PhaseBars(bar)
-        settling = bar.add_task("wake on its mesh", total=1.0, note="")
+    names = shared.names_in(sensors) or ()
+    spread = side_by_side(workers, partial(wake_of, config, names)) if workers > 1 else nullcontext()
+    with continued(folder), spread as run, progress("steps", estimate_over=600.0) as report:
+        show = TrainingProgress(report)
         refined, periods = refine_model(
             trained,
             shipped_recording() if dataset is None else dataset,
@@ -90,8 +78,8 @@ def refine(
             flow=partial(
                 differentiable_wake,
                 config,
-                start=start,
-                progress=lambda t, total: bar.update(settling, completed=t / total),
+                start=state,
+                progress=lambda t, total: report("wake on its grid", t, total, unit="t_c"),
             ),
             workers=run,
             progress=show,

@@ -8,69 +8,60 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 from rich.table import Table
 
-from contract.atomic import check_writable
 from contract.config.loading import to_tree
 from contract.config.loading import training as training_settings
 from contract.config.tree import Config
-from contract.model.model_folder import check_free
 from contract.shipped import recording as shipped_recording
-from stillwake.console.claims import claim
-from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
+from stillwake.console import options as shared
+from stillwake.console.outputs import check_json, save_json
+from stillwake.console.progress import progress
 from stillwake.console.settings import settings
-from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, Threads, console, progress_bar
-from stillwake.parts.training_progress import PhaseBars, continued
+from stillwake.console.terminal import console
+from stillwake.parts.training_progress import TrainingProgress, check_model_output, continued
 from train.fitting import unfinished
 
 if TYPE_CHECKING:
     # Loading torch takes seconds, HDF5 is no part of a vehicle: the other commands do without.
     from contract.recording.dataset import Dataset
     from train.distillation.evaluate import ModelMetrics
+    from train.model_store import TrainedModel
 
 
 USES: Final = ("model", "train", "mpc", "flow", "operating_point", "ecu.compute_time_ms")
 """Settings of the training, and those that the model keeps for its export."""
 
 
+Device = Annotated[str, typer.Option(help="cpu or cuda.")]
+Quick = Annotated[bool, typer.Option("--quick", help="A third of the time, less accurate.")]
+
+
 def train(
     output: Annotated[Path, typer.Argument(help="Model directory to write.")],
-    dataset: Annotated[Path | None, typer.Option(help="HDF5 data set; default: the shipped recording.")] = None,
-    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
-    sensors: Annotated[str, typer.Option(help="Comma-separated sensors instead of the method's choice.")] = "",
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer passes and a cheaper joint fit: a third of the time, less accurate.")
-    ] = False,
-    threads: Threads = 1,
-    restart: Annotated[
-        bool, typer.Option("--restart", help="Delete the checkpoints of a training that was stopped, and start over.")
-    ] = False,
-    overwrite: Overwrite = False,
-    json_file: JsonFile = None,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
-    resume: Annotated[bool, typer.Option("--resume", hidden=True)] = False,
+    dataset: shared.DataSet = None,
+    device: Device = "cpu",
+    sensors: shared.Sensors = "",
+    quick: Quick = False,
+    threads: shared.Threads = 1,
+    restart: shared.Restart = False,
+    overwrite: shared.Overwrite = False,
+    json_file: shared.JsonFile = None,
+    given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Train the model of the wake offline, from a recording: joint fit, choice of sensors, distillation.
 
-    It can be stopped at any time. The same command continues from the last
-    checkpoint and ends with the same model. One setting is changed by, for
-    example, --set train.epochs=300. The model keeps all settings; `export`
-    begins with them. docs/how-to/train.md describes the steps.
+    It can be stopped at any time. The same command continues from the last checkpoint and ends with the same model. One
+    setting is changed by, for example, --set train.epochs=300. The model keeps all settings; `export` begins with them.
+    --sensors take the place of the method's choice. docs/how-to/train.md describes the steps.
     """
-    del resume  # It was needed to continue a training; now every call does.
-
     # A missing extra is reported before missing data; a vehicle has no HDF5.
     from contract.recording.dataset import read
 
-    config = settings("train", config_file, overrides, uses=USES, base=training_settings(quick=quick)).config
+    config = settings("train", given, uses=USES, base=training_settings(quick=quick)).config
     recording = shipped_recording() if dataset is None else dataset
-    chosen = tuple(name.strip() for name in sensors.split(",")) if sensors else None
-    claim(output, folder=True)
-    check_free(output)
-    check_output(output, overwrite=overwrite, folder=True, occupant="there is a model already")
-    check_writable(unfinished.folder_of(output), folder=True)
+    chosen = shared.names_in(sensors)
+    checkpoints = check_model_output(output, overwrite=overwrite)
     check_json(json_file)
     _check_recording(read(recording), recording, config, chosen)
-    checkpoints = unfinished.folder_of(output)
     resumed = False
     if not restart:
         identity = unfinished.Identity.of(config, sha256(recording.read_bytes()).hexdigest(), device, chosen, threads)
@@ -82,8 +73,8 @@ def train(
     from train.pipeline import train_all
 
     # Ten iterations of the longer unroll may take half a minute while other work runs.
-    with continued(checkpoints), progress_bar("iterations", estimate_over=300.0) as bar:
-        show = PhaseBars(bar)
+    with continued(checkpoints), progress("iterations", estimate_over=300.0) as report:
+        show = TrainingProgress(report)
         trained = train_all(
             recording,
             config,
@@ -95,14 +86,22 @@ def train(
             threads=threads,
             notice=console.print,
         )
+    _save(json_file, trained, show, config, resumed=resumed)
     console.print(_metrics_table(trained.metrics))
     stable = trained.ranking.stable or {}
+    sets = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in stable.items())
+    how = f"top sets identical over the repeats: {sets}" if sets else f"method: {trained.ranking.method}"
+    console.print(f"sensors: {', '.join(trained.sensors)}   {how}")
+    console.print(f"wrote {output}")
+
+
+def _save(path: Path | None, trained: "TrainedModel", show: TrainingProgress, config: Config, *, resumed: bool) -> None:
     save_json(
-        json_file,
+        path,
         figures={
             "metrics": trained.metrics.as_tree(),
             "sensors": trained.sensors,
-            "stable": stable,
+            "stable": trained.ranking.stable or {},
             "phases": show.watch.figures(),
         },
         facts={
@@ -113,10 +112,6 @@ def train(
             "resumed": resumed,
         },
     )
-    sets = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in stable.items())
-    how = f"top sets identical over the repeats: {sets}" if sets else f"method: {trained.ranking.method}"
-    console.print(f"sensors: {', '.join(trained.sensors)}   {how}")
-    console.print(f"wrote {output}")
 
 
 def _check_recording(recording: "Dataset", path: Path, config: Config, chosen: Sequence[str] | None) -> None:

@@ -1,10 +1,8 @@
 """The command that is the other side of an ECU's bus, in real time."""
 
 from contextlib import ExitStack
-from dataclasses import replace
-from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
@@ -13,130 +11,135 @@ from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.release.checks import Bundle
 from contract.results import versions
-from stillwake.console.bus_option import BusName, with_bus
+from stillwake.console import options as shared
 from stillwake.console.claims import claim
+from stillwake.console.numbers import steps_of
 from stillwake.console.outputs import check_json, save_json
-from stillwake.console.settings import REAL_BUS, settings
+from stillwake.console.progress import progress
+from stillwake.console.settings import REAL_BUS, settings, with_bus
 from stillwake.console.stopping import until_stopped
-from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, print_table, progress_bar
-from stillwake.parts.releases import Trust, open_release
+from stillwake.console.terminal import console, print_table
+from stillwake.parts.driven import driven_at
+from stillwake.parts.releases import open_release
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from firmware_sim.bench.real_time.pressures import Pressures
+    from firmware_sim.bench.real_time.running import Course
     from firmware_sim.bench.real_time.vehicle_counts import Figures
     from wake.plant.drive import Drive
 
 NO_COMMANDS: Final = 3
 """Exit status of a run in which no usable command came."""
+RECORDING: Final = "recording"
 _USES: Final = ("body", "operating_point", "flow", *REAL_BUS, "bus.key", "ecu", "vehicle")
+
+Episode = Annotated[str | None, typer.Option(help="Episode of the recording; see above.")]
+PlantName = Annotated[Literal["recording", "wake"], typer.Option("--plant", help="The wake answers the jets.")]
 
 
 def vehicle(
-    bundle: Annotated[
-        Path | None, typer.Option(help="Release bundle that names the sensors; default: the shipped one.")
-    ] = None,
-    trust: Trust = None,
-    dataset: Annotated[
-        Path | None, typer.Option(help="Recording to replay; default: the shipped one.", metavar="FILE")
-    ] = None,
-    episode: Annotated[
-        str | None, typer.Option(help="Episode of it; default: one with the jets at rest, if there is one.")
-    ] = None,
-    begin: Annotated[float, typer.Option("--from", help="Where in the episode to begin, t_c.", min=0.0)] = 0.0,
-    live: Annotated[
-        bool, typer.Option("--live", help="A live wake, which answers the jets, and no recording.")
-    ] = False,
-    start: Annotated[
-        Path | None, typer.Option(help="With --live: flow state to begin from (`develop`).", metavar="FILE")
-    ] = None,
-    drive: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME|FILE.csv", help="With --live: speeds from when control is wanted on, as of `run --drive`."
-        ),
-    ] = None,
-    slow_down: Annotated[
-        float, typer.Option(help="Divide the vehicle's speed: periods take so many times as long.", min=1.0)
-    ] = 1.0,
-    periods: Annotated[
-        int | None, typer.Option(help="End after so many control periods; default: on Ctrl-C or SIGTERM.", min=1)
-    ] = None,
-    enable_after: Annotated[float, typer.Option(help="Seconds until control is wanted.", min=0.0)] = 2.0,
-    freshness: Annotated[
-        Path | None, typer.Option(help="With bus.key: file that counts this node's power cycles.", metavar="FILE")
-    ] = None,
-    stage_times: Annotated[
-        Path | None, typer.Option(help="Write the instants of every period's stages (.npz).", metavar="FILE")
-    ] = None,
-    priority: Annotated[int, typer.Option(help="Of SCHED_FIFO, 1 to 99; 0: an ordinary process.", min=0, max=99)] = 50,
-    processor: Annotated[int | None, typer.Option(help="Run on this processor alone.", min=0)] = None,
-    json_file: JsonFile = None,
-    bus_name: BusName = None,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
+    bundle: shared.Bundle = None,
+    plant: PlantName = RECORDING,
+    dataset: shared.DataSet = None,
+    episode: Episode = None,
+    state: shared.State = None,
+    drive: shared.Drive = None,
+    lead_in: shared.LeadIn = 20.0,
+    periods: shared.Periods = None,
+    freshness: shared.Freshness = None,
+    stage_times: shared.StageTimes = None,
+    priority: shared.Priority = 50,
+    json_file: shared.JsonFile = None,
+    bus: shared.Bus = None,
+    given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Be the vehicle of an ECU on a bus, in real time: send pressures every control period, obey its commands.
 
-    The pressures are a recording's, and do not answer the jets: whether bus and
-    ECU keep their times can be seen, but no drag reduction. With --live they
-    are of a wake that is computed meanwhile, on a grid on which this computer
-    keeps up, for example --set flow.refinement=0.75 --set flow.substeps=15.
+    The pressures are a recording's, of an episode with the jets at rest if there is one, and do not answer the jets:
+    whether bus and ECU keep their times can be seen, but no drag reduction. With --plant wake they are of a wake that
+    is computed meanwhile, on a grid on which this computer keeps up, for example --set flow.refinement=0.75 --set
+    flow.substeps=15; --state and --drive go with it, and the drive begins when control is wanted.
 
-    --slow-down 4 makes it a vehicle of a quarter of the speed, whose wake and
-    control period are four times as slow. Its ECU needs a bundle of that
-    operating point (`bundle renew --set operating_point.speed=...`).
+    At a quarter of the speed, --set operating_point.speed=6.25, wake and control period are four times as slow. Its ECU
+    needs a bundle of that operating point (`bundle renew --set operating_point.speed=...`).
 
-    Ctrl-C, SIGTERM and --periods end it well: the request for control is
-    withdrawn on the bus. Exit status 3: no usable command came.
-    A lost bus ends it with one line and exit status 1: it is not opened again.
+    --freshness goes with bus.key: the file counts this node's power cycles.
+
+    Ctrl-C, SIGTERM and --periods end it well: the request for control is withdrawn on the bus. Exit status 3: no usable
+    command came. A lost bus ends it with one line and exit status 1: it is not opened again.
     """
     check_json(json_file)
     if stage_times is not None:
         claim(stage_times)
-    loaded = settings("vehicle", config_file, with_bus(bus_name, overrides), uses=_USES)
-    config = slowed(loaded.config, slow_down)
-    for option, given in {"--dataset": dataset, "--episode": episode, "--from": begin or None}.items():
-        if live and given is not None:
-            raise ConfigError(f"{option} {given}: of a recording; does not go with --live")
-    if start is not None and not live:
-        raise ConfigError(f"--start {start}: where a live wake begins; needs --live")
-    if drive is not None and not live:
-        raise ConfigError(f"--drive {drive}: a recording has one speed; needs --live")
-    if not isfinite(enable_after):
-        raise ConfigError(f"--enable-after {enable_after}: must be a number of seconds")
-    driven = None
-    if drive is not None:
-        from wake.plant.drive import find_drive
+    live = plant == shared.WAKE
+    loaded = settings("vehicle", with_bus(bus, given), uses=_USES)
+    _check_plant(live=live, dataset=dataset, episode=episode, state=state, drive=drive)
+    steps_of("--lead-in", lead_in, loaded.config.flow.control_period)
+    before_s = lead_in * loaded.config.operating_point.convective_time
+    driven, config = driven_at(drive, loaded.config, after_s=before_s)
+    release = open_release(bundle)
 
-        driven = find_drive(drive, config.operating_point).after(enable_after)
-        config = replace(config, flow=driven.substeps(config.flow, config.operating_point))
-    release = open_release(bundle, trust)
-
-    from can_bridge.bus.backends.python_can import PythonCanBus
-    from firmware_sim.bench.real_time.running import Course, run_vehicle
-    from firmware_sim.ecu.fit import check_sensors
+    from firmware_sim.bench.real_time.running import Course
     from firmware_sim.ecu.real_time.privileges import Wanted
 
     course = Course(
         periods=periods,
-        enable_after_s=enable_after,
+        enable_after_s=before_s,
         stage_times=stage_times,
         freshness=freshness,
-        wanted=Wanted(priority=priority, processor=processor),
+        wanted=Wanted(priority=priority),
         drive=driven,
     )
+
+    def pressures(stack: ExitStack) -> "Pressures":
+        return _live(stack, config, state, driven) if live else _replay(config, dataset, episode)
+
+    figures, described, is_stopped = _run(release, config, course, pressures)
+    _print_figures(figures, "a live wake, which answers the jets" if live else "recorded (open loop)")
+    facts = {
+        "bundle": release.digest,
+        "pressures": described,
+        "config": to_tree(config),
+        "versions": versions("stillwake", "numpy", "python-can"),
+    }
+    save_json(json_file, figures=figures.as_dict(), facts=facts)
+    ended = "stopped" if is_stopped else "done"
+    console.print(f"{ended}: the request for control is withdrawn, also on the bus, and the jets are shut")
+    if is_stopped and periods is not None and figures.periods < periods:
+        raise KeyboardInterrupt
+    if figures.commands == 0:
+        raise typer.Exit(NO_COMMANDS)
+
+
+def _check_plant(*, live: bool, **given: object) -> None:
+    """Refuse options of the other plant."""
+    for name in ("dataset", "episode") if live else ("state", "drive"):
+        if given[name] is not None:
+            why = "does not go with --plant wake" if live else "needs --plant wake: a recording has its own"
+            raise ConfigError(f"--{name} {given[name]}: {why}")
+
+
+def _run(
+    release: Bundle, config: Config, course: "Course", made: "Callable[[ExitStack], Pressures]"
+) -> "tuple[Figures, str, bool]":
+    """Be the vehicle until the course or a stop ends it: figures, the pressures in words, whether it was stopped."""
+    from can_bridge.bus.backends.python_can import PythonCanBus
+    from firmware_sim.bench.real_time.running import run_vehicle
+    from firmware_sim.ecu.fit import check_sensors
+
     with ExitStack() as stack:
         bus = stack.enter_context(PythonCanBus.open(config.bus))
         _print_vehicle(config, release)
-        pressures = _live(stack, config, start, driven) if live else _replay(config, dataset, episode, begin)
+        pressures = made(stack)
         check_sensors(release, pressures.layout)
         console.print(pressures.description)
         is_stopped = stack.enter_context(until_stopped())
-        with progress_bar("periods") as bar:
-            task = bar.add_task("vehicle", total=periods, note="")
+        with progress("periods") as report:
 
             def show(figures: "Figures") -> None:
-                bar.update(task, completed=figures.periods, note=note_of(figures))
+                report("vehicle", figures.periods, course.periods, note_of(figures))
 
             figures = run_vehicle(
                 bus,
@@ -145,34 +148,11 @@ def vehicle(
                 config,
                 course,
                 is_stopped=is_stopped,
-                report=bar.console.print,
+                report=console.print,
                 progress=show,
             )
-            bar.update(task, completed=figures.periods, note=note_of(figures))
-        was_cut_short = is_stopped() and periods is not None and figures.periods < periods
-    _print_figures(figures, "a live wake, which answers the jets" if live else "recorded (open loop)")
-    facts = {
-        "bundle": release.digest,
-        "pressures": pressures.description,
-        "config": to_tree(config),
-        "versions": versions("stillwake", "numpy", "python-can"),
-    }
-    save_json(json_file, figures=figures.as_dict(), facts=facts)
-    ended = "stopped" if is_stopped() else "done"
-    console.print(f"{ended}: the request for control is withdrawn, also on the bus, and the jets are shut")
-    if was_cut_short:
-        raise KeyboardInterrupt
-    if figures.commands == 0:
-        raise typer.Exit(NO_COMMANDS)
-
-
-def slowed(config: Config, factor: float) -> Config:
-    """The same vehicle at a speed divided by the factor: times grow by it, pressures and flow rates shrink. Raises
-    ConfigError if the factor is not a number from 1 to 1000."""
-    if not (isfinite(factor) and 1.0 <= factor <= 1000.0):
-        raise ConfigError(f"--slow-down {factor:g}: must be a number from 1 to 1000")
-    point = config.operating_point
-    return replace(config, operating_point=replace(point, speed=point.speed / factor))
+            show(figures)
+        return figures, pressures.description, is_stopped()
 
 
 def note_of(figures: "Figures") -> str:
@@ -206,29 +186,23 @@ def _print_vehicle(config: Config, release: Bundle) -> None:
         )
 
 
-def _replay(config: Config, dataset: Path | None, episode: str | None, begin: float) -> "Pressures":
+def _replay(config: Config, dataset: Path | None, episode: str | None) -> "Pressures":
     from contract.recording.dataset import read
     from contract.shipped import recording
     from firmware_sim.bench.real_time.pressures import Replay
 
-    first = begin / config.flow.control_period
-    if not first < 1e9:
-        raise ConfigError(f"--from {begin:g}: must be a number of t_c within the episode")
-    return Replay(read(recording() if dataset is None else dataset), episode, round(first))
+    return Replay(read(recording() if dataset is None else dataset), episode)
 
 
-def _live(stack: ExitStack, config: Config, start: Path | None, drive: "Drive | None") -> "Pressures":
+def _live(stack: ExitStack, config: Config, state: Path | None, drive: "Drive | None") -> "Pressures":
     from firmware_sim.bench.real_time.live_wake import LiveWake
 
-    with progress_bar("t_c") as bar:
-        tasks: list[Any] = []
+    with progress("t_c") as report:
 
         def settling(t: float, total: float) -> None:
-            if not tasks:
-                tasks.append(bar.add_task("wake settles on this grid", total=total, note=""))
-            bar.update(tasks[0], completed=round(t, 1))
+            report("wake settles on this grid", round(t, 1), total)
 
-        wake = stack.enter_context(LiveWake(config, start, settling, drive))
+        wake = stack.enter_context(LiveWake(config, state, settling, drive))
     flow = config.flow
     warning = wake.speed.check(config.period_ns / 1e6, refinement=flow.refinement, substeps=flow.substeps)
     console.print(

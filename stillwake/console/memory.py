@@ -14,10 +14,10 @@ from typing import Final
 LEAST_MB: Final = 150
 """Of address space, by hand: the least with which Python, numpy and the command line load."""
 NEEDS_MB: Final = {
-    **dict.fromkeys(("run", "campaign", "vehicle", "bench", "export"), 850),
+    **dict.fromkeys(("run", "campaign", "vehicle", "live", "latency", "export"), 850),
     **dict.fromkeys(("train", "refine", "mcu"), 750),
-    **dict.fromkeys(("record", "picture", "animate"), 550),
-    **dict.fromkeys(("develop", "steady", "plant-fmu"), 450),
+    **dict.fromkeys(("record", "picture"), 550),
+    **dict.fromkeys(("develop", "plant-fmu"), 450),
 }
 """The same of commands that simulate, learn or draw, with one thread of BLAS: with less a short call fails."""
 _A_THREAD_MB: Final = 80

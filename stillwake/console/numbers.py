@@ -3,7 +3,7 @@
 import os
 from collections.abc import Mapping
 from math import isfinite
-from typing import Final
+from typing import Any, Final
 
 from contract.errors import ConfigError
 
@@ -31,6 +31,18 @@ def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> 
 def listed(counts: Mapping[str, int]) -> str:
     """Counts in one line, the largest first; those of 0 are left out."""
     return ", ".join(f"{name} {count}" for name, count in sorted(counts.items(), key=lambda one: -one[1]) if count)
+
+
+def workers_of(text: str | None) -> dict[str, Any]:
+    """`workers` and `scheduler` of `--workers`: so many processes, one a core by default, or those of a scheduler.
+    Raises ConfigError for another text."""
+    if text is None:
+        return {"workers": cores(), "scheduler": None}
+    if ":" in text:
+        return {"workers": 1, "scheduler": text}
+    if not (text.isascii() and text.isdigit() and 0 < len(text) < 6 and int(text) > 0):
+        raise ConfigError(f"--workers {text}: must be a number of processes, or an address such as tcp://10.0.0.1:8786")
+    return {"workers": int(text), "scheduler": None}
 
 
 def cores() -> int:

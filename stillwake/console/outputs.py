@@ -3,9 +3,7 @@
 from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, Final
-
-import typer
+from typing import Any, Final
 
 from contract.errors import OutputError
 from contract.results import write_result
@@ -13,10 +11,6 @@ from stillwake.console.claims import claim
 
 DATASET_SUFFIXES: Final = (".h5", ".hdf5")
 """How a data set's name ends."""
-
-Overwrite = Annotated[
-    bool, typer.Option("--overwrite", help="Replace what is there, once the new one is whole; refused without.")
-]
 
 
 def check_dataset_name(path: Path) -> None:
@@ -26,12 +20,14 @@ def check_dataset_name(path: Path) -> None:
         raise OutputError(f"{path}: a data set is an HDF5 file; its name must end in {endings}")
 
 
-def check_output(path: Path, *, overwrite: bool, folder: bool = False, occupant: str = "", mark: str = "") -> None:
+def check_output(
+    path: Path, *, overwrite: bool | None, folder: bool = False, occupant: str = "", mark: str = ""
+) -> None:
     """Refuse a place that cannot be written, or that holds something and is not to be replaced. Raises OutputError if
     something is there, or another command writes there; StillwakeError if nothing can be written there.
 
     Args:
-        overwrite: whether the user asked to replace what is there.
+        overwrite: whether the user asked to replace what is there; None where nothing ever is.
         folder: whether the result is a folder; an empty one counts as free.
         occupant: what is there, in words, for the message.
         mark: a file that a folder of this kind has; one without it is never replaced.
@@ -40,9 +36,10 @@ def check_output(path: Path, *, overwrite: bool, folder: bool = False, occupant:
     if mark and folder and path.is_dir() and any(path.iterdir()) and not (path / mark).exists():
         raise OutputError(f"{path}: there is something else; name another folder")
     if not overwrite and path.exists() and not (folder and not any(path.iterdir())):
-        raise OutputError(
-            f"{path}: {occupant or 'there is one already'}; give --overwrite to replace it, or another name"
-        )
+        there = occupant or "there is one already"
+        if overwrite is None:
+            raise OutputError(f"{path}: {there}; give another name")
+        raise OutputError(f"{path}: {there}; give --overwrite to replace it, or another name")
 
 
 def check_json(path: Path | None) -> None:

@@ -1,10 +1,11 @@
-"""How far work is: a bar on a terminal, lines of text in a log.
+"""How far work is: a bar on a terminal, lines of text in a log. Every command reports by `progress`.
 
 Both are rich's `Progress`, which counts and estimates.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import inf
 from threading import Event, Thread
@@ -16,7 +17,10 @@ from rich.table import Column
 from rich.text import Text
 
 from stillwake.console.stopping import still_wanted
+from stillwake.console.terminal import console as usual_console
 
+SELDOM: Final = 0.1
+"""Seconds from one shown report of a task to the next, and until the first: drawing may cost more than the work."""
 INTERVAL: Final = 30.0
 """Seconds between two lines at most, before whoever waits takes the silence for a failure."""
 
@@ -117,33 +121,92 @@ class ProgressLines(Progress):
         self.console.print(line_of(task, _unit_of(task, self._unit)), markup=False, highlight=False, soft_wrap=True)
 
 
-def steps_begin(bar: Progress, task: TaskID) -> None:
-    """Let a task's speed count from now, at the beginning of its first step.
+class Report:
+    """Takes what a command reports of its tasks; each begins with its first report, which counts for no speed.
 
-    Rich counts from the end of the first one: steps that several workers begin and end together would be many at once.
+    Beginning and end of a task are shown at once. One that is over before it was shown is not shown at all.
     """
-    for part in (_HARDLY, -_HARDLY):
-        Progress.update(bar, task, advance=part)
+
+    def __init__(self, bar: Progress, clock: Callable[[], float]) -> None:
+        self._bar, self._clock = bar, clock
+        self._tasks: dict[str, TaskID] = {}
+        self._latest: dict[str, float] = {}
+        self._waiting: dict[str, dict[str, Any]] = {}
+        self._visible = set[str]()
+
+    def __call__(self, task: str, done: float, total: float | None = None, note: str = "", *, unit: str = "") -> None:
+        """Show how much of a task is done, and raise KeyboardInterrupt if a stop was lost on its way here.
+
+        Args:
+            total: None while it is not known.
+            unit: of this task's counts, if it is another than the others'.
+        """
+        still_wanted()
+        now, changes = self._clock(), {"completed": done, "total": total, "note": note}
+        if task not in self._tasks:
+            # What an earlier call has done counts for no speed; rich takes parts of a step as well.
+            self._tasks[task] = self._bar.add_task(task, total=total, completed=done, note=note, unit=unit)  # type: ignore[arg-type]
+            self._begin(task)
+            self._latest[task] = now
+        is_end = done == total and task in self._visible
+        if done == 0 or is_end or now - self._latest[task] >= SELDOM:
+            self._show(task, changes, now)
+        else:
+            self._waiting[task] = changes
+
+    def show_what_is_left(self) -> None:
+        """Show the latest report of every task that is visible."""
+        for task in self._visible & self._waiting.keys():
+            self._show(task, self._waiting[task], self._clock())
+
+    def _show(self, task: str, changes: dict[str, Any], now: float) -> None:
+        self._waiting.pop(task, None)
+        self._latest[task] = now
+        self._visible.add(task)
+        self._bar.update(self._tasks[task], **changes)
+
+    def _begin(self, task: str) -> None:
+        # Rich counts from the end of a first step: steps that several workers end together would be many at once.
+        for part in (_HARDLY, -_HARDLY):
+            Progress.update(self._bar, self._tasks[task], advance=part)
 
 
-def now_and_then(
-    show: Callable[..., object], interval: float = 0.5, clock: Callable[[], float] = time.monotonic
-) -> Callable[..., None]:
-    """Calls `show` at most once in `interval` seconds, and not in the first: drawing may cost more than the work."""
-    last = clock()
+@contextmanager
+def progress(
+    unit: str,
+    *,
+    estimate_over: float = 30.0,
+    console: Console = usual_console,
+    clock: Callable[[], float] = time.monotonic,
+) -> Iterator[Report]:
+    """Tasks with a bar, a count in `unit`, the time left and a note; where no terminal is, lines of text.
 
-    def shown(*arguments: Any) -> None:
-        nonlocal last
-        now = clock()
-        if now - last >= interval:
-            last = now
-            show(*arguments)
+    Nothing is shown before the first report, so that an error at the start stands alone.
 
-    return shown
+    Args:
+        unit: of the counts, in the plural.
+        estimate_over: seconds, the latest ones, whose speed gives the time left.
+        console, clock: where it is shown, and seconds.
+    """
+    kind = ProgressBar if console.is_interactive else ProgressLines
+    with kind(unit, console=console, estimate_over=estimate_over, clock=clock) as bar:
+        report = Report(bar, clock)
+        try:
+            yield report
+        finally:
+            report.show_what_is_left()
+
+
+@contextmanager
+def phases(name: str, names: Sequence[str]) -> Iterator[tuple[Report, Callable[[str], None]]]:
+    """Report on phases with names: yields the report, and what is to be called as each of them begins."""
+    with progress("phases") as report:
+        yield report, lambda begun: report(name, names.index(begun), len(names), begun)
+        report(name, len(names), len(names))
 
 
 def _unit_of(task: Task, otherwise: str) -> str:
-    return str(task.fields.get("unit", otherwise))
+    return str(task.fields.get("unit") or otherwise)
 
 
 def line_of(task: Task, unit: str) -> str:

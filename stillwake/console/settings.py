@@ -1,4 +1,4 @@
-"""Settings as a command takes them: the release's, a TOML file and `--set` on top, and none that it would ignore."""
+"""Settings as a command takes them: the release's, what `--set` gives on top, and nothing that it would ignore."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,29 +17,52 @@ REAL_BUS: Final = (*_FRAMES, "bus.e2e")
 """What a node on a real bus reads of it, without the key."""
 WEIGHTS: Final = "mpc.weights"
 """The section that a released controller takes as an input."""
+_BUS: Final = ("bus.interface", "bus.channel")
+"""What `--bus` names."""
 
 
-def settings(
-    verb: str, file: Path | None, overrides: Sequence[str], *, uses: Sequence[str], base: Config | None = None
-) -> Loaded:
+def read_settings(given: Sequence[str], *, base: Config | None = None) -> Loaded:
+    """The settings with those of `--set`, of which one may be a file; raises ConfigError as `load` does."""
+    files = [text for text in given if "=" not in text and text.endswith(".toml")]
+    if len(files) > 1:
+        raise ConfigError(f"--set {files[1]}: is the second file; give one file, and what differs as section.key=value")
+    overrides = [text for text in given if text not in files]
+    return load(Path(files[0]) if files else None, overrides, base=base)
+
+
+def settings(verb: str, given: Sequence[str], *, uses: Sequence[str], base: Config | None = None) -> Loaded:
     """The settings of one call of a command.
 
-    An override that the command does not use is refused. A file may serve several commands: what this one does not use
-    of it is named in one line. Raises ConfigError as `load` does, or for an override that would have no effect.
+    A single setting that the command does not use is refused. A file may serve several commands: what this one does not
+    use of it is named in one line. Raises ConfigError as `load` does, or for a setting that would have no effect.
 
     Args:
-        file, overrides: as `contract.config.loading.load` has them.
+        given: the texts of `--set`.
         uses: sections or single settings that the command reads, such as "flow" or "mpc.weights".
-        base: what file and overrides go on top of; the release's settings if None.
+        base: what they go on top of; the release's settings if None.
     """
-    loaded = load(file, overrides, base=base)
+    loaded = read_settings(given, base=base)
     unused = sorted(name for name in loaded.in_overrides if not _is_used(name, uses))
     if unused:
         raise ConfigError(f"--set {unused[0]}: `{verb}` does not use it; it uses {', '.join(sorted(uses))}")
     idle = sorted(name for name in loaded.in_file if not _is_used(name, uses))
     if idle:
+        (file,) = (text for text in given if "=" not in text)
         console.print(f"{file}: `{verb}` does not use {', '.join(idle)}")
     return loaded
+
+
+def with_bus(bus: str | None, given: Sequence[str]) -> list[str]:
+    """The texts of `--set` with the bus that `--bus` names; raises ConfigError for another form, or one in both."""
+    if bus is None:
+        return list(given)
+    interface, colon, channel = bus.partition(":")
+    if not (interface and colon and channel):
+        raise ConfigError(f"--bus {bus}: must be INTERFACE:CHANNEL, e.g. socketcan:can0 or udp_multicast:239.74.163.2")
+    for name in _BUS:
+        if any(text.partition("=")[0].strip() == name for text in given):
+            raise ConfigError(f"--bus {bus}: names {name} already; leave out --set {name}")
+    return [*given, *(f"{name}={value}" for name, value in zip(_BUS, (interface, channel), strict=True))]
 
 
 def _is_used(name: str, uses: Sequence[str]) -> bool:

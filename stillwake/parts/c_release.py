@@ -122,7 +122,7 @@ def library_folder(given: Path | None) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch, "library")
-        write_shipped_library(folder, open_release(None, None), load_config())
+        write_shipped_library(folder, open_release(None), load_config())
         yield folder
 
 
@@ -132,7 +132,7 @@ def _without_check(release: Bundle, config: Config, notice: Callable[[str], None
     if not check.enabled:
         return config
     if manifest.sensor_estimator is None:
-        why = "the release has no estimator (--sensors)"
+        why = "the release has no estimator (--estimator)"
     elif manifest.precision != "int8":
         why = "its estimator needs the integer products of an int8 library (--precision int8)"
     else:

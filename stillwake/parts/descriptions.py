@@ -1,7 +1,11 @@
 """What other tools read about the ECU of a release in a vehicle: its messages, its calibration and its diagnosis."""
 
+from typing import Final
+
 from contract.config.tree import Config
 from contract.release.checks import Bundle, dbc_bytes
+
+A2L: Final = "stillwake.a2l"
 
 
 def a2l_of(release: Bundle, config: Config) -> bytes:
@@ -28,9 +32,9 @@ def pdx_of(config: Config) -> bytes:
 
 
 def descriptions(release: Bundle, config: Config) -> dict[str, bytes]:
-    """All of them, by their names in the folder of a C library."""
+    """All of them, by the names of their files."""
     return {
         "stillwake.dbc": dbc_bytes(),
-        "stillwake.a2l": a2l_of(release, config),
+        A2L: a2l_of(release, config),
         "stillwake.pdx": pdx_of(config),
     }

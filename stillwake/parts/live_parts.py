@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 MAKING: Final = "the C library of the shipped model is made, once, which takes a minute; the loop goes on"
 COMPILING: Final = {
     "c": "the ECU in C is compiled; the loop goes on",
-    "cortex-m7": "the ECU in C is compiled for the emulated core; the loop goes on",
+    "mcu": "the ECU in C is compiled for the emulated microcontroller; the loop goes on",
 }
 _MAKES_LIBRARY: Final = ("safetensors", "onnx")
 _EMULATES: Final = ("ziglang", "unicorn", "capstone", "elftools")
@@ -39,26 +39,24 @@ class LiveParts:
 
     Attributes:
         bundle: release bundle; the shipped one if None.
-        trust: whose signature it must bear, as `--trust` has it.
         library: C library of the bundle's; without one, that of the shipped bundle is made when it is wanted.
-        start: flow state to begin from; the shipped start if None.
-        enable_after: t_c until control is requested.
+        state: of the flow, to begin from; the shipped one if None.
+        lead_in: t_c until control is requested.
     """
 
     bundle: Path | None
-    trust: str | None
     library: Path | None
     config: Config
-    start: Path | None
+    state: Path | None
     settings: "LiveSettings"
-    enable_after: float
+    lead_in: float
 
     def __call__(self, tell: Callable[[str], None]) -> "LiveSession":
         """The loop; `tell` is called with what is waited for. Raises StillwakeError if plant or ECU cannot be had, or
         do not fit each other."""
         from firmware_sim.live.session import LiveSession
 
-        release = open_release(self.bundle, self.trust)
+        release = open_release(self.bundle)
         ecus = Ecus(release, self.config, self.library, tell)
         return LiveSession(
             bundle=release,
@@ -69,7 +67,7 @@ class LiveParts:
             controllers=controllers(release, self.library),
             plants=plants(),
             settings=self.settings,
-            enable_after=self.enable_after,
+            lead_in=self.lead_in,
         )
 
     def _plant(self, name: str, tell: Callable[[str], None]) -> "LoopPlant":
@@ -88,7 +86,7 @@ class LiveParts:
             if t % _TOLD_EVERY < self.config.flow.control_period:
                 tell(f"the start settles on this grid: {t:.0f} of {total:.0f} t_c")
 
-        return own_wake(self.config, settling, start=self.start)
+        return own_wake(self.config, settling, start=self.state)
 
 
 class Ecus:
@@ -147,10 +145,10 @@ def controllers(release: Bundle, library: Path | None) -> "list[Choice]":
 
     precision = release.manifest.precision
     return [
-        {"name": "int8", "label": f"Python, {precision} ONNX graph", "missing": None},
+        {"name": "python", "label": f"Python, {precision} ONNX graph", "missing": None},
         {"name": "c", "label": f"C, {precision}", "missing": _no_library(release, library) or _error_of(host_compiler)},
         {
-            "name": "cortex-m7",
+            "name": "mcu",
             "label": f"emulated Cortex-M7, {precision}",
             "missing": _no_library(release, library) or _lacks(_EMULATES),
         },
@@ -171,7 +169,7 @@ def plants() -> "list[Choice]":
 def _no_library(release: Bundle, library: Path | None) -> str | None:
     if library is not None:
         return None
-    if release.digest != open_release(None, None).digest:
+    if release.digest != open_release(None).digest:
         return "name the bundle's C library with --library (`stillwake export --c`)"
     return _lacks(_MAKES_LIBRARY)
 

@@ -1,9 +1,8 @@
 """How a command opens a release bundle: which one, whose signature it must bear, and how it is described."""
 
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Final
 
-import typer
 from rich.text import Text
 
 from contract.release import bundle as bundles
@@ -15,20 +14,8 @@ from contract.shipped import BUNDLE
 PROJECT: Final = "project"
 """Stands for the key that the shipped bundle is signed with, where a key file may be named."""
 
-Trust = Annotated[
-    str | None,
-    typer.Option(
-        "--trust",
-        help="Public key file (PEM) of whoever must have signed the bundle; 'project' is the key of the shipped one.",
-    ),
-]
 
-Library = Annotated[
-    Path | None, typer.Option(help="Run this C library of the bundle's (`export --c`) in place of ONNX Runtime.")
-]
-
-
-def open_release(path: Path | None, trust: str | None) -> Bundle:
+def open_release(path: Path | None, trust: str | None = None) -> Bundle:
     """Load a bundle, or the shipped one, which must be the project's unless another key is to be trusted. Raises
     BundleError if it does not verify, or is not signed as demanded; KeyFileError if the key to trust cannot be read."""
     return bundles.load(*locate(path, trust))
@@ -52,7 +39,7 @@ def signature(release: Bundle) -> str:
         return f"signed by the project's key {release.signer.fingerprint}"
     if release.is_trusted:
         return f"signed by the trusted key {release.signer.fingerprint}"
-    return f"signed by key {release.signer.fingerprint}: unknown here, --trust would demand it"
+    return f"signed by key {release.signer.fingerprint}: unknown here; `bundle inspect --trust` would demand it"
 
 
 def locate(path: Path | None, trust: str | None) -> tuple[Path, PublicKey | None]:

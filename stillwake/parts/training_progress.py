@@ -1,31 +1,41 @@
-"""What a training shows while it runs, and how to go on when it is stopped."""
+"""What trainings share: where they write, what they show meanwhile, how to go on when they are stopped."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from rich.progress import Progress as Bar
-from rich.progress import TaskID
-
+from contract.atomic import check_writable
+from contract.model.model_folder import check_free
+from stillwake.console.claims import claim
+from stillwake.console.outputs import check_output
+from stillwake.console.progress import Report
 from stillwake.console.stopping import go_on_with
 from train.fitting import unfinished
 from train.fitting.progress import Phase, Stopwatch
 
 
-class PhaseBars:
-    """A `train.fitting.progress.Progress` with a line for each phase. `watch` is what every phase took."""
+class TrainingProgress:
+    """A `train.fitting.progress.Progress` that reports each phase. `watch` is what every phase took."""
 
-    def __init__(self, bar: Bar) -> None:
+    def __init__(self, report: Report) -> None:
         self.watch = Stopwatch()
-        self._bar, self._tasks = bar, dict[Phase, TaskID]()
+        self._report = report
 
     def __call__(self, phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
         """Show how far the phase is."""
-        if phase not in self._tasks:
-            self._tasks[phase] = self._bar.add_task(phase.label, total=total, note="")
         self.watch(phase, step, total, terms)
-        note = "  ".join(f"{name} {value:.4f}" for name, value in terms.items())
-        self._bar.update(self._tasks[phase], completed=step, note=note)
+        self._report(phase.label, step, total, "  ".join(f"{name} {value:.4f}" for name, value in terms.items()))
+
+
+def check_model_output(output: Path, *, overwrite: bool) -> Path:
+    """Claim the place of a model and of its checkpoints, which is returned. Raises StillwakeError if something is there
+    that is not to be replaced, or nothing can be written."""
+    claim(output, folder=True)
+    check_free(output)
+    check_output(output, overwrite=overwrite, folder=True, occupant="there is a model already")
+    checkpoints = unfinished.folder_of(output)
+    check_writable(checkpoints, folder=True)
+    return checkpoints
 
 
 @contextmanager

@@ -101,7 +101,8 @@ def test_named_commands_exist():
             known = options | {"--help"}
             given = {word for word in rest if word.startswith("--")}
             assert given <= known, f"{_id(page)}: {shlex.join(words)}: no option {given - known}"
-            load_config(None, [word for before, word in pairwise(rest) if before == "--set" and "METHOD" not in word])
+            given = (word for before, word in pairwise(rest) if before == "--set" and "METHOD" not in word)
+            load_config(None, [word for word in given if "=" in word])
 
 
 def test_the_installs_carry_what_the_project_declares():
@@ -154,7 +155,8 @@ def _found(words: list[str]) -> tuple[set[str], list[str]]:
 
 
 def test_faults_in_examples_can_be_put_on_the_bus_of_a_run():
-    texts = [text for page in NOW for text in re.findall(r"--fault (\w+:\S+)", page.read_text(encoding="utf-8"))]
+    form = re.compile(r"--disturb ((?:vehicle|ecu):\S+)")
+    texts = [text for page in NOW for text in form.findall(page.read_text(encoding="utf-8"))]
     assert len(texts) >= 3
     for text in texts:
         check_faults([parse_node_fault(text)], BusConfig(), duration_s=12.5)

@@ -65,55 +65,52 @@ def write_inputs() -> None:
 # In an order in which each finds what another one wrote.
 CALLS = (
     call("config mpc"),
-    call("can keygen access.key"),
-    call("bundle keygen keys"),
-    call("bundle keylist keys.list --root keys/release.key --version 1 --key keys/release.pub"),
+    call("keygen --secret access.key"),
+    call("keygen keys"),
+    call("bundle keylist keys.list --key keys/release.key --version 1 --allow keys/release.pub"),
     call("bundle renew", BUNDLE, "renewed", "--name", "renewed", "--key", "keys/release.key", needs=["c"]),
     call("bundle sign renewed --key keys/release.key", needs=["c"]),
-    call("bundle verify", BUNDLE, "--trust", "project"),
-    call("bundle inspect"),
-    call("bundle sbom release.cdx.json", needs=["c"]),
+    call("bundle inspect", BUNDLE, "--trust", "project"),
+    call("bundle inspect --sbom release.cdx.json", needs=["c"]),
     call("bundle diff", BUNDLE, BUNDLE),
     call("ecu provision slots --root keys/release.pub --keys keys.list"),
     call("ecu run --periods 3", *VIRTUAL),
     call("ecu run --periods 3", *UDP, needs=["bus"]),
-    call("ecu info --bus virtual:walk", needs=["flash"]),
     call("can send Pressure", *VIRTUAL, needs=["bus"]),
     call("can decode drive.log"),
-    call("can monitor --log drive.log"),
+    call("can monitor drive.log"),
     call("can load"),
     call("flash", BUNDLE, "--bus", "virtual:walk", "--access", "access.key", needs=["flash"]),
-    call("flash-keys keys.list --bus virtual:walk --access access.key", needs=["flash"]),
+    call("flash --keys keys.list --bus virtual:walk --access access.key", needs=["flash"]),
     call("calibrate --bus virtual:walk --access access.key lift=0.2", needs=["flash"]),
-    call("diagnose faults --bus virtual:walk", needs=["flash"]),
-    call("diagnose pdx ecu.pdx"),
+    call("diagnose --bus virtual:walk", needs=["flash"]),
+    call("export --for-testers testers"),
     # It runs until it is stopped: here it refuses a library that is not there.
-    call("ecu board flash.bin --library none --root keys/release.pub --access access.key", *UDP, status=1),
+    call("ecu --mcu flash.bin --library none --root keys/release.pub --access access.key", *UDP, status=1),
     call("run run --lead-in 14 --controlled 1 --no-averages", needs=["sim"]),
     call("run run_in_c --ecu c", needs=["sim", "c"]),
     call("report run --picture run.png", needs=["sim"]),
-    call("record made.h5 --training 5 --chirp 0 --uncontrolled 5 --workers 1", needs=["sim"]),
-    call("dataset show made.h5", needs=["sim"]),
-    call("dataset check", RECORDING, needs=["sim"]),
+    call("record made.h5 training=5 chirp=0 uncontrolled=5 --workers 1", needs=["sim"]),
+    call("dataset inspect", RECORDING, needs=["sim"]),
     call(
-        "dataset import own.h5 --sensors sensors.csv --train sweep.csv --test test.csv --period 0.2 --limit 0.1",
+        "dataset import own.h5 train=sweep.csv test=test.csv --layout sensors.csv --set flow.control_period=0.2 --set "
+        "flow.action_limit=0.1",
         needs=["sim"],
     ),
-    call("picture vorticity vorticity.png", needs=["sim"]),
-    call("picture pressure pressure.pdf", needs=["sim"]),
-    call("picture mean mean.svg --duration 1", needs=["sim"]),
-    call("animate run.gif --run run --every 10", needs=["sim"]),
+    call("picture pressure.pdf --field pressure", needs=["sim"]),
+    call("picture mean.svg --field mean --duration 1", needs=["sim"]),
+    call("picture run.gif --forcing run --every 10", needs=["sim"]),
     call("develop start.npz --duration 0.2", needs=["sim"]),
     call("plant-fmu plant.fmu", needs=["sim", "fmu"]),
-    call("steady steady.npz --set flow.refinement=0.4", needs=["sim"]),
+    call("develop steady.npz --steady --set flow.refinement=0.4", needs=["sim"]),
     call("vehicle --periods 3", *VIRTUAL, needs=["sim"], status=3),
     call("campaign --list", needs=["sim"]),
-    call("bench latency latency --periods 100", needs=["sim"]),
+    call("latency latency --periods 100", needs=["sim"]),
     call("train model", needs=["train"]),
     call("export --c library", needs=["c"]),
     call("mcu", needs=["c", "mcu"]),
     call("refine refined --set refine.updates=1", needs=["sim", "train"]),
-    call("bench serve --port 8769 --plant recording", needs=["sim"]),
+    call("live --port 8769 --plant recording", needs=["sim"]),
 )
 
 
@@ -127,7 +124,7 @@ def verbs(command: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]
 
 
 def stop_when_answered(called: Event) -> None:
-    """Send this process SIGTERM, once the page of `bench serve` and its script are there."""
+    """Send this process SIGTERM, once the page of `live` and its script are there."""
     while not called.wait(0.2):
         with suppress(OSError):
             for name in ("", "static/live.js"):
@@ -140,7 +137,7 @@ def ended(words: Sequence[str]) -> tuple[int, str]:
     """Exit status and stderr of `stillwake` with these words, in this process."""
     out, err, over = io.StringIO(), io.StringIO(), Event()
     sys.argv = ["stillwake", *words]
-    if words[:2] == ("bench", "serve"):
+    if words[0] == "live":
         Thread(target=stop_when_answered, args=(over,), daemon=True).start()
     with redirect_stdout(out), redirect_stderr(err):
         try:

@@ -6,7 +6,7 @@ shared among fresh processes, and an error or a stop ends them.
 
 import multiprocessing
 import resource
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar
@@ -14,10 +14,11 @@ from typing import Annotated, Any, Final, TypeVar
 import typer
 from rich.table import Table
 
+from benchmarks.common.command_line import track
 from contract.results import versions, write_result
 from stillwake.console.endings import status_of
 from stillwake.console.stopping import ends_like_ctrl_c
-from stillwake.console.terminal import make_console, progress_bar
+from stillwake.console.terminal import make_console
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -39,16 +40,6 @@ def main(proofs: Callable[..., None] | Mapping[str, Callable[..., None]]) -> Non
             app.command(name)(proof)
     ends_like_ctrl_c()
     raise SystemExit(status_of(app))
-
-
-def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -> Iterator[T]:
-    """The items, with progress: a bar, or lines where there is no terminal."""
-    total = len(items) if total is None and isinstance(items, Sized) else total
-    with progress_bar(unit, estimate_over=3600.0, console=make_console(stderr=True)) as bar:
-        task = bar.add_task(label, total=total, note="")
-        for done, item in enumerate(items, start=1):
-            yield item
-            bar.update(task, completed=done)
 
 
 def spread(work: Callable[[S], T], items: Iterable[S], processes: int) -> Iterator[T]:

@@ -57,7 +57,6 @@ PATHS = (
 )
 SETTINGS = tuple(one.name for section in sections(Config()) for one in section.settings)
 USUAL = {
-    ("animate", "output"): "out.gif",
     ("picture", "output"): "out.png",
     ("develop", "duration"): "1",
     ("can", "output"): "out.log",
@@ -140,7 +139,7 @@ def call_of(random: Random, verb: str, command: Any) -> list[str]:
 
 
 def odd_value(random: Random, name: str, kind: Any) -> str:
-    if name == "overrides" and random.random() < 0.5:
+    if name == "given" and random.random() < 0.5:
         return f"{random.choice(SETTINGS)}={random.choice((*NUMBERS, *WORDS))}"
     if get_origin(kind) is Literal:
         return str(random.choice((*get_args(kind), *WORDS)))

@@ -44,7 +44,7 @@ def test_the_page_leads_from_a_fresh_board_to_a_flashed_controller(frames, tmp_p
         pytest.importorskip(module, reason=f"{module} is not installed")
     release, config = exported(tmp_path), replace(CONFIG, bus=BusConfig(frames=frames))
     bus = (*BUS, *(() if frames == "fd" else ("--set", "bus.frames=classic")))
-    bundle, access = ("--bundle", str(release.bundle_path)), ("--access", "access.key")
+    access = ("--access", "access.key")
 
     def stillwake(*words: str, status: int = 0) -> str:
         done = subprocess.run([*COMMAND, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -52,11 +52,20 @@ def test_the_page_leads_from_a_fresh_board_to_a_flashed_controller(frames, tmp_p
         return done.stdout + done.stderr
 
     def with_board(lines: Sequence[Sequence[str]]) -> list[str]:
-        board = ("ecu", "board", "flash.bin", "--library", str(release.folder), "--root", "root/release.pub")
+        board = (
+            "ecu",
+            str(release.bundle_path),
+            "--mcu",
+            "flash.bin",
+            "--library",
+            str(release.folder),
+            "--root",
+            "root/release.pub",
+        )
         log = tmp_path / "board.log"
         with (
             log.open("w") as file,
-            subprocess.Popen([*COMMAND, *board, *access, *bundle, *bus], cwd=tmp_path, stdout=file, stderr=file) as ecu,
+            subprocess.Popen([*COMMAND, *board, *access, *bus], cwd=tmp_path, stdout=file, stderr=file) as ecu,
         ):
             try:
                 until = time.monotonic() + 300.0
@@ -67,12 +76,11 @@ def test_the_page_leads_from_a_fresh_board_to_a_flashed_controller(frames, tmp_p
             finally:
                 ecu.terminate()
 
-    stillwake("bundle", "keygen", "root")
-    stillwake("bundle", "keygen", "maker")
-    stillwake(
-        "bundle", "keylist", "keys.list", "--root", "root/release.key", "--version", "1", "--key", "maker/release.pub"
-    )
-    stillwake("can", "keygen", "access.key")
+    stillwake("keygen", "root")
+    stillwake("keygen", "maker")
+    keys = ("--key", "root/release.key", "--allow", "maker/release.pub")
+    stillwake("bundle", "keylist", "keys.list", "--version", "1", *keys)
+    stillwake("keygen", "--secret", "access.key")
     files = ecu_sources(release.folder, release.bundle, config) | read_packed(release.folder)
     key = read_private_key(tmp_path / "maker/release.key")
     (tmp_path / "release.swi").write_bytes(controller_image(files, release.bundle, config, key))
@@ -80,8 +88,8 @@ def test_the_page_leads_from_a_fresh_board_to_a_flashed_controller(frames, tmp_p
         vehicle = images.read((tmp_path / "release.swi").read_bytes()).facts.vehicle
         root, secret = read_public_key(tmp_path / "root/release.pub"), read_secret(tmp_path / "access.key")
         assert bytes_by_hand(tmp_path) == [list(root.raw), list(secret), list(vehicle)]
-    keys, flashed = with_board([("flash-keys", "keys.list"), ("flash", "release.swi")])
-    assert "key list 1, and had none" in keys
+    (flashed,) = with_board([("flash", "release.swi", "--keys", "keys.list")])
+    assert "key list 1, and had none" in flashed
     assert "runs no release" in flashed and "runs, and is confirmed" in flashed
     (again,) = with_board([("flash", "release.swi")])
     assert "runs already" in again

@@ -85,13 +85,12 @@ def test_what_makes_no_sense_is_one_line_and_changes_nothing(all_refused, ecu, k
     all_refused(
         ("calibrate", *BUS, *key),
         {
-            "lift": "'lift': must be NAME=VALUE",
+            "lift": "'lift': must be NAME=VALUE with a name of drag_mean",
             "lift=high": "'high' must be a number",
             "lift=1 lift=2": "lift is given twice",
             "drag=1": "'drag=1': must be NAME=VALUE with a name of drag_mean",
             "--revert --store": "--revert: drops",
             "--revert lift=1": "--revert: drops",
-            "--bundle x": "--bundle: goes with --a2l",
             "lift=11": "lift = 11: must be in 0..10",
             "--set ecu.delay_steps=1": "`calibrate` does not use it",
         },
@@ -99,7 +98,7 @@ def test_what_makes_no_sense_is_one_line_and_changes_nothing(all_refused, ecu, k
     assert ecu.segment.take() is None
     ecu.buses.clear()
     all_refused(("calibrate", *BUS), dict.fromkeys(("lift=1", "--store", "--revert"), "--access: name the file"))
-    all_refused("calibrate", {"--bus can0": "INTERFACE:CHANNEL", "--a2l x --bus can0": "--a2l: writes a file"})
+    all_refused("calibrate", {"--bus can0": "INTERFACE:CHANNEL"})
     assert ecu.buses == []
 
 
@@ -111,14 +110,3 @@ def test_each_failure_of_the_ecu_has_its_status(refused, ecu, key, tmp_path):
     assert "refused the key" in refused("calibrate", *BUS, *other, "lift=1", status=4)
     ecu.has_release = False
     assert "no release runs in it" in refused("calibrate", *BUS)
-
-
-def test_the_a2l_file_has_this_vehicles_limits(cli, refused, tmp_path):
-    file = tmp_path / "truck.a2l"
-    assert cli("calibrate", "--a2l", file, "--set", "ecu.command_step=0.03").code == 0
-    text = file.read_text()
-    assert "Calibration of release truck-wake" in text
-    line = next(line for line in text.splitlines() if "CHARACTERISTIC command_step" in line)
-    value = text[text.index(line) :].splitlines()[1].split()
-    assert float(value[-1]) == pytest.approx(0.03)
-    assert "action limit" in refused("calibrate", "--a2l", tmp_path / "other.a2l", "--set", "flow.action_limit=0.05")

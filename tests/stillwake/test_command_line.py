@@ -1,15 +1,22 @@
 """The command line as a user meets it: its help, its version, and what works from one end to the other."""
 
+import inspect
+import re
 import subprocess
 import sys
 from importlib.metadata import version
+from pathlib import Path
 
 import pytest
 
 from contract.recording import dataset
 from docs import command_line
+from stillwake.console.old_words import rows
 
 VERBS = list(command_line.commands())
+MOST_COMMANDS, MOST_OPTIONS, MOST_LINES = 32, 220, 80
+"""Commands, options of all of them together, and lines of the function of one: more is not found, and not read."""
+CHANGELOG = Path(__file__).parents[2] / "CHANGELOG.md"
 
 
 def test_without_a_verb_it_lists_them_and_the_version_is_the_installed_one(cli):
@@ -17,6 +24,30 @@ def test_without_a_verb_it_lists_them_and_the_version_is_the_installed_one(cli):
     assert outcome.code != 0
     assert all(verb.split()[0] in outcome.out + outcome.err for verb in VERBS)
     assert cli("--version").out == f"stillwake {version('stillwake')}\n"
+
+
+def test_it_stays_small():
+    commands = command_line.commands()
+    options = [one for command in commands.values() for one in command.params if one.param_type_name == "option"]
+    assert len(commands) <= MOST_COMMANDS
+    assert len(options) <= MOST_OPTIONS
+    assert not [one for one in options if one.hidden]
+    lines = {name: len(inspect.getsource(command.callback).splitlines()) for name, command in commands.items()}
+    assert {name: count for name, count in lines.items() if count > MOST_LINES} == {}
+
+
+def test_an_old_word_ends_with_a_line_that_names_the_new_one_and_the_changelog_has_them_all(cli):
+    table = CHANGELOG.read_text(encoding="utf-8").partition("| was | is |\n|---|---|\n")[2].partition("\n\n")[0]
+    told = set()
+    for line in table.splitlines():
+        command, words = (cell.strip(" `") for cell in line.strip("|").split(" | "))
+        for old, new in re.findall(r"`?([^`;]+)`: `([^`;]+)", words) or [("", words)]:
+            told.add((f"{'' if command == 'every command' else command} {old}".strip(), new))
+    assert told == set(rows())
+    for old, new in rows():
+        # Where a command is gone, its name is told first.
+        outcome = cli(*(old if not old.startswith("--") else f"run out {old}").split())
+        assert (outcome.code, outcome.err) == (2, f"error: `{old}` is `{new}` now\n"), old
 
 
 @pytest.mark.processes
@@ -30,7 +61,7 @@ def test_it_starts_without_what_a_vehicle_does_not_install():
 def test_rounds_under_a_controller_are_added(cli, tmp_path, short_release, coarse):
     output = tmp_path / "a.h5"
     for number in (1, 2):
-        what = ("--controlled", 2, "--episodes", 1, "--role", "train", *coarse.words)
+        what = ("controlled=2", "--episodes", 1, "--role", "train", *coarse.words)
         outcome = cli("record", output, "--under", short_release, *what)
         assert (outcome.code, outcome.err) == (0, "")
         assert f"round {number}, 2 control steps under the controller" in outcome.out.replace("\n", " ")

@@ -19,7 +19,7 @@ from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 from contract.release import bundle
 from contract.shipped import BUNDLE
-from stillwake.console.progress import ProgressLines
+from stillwake.console.progress import Report
 from tests.can_bridge.flashing.releases import RELEASE, SECOND, keys, provisioned
 from tests.can_bridge.flashing.store_ecu import SECRET, VALUES, StoreEcu
 from tests.can_bridge.tester.ecu_to_flash import SHIPPED, SHIPPED_BY, EcuToFlash
@@ -152,15 +152,12 @@ def test_what_the_ecu_objects_to(
 
 @pytest.mark.slow
 def test_ctrl_c_leaves_what_was_sent(flash: Flash, ecu: EcuToFlash, monkeypatch: pytest.MonkeyPatch) -> None:
-    update = ProgressLines.update
-
-    def stopped(bar: ProgressLines, task: Any, **changes: Any) -> None:
-        if changes.get("completed", 0) > 50_000:
+    def stopped(_report: Report, _task: str, done: float, *_more: Any) -> None:
+        if done > 50_000:
             raise KeyboardInterrupt
-        update(bar, task, **changes)
 
     with monkeypatch.context() as patch:
-        patch.setattr(ProgressLines, "update", stopped)
+        patch.setattr(Report, "__call__", stopped)
         outcome = flash()
     assert outcome.code == 130
     assert outcome.err == "stopped; the ECU keeps what it has, and the same command goes on where it stood\n"
@@ -188,7 +185,10 @@ def test_what_cannot_begin(
             "--trust missing.pub": "missing.pub",
         },
     )
-    all_refused(words, {"": "--access: must name the ECU's key file"})
+    all_refused(words, {"": "--access: must name the ECU's key file", "--dry-run --keys k": "--access: must name"})
+    all_refused(
+        "flash", {"": "name the bundle or image", "--keys k --dry-run --access x": "--keys: is written at once"}
+    )
 
     def fails(*_arguments: object, **_named: object) -> None:
         raise BusError("the adapter was unplugged")
@@ -211,13 +211,13 @@ def test_a_newer_key_list_is_taken_and_nothing_else(
     more = ("--bus", f"virtual:{bus.channel}", "--access", tmp_path / "access.key")
     with served(ecu, bus):
         path.write_bytes(keys(3, RELEASE, SECOND))
-        assert cli("flash-keys", path, *more).out == "the ECU has key list 3, and had 1\n"
+        assert cli("flash", "--keys", path, *more).out == "the ECU has key list 3, and had 1\n"
         # An older one, one without the key of the confirmed release, one of another root key.
         for raw in (keys(2, RELEASE), keys(4, SECOND), keys(5)[:-1]):
             path.write_bytes(raw)
-            assert "a version above 3" in refused("flash-keys", path, *more, status=6)
+            assert "a version above 3" in refused("flash", "--keys", path, *more, status=6)
     assert ecu.store.keys is not None and ecu.store.keys.version == 3
     for raw in (b"", bytes(4093)):
         path.write_bytes(raw)
-        assert "1 to 4092 bytes" in refused("flash-keys", path, *more)
-    assert "No such file" in refused("flash-keys", tmp_path / "none", *more)
+        assert "1 to 4092 bytes" in refused("flash", "--keys", path, *more)
+    assert "No such file" in refused("flash", "--keys", tmp_path / "none", *more)

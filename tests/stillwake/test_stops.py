@@ -27,14 +27,14 @@ COARSE = ("--set", "flow.refinement=0.4", "--set", "flow.substeps=12")
 VIRTUAL = ("--set", "bus.interface=virtual")
 STOPPED = {
     "run out --json out.json": 143,
-    "run out --fault vehicle:drop:probability=0.1": 143,
+    "run out --disturb vehicle:drop:probability=0.1": 143,
     f"train out {' '.join(SMALL)}": 143,
     f"develop out.npz {' '.join(COARSE)}": 143,
-    f"steady out.npz --json out.json {' '.join(COARSE)}": 143,
-    "animate out.gif": 143,
-    "picture mean out.png --duration 100": 143,
-    "dataset import out.h5 --sensors sensors.csv --period 0.2 --limit 0.075 --asymmetric --train long.log "
-    "--forces forces.csv": 143,
+    f"develop out.npz --steady --json out.json {' '.join(COARSE)}": 143,
+    "picture out.gif": 143,
+    "picture out.png --field mean --duration 100": 143,
+    "dataset import out.h5 train=long.log --layout sensors.csv --asymmetric --forces forces.csv "
+    "--set flow.control_period=0.2 --set flow.action_limit=0.075": 143,
     "can decode long.log --summary --csv out.csv --json out.json": 143,
     f"can monitor {' '.join(VIRTUAL)}": 0,
     f"vehicle --priority 0 {' '.join(VIRTUAL)}": 3,
@@ -45,9 +45,9 @@ NO_ROOM = {
     "can decode long.log --summary --csv out.csv": "out.csv",
     "can load --json out.json": "out.json",
     f"develop out.npz --duration 0.2 {' '.join(COARSE)}": "out.npz",
-    "record out.h5 --training 8 --chirp 0 --uncontrolled 0 --workers 1": "out.h5",
-    "picture vorticity out.png": "out.png",
-    "animate out.gif --duration 0.4": "out.gif",
+    "record out.h5 training=8 chirp=0 uncontrolled=0 --workers 1": "out.h5",
+    "picture out.png": "out.png",
+    "picture out.gif --duration 0.4": "out.gif",
     "run out --bundle {release} --lead-in 0.4 --controlled 0.4 --no-averages": "out/",
 }
 """Commands that write, and what the line on a full disk names."""

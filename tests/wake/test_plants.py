@@ -29,9 +29,9 @@ def starts(tmp_path_factory):
 
 
 def test_a_run_begins_at_time_zero_in_the_shipped_wake_or_in_a_start_of_its_number(tmp_path, starts):
-    with open_plant("stillwake", tmp_path, Config()) as wake:
+    with open_plant("wake", tmp_path, Config()) as wake:
         assert wake.t == 0.0
-    with open_plant("stillwake", tmp_path, SLOW, start=starts / "re400.npz") as wake:
+    with open_plant("wake", tmp_path, SLOW, start=starts / "re400.npz") as wake:
         sample = wake.sample()
     assert (wake.t, sample.action) == (0.0, 0.0)
     assert np.isfinite(sample.Cp).all()
@@ -40,7 +40,7 @@ def test_a_run_begins_at_time_zero_in_the_shipped_wake_or_in_a_start_of_its_numb
 def test_the_shipped_wake_settles_on_any_grid(tmp_path, monkeypatch):
     monkeypatch.setattr("wake.plants.SETTLE_TIME", 0.2)
     told: list[float] = []
-    with open_plant("stillwake", tmp_path, COARSE, progress=lambda t, _: told.append(t)) as wake:
+    with open_plant("wake", tmp_path, COARSE, progress=lambda t, _: told.append(t)) as wake:
         assert wake.t == 0.0
         assert wake.grid.shape == truck_grid(0.4).shape
     assert told == [pytest.approx(0.2)]
@@ -49,9 +49,9 @@ def test_the_shipped_wake_settles_on_any_grid(tmp_path, monkeypatch):
 def test_what_does_not_fit_is_refused_with_what_would_do(tmp_path, starts):
     square = Config(body=BodyConfig(length=1.0, leading_edge_radius=0.0))
     cases: list[tuple[Any, Config, str | None, str]] = [
-        ("stillwake", SLOW, None, r"flow\.reynolds = 400: the shipped start is of 500; `stillwake develop start_re400"),
-        ("stillwake", Config(), "re400.npz", r"reynolds = 500: start .*re400\.npz is of 400; .*--set"),
-        ("stillwake", COARSE, "fine.npz", r"443 x 164 cells, this grid needs 177 x 66: .*flow\.refinement"),
+        ("wake", SLOW, None, r"flow\.reynolds = 400: the shipped start is of 500; `stillwake develop start_re400"),
+        ("wake", Config(), "re400.npz", r"reynolds = 500: state .*re400\.npz is of 400; .*--set"),
+        ("wake", COARSE, "fine.npz", r"443 x 164 cells, this grid needs 177 x 66: .*flow\.refinement"),
         ("openfoam", SLOW, "re400.npz", "OpenFOAM develops its own"),
         ("openfoam", square, None, r"body\.length = 1\.0: OpenFOAM's mesh is the truck's, with 7\.647"),
     ]

@@ -68,8 +68,7 @@ def check_reynolds(origin: Origin, reynolds: float) -> None:
     if origin.reynolds != reynolds:
         raise PlantError(
             f"flow state is of reynolds = {origin.reynolds:g}, this plant has {reynolds:g}: "
-            f"`{develops(reynolds)}` makes a start for it, which "
-            "--start (record, run) or --state (picture, animate) takes"
+            f"`{develops(reynolds)}` makes one for it, to be given with --state"
         )
 
 
@@ -79,8 +78,7 @@ def check_body(origin: Origin, body: BodyConfig) -> None:
         raise PlantError(
             f"flow state is of a body of length {origin.body_length:g} and leading-edge radius "
             f"{origin.leading_edge_radius:g}, this plant has {body.length:g} and {body.leading_edge_radius:g}: "
-            "`stillwake develop` with the same --set body.* makes a start for it, which --start (record, run) or "
-            "--state (picture, animate) takes"
+            "`stillwake develop` with the same --set body.* makes one for it, to be given with --state"
         )
 
 

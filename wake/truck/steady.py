@@ -120,7 +120,7 @@ def check_steady(wake: TruckWake, state: State) -> None:
         float(np.abs(flow.u - flow.u[:, ::-1]).max()),
         float(np.abs(flow.v + flow.v[:, ::-1]).max()),
     )
-    remedy = "`stillwake steady FILE` computes the steady wake"
+    remedy = "`stillwake develop FILE --steady` computes the steady wake"
     if uneven > _UNEVEN or state.action != 0.0:
         raise PlantError(
             f"not the steady wake: velocities differ from their mirror image by up to {uneven:.2g}, with an action of "

@@ -66,7 +66,6 @@ def assemble(
     layout: SensorLayout,
     facts: PlantFacts,
     *,
-    dynamic_pressure: float | None = None,
     references: Mapping[str, Reference] | None = None,
     renamed: Mapping[str, str] | None = None,
     progress: Callable[[Path], None] = lambda path: None,
@@ -78,7 +77,6 @@ def assemble(
     Args:
         sources: in the order of the episodes.
         facts: control period and action limit must be known.
-        dynamic_pressure: rho U_inf^2 / 2 in Pa, if the files hold p - p_inf in Pa in place of Cp.
         references: by the name here, what 1 of ours is in the files.
         renamed: by the name here, the name in the files.
         progress: called with every file before it is read.
@@ -87,16 +85,11 @@ def assemble(
     renamed, references = dict(renamed or {}), dict(references or {})
     if facts.control_period is None or facts.action_limit is None:
         raise DatasetError("control period and action limit must be given: they cannot be read off the files")
-    if dynamic_pressure is not None and not (np.isfinite(dynamic_pressure) and dynamic_pressure > 0):
-        raise DatasetError(f"dynamic pressure {dynamic_pressure}: must be positive, in Pa")
+    if "Cp" in references and references["Cp"].number < 0.0:
+        raise DatasetError(f"{references['Cp'].option}: a dynamic pressure must be positive")
     for name, reference in references.items():
         if name not in FORCES and all(source.made is not None for source in sources):
             raise DatasetError(f"{reference.option}: has no effect on a log, whose messages have their units")
-    if dynamic_pressure is not None:
-        if "Cp" in references:
-            raise DatasetError(f"{references['Cp'].option}: --dynamic-pressure {dynamic_pressure:g} gives it, too")
-        option = f"--dynamic-pressure {dynamic_pressure:g} (in Pa)"
-        references["Cp"] = Reference(number=dynamic_pressure, unit="Pa", option=option)
     if not sources:
         raise DatasetError("no data file is given: name at least one to train on and one to test on")
     _check_names(sources)
@@ -206,7 +199,7 @@ def _check_clock(path: Path, t: Array, period: float) -> None:
         )
     ratio = f"{mean / period:.4g}"
     hint = f"if t is in s or ms and that is {ratio} of them, import with --reference t={ratio}"
-    hint = f"; t and --period are in W / U_inf: {hint}" if abs(mean / period - 1.0) > STEP_TOLERANCE else ""
+    hint = f"; t and flow.control_period are in W / U_inf: {hint}" if abs(mean / period - 1.0) > STEP_TOLERANCE else ""
     raise DatasetError(f"{path}: {problem}{hint}")
 
 
@@ -214,7 +207,7 @@ def _check_action(path: Path, action: Array, limit: float) -> None:
     largest = int(np.abs(action).argmax())
     if abs(action[largest]) > limit * (1.0 + LIMIT_TOLERANCE):
         raise DatasetError(
-            f"{path}: action is {action[largest]:g} at step {largest}, beyond the limit of {limit:g} (--limit); "
+            f"{path}: action is {action[largest]:g} at step {largest}, beyond flow.action_limit = {limit:g}; "
             f"an action is the jets' flow rate in U_inf W, and no percentage of it; --reference action=NUMBER gives "
             f"what U_inf W is in the file"
         )
@@ -225,7 +218,7 @@ def _check_size(path: Path, arrays: Mapping[str, Array], layout: SensorLayout, *
         peak = float(np.abs(array).max())
         if name not in ("t", "action") and peak > _LARGEST:
             beyond = np.abs(array) > _LARGEST
-            hint = "; if it is in Pa, use --dynamic-pressure" if name == "Cp" else ""
+            hint = "; if it is in Pa, give rho U_inf^2 / 2 as in --reference Cp=240Pa" if name == "Cp" else ""
             if name == "Cp" and is_divided:
                 hint = "; pressures must be p - p_inf, not absolute, and in the unit of the option"
             if name in ("Cd", "Cl"):
@@ -239,5 +232,5 @@ def _check_size(path: Path, arrays: Mapping[str, Array], layout: SensorLayout, *
     if 0.0 < spread[weakest] < CP_QUANTUM:
         raise DatasetError(
             f"{path}: sensor {layout.names[weakest]} varies by {spread[weakest]:.2g}, less than the {CP_QUANTUM:.2g} "
-            f"that a data set resolves; correct --dynamic-pressure, or take the sensor out of the list if it is dead"
+            f"that a data set resolves; correct --reference Cp, or take the sensor out of the list if it is dead"
         )

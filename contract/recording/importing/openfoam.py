@@ -56,7 +56,7 @@ def read_case(
     pressures, forces = _table(path, case, _PRESSURES, "probes of p"), _table(path, case, _FORCES, "forceCoeffs")
     speed = _speed(forces)
     if speed is None and "Cp" not in references:
-        kinematic = "p is kinematic, so give U_inf^2 / 2 in m2/s2 with --dynamic-pressure"
+        kinematic = "p is kinematic, so give U_inf^2 / 2 as in --reference Cp=200m2/s2"
         raise DatasetError(f"{forces.files[0]}: states no magUInf; {kinematic}")
     if speed != 1.0 and "t" not in references:
         stated = "" if speed is None else f", U_inf is {speed:g} m/s"

@@ -36,7 +36,7 @@ _KNOWN: Final[Mapping[str, tuple[str, float]]] = {
 }
 """Base unit and size in it; "1" is what has no dimension."""
 _REMEDIES: Final = {
-    "Pa": "give --dynamic-pressure, rho U_inf^2 / 2 in Pa",
+    "Pa": "give rho U_inf^2 / 2 as in --reference Cp=240Pa",
     "s": "give W / U_inf as in --reference t=5ms",
     "N": "give rho U_inf^2 / 2 times W and the span as in --reference {name}=40N",
 }

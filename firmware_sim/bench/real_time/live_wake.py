@@ -126,7 +126,7 @@ def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | No
         pipe.send(word)
 
     try:
-        with open_plant("stillwake", Path(), config, progress=lambda *at: send("settling", *at), start=start) as wake:
+        with open_plant("wake", Path(), config, progress=lambda *at: send("settling", *at), start=start) as wake:
             assert isinstance(wake, TruckWake)
             wake.advance(0.0)
             speed = Speed.of(measured(wake))

@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 
 from contract.arrays import Array
-from contract.errors import ConfigError, DatasetError
+from contract.errors import DatasetError
 from contract.recording.dataset import Dataset
 from contract.recording.episode import Episode
 from contract.sensor_layout import SensorLayout
@@ -26,27 +26,24 @@ class Pressures(Protocol):
 
 class Replay:
     """Recorded pressures, one row a period. They do not answer the jets. Raises DatasetError if there is no such
-    episode; ConfigError if it is shorter than `first`.
+    episode.
 
     Args:
         episode: its name; if None the first without a controller, before others one with the jets at rest.
-        first: control step to begin with.
 
     Attributes:
         layout, description: of the recording; see `Pressures`.
         rounds: how often the recording began again; the pressures jump then.
     """
 
-    def __init__(self, dataset: Dataset, episode: str | None = None, first: int = 0) -> None:
+    def __init__(self, dataset: Dataset, episode: str | None = None) -> None:
         chosen = _episode(dataset, episode)
-        if not 0 <= first < len(chosen):
-            raise ConfigError(f"control step {first}: episode {chosen.name} has 0..{len(chosen) - 1}")
         self.layout, self._cp = dataset.layout, chosen.series["Cp"]
         self.description = (
             f"open loop: recorded episode {chosen.name}, {len(chosen)} periods; the pressures do not answer the jets, "
             "and an ECU in control may find them IMPLAUSIBLE or NOT_HELPING"
         )
-        self._next = first
+        self._next = 0
         self.rounds = 0
 
     def sampled(self) -> Array:

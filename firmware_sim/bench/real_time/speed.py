@@ -45,7 +45,8 @@ class Speed:
             raise PlantError(
                 f"the wake takes {self.typical_ms:.1f} ms for a control period of {period_ms:g} ms on this machine "
                 f"(flow.refinement = {refinement:g}, flow.substeps = {substeps}): it cannot keep up. Take a coarser "
-                f"grid and longer steps{coarser if refinement > COARSE[0] else ''}, or --slow-down {lacking:.2g}"
+                f"grid and longer steps{coarser if refinement > COARSE[0] else ''}, "
+                f"or a vehicle {lacking:.2g} times as slow (operating_point.speed)"
             )
         if self.typical_ms > ROOM * period_ms or self.worst_ms > period_ms:
             return (

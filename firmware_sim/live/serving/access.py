@@ -35,7 +35,7 @@ class Access:
             return "a page of another server may not use this one"
         if self.token is None or compare_digest((token or "").encode(), self.token.encode()):
             return None
-        return "open the link that `stillwake bench serve` printed: it has the token"
+        return "open the link that `stillwake live` printed: it has the token"
 
 
 def is_loopback(address: str) -> bool:

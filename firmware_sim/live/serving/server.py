@@ -143,7 +143,7 @@ def _bound(address: str, port: int) -> list[socket.socket]:
     except OSError as error:
         why = error.strerror or str(error)
         if error.errno == errno.EADDRINUSE:
-            why = "it is in use, perhaps by another `stillwake bench serve`; name another --port, or 0 for a free one"
+            why = "it is in use, perhaps by another `stillwake live`; name another --port, or 0 for a free one"
         elif isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
             raise StillwakeError(f"--host {address}: no address of this machine: {why}") from error
         raise StillwakeError(f"--port {port} at {address}: {why}") from error

@@ -5,14 +5,13 @@ import logging
 import typer
 
 from stillwake.commands.can.frames import decode, send
-from stillwake.commands.can.keygen import keygen
 from stillwake.commands.can.load import load
 from stillwake.commands.can.monitor import monitor
 
 # python-can warns on stderr of what it passes over; what matters of it is an error or a count here.
 logging.getLogger("can").addHandler(logging.NullHandler())
 
-can = typer.Typer(no_args_is_help=True, help="The CAN bus: live signals, logs, frames, load and response times, keys.")
+can = typer.Typer(no_args_is_help=True, help="The CAN bus: live signals, logs, frames, load and response times.")
 
-for command in (monitor, send, decode, load, keygen):
+for command in (monitor, send, decode, load):
     can.command()(command)

@@ -4,7 +4,7 @@ import csv
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,13 +17,13 @@ from contract.atomic import replacing
 from contract.errors import BusError, ConfigError
 from contract.results import versions
 from stillwake.commands.can.options import BUS, UNCHECKED, Channel, key_of, positive
-from stillwake.console.bus_option import BusName, with_bus
+from stillwake.console import options as shared
 from stillwake.console.numbers import listed
-from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
-from stillwake.console.progress import now_and_then
-from stillwake.console.settings import DIAGNOSIS, settings
+from stillwake.console.outputs import check_json, check_output, save_json
+from stillwake.console.progress import progress
+from stillwake.console.settings import DIAGNOSIS, settings, with_bus
 from stillwake.console.stopping import until_stopped
-from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, progress_bar
+from stillwake.console.terminal import console
 
 if TYPE_CHECKING:
     import can
@@ -34,57 +34,52 @@ if TYPE_CHECKING:
     from contract.config.vehicle import BusConfig
 
 
+Values = Annotated[list[str] | None, typer.Argument(help="In its unit, or a name from its table (0).")]
+Count = Annotated[int, typer.Option(help="Send it so often.", min=1)]
+Period = Annotated[float, typer.Option(help="Seconds between two.")]
+Counter = Annotated[int, typer.Option(help="E2E counter of the first one.", min=0, max=255)]
+Trip = Annotated[
+    int | None,
+    typer.Option(help="Power cycle to sign a secured message with.", min=1, max=0xFFFFFFFF, show_default=False),
+]
+
+
 def send(
     message: Annotated[str, typer.Argument(help="Message, by its name in the DBC, e.g. Pressure.", show_default=False)],
-    values: Annotated[
-        list[str] | None,
-        typer.Argument(help="SIGNAL=VALUE, in the signal's unit or a name from its table; 0 where left out."),
-    ] = None,
-    count: Annotated[int, typer.Option(help="Send it so often.", min=1)] = 1,
-    period: Annotated[float, typer.Option(help="Seconds between two.")] = 0.02,
-    counter: Annotated[int, typer.Option(help="E2E counter of the first one.", min=0, max=255)] = 0,
-    trip: Annotated[
-        int | None,
-        typer.Option(
-            help="Power cycle to sign a message of the secured set with: larger than all that this key has been used "
-            "with, by the node that it stands in for and by this command.",
-            min=1,
-            max=0xFFFFFFFF,
-            show_default=False,
-        ),
-    ] = None,
-    bus_name: BusName = None,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
+    values: Values = None,
+    count: Count = 1,
+    period: Period = 0.02,
+    counter: Counter = 0,
+    trip: Trip = None,
+    bus: shared.Bus = None,
+    given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Send one of stillwake's messages, with its E2E header.
 
-    What the wire cannot carry is refused. A receiver trusts a stream
-    after some good frames, not after one: see --count. Messages of the secured set
-    are signed with bus.key and --trip; whoever has accepted them refuses the
-    node whose place they took, until that one's power cycles are ahead again.
-    Other frames go with python-can: `python -m can.player` sends those of a log.
+    What the wire cannot carry is refused. A receiver trusts a stream after some good frames, not after one: see
+    --count. Messages of the secured set are signed with bus.key and --trip, larger than any that this key has been used
+    with; whoever has accepted them refuses the node whose place they took, until that one's power cycles are ahead
+    again. Other frames go with python-can: `python -m can.player` sends those of a log.
 
     stillwake can send Pressure Pressure0=-12.5 Valid0=1 --bus socketcan:can0
     """
     from can_bridge.tools.raw_bus import open_bus
 
-    config = settings("can send", config_file, with_bus(bus_name, overrides), uses=(*BUS, "bus.key")).config.bus
+    config = settings("can send", with_bus(bus, given), uses=(*BUS, "bus.key")).config.bus
     positive("--period", period)
     stamped = _frames(message, values or [], counter, trip, config)
     sent = 0
-    with open_bus(config) as bus, until_stopped() as is_stopped, progress_bar("rounds") as shown:
-        task = shown.add_task("sending", total=count, note="")
-        show = now_and_then(lambda done: shown.update(task, completed=done))
+    with open_bus(config) as opened, until_stopped() as is_stopped, progress("rounds") as report:
         begin = time.monotonic()
         while sent < count and not is_stopped():
             left = begin + sent * period - time.monotonic()
             if left > 0:
                 time.sleep(min(left, 0.2))
                 continue
-            bus.send_message(stamped(time.time()))
+            opened.send_message(stamped(time.time()))
             sent += 1
-            show(sent)
+            if count > 1:
+                report("sending", sent, count)
     console.print(f"sent {sent} frame{'' if sent == 1 else 's'}")
     if sent < count:
         raise KeyboardInterrupt
@@ -134,52 +129,47 @@ def _frames(
     return made
 
 
+LogFile = Annotated[Path, typer.Argument(help="Log of any kind (docs/reference/logs.md).", show_default=False)]
+SummaryAlone = Annotated[bool, typer.Option("--summary", help="The tables at the end alone.")]
+CsvFile = Annotated[
+    Path | None, typer.Option("--csv", help="Also write a row a signal into a new file.", metavar="FILE")
+]
+
+
 def decode(
-    file: Annotated[
-        Path,
-        typer.Argument(help="Log: .log (candump), .asc, .blf, .trc, .mf4, .csv or .db, or packed.", show_default=False),
-    ],
-    summary: Annotated[bool, typer.Option("--summary", help="The tables at the end alone.")] = False,
-    csv_file: Annotated[
-        Path | None, typer.Option("--csv", help="Also write a row for every signal here.", metavar="FILE")
-    ] = None,
+    file: LogFile,
+    summary: SummaryAlone = False,
+    csv_file: CsvFile = None,
     channel: Channel = None,
-    overwrite: Overwrite = False,
-    json_file: JsonFile = None,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
+    json_file: shared.JsonFile = None,
+    given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Print a recorded log as signals with units, and the verdicts of its end-to-end checks.
 
-    A line for each frame, then a table of the messages: counts, rates, losses,
-    checks and the load of the bus, whose bit rates are settings, and how many
-    lines are what else. A counter is compared with the frame before it on the
-    same channel. With --set bus.key=FILE the MAC and freshness of secured
-    messages are checked first. Frames of diagnosis have a name, by the
-    identifiers in the settings. Of other messages it prints the bytes;
-    `cantools decode` reads those.
+    A line for each frame, then a table of the messages: counts, rates, losses, checks and the load of the bus, whose
+    bit rates are settings, and how many lines are what else. A counter is compared with the frame before it on the same
+    channel. With --set bus.key=FILE the MAC and freshness of secured messages are checked first. Frames of diagnosis
+    have a name, by the identifiers in the settings. Of other messages it prints the bytes; `cantools decode` reads
+    those.
     """
     from can_bridge.logs.log_reader import Log
     from can_bridge.tools.summary import Summary
 
     uses = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.e2e", "bus.key", DIAGNOSIS)
-    config = settings("can decode", config_file, overrides, uses=uses).config.bus
+    config = settings("can decode", given, uses=uses).config.bus
     log = Log(file, channels=() if channel is None else (channel,))
     check_json(json_file)
     if csv_file is not None:
         if os.path.realpath(csv_file) == os.path.realpath(file):
             raise BusError(f"{csv_file}: is the file to read; give another name")
-        check_output(csv_file, overwrite=overwrite)
+        check_output(csv_file, overwrite=None)
     found = Summary(config=config, key=key_of(config.key))
-    bar = progress_bar("frames")
-    # Without a line for each frame, something else has to show that the work goes on.
-    with _csv_rows(csv_file) as write_rows, bar if summary else nullcontext():
-        task = bar.add_task(f"reading {file.name}", total=None, note="")
-        show = now_and_then(lambda done: bar.update(task, completed=done))
+    with _csv_rows(csv_file) as write_rows, progress("frames") as report:
         for number, message in enumerate(log, 1):
             traffic = found.add(message)
             if summary:
-                show(number)
+                # Without a line for each frame, something else has to show that the work goes on.
+                report(f"reading {file.name}", number)
             if traffic is None:
                 continue
             write_rows(traffic)

@@ -12,9 +12,10 @@ from rich.text import Text
 
 from contract.config.tree import Config
 from contract.results import versions
+from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import settings
-from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console
+from stillwake.console.terminal import console
 
 if TYPE_CHECKING:
     from can_bridge.timing.bus_load import BusLoad, MessageLoad
@@ -37,9 +38,8 @@ HEADS: Final = ("id", "message", "bytes", "period", "jitter", "frame", "blocking
 
 
 def load(
-    json_file: JsonFile = None,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
+    json_file: shared.JsonFile = None,
+    given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Show the load of the bus, and the worst-case response time of every message on it.
 
@@ -50,7 +50,7 @@ def load(
     from can_bridge.timing.bus_load import bus_load
 
     check_json(json_file)
-    config = settings("can load", config_file, overrides, uses=USES).config
+    config = settings("can load", given, uses=USES).config
     found = bus_load(config)
     console.print(_table(found))
     for line in _lines(found):

@@ -10,11 +10,11 @@ import typer
 
 from contract.errors import BusError, ConfigError
 from stillwake.commands.can.options import BUS, Channel, Duration, key_of, positive
-from stillwake.console.bus_option import BusName, with_bus
-from stillwake.console.progress import now_and_then
-from stillwake.console.settings import DIAGNOSIS, settings
+from stillwake.console import options as shared
+from stillwake.console.progress import progress
+from stillwake.console.settings import DIAGNOSIS, settings, with_bus
 from stillwake.console.stopping import until_stopped
-from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
+from stillwake.console.terminal import console
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -28,39 +28,37 @@ MOST_AT_ONCE = 2000
 """Frames between two looks at the clock, however fast they come."""
 
 
+Filter = Annotated[str, typer.Option("--filter", help="Show rows with these words in message, id or signal.")]
+
+
 def monitor(
-    log: Annotated[
-        Path | None, typer.Option(help="Show the table of this log, at its end, in place of a bus.", metavar="FILE")
-    ] = None,
+    log: Annotated[Path | None, typer.Argument(help="Log to show the table of, at its end, in place of a bus.")] = None,
     channel: Channel = None,
     seconds: Duration = None,
-    match: Annotated[str, typer.Option("--filter", help="Show rows with these words in message, id or signal.")] = "",
-    bus_name: BusName = None,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
+    match: Filter = "",
+    bus: shared.Bus = None,
+    given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Show every signal on a bus with value, unit, age, rate, losses and end-to-end check.
 
-    Ctrl-C ends it, and leaves the table. What is too long for the screen is
-    cut off until then; --filter shows less. Without a terminal there is a line
-    a second and the table at the end.
+    Ctrl-C ends it, and leaves the table. What is too long for the screen is cut off until then; --filter shows less.
+    Without a terminal there is a line a second and the table at the end.
 
-    lost counts frames that are missing by their counters, refused those that
-    a receiver would not have used; E2E is the newest frame's check. With
-    --set bus.key=FILE the MAC and freshness of secured messages are checked
-    first. Of other messages it shows the bytes; `cantools monitor` decodes them.
+    lost counts frames that are missing by their counters, refused those that a receiver would not have used; E2E is the
+    newest frame's check. With --set bus.key=FILE the MAC and freshness of secured messages are checked first. Of other
+    messages it shows the bytes; `cantools monitor` decodes them.
     """
     from can_bridge.tools.summary import MOST_MESSAGES, Summary
     from stillwake.commands.can.monitor_screen import screen
 
     uses = (*(BUS if log is None else ()), "bus.e2e", "bus.key", DIAGNOSIS)
-    config = settings("can monitor", config_file, with_bus(bus_name, overrides), uses=uses).config.bus
+    config = settings("can monitor", with_bus(bus, given), uses=uses).config.bus
     if seconds is not None:
         positive("--for", seconds)
         if log is not None:
             raise ConfigError("--for: goes with a bus; a log is read to its end")
     if channel is not None and log is None:
-        raise ConfigError("--channel: goes with --log; a bus is named with --bus")
+        raise ConfigError("--channel: goes with a log; a bus is named with --bus")
     title = str(log) if log is not None else f"{config.interface} {config.channel}"
 
     summary = Summary(config=config, key=key_of(config.key), most=MOST_MESSAGES)
@@ -74,21 +72,19 @@ def monitor(
         return
     from can_bridge.tools.raw_bus import open_bus
 
-    with open_bus(config) as bus, until_stopped() as is_stopped:
+    with open_bus(config) as opened, until_stopped() as is_stopped:
         end = float("inf") if seconds is None else time.monotonic() + seconds
-        _follow(bus, summary, table, lambda: is_stopped() or time.monotonic() >= end)
+        _follow(opened, summary, table, lambda: is_stopped() or time.monotonic() >= end)
 
 
 def _read(summary: "Summary", log: Path, channel: str | None) -> None:
     from can_bridge.logs.log_reader import Log
 
     messages = Log(log, channels=() if channel is None else (channel,))
-    with progress_bar("frames") as bar:
-        task = bar.add_task(f"reading {log.name}", total=None, note="")
-        show = now_and_then(lambda done: bar.update(task, completed=done))
+    with progress("frames") as report:
         for number, message in enumerate(messages, 1):
             summary.add(message)
-            show(number)
+            report(f"reading {log.name}", number)
     if summary.last_s is None:
         raise BusError(f"{log}: holds no CAN frame")
 

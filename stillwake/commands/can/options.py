@@ -17,10 +17,7 @@ BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_b
 Duration = Annotated[float | None, typer.Option("--for", help="End after so many seconds.", metavar="SECONDS")]
 
 Channel = Annotated[
-    str | None,
-    typer.Option(
-        help="Read this channel of the log, by the name that it has there.", metavar="NAME", show_default=False
-    ),
+    str | None, typer.Option(help="Channel of the log, by its name there.", metavar="NAME", show_default=False)
 ]
 
 LONGEST_S: Final = 1e7

@@ -1,11 +1,10 @@
-"""The commands for data sets: `stillwake dataset import|check|show`, a file a command or two."""
+"""The commands for data sets: `stillwake dataset import|inspect`, a file each."""
 
 import typer
 
 from stillwake.commands.dataset.importing import import_
-from stillwake.commands.dataset.inspecting import check, show
+from stillwake.commands.dataset.inspecting import inspect
 
-dataset = typer.Typer(no_args_is_help=True, help="Data sets: make one of your own files, check it, show what is in it.")
+dataset = typer.Typer(no_args_is_help=True, help="Data sets: make one of your own files, show and check it.")
 dataset.command(name="import")(import_)
-dataset.command()(check)
-dataset.command()(show)
+dataset.command()(inspect)

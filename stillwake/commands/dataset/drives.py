@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 USES: Final = ("operating_point", "bus.frames", "bus.key", "ecu.speed.oldest_ms", "ecu.speed.most_acceleration")
 """Settings by which a log is read."""
+FORCES_NAMES: Final = ("t", "Cd", "Cl")
+"""What a table of forces has."""
 _COUNTED: Final = 10_000
 """Frames between two reports of progress."""
 
@@ -45,7 +47,7 @@ class DriveOptions:
     Attributes:
         fill, split: see `can_bridge.drives.log_to_series.series_of`.
         forces: FILE for every log, or LOG=FILE for one.
-        names: of t, Cd and Cl in the forces' files.
+        names: of t, Cd and Cl in the forces' files, where they are others.
         references: by Cd and Cl, what 1 is in those files.
         clock: of the forces' times; None where the file has it.
         shift_s: seconds to add to the forces' times.
@@ -64,9 +66,9 @@ class DriveOptions:
     zone: tzinfo | None
 
     @property
-    def given(self) -> bool:
-        """Whether any of them was."""
-        options = (self.split, self.forces, self.names, self.clock, self.shift_s, self.channels, self.zone)
+    def is_given(self) -> bool:
+        """Whether one was that has no use without a log."""
+        options = (self.split, self.forces, self.clock, self.shift_s, self.channels, self.zone)
         return any(map(bool, options))
 
 
@@ -172,7 +174,7 @@ def read_drive(
 
     if len(layout) != SENSORS:
         raise DatasetError(
-            f"{path}: a Pressure message has {SENSORS} sensors, --sensors names {len(layout)}: name those of the "
+            f"{path}: a Pressure message has {SENSORS} sensors, --layout names {len(layout)}: name those of the "
             f"message, in its order"
         )
     log = Log(path, zone=options.zone, channels=options.channels)
@@ -309,8 +311,8 @@ def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
     if largest > scales.action_limit * (1.0 + LIMIT_TOLERANCE) >= largest * slowest / scales.point.speed:
         raise DatasetError(
             f"{path}: actions reach {largest:.4g} U_inf W, beyond the limit of {scales.action_limit:g}: at {slowest:g} "
-            f"m/s the same jets are more of U_inf W than at {scales.point.speed:g} m/s; give --limit "
-            f"{np.ceil(largest * 1e4) / 1e4:g}"
+            f"m/s the same jets are more of U_inf W than at {scales.point.speed:g} m/s; give --set "
+            f"flow.action_limit={np.ceil(largest * 1e4) / 1e4:g}"
         )
 
 

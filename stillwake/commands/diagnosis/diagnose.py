@@ -1,78 +1,142 @@
-"""`stillwake diagnose`: the faults that an ECU remembers, and the description of its diagnosis for other testers."""
+"""`stillwake diagnose`: what an ECU reports of itself, and the faults that it remembers."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from contract.atomic import replacing
+from contract.config.tree import Config
+from contract.errors import ConfigError
 from contract.results import versions
-from stillwake.console.bus_option import BusName, with_bus
-from stillwake.console.claims import claim
+from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, save_json
-from stillwake.console.settings import TESTERS_BUS, settings
-from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console
+from stillwake.console.settings import TESTERS_BUS, settings, with_bus
+from stillwake.console.terminal import console, print_table, visible
 from stillwake.parts.conversation import asking
-from stillwake.parts.descriptions import pdx_of
 
 if TYPE_CHECKING:
+    from can_bridge.flashing.report import Report
     from can_bridge.tester.faults import StoredFault
 
-diagnose = typer.Typer(no_args_is_help=True, help="An ECU's faults, and its diagnosis for other testers.")
+_FACTS: Final = {
+    "serial_number": "serial number",
+    "hardware": "hardware",
+    "software_version": "stillwake",
+    "dbc_sha256": "DBC",
+    "root_key": "root key",
+    "period_ns": "control period",
+    "capacity": "greatest image, bytes",
+}
+"""What is shown of an ECU, by its name for machines."""
+
+Clear = Annotated[bool, typer.Option("--clear", help="Then have the ECU forget its faults.")]
 
 
-@diagnose.command()
-def faults(
-    bus: BusName = None,
-    clear: Annotated[bool, typer.Option("--clear", help="Then have the ECU forget them.")] = False,
-    json_file: JsonFile = None,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
+def diagnose(
+    bus: shared.Bus = None,
+    slots: shared.Slots = None,
+    clear: Clear = False,
+    json_file: shared.JsonFile = None,
+    given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Show the faults that an ECU found and remembers, each with the moment in which it was found.
+    """Show what an ECU reports of itself: what it is, the releases in it, and the faults that it found and remembers.
 
-    Faults are kept over a loss of power, until they are cleared, or until 40 drives with control were without them: an
-    age of so many. They are cleared while the jets are shut.
+    Each fault has the moment in which it was found. Faults are kept over a loss of power, until they are cleared, or
+    until 40 drives with control were without them: an age of so many. They are cleared while the jets are shut. With
+    --slots it is shown what an ECU's folder holds, without a bus and without faults.
 
     Exit status: 3 no answer from the ECU; 5 not cleared, the jets are enabled; 7 the ECU refused something else.
 
-    stillwake diagnose faults --bus socketcan:can0
+    stillwake diagnose --bus socketcan:can0
     """
-    from can_bridge.tester import faults as remembered
-
     check_json(json_file)
-    config = settings("diagnose faults", config_file, with_bus(bus, overrides), uses=TESTERS_BUS).config
+    if slots is not None:
+        if bus is not None or clear:
+            raise ConfigError("--slots: reads a folder and asks no ECU; leave --bus and --clear out")
+        facts, store = _from_folder(slots)
+        _print_ecu(facts, store, runs="the folder does not hold it; --bus in place of --slots asks the ECU")
+        found: list[StoredFault] = []
+    else:
+        config = settings("diagnose", with_bus(bus, given), uses=TESTERS_BUS).config
+        facts, store, found = _asked(config, clear=clear)
+        _print_ecu(facts, store)
+        console.print(_table(found) if found else "no faults")
+        if clear:
+            console.print("the ECU's faults are cleared")
+    from can_bridge.flashing.report import tree
+
+    figures = {**facts, "store": tree(store), "faults": [_figures(one) for one in found]}
+    save_json(json_file, figures=figures, facts={"cleared": clear, "versions": versions("stillwake")})
+
+
+def _print_ecu(facts: "dict[str, str | int]", store: "Report", **rows: str) -> None:
+    shown = {_FACTS[name]: str(value) for name, value in facts.items() if name != "period_ns"}
+    if "period_ns" in facts:
+        shown[_FACTS["period_ns"]] = f"{int(facts['period_ns']) / 1e6:g} ms"
+    shown |= dict(_rows(store)) | rows
+    print_table(rows=((name, visible(value)) for name, value in shown.items()), show_header=False)
+
+
+def _asked(config: Config, *, clear: bool) -> "tuple[dict[str, str | int], Report, list[StoredFault]]":
+    """What the ECU on a bus reports; then its faults are cleared, if that is wanted."""
+    from can_bridge.tester import faults as remembered
+    from can_bridge.tester.facts import read_facts
+
     with asking(config.bus) as ecu:
-        found = remembered.read(ecu)
+        facts, found = read_facts(ecu), remembered.read(ecu)
         if clear:
             remembered.clear(ecu)
-    console.print(_table(found) if found else "no faults")
-    if clear:
-        console.print("the ECU's faults are cleared")
-    facts = {"cleared": clear, "versions": versions("stillwake")}
-    save_json(json_file, figures=[_figures(one) for one in found], facts=facts)
+    names = ("serial_number", "hardware", "software_version", "dbc_sha256", "period_ns", "capacity")
+    return {name: getattr(facts, name) for name in names}, facts.store, found
 
 
-@diagnose.command()
-def pdx(
-    output: Annotated[Path, typer.Argument(metavar="FILE.pdx", help="Where to write; replaced if it is there.")],
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
-) -> None:
-    """Write the description of the ECU's diagnosis as a PDX file (ODX, ISO 22901-1), for other testers; needs no ECU.
+def _from_folder(slots: Path) -> "tuple[dict[str, str | int], Report]":
+    """What stands in an ECU's folder; nothing is booted and nothing written."""
+    from can_bridge.flashing.report import report_of
+    from can_bridge.flashing.store import Store
+    from can_bridge.flashing.verdicts import Verdict
+    from firmware_sim.ecu.flashable.ecu_folder import read_folder
 
-    It has every service, identifier, routine, trouble code and negative response, the sessions and levels that they
-    need, and how the ECU is reached on a bus with these settings.
+    folder = read_folder(slots)
+    store = Store(
+        folder.backing(), root=folder.root, hardware=folder.hardware, fits=lambda bundle: Verdict.WRONG_VEHICLE
+    )
+    found: dict[str, str | int] = {
+        "serial_number": folder.serial,
+        "hardware": folder.hardware,
+        "root_key": folder.root.fingerprint,
+        "capacity": store.capacity,
+    }
+    return found, report_of(store)
 
-    stillwake diagnose pdx stillwake.pdx
-    """
-    claim(output)
-    config = settings("diagnose pdx", config_file, overrides, uses=TESTERS_BUS).config
-    with replacing(output) as part:
-        part.write_bytes(pdx_of(config))
-    console.print(f"wrote {output}: the diagnosis of an ECU on {config.bus.frames} frames")
+
+def _rows(report: "Report") -> list[tuple[str, str]]:
+    """Of a store, for people."""
+    from can_bridge.flashing.backing import Slot
+
+    rows = []
+    for slot, standing in zip(Slot, report.slots, strict=True):
+        words = [standing.phase.name.lower()]
+        if standing.name:
+            words.append(f"{standing.name} {standing.digest[:12]}, security version {standing.security_version}")
+        if standing.received < standing.length:
+            words.append(f"{standing.received} of {standing.length} bytes")
+        if standing.boots_left:
+            words.append(f"{standing.boots_left} boots left")
+        if standing.verdict:
+            words.append(standing.verdict.in_words)
+        rows.append((f"slot {slot.name}", ", ".join(words)))
+    names = {"runs": report.running, "boots next": report.next_boot}
+    rows += [(name, "none" if slot is None else f"slot {slot.name}") for name, slot in names.items()]
+    if report.reason is not None:
+        rows.append(("at its last boot", report.reason.in_words))
+    rows.append(("least security version", str(report.least_security_version)))
+    rows.append(("key list", "none" if report.key_list_version is None else f"version {report.key_list_version}"))
+    attempts = ", ".join(f"{level.name.lower()} {count}" for level, count in report.failed_attempts.items())
+    rows.append(("wrong keys in a row", attempts))
+    return rows
 
 
 def _table(found: "list[StoredFault]") -> Table:

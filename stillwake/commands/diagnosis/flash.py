@@ -1,43 +1,45 @@
-"""`stillwake flash`: a release into an ECU, over its CAN bus."""
+"""`stillwake flash`: a release, or the keys that may sign one, into an ECU over its CAN bus."""
 
-import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
-from rich.progress import Progress, TaskID
 from rich.table import Table
 
-from contract.errors import ConfigError
+from contract.config.vehicle import BusConfig
+from contract.errors import ConfigError, KeyFileError
 from contract.release.checks import Bundle
-from stillwake.console.bus_option import BusName, with_bus
-from stillwake.console.progress import span
-from stillwake.console.settings import TESTERS_BUS, settings
+from stillwake.console import options as shared
+from stillwake.console.progress import Report, progress, span
+from stillwake.console.settings import TESTERS_BUS, settings, with_bus
 from stillwake.console.stopping import go_on_with
-from stillwake.console.terminal import ConfigFile, Overrides, console, progress_bar
-from stillwake.parts.releases import Trust, describe, open_release
+from stillwake.console.terminal import console
+from stillwake.parts.conversation import asking
+from stillwake.parts.releases import describe, open_release
 
 if TYPE_CHECKING:
     from can_bridge.tester.facts import EcuFacts
     from can_bridge.tester.sequence import Flashed, Step
 
 
+MOST_KEY_BYTES: Final = 4092
+"""Of a key list: what one UDS request carries with service and identifier."""
+Keys = Annotated[Path | None, typer.Option(help="Key list to bring first (`bundle keylist`).", metavar="LIST")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Ask the ECU, check everything, and write nothing.")]
+NoConfirm = Annotated[bool, typer.Option("--no-confirm", help="Leave the release on trial.")]
+
+
 def flash(
-    bundle: Annotated[Path, typer.Argument(help="Release bundle; or image (.swi) for an ECU in C.")],
-    bus: BusName = None,
-    access: Annotated[
-        Path | None,
-        typer.Option(help="The ECU's access key, a file as `can keygen` writes it.", metavar="KEYFILE"),
+    bundle: Annotated[
+        Path | None, typer.Argument(help="Release bundle; or image (.swi) for an ECU in C; none with --keys alone.")
     ] = None,
-    trust: Trust = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Ask the ECU, check everything, and write nothing.")
-    ] = False,
-    no_confirm: Annotated[
-        bool, typer.Option("--no-confirm", help="Leave the release on trial: without a confirmation it is given up.")
-    ] = False,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
+    keys: Keys = None,
+    bus: shared.Bus = None,
+    access: shared.Access = None,
+    trust: shared.Trust = None,
+    dry_run: DryRun = False,
+    no_confirm: NoConfirm = False,
+    given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Bring a release into an ECU over UDS, start it on trial, test it, and confirm it.
 
@@ -45,14 +47,54 @@ def flash(
     that it has until the new one has passed its self-test, and the same command goes on where it stood. Where that
     release runs already, nothing is done.
 
-    Exit status: 3 no answer from the ECU; 4 the access key is wrong; 5 not now, the vehicle is in use; 6 the release is
-    not for this ECU, or the ECU refused it; 7 the ECU refused something else; 8 the new release did not start or pass
-    its self-test, and the one before runs.
+    A key list is taken if the ECU's root key signed it, it is newer than the one that the ECU has, and it keeps the key
+    of the confirmed release.
+
+    Exit status: 3 no answer from the ECU; 4 the access key is wrong; 5 not now, the vehicle is in use; 6 the release or
+    the list is not for this ECU, or the ECU refused it; 7 the ECU refused something else; 8 the new release did not
+    start or pass its self-test, and the one before runs.
 
     stillwake flash firmware_sim/data/bundle --bus socketcan:can0 --access access.key
+
+    stillwake flash --keys new.keys --bus socketcan:can0 --access access.key
     """
+    if bundle is None and keys is None:
+        raise ConfigError("name the bundle or image to bring into the ECU, or a key list with --keys")
+    config = settings("flash", with_bus(bus, given), uses=TESTERS_BUS).config
+    if access is None and (keys is not None or not dry_run):
+        raise ConfigError("--access: must name the ECU's key file; --dry-run alone does without")
+    if keys is not None:
+        if dry_run:
+            raise ConfigError("--keys: is written at once; it does not go with --dry-run")
+        _bring_keys(_read(keys), config.bus, access)
+    if bundle is not None:
+        _bring_release(bundle, trust, config.bus, access, dry_run=dry_run, confirm=not no_confirm)
+
+
+def _bring_keys(raw: bytes, bus: BusConfig, access: Path | None) -> None:
+    from can_bridge.tester.key_list import bring
+
+    with asking(bus, access) as ecu:
+        before, after = bring(ecu, raw)
+    console.print(f"the ECU has key list {after}, and had {before or 'none'}")
+
+
+def _read(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            raw = file.read(MOST_KEY_BYTES + 1)
+    except OSError as error:
+        raise KeyFileError(f"key list {path}: {error.strerror or error}") from error
+    if not 0 < len(raw) <= MOST_KEY_BYTES:
+        raise KeyFileError(f"key list {path}: must have 1 to {MOST_KEY_BYTES} bytes")
+    return raw
+
+
+def _bring_release(
+    bundle: Path, trust: str | None, bus: BusConfig, access: Path | None, *, dry_run: bool, confirm: bool
+) -> None:
     from can_bridge.tester.local_checks import check_fits
-    from can_bridge.tester.sequence import End, Options
+    from can_bridge.tester.sequence import Options
     from can_bridge.tester.sequence import flash as flash_ecu
     from can_bridge.tester.transport import open_client
     from can_bridge.uds.access_key import AccessKey
@@ -60,9 +102,6 @@ def flash(
     from contract.release.image import image_of
     from contract.release.image_contents import is_image, opened
 
-    config = settings("flash", config_file, with_bus(bus, overrides), uses=TESTERS_BUS).config
-    if access is None and not dry_run:
-        raise ConfigError("--access: must name the ECU's key file; --dry-run alone does without")
     key = None if access is None else AccessKey.read(access)
     release = None if is_image(bundle) else open_release(bundle, trust)
     if release is None:
@@ -81,50 +120,49 @@ def flash(
             check_fits(release, len(image), facts)
 
     with (
-        open_client(config.bus) as client,
-        progress_bar("bytes") as bar,
+        open_client(bus) as client,
+        progress("bytes") as report,
         go_on_with("the ECU keeps what it has, and the same command goes on where it stood"),
     ):
-        shown = _Shown(bar)
+        shown = _Shown(report)
         flashed = flash_ecu(
             client,
             image,
             key=None if key is None else key.answer,
-            options=Options(dry_run=dry_run, confirm=not no_confirm),
+            options=Options(dry_run=dry_run, confirm=confirm),
             judge=judge,
             progress=shown.progress,
             on_step=shown.on_step,
         )
-    line = {
+    console.print(_ended(flashed, name) + _effort(flashed, len(image)))
+
+
+def _ended(flashed: "Flashed", name: str) -> str:
+    from can_bridge.tester.sequence import End
+
+    return {
         End.ALREADY: f"{name} runs already, and is confirmed: nothing was done",
         End.WOULD_FLASH: "dry run: nothing stands against it, and nothing was written",
         End.ON_TRIAL: f"{name} runs on trial, {_boots_left(flashed)} boots left; the same command "
         "without --no-confirm confirms it",
         End.CONFIRMED: f"{name} runs, and is confirmed",
     }[flashed.end]
-    console.print(line + _effort(flashed, len(image)))
 
 
 class _Shown:
-    """The transfer as a bar, with its rate or what comes after it as the note."""
+    """The transfer, with its rate or what comes after it as the note."""
 
-    def __init__(self, bar: Progress) -> None:
-        self._bar = bar
-        self._task: TaskID | None = None
-        self._began = self._from = 0.0
+    def __init__(self, report: Report) -> None:
+        self._report = report
+        self._received: tuple[int, int] | None = None
 
     def progress(self, received: int, length: int) -> None:
-        now = time.monotonic()
-        if self._task is None:
-            self._task = self._bar.add_task("flash", total=length, completed=received)
-            self._began, self._from = now, received
-        elapsed = now - self._began
-        note = f"{(received - self._from) / 1000.0 / elapsed:.0f} kB/s" if received > self._from and elapsed else ""
-        self._bar.update(self._task, completed=received, note=note)
+        self._received = received, length
+        self._report("flash", received, length)
 
     def on_step(self, step: "Step") -> None:
-        if self._task is not None:
-            self._bar.update(self._task, note=step.name.lower().replace("_", " "))
+        if self._received is not None:
+            self._report("flash", *self._received, step.name.lower().replace("_", " "))
 
 
 def _running(facts: "EcuFacts") -> str:

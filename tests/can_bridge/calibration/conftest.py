@@ -10,7 +10,8 @@ from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.xcp_slave import XcpSlave
 from can_bridge.uds.access_key import AccessKey
 from contract.config.controller import CostWeights
-from contract.controller.calibration import WEIGHTS, Calibration, CalibrationLimits
+from contract.controller.calibration import Calibration, CalibrationLimits
+from contract.controller.interface import TERMS
 from tests.can_bridge.flashing.store_ecu import KEY
 
 REFERENCE = Calibration(
@@ -20,18 +21,16 @@ REFERENCE = Calibration(
     delay_steps=1,
 )
 LIMITS = CalibrationLimits(
-    least=Calibration(
-        weights=CostWeights(**dict.fromkeys(WEIGHTS, 0.0)), action_limit=0, command_step=0, delay_steps=0
-    ),
+    least=Calibration(weights=CostWeights(**dict.fromkeys(TERMS, 0.0)), action_limit=0, command_step=0, delay_steps=0),
     greatest=Calibration(
-        weights=CostWeights(**dict.fromkeys(WEIGHTS, 1000.0)), action_limit=0.075, command_step=0.0375, delay_steps=6
+        weights=CostWeights(**dict.fromkeys(TERMS, 1000.0)), action_limit=0.075, command_step=0.0375, delay_steps=6
     ),
 )
 
 
 def changed(**values: Any) -> Calibration:
     """The reference with other values; weights by their names."""
-    weights = {name: values.pop(name) for name in WEIGHTS if name in values}
+    weights = {name: values.pop(name) for name in TERMS if name in values}
     return replace(REFERENCE, weights=replace(REFERENCE.weights, **weights), **values)
 
 

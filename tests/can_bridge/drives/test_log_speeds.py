@@ -40,7 +40,7 @@ def test_the_speed_in_the_log_makes_the_coefficients_and_contradictions_are_name
         for wrong, text in (
             (
                 replace(SCALES, period=0.2),
-                r"20 ms apart, .* 20 m/s .*0\.16 W .*--period is 0\.2 .*25 m/s.*--period 0\.16",
+                r"20 ms apart, .* 20 m/s .*0\.16 W .*flow.control_period is 0\.2 .*25 m/s.*flow.control_period=0\.16",
             ),
             (replace(scales, given=frozenset({"operating_point.speed"})), r"speed = 25 m/s, its .* say 20 m/s"),
             (
@@ -108,7 +108,7 @@ def test_rows_without_a_speed_are_gaps_and_jumps_are_not_believed() -> None:
     assert read(with_speeds(one, waits)).report.speed == (0.0, 25.0, 25.0)
     with refused(DatasetError, r"say 0 m/s: the vehicle stands"):
         read(with_speeds(one, [0.0] * 120))
-    with refused(DatasetError, r"control period of 0\.2 W / U_inf, and --period is 2 "):
+    with refused(DatasetError, r"control period of 0\.2 W / U_inf, and flow.control_period is 2 "):
         series_of(LOG, with_speeds(one, [25.0] * 120), replace(SCALES, period=2.0), fill=2, split=False)
 
 

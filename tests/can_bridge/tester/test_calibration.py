@@ -45,11 +45,11 @@ def test_a_value_is_refused_before_anything_is_sent(asking):
         ("action_limit", 0.0701, "action_limit = 0.0701: must be in 0.01..0.07"),
     ):
         with pytest.raises(ConfigError, match=message):
-            calibration.changed(read, {name: value})
+            read.limits.changed(read.in_force, {name: value})
     # The limits themselves are allowed as people write them.
     calibration.unlock(asking)
     limits = {"action_limit": 0.07, "command_step": 0.075, "lift": 10.0}
-    calibration.write(asking, calibration.changed(read, limits))
+    calibration.write(asking, read.limits.changed(read.in_force, limits))
 
 
 def test_another_tools_values_are_noticed(ecu, asking):
@@ -63,4 +63,4 @@ def test_another_tools_values_are_noticed(ecu, asking):
 
     ecu.service.write = write
     with pytest.raises(FlashError, match="another tool"):
-        calibration.write(asking, calibration.changed(read, {"lift": 0.5}))
+        calibration.write(asking, read.limits.changed(read.in_force, {"lift": 0.5}))

@@ -192,7 +192,7 @@ def test_slips_of_units_are_noted(sound):
     places = replace(sound.layout, positions=100.0 * sound.layout.positions)
     assert any("divide lengths by the width" in text for text in texts(replace(sound, layout=places), stops=None))
     percent = replace(sound, facts=replace(sound.facts, action_limit=20.0))
-    assert any("--limit should be about" in text for text in texts(percent, stops=None))
+    assert any("flow.action_limit should be about" in text for text in texts(percent, stops=None))
     period = 0.005 * sound.facts.control_period
     seconds = replace(
         sound,

@@ -22,8 +22,8 @@ from tests.docs.blocks.pages import ROOT, Line
 from tests.firmware_sim.ecu_in_c import exported
 
 _WRITES: Final = re.compile(
-    r"stillwake (?:can keygen|bundle keygen|bundle keylist|dataset import|ecu provision|run|train|record|"
-    r"develop|export \S+|bundle renew \S+) (?P<output>\S+)(?! --show)"
+    r"stillwake (?:keygen --secret|keygen|bundle keylist|dataset import|ecu provision|run|train|record|"
+    r"develop|export \S+|bundle renew \S+) (?P<output>\S+)"
 )
 _SENSORS: Final = (
     "name,x,y,base\nlower_36,6.9125,-0.5,0\nbase_7,7.647,-0.2045,1\nupper_39,7.4634,0.5,0\nbase_0,7.647,0.3682,1\n"

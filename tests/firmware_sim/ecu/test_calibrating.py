@@ -17,7 +17,8 @@ from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
-from contract.controller.calibration import NAMES, WEIGHTS, Calibration, CalibrationLimits
+from contract.controller.calibration import NAMES, Calibration, CalibrationLimits
+from contract.controller.interface import TERMS
 from contract.errors import ConfigError
 from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.ecu import Ecu
@@ -32,7 +33,7 @@ LIMIT, STEP = FlowConfig().action_limit, EcuConfig().command_step
 
 def calibration_of(bench, **changes) -> Calibration:
     own = release_calibration(bench.bundle, bench.config)
-    weights = {name: changes.pop(name) for name in WEIGHTS if name in changes}
+    weights = {name: changes.pop(name) for name in TERMS if name in changes}
     return replace(own, weights=replace(own.weights, **weights), **changes)
 
 
@@ -67,8 +68,8 @@ def test_weights_and_limit_are_those_of_the_period_in_the_order_of_the_controlle
     bench = bench_of(Weighed())
     bench.into_control()
     own = (*bench.bundle.manifest.mpc.weights.as_tuple(), LIMIT)
-    wanted = (*(float(k) for k in range(1, len(WEIGHTS) + 1)), 0.5 * LIMIT)
-    calibrate(bench, **dict(zip((*WEIGHTS, "action_limit"), wanted, strict=True)))
+    wanted = (*(float(k) for k in range(1, len(TERMS) + 1)), 0.5 * LIMIT)
+    calibrate(bench, **dict(zip((*TERMS, "action_limit"), wanted, strict=True)))
     bench.good(2)
     np.testing.assert_allclose(given, [own, *[wanted] * 2], rtol=1e-7)
 

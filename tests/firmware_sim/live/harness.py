@@ -19,12 +19,12 @@ from wake.plant.protocol import LoopPlant
 from wake.solver.grid import truck_grid
 
 CONFIG = Config()
-_LACKS = {"cortex-m7": "needs the extra mcu"}
+_LACKS = {"mcu": "needs the extra mcu"}
 CONTROLLERS, PLANTS = (
     tuple({"name": name, "label": name, "missing": _LACKS.get(name)} for name in names)
-    for names in (("int8", "c", "cortex-m7", "off"), ("wake", "recording"))
+    for names in (("python", "c", "mcu", "off"), ("wake", "recording"))
 )
-ENABLE_AFTER = 2.0
+LEAD_IN = 2.0
 """t_c: ten periods."""
 
 
@@ -56,7 +56,7 @@ class Live:
         *,
         wake: Callable[[str], LoopPlant] = oscillator,
         kept: int = 400,
-        enable_after: float = ENABLE_AFTER,
+        lead_in: float = LEAD_IN,
         **more: Any,
     ) -> None:
         self.bundle = make_bundle()
@@ -70,7 +70,7 @@ class Live:
             ecu=self._ecu,
             controllers=CONTROLLERS,
             plants=PLANTS,
-            enable_after=enable_after,
+            lead_in=lead_in,
             kept=kept,
             clock=iter(np.arange(10**6) / 40.0).__next__,
             **more,

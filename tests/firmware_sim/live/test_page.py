@@ -83,7 +83,7 @@ def first(opened) -> Visit:
 def live(first) -> Iterator[Visit]:
     yield first
     ask(first, clear=True)
-    ask(first, set={"controller": "int8", "plant": "wake", "enable": True})
+    ask(first, set={"controller": "python", "plant": "wake", "enable": True})
     wait_for_settings(first, START)
     assert not first.troubles
 
@@ -131,7 +131,7 @@ def test_each_control_acts_on_the_loop_by_keyboard_alone(live):
         wait_for_settings(live, replace(START, **changed))
         until(lambda: live.page.locator(selector).input_value() == shown)
         ask(live, clear=True)
-        ask(live, set={"controller": "int8", "plant": "wake"})
+        ask(live, set={"controller": "python", "plant": "wake"})
         # The page may be behind the loop, which starts again with another plant.
         wait_for_settings(live, START)
 

@@ -20,7 +20,7 @@ from firmware_sim.runs.run_log import Row, RunLog
 from tests.examples import examples
 from tests.firmware_sim.bench.harness import NAMES, LiveOscillator, Waves
 from tests.firmware_sim.conftest import make_bundle
-from tests.firmware_sim.live.harness import CONFIG, ENABLE_AFTER, Live, shown
+from tests.firmware_sim.live.harness import CONFIG, LEAD_IN, Live, shown
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ def same_as_a_run(live: Live, watched: Watched, texts: tuple[str, ...]) -> None:
     again = Simulation(
         make_bundle(),
         CONFIG,
-        spans=Spans(lead_in=ENABLE_AFTER, controlled=0.2 * periods - ENABLE_AFTER, settle=0.0, averages=False),
+        spans=Spans(lead_in=LEAD_IN, controlled=0.2 * periods - LEAD_IN, settle=0.0, averages=False),
         controller=Waves(),
         disturbances=Disturbances.parse(texts),
     ).run(LiveOscillator(CONFIG), capture=frames.append)
@@ -66,7 +66,7 @@ def same_as_a_run(live: Live, watched: Watched, texts: tuple[str, ...]) -> None:
         if name != "step_ms":
             np.testing.assert_array_equal(done.series[name], values, err_msg=name)
     assert (done.bus, done.traffic, done.enabled_at) == (again.bus, again.traffic, again.enabled_at)
-    assert live.made["int8"].status() == again.metadata.status
+    assert live.made["python"].status() == again.metadata.status
     assert watched.frames == frames
     # What viewers get are these rows.
     assert live.rows["k"] == list(range(periods))
@@ -88,7 +88,7 @@ def test_what_is_set_disturbs_as_the_same_texts_disturb_a_run(monkeypatch):
     live.ask(power_cycle=True)
     assert live.run(20).state == "STANDBY"
     assert live.set(enable=False).run(3).set(enable=True).run(10).state == "CONTROL"
-    live.set(controller="off").run(30).set(controller="int8").run(30)
+    live.set(controller="off").run(30).set(controller="python").run(30)
     # Longer without commands than the vehicle bears: it has withdrawn its request.
     assert (live.state, live.heard["now"]["given_up"]) == ("ARMED", True)
     live.ask(clear=True)
@@ -129,26 +129,26 @@ def test_a_request_by_a_viewer_needs_no_lead_in_and_a_refusal_ends_it():
 
 def test_another_controller_goes_on_from_the_state_of_the_one_before(live):
     live.run(30).set(controller="c").run(5)
-    assert list(live.made) == ["int8", "c"]
+    assert list(live.made) == ["python", "c"]
     assert live.heard["now"]["computed_by"] == "waves by c"
     live.set(weights={"drag_mean": 2.0}).run(5)
     assert live.made["c"].calibration.weights.drag_mean == 2.0
     assert set(live.rows["mode"][15:]) == {2}
     live.set(weights=None).run(1)
     assert live.made["c"].calibration.weights == live.bundle.manifest.mpc.weights
-    live.set(controller="int8").set(weights={"lift": 3.0}).run(1)
-    assert live.made["int8"].calibration.weights.lift == 3.0
+    live.set(controller="python").set(weights={"lift": 3.0}).run(1)
+    assert live.made["python"].calibration.weights.lift == 3.0
     live.set(controller="c").run(2).ask(restart=True)
     assert live.run(20).state == "CONTROL"
     assert live.heard["now"]["k"] == 19
 
 
 def test_an_ecu_that_is_asked_for_and_can_be_had_is_made_ahead():
-    work = dict.fromkeys(("c", "cortex-m7"), lambda: None)
+    work = dict.fromkeys(("c", "mcu"), lambda: None)
     session = Live(ahead=work.get).session
     assert session.before({"set": {"controller": "c", "noise": 0.1}}) is work["c"]
     for other in (
-        *({"set": {"controller": name}} for name in ("int8", ["c"], "cortex-m7")),
+        *({"set": {"controller": name}} for name in ("python", ["c"], "mcu")),
         *({"set": "c"}, {"clear": True}, 3),
     ):
         assert session.before(other) is None, other
@@ -164,7 +164,7 @@ def test_what_cannot_be_had_is_one_line_and_changes_nothing():
     live.refused = {"c"}
     before = live.heard["settings"]
     for values, message in (
-        ({"controller": "cortex-m7"}, "needs the extra mcu"),
+        ({"controller": "mcu"}, "needs the extra mcu"),
         ({"controller": "c", "noise": 0.5}, "no compiler for c"),
         ({"noise": 0.5, "loss": 2}, "must be in 0..1"),
         ({"dead": "upper_0"}, "must be one of none, upper_39"),
@@ -182,7 +182,7 @@ def test_what_cannot_be_had_is_one_line_and_changes_nothing():
 
 def test_the_means_are_those_of_the_oscillator():
     """Cd = 1 + cos(t)^2, whose mean over whole cycles is 1.5; the solver's step costs a percent."""
-    live = Live(enable_after=20.0).run(99)
+    live = Live(lead_in=20.0).run(99)
     now = live.heard["now"]
     assert now["uncontrolled_Cd"] == pytest.approx(1.5, rel=0.01)
     assert now["drag_Cd"] == pytest.approx(1.5, rel=0.01)
@@ -250,7 +250,7 @@ def test_what_is_cleared_stays_so_when_something_else_is_set_at_once():
     for fault, periods in (({"babble": True}, 4), ({"delay_ms": 200}, 16)):
         live = Live().run(60).set(**fault).run(periods)
         live.ask(clear=True)
-        assert live.set(controller="int8").run(80).state == "CONTROL", fault
+        assert live.set(controller="python").run(80).state == "CONTROL", fault
 
 
 def test_paused_it_stands_still_and_still_takes_settings(live):
@@ -265,7 +265,7 @@ def test_paused_it_stands_still_and_still_takes_settings(live):
 
 
 def test_the_flow_is_shown():
-    live = Live(wake=shown, enable_after=0.4).run(4)
+    live = Live(wake=shown, lead_in=0.4).run(4)
     width, height = live.heard["hello"]["raster"]
     assert len(live.pictures) == 4
     levels = np.frombuffer(live.pictures[-1][-width * height :], np.int8).reshape(height, width)

@@ -10,7 +10,7 @@ from contract.release import bundle
 from firmware_sim.ecu.calibrating import release_calibration
 from firmware_sim.runs.metadata import InjectedFault, RunEcu, RunMetadata
 
-CORE = RunEcu.of("cortex-m7", 480.0, [10_000_000, 12_000_000, 11_000_000])
+CORE = RunEcu.of("mcu", 480.0, [10_000_000, 12_000_000, 11_000_000])
 
 
 def test_metadata_survive_json_also_those_of_an_earlier_version(run_metadata):
@@ -47,4 +47,4 @@ def test_an_emulated_core_has_median_and_longest_of_the_steps_that_planned():
     assert (CORE.modelled_ms, CORE.modelled_ms_max) == (11.0, 12.0)
     # Another ECU's compute time is a setting, and no figure of it.
     assert RunEcu.of("c", None, [8_000_000]) == RunEcu(kind="c")
-    assert RunEcu.of("cortex-m7", 480.0, []) == RunEcu(kind="cortex-m7", clock_mhz=480.0)
+    assert RunEcu.of("mcu", 480.0, []) == RunEcu(kind="mcu", clock_mhz=480.0)

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from benchmarks.common.command_line import track
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.sender import SenderState, protected_frame
 from can_bridge.secoc.freshness import Freshness
@@ -18,7 +19,6 @@ from can_bridge.secoc.securing import secure
 from can_bridge.wire.frame import FD_LENGTHS, Frame
 from can_bridge.wire.message_sets import SECURED
 from can_bridge.wire.message_specs import FRESHNESS_LENGTH, MAC_LENGTH, MessageSpec
-from tests.proofs.command_line import track
 
 RECORDED: Final = 1000
 """Genuine frames of the other messages that the attacker has."""

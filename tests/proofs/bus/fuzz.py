@@ -9,6 +9,7 @@ from typing import Any, Final
 import can
 from can.interfaces.udp_multicast.utils import pack_message
 
+from benchmarks.common.command_line import track
 from can_bridge.bus.conversion import to_message
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.secoc.freshness import Freshness
@@ -16,7 +17,7 @@ from can_bridge.secoc.node import secured
 from can_bridge.wire.frame import Frame
 from tests.proofs.bus.garbage import any_datagram, any_line, any_message
 from tests.proofs.bus.receive_path import KEY, MESSAGES, ReceivePath
-from tests.proofs.command_line import max_rss_kib, track
+from tests.proofs.command_line import max_rss_kib
 
 BATCH: Final = 50
 """Receptions between two collections, a tenth of them genuine."""

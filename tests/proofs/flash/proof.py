@@ -16,8 +16,9 @@ from typing import Annotated, Any, Final, NamedTuple
 
 import typer
 
+from benchmarks.common.command_line import track
 from contract.errors import StillwakeError
-from tests.proofs.command_line import JsonFile, console, report, spread, track
+from tests.proofs.command_line import JsonFile, console, report, spread
 from tests.proofs.flash.cuts import KINDS, Case, Tally, walk
 
 PIECE: Final = 100

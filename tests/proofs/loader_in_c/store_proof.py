@@ -7,10 +7,11 @@ from pathlib import Path
 from random import Random
 from typing import Any, Final
 
+from benchmarks.common.command_line import track
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Kind, Slot
 from contract.release import signing
-from tests.proofs.command_line import in_parts, track
+from tests.proofs.command_line import in_parts
 from tests.proofs.ecu_in_c.branch_coverage import branches, is_possible
 from tests.proofs.loader_in_c import node_library, store_planted
 from tests.proofs.loader_in_c.store_fuzz import SANITISED, fuzz

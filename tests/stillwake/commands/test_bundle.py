@@ -22,38 +22,38 @@ LISTED = {
 
 @pytest.fixture
 def keys(cli, tmp_path):
-    cli("bundle", "keygen", tmp_path / "keys")
+    cli("keygen", tmp_path / "keys")
     return tmp_path / "keys" / "release.key"
 
 
 def test_keys_are_made_once_and_readable_by_their_owner_alone(cli, tmp_path, monkeypatch):
-    made = cli("bundle", "keygen", tmp_path / "keys")
+    made = cli("keygen", tmp_path / "keys")
     secret, public = tmp_path / "keys" / "release.key", tmp_path / "keys" / "release.pub"
     assert signing.read_public_key(public).fingerprint in made.out
     assert signing.public_key(signing.read_private_key(secret)) == signing.read_public_key(public)
     assert stat.S_IMODE(secret.stat().st_mode) == 0o600
     before = secret.read_bytes(), public.read_bytes()
-    again = cli("bundle", "keygen", tmp_path / "keys")
+    again = cli("keygen", tmp_path / "keys")
     assert (again.code, again.err) == (1, f"error: {secret}: is there already; keys are never overwritten\n")
     assert (secret.read_bytes(), public.read_bytes()) == before
     # A private key without its public half is not left behind either.
     secret.unlink()
-    assert cli("bundle", "keygen", tmp_path / "keys").code == 1
+    assert cli("keygen", tmp_path / "keys").code == 1
     monkeypatch.setattr("contract.release.signing.PUBLIC_KEY", 300 * "k")
-    assert "too long" in cli("bundle", "keygen", tmp_path / "others").err
+    assert "too long" in cli("keygen", tmp_path / "others").err
     assert not (tmp_path / "others").exists()
     assert not secret.exists()
 
 
 def test_a_bundle_verifies_against_the_key_that_signed_it_last(cli, signed, keys, public_key_file):
-    ours = cli("bundle", "verify")
+    ours = cli("bundle", "inspect")
     assert (ours.code, ours.err) == (0, "")
     assert f"by the trusted key {signing.project_key().fingerprint}" in ours.out
-    assert "checks failed: manifest.sig" in cli("bundle", "verify", signed, "--trust", "project").err
-    assert cli("bundle", "verify", signed, "--trust", public_key_file).code == 0
+    assert "checks failed: manifest.sig" in cli("bundle", "inspect", signed, "--trust", "project").err
+    assert cli("bundle", "inspect", signed, "--trust", public_key_file).code == 0
     assert cli("bundle", "sign", signed, "--key", keys).code == 0
-    assert cli("bundle", "verify", signed, "--trust", keys.with_name("release.pub")).code == 0
-    assert cli("bundle", "verify", signed, "--trust", public_key_file).code == 1
+    assert cli("bundle", "inspect", signed, "--trust", keys.with_name("release.pub")).code == 0
+    assert cli("bundle", "inspect", signed, "--trust", public_key_file).code == 1
     # What is altered is not signed.
     (signed / CONTROLLER).write_bytes((signed / CONTROLLER).read_bytes()[:-1])
     before = (signed / SIGNATURE).read_bytes()
@@ -88,7 +88,7 @@ def test_a_file_that_is_no_key_is_named(refused, signed, public_key_file, tmp_pa
         (other.public_bytes(ser.Encoding.PEM, ser.PublicFormat.SubjectPublicKeyInfo), "must be an Ed25519 key"),
     ):
         path.write_bytes(content)
-        line = refused("bundle", "verify", signed, "--trust", path)
+        line = refused("bundle", "inspect", signed, "--trust", path)
         assert line.startswith(f"error: key {path}: ") and named in line, content
     locked.write_bytes(KEY.private_bytes(ser.Encoding.PEM, ser.PrivateFormat.PKCS8, ser.BestAvailableEncryption(b"x")))
     assert "is encrypted; must be a PEM file without" in refused("bundle", "sign", signed, "--key", locked)
@@ -117,13 +117,13 @@ def test_a_name_is_printed_as_it_is_unless_a_terminal_would_obey_it(cli, signed,
     name = "[/x] [bold]loud[/bold]"
     resealed(signed, name=name, sensors=["[red]a", "b[/]", "c", "d"])
     (signed / SIGNATURE).unlink()
-    for verb, *more in (["verify"], ["inspect"], ["sign", "--key", keys]):
+    for verb, *more in (["inspect"], ["sign", "--key", keys]):
         outcome = cli("bundle", verb, signed, *more)
         assert (outcome.code, outcome.err, name in outcome.out) == (0, "", True), verb
     assert "[red]a, b[/], c, d" in outcome.out
     resealed(signed, name="\x1b[2J\x1b]0;title\x07")
     (signed / SIGNATURE).unlink()
-    for verb, *more in (["verify"], ["inspect"], ["sign", "--key", keys]):
+    for verb, *more in (["inspect"], ["sign", "--key", keys]):
         outcome = cli("bundle", verb, signed, *more)
         assert (outcome.code, len(outcome.err.splitlines())) == (1, 1), verb
         assert all(line.isprintable() for line in (outcome.out + outcome.err).splitlines()), verb
@@ -133,20 +133,14 @@ def test_a_key_list_is_made_that_the_root_key_signed_and_shown(cli, all_refused,
     monkeypatch.chdir(tmp_path)
     for name, key in LISTED.items():
         signing.write_key_pair(tmp_path / name, key)
-    make = ["bundle", "keylist", "list", "--root", "root/release.key", "--version", "3", "--key", "new/release.pub"]
+    make = ["bundle", "keylist", "list", "--key", "root/release.key", "--version", "3", "--allow", "new/release.pub"]
     all_refused(
         "bundle keylist",
         {
-            "list": "give --root, --version and at least one --key",
-            "list --root root/release.key --version 3": "at least one --key",
-            "list --root root/release.pub --version 3 --key new/release.pub": "not a private key",
-            "list --root root/release.key --version 0 --key new/release.pub": "version 0: must be in",
-            "list --root root/release.key --version 3 --key new/release.key": "not a public key",
+            "list --key root/release.pub --version 3 --allow new/release.pub": "not a private key",
+            "list --key root/release.key --version 0 --allow new/release.pub": "version 0: must be in",
+            "list --key root/release.key --version 3 --allow new/release.key": "not a public key",
             f"{' '.join(make[2:])} --revoke new/release.pub": "is allowed and revoked",
-            "list --show": "No such file",
-            "new --show": "Is a directory",
-            "root/release.pub --show": "has no signature",
-            "list --show --version 3": "--show takes no --version",
         },
     )
     made = cli(*make, "--revoke", "old/release.pub")
@@ -155,13 +149,11 @@ def test_a_key_list_is_made_that_the_root_key_signed_and_shown(cli, all_refused,
     listed = key_list.decode((tmp_path / "list").read_bytes(), public["root"])
     assert listed == key_list.KeyList(version=3, keys=frozenset({public["new"]}), revoked=frozenset({public["old"]}))
     assert all(key.fingerprint in made.out for key in public.values())
-    for more in ((), ("--root", "root/release.pub")):
-        shown = cli("bundle", "keylist", "list", "--show", *more)
+    for more in ((), ("--trust", "root/release.pub")):
+        shown = cli("bundle", "inspect", "list", *more)
         assert (shown.code, shown.err, shown.out) == (0, "", made.out.removesuffix("wrote list\n"))
-    other = cli("bundle", "keylist", "list", "--show", "--root", "new/release.pub")
+    other = cli("bundle", "inspect", "list", "--trust", "new/release.pub")
     assert (other.code, other.out, "must be by the root key" in other.err) == (1, "", True)
     before = (tmp_path / "list").read_bytes()
-    assert "--overwrite" in cli(*make).err
+    assert "list: there is one already" in cli(*make).err
     assert (tmp_path / "list").read_bytes() == before
-    assert cli(*make, "--overwrite").code == 0
-    assert (tmp_path / "list").read_bytes() != before

@@ -40,8 +40,7 @@ def test_its_status_is_that_of_diff(cli, refused, changed, tmp_path, monkeypatch
     assert rows[0] == ["name", json.loads((BUNDLE / MANIFEST).read_text())["name"], "other"]
     assert rows[2] == ["signer", signing.project_key().fingerprint, signing.public_key(KEY).fingerprint]
     assert rows[3] == ["security_version", "1", "7"]
-    # What does not verify, or not by the key that is demanded, is not compared.
-    assert "must be signed by" in refused("bundle", "diff", BUNDLE, changed, "--trust", "project", status=2)
+    # What does not verify is not compared.
     (changed / CONTROLLER).write_bytes(b"x")
     for pair in ((changed, BUNDLE), (BUNDLE, changed)):
         line = refused("bundle", "diff", *pair, status=2)

@@ -78,7 +78,7 @@ def test_the_new_one_has_the_same_controller_and_names_where_it_comes_from(cli, 
 def test_a_sensor_estimator_can_be_fitted_to_a_recording_that_does(cli, refused, old, keys, tmp_path):
     recording = tmp_path / "short.h5"
     dataset.write(recording, Dataset(episodes=(episode("a", "train", 20),)))
-    words = ("bundle", "renew", old, tmp_path / "new", "--name", "renewed", "--key", keys, "--sensors", recording)
+    words = ("bundle", "renew", old, tmp_path / "new", "--name", "renewed", "--key", keys, "--dataset", recording)
     assert "no training episode is longer than the window of 64" in refused(*words)
     dataset.write(recording, Dataset(episodes=(episode("a", "train", 100),)))
     done = cli(*words)

@@ -70,7 +70,7 @@ def test_a_campaign_writes_page_table_figures_and_results(cli, executor, plan, t
 @pytest.mark.slow  # draws pages
 def test_one_broken_invariant_is_status_3(cli, executor, tmp_path) -> None:
     executor.unsafe = "gust"
-    outcome = cli("campaign", tmp_path / "out", "--only", "gust", "--quick")
+    outcome = cli("campaign", tmp_path / "out", "--only", "gust", "--phases", 1, "--controlled", 40)
     assert outcome.code == 3
     assert "1 of 2 scenarios safe" in outcome.out
     assert "gust: phase 0: period 3: jets_shut" in outcome.out
@@ -78,14 +78,14 @@ def test_one_broken_invariant_is_status_3(cli, executor, tmp_path) -> None:
 
 def test_a_stopped_campaign_says_how_to_go_on_and_no_other_continues_it(cli, refused, executor, tmp_path) -> None:
     executor.stop_after = 2
-    call = ("campaign", tmp_path / "out", "--only", "gust", "--quick")
+    call = ("campaign", tmp_path / "out", "--only", "gust", "--phases", 1, "--controlled", 40)
     outcome = cli(*call)
     assert outcome.code == 130
     assert outcome.err == f"stopped; {tmp_path / 'out'} keeps 2 finished runs, the same command continues it\n"
     assert "other seed; give --overwrite" in refused(*call, "--seed", 1)
     executor.ran.clear()
     executor.stop_after = 0
-    nothing = cli("campaign", tmp_path / "other", "--only", "gust", "--quick")
+    nothing = cli("campaign", tmp_path / "other", "--only", "gust", "--phases", 1, "--controlled", 40)
     assert (nothing.code, nothing.err) == (130, "stopped\n")
     assert not (tmp_path / "other").exists()
 
@@ -98,6 +98,7 @@ def test_a_call_that_cannot_be_is_one_line(all_refused, executor) -> None:
             "out --only noize*": "noize",
             "out --scenarios nowhere.toml": "plan nowhere.toml: No such file",
             "out --settle 60": "--settle 60",
+            "out --workers many": "--workers many: must be a number of processes, or an address",
             "out --set train.epochs=3": "train.epochs",
             "out --set flow.control_period=0.3": "control period",
             "out --set bus.interface=virtual": "bus.interface",

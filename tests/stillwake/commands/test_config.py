@@ -36,7 +36,7 @@ def test_every_setting_is_shown_with_its_value(cli):
 
 def test_a_value_comes_with_its_unit_and_its_source(cli, tmp_path):
     (tmp_path / "mine.toml").write_text("[ecu]\nhold_periods = 2\n")
-    outcome = cli("config", "--config", tmp_path / "mine.toml", "--set", "ecu.compute_time_ms=4.5")
+    outcome = cli("config", "--set", tmp_path / "mine.toml", "--set", "ecu.compute_time_ms=4.5")
     found = rows(outcome.out)
     assert found["ecu.hold_periods"] == ["2", "1", "periods", "file"]
     assert found["ecu.compute_time_ms"] == ["4.5", "8", "ms", "--set"]
@@ -60,7 +60,7 @@ def test_changed_leaves_out_what_is_the_papers(cli, tmp_path):
         name for name, value in leaves(to_tree(load_config())).items() if value != leaves(to_tree(Config()))[name]
     }
     (tmp_path / "paper.toml").write_text('base = "paper"\n')
-    assert cli("config", "--changed", "--config", tmp_path / "paper.toml").out == "all settings: as in the paper\n"
+    assert cli("config", "--changed", "--set", tmp_path / "paper.toml").out == "all settings: as in the paper\n"
 
 
 def test_the_file_it_writes_gives_the_same_settings(cli, tmp_path):

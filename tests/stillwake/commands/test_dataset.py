@@ -34,8 +34,8 @@ def files(tmp_path: Path) -> list[object]:
     calm = foreign_plant.write_npz(tmp_path / "calm.npz", foreign_plant.series(200, 2, forced=False))
     held_out = foreign_plant.write_hdf5(tmp_path / "held out.h5", foreign_plant.series(150, 3))
     return [
-        *("--sensors", sensors, "--train", sweep, "--train", calm, "--test", held_out),
-        *("--period", PERIOD, "--limit", LIMIT, "--asymmetric"),
+        *("--layout", sensors, f"train={sweep}", f"train={calm}", f"test={held_out}", "--asymmetric"),
+        *("--set", f"flow.control_period={PERIOD}", "--set", f"flow.action_limit={LIMIT}"),
     ]
 
 
@@ -54,10 +54,10 @@ def test_an_imported_data_set_is_fit_and_its_settings_fit_it(run: Run, made: Pat
         ("held out", "test", 150),
     ]
     assert read.layout.names == NAMES
-    status, output, _ = run("check", made)
+    status, output, _ = run("inspect", made)
     assert status == 0
     assert "fit for training and export" in output
-    status, output, _ = run("show", made, "--settings")
+    status, output, _ = run("inspect", made, "--settings")
     (tmp_path / "my.toml").write_text(output)
     assert tomllib.loads(output)["flow"] == {"control_period": PERIOD, "action_limit": LIMIT}
     config = load_config(tmp_path / "my.toml", [])
@@ -67,13 +67,13 @@ def test_an_imported_data_set_is_fit_and_its_settings_fit_it(run: Run, made: Pat
 
 
 @pytest.mark.slow
-def test_show_lists_episodes_sensors_and_facts_and_draws(run: Run, made: Path, tmp_path: Path) -> None:
-    status, output, _ = run("show", made, "--picture", tmp_path / "a.png")
+def test_it_lists_episodes_sensors_and_facts_and_draws(run: Run, made: Path, tmp_path: Path) -> None:
+    status, output, _ = run("inspect", made, "--picture", tmp_path / "a.png")
     assert status == 0
     for word in ("sweep", "held out", "lid-left", "control period 0.3", "reynolds not known", "without mirror images"):
         assert word in output
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
-    status, _, errors = run("show", made, "--picture", tmp_path / "a.jpg")
+    status, _, errors = run("inspect", made, "--picture", tmp_path / "a.jpg")
     assert status == 1
     assert "must end in .png" in errors
 
@@ -83,17 +83,19 @@ def test_a_file_that_is_there_is_replaced_only_when_asked_and_a_source_never(
 ) -> None:
     call = ("dataset", "import")
     assert "--overwrite" in refused(*call, made, *files)
-    assert cli(*call, made, *files, "--reynolds", 90, "--overwrite").code == 0
+    assert cli(*call, made, *files, "--set", "flow.reynolds=90", "--overwrite").code == 0
     assert dataset.read(made).plant.reynolds == 90.0
     source = tmp_path / "held out.h5"
     line = f"error: {source}: is one of the files to read; give another name\n"
     assert refused(*call, source, *files, "--overwrite") == line
     (tmp_path / "round.h5").symlink_to("round.h5")
     assert "cannot write" in refused(*call, tmp_path / "round.h5", *files, "--overwrite")
-    assert "round.h5: no such file" in refused(*call, tmp_path / "new.h5", *files, "--test", tmp_path / "round.h5")
+    assert "round.h5: no such file" in refused(*call, tmp_path / "new.h5", *files, f"test={tmp_path / 'round.h5'}")
     named = "a data set is an HDF5 file; its name must end in .h5 or .hdf5"
     assert named in refused(*call, tmp_path / "my.csv", *files)
-    assert "--map Cl: write NAME=COLUMN" in refused(*call, tmp_path / "other.h5", *files, "--map", "Cl")
+    assert "'Cl': must be NAME=VALUE, such as Cd=drag_coefficient" in refused(
+        *call, tmp_path / "other.h5", *files, "--map", "Cl"
+    )
     # Nothing is written unless every file fits.
     text = (tmp_path / "sweep.csv").read_text().splitlines()
     text[40] = text[40].replace(text[40].split(",")[3], "")
@@ -107,18 +109,16 @@ def test_numbers_that_cannot_be_are_noted_and_packed_ones_unpacked(
     run: Run, refused: Callable[..., str], tmp_path: Path
 ) -> None:
     (tmp_path / "sensors.csv").write_text(wake.SENSORS)
+    facts = ("--set", "flow.control_period=0.3", "--set", "flow.action_limit=0.2")
     packing = {"Cp": (0.02, -0.4), "Cd": (0.004, 1.0), "Cl": (0.02, 0.0)}
 
     def words(scales: dict[str, float], packed: bool, gap: bool = False) -> list[object]:
         """Write the files of a case, and name them."""
         found: list[object] = [
             tmp_path / "o.h5",
-            "--sensors",
+            "--layout",
             tmp_path / "sensors.csv",
-            "--period",
-            0.3,
-            "--limit",
-            0.2,
+            *facts,
         ]
         for name, how in wake.FILES.items():
             values = {key: one * scales.get(key, 1.0) for key, one in wake.series(*how).items()}
@@ -132,20 +132,20 @@ def test_numbers_that_cannot_be_are_noted_and_packed_ones_unpacked(
                         file[key].attrs.update(scale_factor=scale, add_offset=offset, _FillValue=np.int8(-128))
                     if gap:
                         file["Cd"][50:56] = -128
-            found += ["--test" if name == "held_out" else "--train", path]
+            found.append(f"{'test' if name == 'held_out' else 'train'}={path}")
         return found
 
-    settings = ("--set", "flow.control_period=0.3", "--set", "flow.action_limit=0.2", "--set", "model.window=32")
+    settings = (*facts, "--set", "model.window=32")
     units = ("--reference", "t=5ms", "--reference", "Cd=-40N")
     for scales, packed, more, notes in (
         ({}, True, (), ()),
-        ({}, False, ("--dynamic-pressure", 75), ("all Cp are within 0.01", "divided by 75", "no --dynamic-pressure")),
-        ({"Cp": 75.0}, False, ("--dynamic-pressure", 75), ()),
+        ({}, False, ("--reference", "Cp=75Pa"), ("all Cp are within 0.01", "divided by 75", "no --reference Cp")),
+        ({"Cp": 75.0}, False, ("--reference", "Cp=75Pa"), ()),
         ({"t": 5.0, "Cd": -40.0}, False, units, ()),
         ({"Cd": -1.0}, False, (), ("mean Cd is -1.34", "--reference Cd=-1")),
     ):
         status, output, errors = run("import", *words(scales, packed), *more, "--overwrite")
-        checked = run("check", tmp_path / "o.h5", *settings)
+        checked = run("inspect", tmp_path / "o.h5", *settings)
         assert (status, errors, checked[0], checked[2]) == (0, "", 0, "")
         for text in (" ".join(output.split()), " ".join(checked[1].split())):
             assert all(note in text for note in notes) and ("note" in text) == bool(notes), text
@@ -159,14 +159,14 @@ def test_numbers_that_cannot_be_are_noted_and_packed_ones_unpacked(
 
 
 def test_settings_that_do_not_agree_are_wrong_where_they_are_given(run: Run, made: Path) -> None:
-    status, output, _ = run("check", made, "--set", "flow.control_period=0.2", "--set", "flow.action_limit=0.2")
+    status, output, _ = run("inspect", made, "--set", "flow.control_period=0.2", "--set", "flow.action_limit=0.2")
     assert status == 1
     assert "control period is 0.3 in the data set, flow.control_period = 0.2" in output
     # What is damaged is reported with what does not fit.
     with h5py.File(made, "r+") as file:
         del file["episodes/calm"].attrs["provenance"]
         file["episodes/sweep/action"][7] = -0.4
-    status, output, errors = run("check", made)
+    status, output, errors = run("inspect", made)
     assert (status, "2 things to put right" in errors) == (1, True)
     assert "'provenance' is missing" in output and "action is -0.4 at step 7" in output
 
@@ -174,9 +174,9 @@ def test_settings_that_do_not_agree_are_wrong_where_they_are_given(run: Run, mad
 def test_the_settings_that_fit_are_not_written_over_a_file_of_the_user(run: Run, made: Path) -> None:
     """The hint has a redirection that would replace the file."""
     kept = made.with_suffix(".toml")
-    _, output, _ = run("check", made)
+    _, output, _ = run("inspect", made)
     assert f"--settings > {kept}" in output
     kept.write_text("[mpc]\nhorizon = 20\n")
-    _, output, _ = run("check", made)
-    assert f"check and train with --config {kept}" in output
+    _, output, _ = run("inspect", made)
+    assert f"inspect and train with --set {kept}" in output
     assert ">" not in output

@@ -23,7 +23,7 @@ from tests.conftest import Coarse, Outcome
 
 Cli = Callable[..., Outcome]
 
-FACTS = ("--period", 0.2, "--limit", 0.075, "--asymmetric")
+FACTS = ("--set", "flow.control_period=0.2", "--set", "flow.action_limit=0.075", "--asymmetric")
 NAMES = ("lower_36", "base_7", "upper_39", "base_0")
 
 
@@ -56,7 +56,7 @@ class Place:
         given = self.folder / "drive.log" if log is None else log
         sensors = self.folder / "sensors.csv"
         return self.cli(
-            "dataset", "import", self.folder / "my.h5", "--sensors", sensors, *FACTS, "--train", given, *words
+            "dataset", "import", self.folder / "my.h5", f"train={given}", "--layout", sensors, *FACTS, *words
         )
 
     @property
@@ -94,8 +94,8 @@ def test_the_loops_own_capture_is_the_run_within_half_a_step(
     sensors = write_sensors(tmp_path / "sensors.csv", release.manifest.sensors)
     made = tmp_path / "my.h5"
     outcome = cli(
-        *("dataset", "import", made, "--sensors", sensors, *FACTS),
-        *("--train", tmp_path / "run" / "frames.log", "--forces", tmp_path / "run.csv"),
+        *("dataset", "import", made, f"train={tmp_path / 'run' / 'frames.log'}", "--layout", sensors, *FACTS),
+        *("--forces", tmp_path / "run.csv"),
     )
     assert outcome.code == 0, outcome.err
     (episode,) = dataset.read(made).episodes
@@ -149,7 +149,7 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused: Callable[
     (place.folder / "table.csv").write_text("action\n0\n")
     call = ("dataset", "import", "my.h5", *FACTS)
     all_refused(
-        (*call, "--sensors", "sensors.csv", "--train", "drive.log"),
+        (*call, "train=drive.log", "--layout", "sensors.csv"),
         {
             "": "a log has no drag and lift, and training needs them: give them with --forces",
             "--forces a.csv --forces b.csv": "--forces b.csv: is the second one; with more than one write LOG=",
@@ -158,24 +158,24 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused: Callable[
             "--forces bare.csv": "give with --forces-clock what its times are",
             "--forces forces.csv --forces-clock log": "it must cover them",
             "--forces forces.csv --forces-shift 0.1": "it must cover them; see --forces-clock and --forces-shift",
-            "--forces forces.csv --forces-map Cd=drag": "no column 'drag' for the forces' table; it has t [t_c], Cd, C",
+            "--forces forces.csv --map Cd=drag": "no column 'drag' for the forces' table; it has t [t_c], Cd, C",
             "--forces forces.csv --set operating_point.speed=50": "20 ms apart, the control period is 10 ms",
             "--forces forces.csv --set mpc.horizon=3": "`dataset import` does not use it",
-            "--forces forces.csv --dynamic-pressure 300": "drive.log has 375 Pa",
-            "--forces forces.csv --limit 0.01": "beyond the limit of 0.01",
+            "--forces forces.csv --reference Cp=300Pa": "drive.log has 375 Pa",
+            "--forces forces.csv --set flow.action_limit=0.01": "beyond flow.action_limit = 0.01",
             "--forces forces.csv --channel can7": "drive.log: --channel can7: it has vcan0",
             "--forces forces.csv --log-zone Mars": "--log-zone Mars: must be a name such as Europe/Berlin or UTC",
-            "--forces forces.csv --log-zone +02:00": "--log-zone +02:00: no log begins in local time",
+            "--forces forces.csv --log-zone +02:00": "no log begins in local time",
             "--forces forces.csv --set bus.frames=classic": "holds no pressure, PressureClassic (0x121)",
         },
     )
     forced = "no pressures for 5 control periods at 2.000 s; --fill allows 2; with --split"
-    all_refused((*call, "--sensors", "sensors.csv", "--forces", "forces.csv"), {"--train gap.log": forced})
-    three = "a Pressure message has 4 sensors, --sensors names 3"
-    all_refused((*call, "--sensors", "three.csv", "--forces", "forces.csv"), {"--train drive.log": three})
-    without = "are for CAN logs, and no file is one"
+    all_refused((*call, "--layout", "sensors.csv", "--forces", "forces.csv"), {"train=gap.log": forced})
+    three = "a Pressure message has 4 sensors, --layout names 3"
+    all_refused((*call, "--layout", "three.csv", "--forces", "forces.csv"), {"train=drive.log": three})
+    without = "are for CAN logs; none is given"
     all_refused(
-        (*call, "--sensors", "sensors.csv", "--train", "table.csv"),
+        (*call, "train=table.csv", "--layout", "sensors.csv"),
         {"--split": without, "--forces forces.csv": without, "--set operating_point.speed=20": without},
     )
 
@@ -213,10 +213,10 @@ def test_a_drive_at_another_speed_states_it_and_needs_no_setting(place: Place) -
     said = [speed("fd", k, 1000.0 + (k + 0.01) * 0.02, 20.0) for k in range(200)]
     log = write(place.folder / "slow.log", sorted([*log_of(one), *said], key=lambda message: message.timestamp))
     asked = place.call("--forces", place.folder / "forces.csv", log=log)
-    assert (asked.code, "give --period 0.16" in asked.err) == (1, True)
-    call = ("--forces", place.folder / "forces.csv", "--period", 0.16)
+    assert (asked.code, "give --set flow.control_period=0.16" in asked.err) == (1, True)
+    call = ("--forces", place.folder / "forces.csv", "--set", "flow.control_period=0.16")
     assert "beyond the limit of 0.075: at 20 m/s the same jets" in place.call(*call, log=log).err
-    outcome = place.call(*call, "--limit", 0.08, log=log)
+    outcome = place.call(*call, "--set", "flow.action_limit=0.08", log=log)
     assert outcome.code == 0, outcome.err
     assert "slow.log: Cp by the 20 m/s of its VehicleSpeed frames" in outcome.out
     (episode,) = place.read.episodes

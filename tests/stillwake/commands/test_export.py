@@ -43,7 +43,7 @@ def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, tmp_path, monk
     image = read((tmp_path / "release.swi").read_bytes())
     layout = ", ".join(f"0x{byte:02x}" for byte in image.facts.layout)
     assert f"SW_LAYOUT_SHA256 {{{layout}}}" in (tmp_path / "c" / "sw_layout.h").read_text(encoding="ascii")
-    release = open_release(None, None)
+    release = open_release(None)
     assert release.manifest.name in done.out and image.digest == release.digest
     for header, name, wanted in (
         ("sw_settings.h", "SW_PROGRAM_SHA256", release.manifest.program_sha256),
@@ -54,8 +54,7 @@ def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, tmp_path, monk
         assert stated.group(1) == wanted
     for name in ("c/sw_ecu_settings.h", "c/board/sw_board.ld", "c/loader/sw_uds_settings.h", "ecu.fmu"):
         assert (tmp_path / name).is_file(), name
-    assert cli("calibrate", "--a2l", tmp_path / "own.a2l").code == 0
-    assert cli("diagnose", "pdx", tmp_path / "own.pdx").code == 0
+    assert cli("export", "--for-testers", tmp_path / "own").code == 0
     for ending, own in (
         ("dbc", dbc_bytes()),
         *((end, (tmp_path / f"own.{end}").read_bytes()) for end in ("a2l", "pdx")),
@@ -88,7 +87,7 @@ def test_the_ecu_of_the_shipped_bundle_fits_a_cortex_m7(tmp_path):
     config, sender, folder = load_config(), E2eSender(PRESSURE), tmp_path / "c"
     speeds = E2eSender(VEHICLE_SPEED)
     cruises = emit_vehicle_speed(VehicleSpeed(speed_m_per_s=config.operating_point.speed, age_ns=0))
-    c_release.write_shipped_library(folder, open_release(None, None), config)
+    c_release.write_shipped_library(folder, open_release(None), config)
     rows = read_recorded(folder)[:, :-1]
     periods = []
     for k in range(68):
@@ -109,7 +108,7 @@ def test_the_ecu_of_the_shipped_bundle_fits_a_cortex_m7(tmp_path):
 
 
 def test_a_bundle_of_another_model_or_program_has_no_library(tmp_path, monkeypatch):
-    release = open_release(None, None)
+    release = open_release(None)
 
     def library_of(**changes: str) -> None:
         other = bundles.load(shutil.copytree(BUNDLE, tmp_path / "other", dirs_exist_ok=True))
@@ -132,4 +131,4 @@ def test_a_setting_that_c_cannot_do_for_this_release_ends_it_before_the_work(cli
 def test_without_the_data_a_line_says_how_to_get_them(tmp_path, monkeypatch):
     monkeypatch.setattr(shipped, "MODEL", tmp_path / "none")
     with pytest.raises(StillwakeError, match=r"the shipped model is not installed: pip install \./data"):
-        c_release.write_shipped_library(tmp_path / "c", open_release(None, None), load_config())
+        c_release.write_shipped_library(tmp_path / "c", open_release(None), load_config())

@@ -1,7 +1,6 @@
 """`stillwake picture` and `stillwake animate` as a user meets them."""
 
 import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,24 +12,23 @@ from contract.config.tree import Config
 from contract.errors import StillwakeError
 from firmware_sim.runs import run_log
 from firmware_sim.runs.bus_traffic import BusTraffic
-from stillwake.commands import picture as stillwake_pictures
+from stillwake.commands.picture import actions_of
 
 pytestmark = pytest.mark.slow  # figures are drawn and written
 
 
 def actions(**settings: Any) -> np.ndarray:
-    usual: dict[str, Any] = {"duration": None, "forcing": "none", "amplitude": None, "frequency": 0.2, "seed": 1}
-    return stillwake_pictures._actions(Config(), **{**usual, "run": None, **settings})
+    return actions_of(Config(), **{"duration": None, "forcing": "none", **settings})
 
 
 def test_stills_of_a_state(cli, tmp_path):
-    assert cli("picture", "vorticity", tmp_path / "v.png", "--sensors", "upper_39, base_0").code == 0
-    assert cli("picture", "pressure", tmp_path / "p.png").code == 0
+    assert cli("picture", tmp_path / "v.png", "--sensors", "upper_39, base_0").code == 0
+    assert cli("picture", tmp_path / "p.png", "--field", "pressure").code == 0
     assert Image.open(tmp_path / "v.png").size == Image.open(tmp_path / "p.png").size == (1100, 341)
 
 
 def test_a_mean_flow_prints_its_bubble(cli, tmp_path):
-    outcome = cli("picture", "mean", tmp_path / "m.png", "--duration", 0.6, "--settle", 0.2)
+    outcome = cli("picture", tmp_path / "m.png", "--field", "mean", "--duration", 0.6, "--settle", 0.2)
     assert outcome.code == 0
     # Backward flow reaches about a width behind the base; over three samples it is not a mean to quote.
     length = re.search(r"bubble length (\S+) W", outcome.out)
@@ -40,8 +38,8 @@ def test_a_mean_flow_prints_its_bubble(cli, tmp_path):
 
 
 def test_an_animation_of_a_forced_wake(cli, tmp_path):
-    forcing = ["--forcing", "sine", "--amplitude", 0.05, "--frequency", 0.3]
-    outcome = cli("animate", tmp_path / "a.gif", "--duration", 0.6, "--every", 2, "--width", 500, *forcing)
+    forcing = ["--forcing", "sine:amplitude=0.05,frequency=0.3"]
+    outcome = cli("picture", tmp_path / "a.gif", "--duration", 0.6, "--every", 2, "--width", 500, *forcing)
     assert outcome.code == 0
     animation = Image.open(tmp_path / "a.gif")
     assert isinstance(animation, GifImageFile)
@@ -55,19 +53,20 @@ def test_a_replayed_run_reaches_the_actions_that_were_in_force(tmp_path, run_met
     quiet = BusTraffic(load=0.0, frames=0, error_frames=0, longest_wait_ms={}, nodes={})
     log = run_log.RunLog(series=series, enabled_at=0, bus=bus, traffic=quiet, metadata=run_metadata)
     run_log.save(tmp_path / "series.npz", log)
-    assert actions(run=tmp_path).tolist() == in_force[1:]
-    assert actions(run=tmp_path, duration=0.4).tolist() == in_force[1:3]
+    assert actions(forcing=str(tmp_path)).tolist() == in_force[1:]
+    assert actions(forcing=str(tmp_path), duration=0.4).tolist() == in_force[1:3]
     with pytest.raises(StillwakeError, match=r"--duration 2\.0: the recording holds 0\.6 t_c"):
-        actions(run=tmp_path, duration=2.0)
+        actions(forcing=str(tmp_path), duration=2.0)
 
 
 def test_actions_that_do_not_exist_are_refused():
     for settings, message in (
-        ({"forcing": "sine", "amplitude": 0.2}, r"amplitude = 0\.2: must be between 0 and 0\.075"),
-        ({"forcing": "sine", "frequency": 3.0}, r"frequency = 3\.0: must be positive and below 2\.5"),
-        ({"forcing": "chirp", "amplitude": 0.01}, "only --forcing sine has one"),
-        ({"forcing": "chirp", "run": Path("nowhere")}, "exclude each other"),
-        ({"run": Path("nowhere")}, "nowhere/series.npz"),
+        ({"forcing": "sine:amplitude=0.2"}, r"amplitude = 0\.2: must be between 0 and 0\.075"),
+        ({"forcing": "sine:frequency=3"}, r"frequency = 3\.0: must be positive and below 2\.5"),
+        ({"forcing": "chirp:amplitude=0.01"}, "with a name of no parameter"),
+        ({"forcing": "training:seed=0.5"}, "seed must be a whole number"),
+        ({"forcing": "sine:amplitude=high"}, "must be numbers"),
+        ({"forcing": "nowhere"}, "nowhere/series.npz"),
     ):
         with pytest.raises(StillwakeError, match=message):
             actions(**settings)

@@ -57,7 +57,7 @@ def test_steady_writes_state_and_figures(plant, tmp_path, cli, monkeypatch) -> N
         return settled
 
     monkeypatch.setattr(steady, "settle", settle)
-    outcome = cli("steady", tmp_path / "s.npz", "--json", tmp_path / "s.json")
+    outcome = cli("develop", tmp_path / "s.npz", "--steady", "--json", tmp_path / "s.json")
     assert outcome.code == 0
     assert re.search(r"recirculation_length\s+4\.25", outcome.out)
     assert np.array_equal(load_state(tmp_path / "s.npz").flat, settled.state.flat)

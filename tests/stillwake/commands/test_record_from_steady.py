@@ -23,7 +23,7 @@ def test_a_steady_wake_that_is_not_there_is_computed_and_kept(cli, tmp_path, mon
     # From rest the flow starts at once: for the rest of the command this is steady enough.
     monkeypatch.setattr(steady, "_RATE", 1e3)
     output, state = tmp_path / "a.h5", tmp_path / "steady.npz"
-    call = ["record", output, "--from-steady", state, "--calm", 5, "--episodes", 1, "--set", "flow.refinement=0.4"]
+    call = ["record", output, "calm=5", "--from-steady", state, "--episodes", 1, "--set", "flow.refinement=0.4"]
     first, second = cli(*call), cli(*call, "--under", short_release)
     assert (first.code, first.err) == (second.code, second.err) == (0, "")
     assert "is not there: computing the steady wake" in first.out

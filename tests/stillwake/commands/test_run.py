@@ -17,7 +17,8 @@ from contract.release import bundle, signing
 from contract.release.checks import Bundle
 from firmware_sim.runs import run_log
 from firmware_sim.runs.run_folder import RunFolder
-from stillwake.commands.run import cost_weights, exit_with
+from stillwake.commands.run import exit_with
+from stillwake.parts.asked_calibration import asked_calibration
 from tests.conftest import SIGNING_KEY
 from tests.firmware_sim.runs.conftest import shedding_log
 
@@ -34,14 +35,15 @@ BEFORE = {
     "--require-reduction nan": "--require-reduction nan: must be a number of percent",
     "--require-reduction 0.2": "--require-reduction 0.2: is a number of percent; for 20 % write 20",
     "--drive steady-55": "drive 'steady-55': must be a file ending in .csv, or one of steady-60, ",
-    "--drive ramps --plant openfoam": "--drive ramps: needs the own solver, --plant stillwake",
+    "--drive ramps --plant openfoam": "--drive ramps: needs the own solver, --plant wake",
     "--drive steady-80 --controlled 40": "--controlled = 40 less --settle = 40 leaves 0 t_c: must be at least 10",
     # An ECU in C.
-    "--ecu rust": "--ecu rust: must be one of python, c, cortex-m7, cortex-m7-board",
+    "--ecu rust": "--ecu rust: must be one of python, c, mcu, or a clock in MHz as in mcu@300",
+    "--ecu c@3": "--ecu c@3: must be one of python, c, mcu",
+    "--ecu mcu@fast": "--ecu mcu@fast: 'fast' must be a clock in MHz",
     "--ecu c --set bus.key=k.pem": "bus.key: --ecu c has no authentication",
     "--ecu c --library nowhere": "library nowhere: No such file or directory",
     # What the bundle fixes, and what a run does not use.
-    "--trust project": "unsigned, must be signed by key",
     "--set mpc.iterations=50": "mpc.iterations = 50: fixed when the bundle was exported, to 5; make another",
     "--set train.epochs=3": "--set train.epochs: `run` does not use it",
     "--set bus.channel=can0": "--set bus.channel: `run` does not use it",
@@ -54,12 +56,11 @@ QUICK_ONES = {
     "--set bus.nominal_bitrate=100": "raise bus.nominal_bitrate or bus.data_bitrate",
     # A start of another Reynolds number, with a command that works.
     "--set flow.reynolds=400": "the shipped start is of 500; `stillwake develop start_re400.npz --set flow.reynolds="
-    "400` makes one, to be given with `--start start_re400.npz --set flow.reynolds=400`",
-    "--start nowhere.npz": "nowhere.npz: not a flow state",
+    "400` makes one, to be given with `--state start_re400.npz --set flow.reynolds=400`",
+    "--state nowhere.npz": "nowhere.npz: not a flow state",
     # Faults on the bus.
-    "--fault drop:probability=0.1": "must begin with the node whose port it is in, vehicle: or ecu:",
-    "--fault ecu:disconnect:kind=device_gone": "an open wire is `ecu:disconnect`",
-    "--fault ecu:disconnect@5..10": "begins when the run has ended, after 0.22 s",
+    "--disturb ecu:disconnect:kind=device_gone": "an open wire is `ecu:disconnect`",
+    "--disturb ecu:disconnect@5..10": "begins when the run has ended, after 0.22 s",
 }
 
 
@@ -87,19 +88,19 @@ def test_given_weights_take_the_place_of_the_bundles(release):
     ours = release.manifest.mpc.weights
     # The release's settings have other weights than this bundle: they are not what the user gave.
     assert load().config.mpc.weights != ours
-    assert cost_weights(load(), release) == ours
-    found = cost_weights(load(None, ["mpc.weights.lift=9.0", "mpc.weights.effort=0.5"]), release)
-    assert found == replace(ours, lift=9.0, effort=0.5)
+    assert asked_calibration(load(), release).weights == ours
+    found = asked_calibration(load(None, ["mpc.weights.lift=9.0", "mpc.weights.effort=0.5"]), release)
+    assert found.weights == replace(ours, lift=9.0, effort=0.5)
 
 
 def test_a_file_may_name_what_the_bundle_has(release, tmp_path):
     path = tmp_path / "settings.toml"
     mpc = release.manifest.mpc
     path.write_text(f"[mpc]\nhorizon = {mpc.horizon}\n[mpc.weights]\nlift = 3\n")
-    assert cost_weights(load(path), release).lift == 3.0
+    assert asked_calibration(load(path), release).weights.lift == 3.0
     path.write_text("[mpc]\nhorizon = 7\n")
     with pytest.raises(ConfigError, match=r"mpc\.horizon = 7: fixed when the bundle was exported, to 8; .*horizon=7`"):
-        cost_weights(load(path), release)
+        asked_calibration(load(path), release)
 
 
 @pytest.mark.slow
@@ -190,8 +191,8 @@ def test_a_drive_of_a_file_lasts_as_long_as_the_file_and_ends_with_its_energy(cl
 @pytest.mark.slow
 def test_a_run_with_faults_on_the_bus_is_known_as_one(cli, tmp_path, short_release, coarse):
     faults = ("vehicle:disconnect@0.14..", "ecu:duplicate")
-    words = [word for one in faults for word in ("--fault", one)] + [*coarse.words]
-    outcome = cli("run", tmp_path / "r\udcff", "--bundle", short_release, *QUICK, *words, "--fault-seed", 7)
+    words = [word for one in faults for word in ("--disturb", one)] + [*coarse.words]
+    outcome = cli("run", tmp_path / "r\udcff", "--bundle", short_release, *QUICK, *words, "--seed", 7)
     assert (outcome.code, outcome.err) == (3, "")
     headline = f"Disturbed ({'; '.join(faults)})."
     assert headline in " ".join(outcome.out.split())

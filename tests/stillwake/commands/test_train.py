@@ -62,12 +62,10 @@ def test_the_same_command_goes_on_and_another_is_refused_or_starts_over(
     outcome = cli("train", stopped)
     assert "model.checkpoints ends: joint fit, iteration 300 of 4000" in flat(outcome.out)
     assert outcome.err == "stopped; the same command goes on from joint fit, iteration 300 of 4000\n"
-    # The option that was once needed is still taken.
-    assert cli("train", stopped, "--resume").code == 130
     other = ("train", stopped, "--set", "train.seed=5")
     line = "holds an unfinished training with train.seed = 0, not 5: finish it with those, or start over"
     assert line in refused(*other)
-    assert [options["resume"] for options in called] == [True, True]
+    assert [options["resume"] for options in called] == [True]
     assert cli(*other, "--restart").code == 130
     assert called[-1]["resume"] is False
 
@@ -85,7 +83,7 @@ def test_a_recording_that_is_whole_says_so(
         return False
 
     monkeypatch.setattr(recorder, "record", record)
-    outcome = cli("record", tmp_path / "a.h5", "--start", "s.npz", "--training", 20)
+    outcome = cli("record", tmp_path / "a.h5", "training=20", "--state", "s.npz")
     assert (outcome.code, outcome.err) == (0, "")
     assert f"already whole, nothing to record: {tmp_path / 'a.h5'}: 2020 control steps" in flat(outcome.out)
     assert (seen["start"], seen["overwrite"]) == (Path("s.npz"), False)

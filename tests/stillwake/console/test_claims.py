@@ -14,8 +14,8 @@ from stillwake.console.claims import claim, release
 from stillwake.console.own_rooms import HOME
 
 WRITING = (
-    *("run PLACE", "run PLACE --overwrite", "campaign PLACE --quick", "train PLACE", "record PLACE.h5"),
-    *("develop PLACE.npz --overwrite", "picture vorticity PLACE.png", "export --c PLACE", "can load --json PLACE.json"),
+    *("run PLACE", "run PLACE --overwrite", "campaign PLACE", "train PLACE", "record PLACE.h5"),
+    *("develop PLACE.npz --overwrite", "picture PLACE.png", "export --c PLACE", "can load --json PLACE.json"),
 )
 """Of each kind one: what else writes goes through the same functions."""
 HOLDER = """

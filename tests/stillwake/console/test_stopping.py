@@ -10,7 +10,7 @@ import pytest
 
 from stillwake.console import stopping
 from stillwake.console.endings import status_of
-from stillwake.console.terminal import progress_bar
+from stillwake.console.progress import progress
 
 
 @pytest.fixture(autouse=True)
@@ -75,8 +75,8 @@ def test_a_stop_that_got_lost_still_stops(capsys, where):
         if where.startswith("before"):
             with stopping.until_stopped():
                 went_on.append(True)
-        with progress_bar("steps") as bar:
-            bar.update(bar.add_task("work", total=1, note=""), completed=0)
+        with progress("steps") as report:
+            report("work", 0, 1)
             went_on.append(True)
 
     assert status_of(lose) == 143

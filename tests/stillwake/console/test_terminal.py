@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 from rich.progress import Progress
 
-from stillwake.console.progress import ProgressLines, now_and_then, span, steps_begin
-from stillwake.console.terminal import PlainConsole, progress_bar, visible
+from stillwake.console.progress import ProgressBar, ProgressLines, progress, span
+from stillwake.console.terminal import PlainConsole, visible
 
 RUN_NOTE = "CONTROL  Cd 1.031  base Cp -0.512  action +0.0123  step 12.3 ms"
 TRAIN_NOTE = "total 0.4317  prediction 0.2416  force 0.1201  variance 0.9000  covariance 0.0312"
@@ -53,7 +53,7 @@ def test_bar_count_and_time_left_stay_and_the_note_gives_way():
     ):
         for width in (80, 100, 200):
             console, clock = terminal(width), Clock()
-            bar = progress_bar(unit, console=console, clock=clock)
+            bar = ProgressBar(unit, console=console, estimate_over=30.0, clock=clock)
             number = bar.add_task(task, total=total, note=note)
             for clock.now in (0.0, 10.0, 20.0):
                 # Not through `update`, which would show the bar from a thread of its own.
@@ -66,65 +66,71 @@ def test_bar_count_and_time_left_stay_and_the_note_gives_way():
             assert line.rstrip().endswith("…" if len(line.rstrip()) == width and note else note)
 
 
-def test_nothing_is_shown_before_the_first_update():
+def test_nothing_is_shown_before_the_first_report():
     console = terminal()
-    with progress_bar("periods", console=console) as bar:
-        task = bar.add_task("closed loop", total=None, note="")
+    with progress("periods", console=console) as report:
         assert text(console) == ""
-        bar.update(task, completed=1, total=4)
-        assert "1/4 periods" in text(console)
+        report("closed loop", 0, 4)
+        assert "0/4 periods" in text(console)
     for console in (terminal(), log()):
-        with pytest.raises(ValueError, match="refused"), progress_bar("periods", console=console) as bar:
-            bar.add_task("closed loop", total=10, note="")
+        with pytest.raises(ValueError, match="refused"), progress("periods", console=console):
             raise ValueError("refused")
         assert text(console) == ""
 
 
 def test_a_log_has_a_line_at_the_start_every_half_minute_at_the_end_and_at_a_stop():
     console, clock = log(), Clock()
-    with progress_bar("periods", console=console, clock=clock) as bar:
-        task = bar.add_task("closed loop", total=1000, note="")
-        for done in range(1, 1001):
+    with progress("periods", console=console, clock=clock) as report:
+        for done in range(1001):
             clock.now = done / 8.0  # exact in binary
-            bar.update(task, completed=done, note="Cd 1.03  [base]")
+            report("closed loop", done, 1000, "Cd 1.03  [base]")
     first, *middle, last = text(console).splitlines()
-    assert first.startswith("closed loop: 1/1000 periods (0 %)")
+    assert first.startswith("closed loop: 0/1000 periods (0 %)")
     assert [line.partition(",")[0] for line in middle] == [
-        "closed loop: 241/1000 periods (24 %)",
-        "closed loop: 481/1000 periods (48 %)",
-        "closed loop: 721/1000 periods (72 %)",
-        "closed loop: 961/1000 periods (96 %)",
+        "closed loop: 240/1000 periods (24 %)",
+        "closed loop: 480/1000 periods (48 %)",
+        "closed loop: 720/1000 periods (72 %)",
+        "closed loop: 960/1000 periods (96 %)",
     ]
     assert middle[0].partition(", ")[2] == "8 periods/s, 1 min 35 s left, 30 s so far; Cd 1.03 [base]"
-    # Two workers end their first runs together, 40 s after they began.
-    with progress_bar("runs", estimate_over=3600.0, console=console, clock=clock) as bar:
-        task = bar.add_task("campaign", total=180, note="")
-        steps_begin(bar, task)
-        for done, passed in ((1, 40.0), (2, 0.5)):
+    # Two workers end their first runs together, 40 s after they began; what was there before counts for no speed.
+    with progress("runs", estimate_over=3600.0, console=console, clock=clock) as report:
+        for done, passed in ((100, 0.0), (101, 40.0), (102, 0.5)):
             clock.now += passed
-            bar.update(task, completed=done)
+            report("campaign", done, 280)
     assert text(console).splitlines()[-1].endswith(", 0.0494 runs/s, 1 h 0 min left, 40 s so far")
-    # A stop shows how far it was; times are written for people.
-    with pytest.raises(KeyboardInterrupt), progress_bar("steps", console=console, clock=clock) as bar:
-        task = bar.add_task("running", total=50, note="")
-        for done in (1, 2, 3):
-            clock.now += 5.0
-            bar.update(task, completed=done)
+    # A stop shows how far it was, also what was held back; times are written for people.
+    with pytest.raises(KeyboardInterrupt), progress("steps", console=console, clock=clock) as report:
+        for done, passed in ((0, 0.0), (1, 5.0), (2, 5.0), (3, 5.0), (4, 0.01)):
+            clock.now += passed
+            report("running", done, 50)
         raise KeyboardInterrupt
-    assert text(console).splitlines()[-1].startswith("running: 3/50 steps (6 %), 0.2 steps/s")
+    assert text(console).splitlines()[-1].startswith("running: 4/50 steps (8 %), 0.2")
     for seconds, words in ((0.4, "0 s"), (59.6, "1 min 0 s"), (7500, "2 h 5 min"), (1e6, "11.6 days")):
         assert span(seconds) == words
     assert last == "closed loop: 1000/1000 periods (100 %), done in 2 min 5 s; Cd 1.03 [base]"
 
 
+def test_what_is_over_at_once_is_not_shown_and_reports_are_drawn_at_most_so_often(monkeypatch):
+    console, clock, shown = log(), Clock(), list[float]()
+    monkeypatch.setattr(ProgressLines, "update", lambda _bar, _task, **changes: shown.append(changes["completed"]))
+    with progress("frames", console=console, clock=clock) as report:
+        for clock.now in (0.0, 0.05, 0.09):
+            report("short", 100.0 * clock.now + 1.0, 10.0)
+        for clock.now in (1.0, 1.05, 1.125, 1.15, 1.25):
+            report("long", clock.now)
+    assert shown == [1.125, 1.25]
+
+
 def test_a_task_may_count_in_a_unit_of_its_own():
     console = log()
-    with progress_bar("phases", console=console) as bar:
-        bar.update(bar.add_task("export", total=4, note=""), completed=1)
-        bar.update(bar.add_task("sensor estimator", total=None, note="", unit="batches"), completed=1, total=70)
+    with progress("phases", console=console) as report:
+        report("export", 0, 4)
+        for done in (0, 70):
+            report("sensor estimator", done, 70, unit="batches")
     assert [line.partition(" (")[0] for line in text(console).splitlines()] == [
-        "export: 1/4 phases",
-        "sensor estimator: 1/70 batches",
+        "export: 0/4 phases",
+        "sensor estimator: 70/70 batches",
     ]
 
 
@@ -141,15 +147,6 @@ def test_one_long_step_is_no_silence():
         lines = text(console).splitlines()
         assert lines[0].startswith("compiling: 0/3 steps (0 %), ")
         assert len(lines) >= 1 + is_begun
-
-
-def test_what_is_drawn_now_and_then_is_drawn_at_most_so_often():
-    clock = Clock()
-    shown: list[float] = []
-    show = now_and_then(shown.append, interval=1.0, clock=clock)
-    for clock.now in (0.0, 0.5, 1.0, 1.5, 2.5, 2.75, 3.5):
-        show(clock.now)
-    assert shown == [1.0, 2.5, 3.5]
 
 
 def test_text_is_printed_as_it_is():

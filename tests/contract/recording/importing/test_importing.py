@@ -51,7 +51,7 @@ def test_other_units_names_and_series_are_taken_where_they_are(tmp_path, layout)
     values = foreign_plant.series(30, 2)
     renamed = {"drag": values["Cd"], "p": values["Cp"] * 375.0} | {k: values[k] for k in ("action", "Cl")}
     path = foreign_plant.write_npz(tmp_path / "a.npz", renamed)
-    made = imported(path, layout, renamed={"Cd": "drag", "Cp": "p"}, dynamic_pressure=375.0)
+    made = imported(path, layout, renamed={"Cd": "drag", "Cp": "p"}, references=references_of(["Cp=375Pa"]))
     np.testing.assert_allclose(made.episodes[0].series["Cp"], values["Cp"], rtol=1e-12)
     np.testing.assert_array_equal(made.episodes[0].series["Cd"], values["Cd"])
     # The action before the first row and the ledger are taken where they are.
@@ -100,7 +100,7 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         ("a.npz", {"initial_action": np.zeros(5)}, r"'initial_action' has shape \(5,\), must be one number"),
         ("a.npz", {"Cd": np.zeros(19)}, r"'Cd' has shape \(19,\), must be \(20,\)"),
         ("a.npz", {"Cp": np.zeros((7, 20))}, r"'Cp' has shape \(7, 20\), must be \(20, 7\) .*transpose it"),
-        ("a.npz", {"Cp": 500.0 * np.ones((20, 7))}, "'Cp' reaches 500, .* if it is in Pa, use --dynamic-pressure"),
+        ("a.npz", {"Cp": 500.0 * np.ones((20, 7))}, "'Cp' reaches 500, .* if it is in Pa, give .*--reference Cp=240Pa"),
         (
             "a.npz",
             {"Cd": np.where(T < 1, 1e9, 1.2)},
@@ -118,7 +118,7 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
             "column 'Cl': 9.96921e36 is the default fill value",
         ),
         ("a.csv", f"{HEADER},,\n{ROW}\n{ROW},9,9,9", r"line 3: 13 values, the header has 12 columns"),
-        ("a.npz", {"action": np.linspace(0, 0.4, 20)}, r"action is 0\.4 at step 19, beyond the limit of 0\.2"),
+        ("a.npz", {"action": np.linspace(0, 0.4, 20)}, r"action is 0\.4 at step 19, beyond flow.action_limit = 0\.2"),
         ("a.npz", {"t": 5 * T}, r"t rises by 1\.5, must .* if t is in s or ms .* import with --reference t=5$"),
         ("a.npz", {"t": T / 10}, "t rises by 0.03, the control period is 0.3: 10 samples a period. Keep one row of 10"),
         ("a.npz", {"t": T[::-1]}, "t does not rise from step 0 to 1"),
@@ -138,7 +138,7 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         {"Cp": np.full((20, 7), 101325.0), "action": np.zeros(20), "Cd": np.ones(20), "Cl": np.zeros(20)},
     )
     with pytest.raises(DatasetError, match=r"'Cp' reaches 270\.2, .*p - p_inf, not absolute"):
-        imported(absolute, layout, dynamic_pressure=375.0)
+        imported(absolute, layout, references=references_of(["Cp=375Pa"]))
     with pytest.raises(DatasetError, match=r"none\.csv: no such file"):
         imported(tmp_path / "none.csv", layout)
 
@@ -251,27 +251,27 @@ def test_numbers_in_a_unit_are_divided_by_what_1_is_in_it(tmp_path, layout):
     with h5py.File(kilo, "r+") as file:
         file["t"].attrs["units"], file["Cp"].attrs["units"] = "milliseconds since 2026-01-01", "kPa"
     alone = rig | {"Cp": np.where(np.array(NAMES) == "x.y", values["Cp"], rig["Cp"])}
-    for path, texts, more in (
-        (tmp_path / "a.csv", ["t=0.005s", "Cd=-40 N"], {"dynamic_pressure": 375.0}),
-        (tmp_path / "a.csv", ["t=5", "Cd=-0.04kN", "Cp=3.75mbar", "x.y=0.375"], {}),
-        (kilo, ["t=5ms", "Cd=-40"], {"dynamic_pressure": 375.0}),
-        (foreign_plant.write_npz(tmp_path / "c.npz", alone), ["t=5ms", "Cd=-40N", "x.y=1", "Cp=0.375"], {}),
+    for path, texts in (
+        (tmp_path / "a.csv", ["t=0.005s", "Cd=-40 N", "Cp=375Pa"]),
+        (tmp_path / "a.csv", ["t=5", "Cd=-0.04kN", "Cp=3.75mbar", "x.y=0.375"]),
+        (kilo, ["t=5ms", "Cd=-40", "Cp=375Pa"]),
+        (foreign_plant.write_npz(tmp_path / "c.npz", alone), ["t=5ms", "Cd=-40N", "x.y=1", "Cp=0.375"]),
     ):
-        episode = imported(path, layout, references=references_of(texts), **more).episodes[0]
+        episode = imported(path, layout, references=references_of(texts)).episodes[0]
         for name in REQUIRED:
             np.testing.assert_allclose(episode.series[name], values[name], rtol=1e-9, atol=1e-12, err_msg=name)
     known = {"t": [5.0, "ms"], "Cd": [-40.0, "N"], "x.y": [1.0, None], "Cp": [0.375, None]}
     assert episode.provenance["references"] == known
-    for path, texts, more, message in (
-        (tmp_path / "a.csv", [], {}, r"'t \[ms\]' is in 'ms', t must be without dimension: give W / U_inf as in --ref"),
-        (tmp_path / "a.csv", ["t=5ms", "Cd=4Pa"], {}, r"'Cd \(N\)' is in 'N' by the file's own word, which --ref"),
-        (kilo, ["t=5ms", "Cd=40N"], {}, "'Cp' is in 'kPa', .* give --dynamic-pressure"),
-        (packed(tmp_path / "d.h5", values, {"units": "1"}), ["Cd=40N"], {}, "'Cd' is in '1' by the file's own word"),
-        (kilo, ["Cp=1kPa"], {"dynamic_pressure": 1.0}, "--reference Cp=1kPa: --dynamic-pressure 1 gives it, too"),
-        (kilo, ["drag=1"], {}, "--reference drag=1: 'drag' is no series and no sensor"),
+    for path, texts, message in (
+        (tmp_path / "a.csv", [], r"'t \[ms\]' is in 'ms', t must be without dimension: give W / U_inf as in --ref"),
+        (tmp_path / "a.csv", ["t=5ms", "Cd=4Pa"], r"'Cd \(N\)' is in 'N' by the file's own word, which --ref"),
+        (kilo, ["t=5ms", "Cd=40N"], "'Cp' is in 'kPa', .* --reference Cp=240Pa"),
+        (packed(tmp_path / "d.h5", values, {"units": "1"}), ["Cd=40N"], "'Cd' is in '1' by the file's own word"),
+        (kilo, ["t=5ms", "Cd=40N", "Cp=-1kPa"], "--reference Cp=-1kPa: a dynamic pressure must be positive"),
+        (kilo, ["drag=1"], "--reference drag=1: 'drag' is no series and no sensor"),
     ):
         with pytest.raises(DatasetError, match=message):
-            imported(path, layout, references=references_of(texts), **more)
+            imported(path, layout, references=references_of(texts))
     for texts in (["Cd"], ["Cd=N"], ["Cd=0N"], ["=4"], ["Cd=1", "Cd=2"]):
         with pytest.raises(ConfigError, match="--reference"):
             references_of(texts)
@@ -334,7 +334,6 @@ def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):
         ([], {}, "no data file is given"),
         ([one, two], {}, "two files would make an episode called 'a'"),
         ([one], {"renamed": {"drag": "Cd"}}, "--map drag=Cd: 'drag' is no series and no sensor"),
-        ([one], {"dynamic_pressure": 0.0}, "dynamic pressure 0.0: must be positive"),
     ):
         with pytest.raises(DatasetError, match=message):
             assemble(sources, layout, FACTS, **more)

@@ -69,7 +69,7 @@ def test_p_is_kinematic_and_probes_are_found_by_their_places(tmp_path):
     ]
     # 20 m/s past 0.1 m, which U_inf of the coefficients and one option tell, or two.
     same(read(case(tmp_path / "a", speed=20.0, second=0.005), "t=5ms"))
-    same(read(case(tmp_path / "b", speed=None), "t=1s", dynamic_pressure=0.5))
+    same(read(case(tmp_path / "b", speed=None), "t=1s", "Cp=0.5"))
     # Versions before 2.3, probes in another order and more of them, and metres from another origin.
     same(read(case(tmp_path / "c", header=probes([0, 1, 2, 3], old=True))))
     same(read(case(tmp_path / "d", header=probes([0, 1, 2, 3], scale=0.1, shift=7.0))))

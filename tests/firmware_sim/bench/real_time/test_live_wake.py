@@ -22,7 +22,7 @@ ACTIONS = (0.0, 0.03, 0.075, -0.075, 0.02)
 
 @pytest.fixture
 def start(coarse: Coarse) -> Path:
-    return Path(coarse.words[coarse.words.index("--start") + 1])
+    return Path(coarse.words[coarse.words.index("--state") + 1])
 
 
 def next_pressures(live: LiveWake) -> np.ndarray:

@@ -23,7 +23,7 @@ def test_decode_and_monitor_check_the_mac_with_a_key_and_report_without_one(
 ) -> None:
     """Three genuine frames and the first again, read with their key, with another one, and without."""
     for name in ("bus.key", "other.key"):
-        assert cli("can", "keygen", tmp_path / name).code == 0
+        assert cli("keygen", "--secret", tmp_path / name).code == 0
     setting = ("--set", f"bus.key={tmp_path / 'bus.key'}")
     assert cli("can", "send", "PressureSecured", "--count", 3, "--trip", 1, *setting, *VIRTUAL).code == 0
     frames, log = taken(peer), tmp_path / "signed.log"
@@ -39,15 +39,15 @@ def test_decode_and_monitor_check_the_mac_with_a_key_and_report_without_one(
     ):
         ends = [f"{check}MAC {mac}]" for check, mac in zip(e2e, macs, strict=True)]
         used = () if key is None else ("--set", f"bus.key={tmp_path / key}")
-        table, figures = tmp_path / "a.csv", tmp_path / "a.json"
-        decoded = cli("can", "decode", log, "--json", figures, "--csv", table, "--overwrite", *used)
+        table, figures = tmp_path / f"{key}.csv", tmp_path / "a.json"
+        decoded = cli("can", "decode", log, "--json", figures, "--csv", table, *used)
         assert decoded.code == 0, decoded.err
         (message,) = json.loads(figures.read_text())["figures"]["messages"]
         assert (message["checks"], message["mac_checked"]) == (counts, key is not None)
         assert ("MAC not checked: name the key" in decoded.out) is (key is None)
         assert [line.rpartition("[")[2] for line in decoded.out.splitlines() if "PressureSecured:" in line] == ends
         assert [row["mac"] for row in rows_of(table, "Pressure0")] == macs
-        seen = cli("can", "monitor", "--log", log, *used)
+        seen = cli("can", "monitor", log, *used)
         assert seen.code == 0, seen.err
         assert f" lost, {4 - counts.get('OK', 0)} refused" in seen.out, key
         assert list(counts)[-1] in flat(seen.out), key
@@ -77,17 +77,17 @@ def test_decode_prints_a_line_a_frame_and_a_summary_and_writes_a_row_a_signal(
     taken = cli("can", "decode", tmp_path / "a.blf", "--set", "bus.diagnosis.request_id=0x130")
     wanted = "error: bus.diagnosis.request_id = '0x130': must be another identifier than that of JetCommand in the DBC"
     assert (taken.code, flat(taken.err)) == (1, wanted)
-    assert "--overwrite" in cli("can", "decode", tmp_path / "a.blf", "--csv", tmp_path / "a.csv").err
+    assert "give another name" in cli("can", "decode", tmp_path / "a.blf", "--csv", tmp_path / "a.csv").err
 
 
 def test_monitor_of_a_log_shows_its_end(cli: Callable[..., Any], tmp_path: Path) -> None:
     write(tmp_path / "a.asc", 20)
-    seen = cli("can", "monitor", "--log", tmp_path / "a.asc")
+    seen = cli("can", "monitor", tmp_path / "a.asc")
     assert seen.code == 0, seen.err
     # The last frame is 3.5 ms behind the last status: 0.00 s old by the log's clock, at 50 a second.
     assert "EcuStatus 140 0.00 50.0 0 0 OK" in flat(seen.out)
     assert "80 frames, 0 lost, 0 refused" in seen.out
-    only = cli("can", "monitor", "--log", tmp_path / "a.asc", "--filter", "flow").out
+    only = cli("can", "monitor", tmp_path / "a.asc", "--filter", "flow").out
     assert "Flow 1.9 m2/s" in flat(only)
     assert "Missed" not in only
 
@@ -120,5 +120,5 @@ def test_the_summary_counts_what_is_no_frame_by_its_name_and_reads_each_bus_by_i
     one = flat(cli("can", "decode", tmp_path / "two.log", "--summary", "--channel", "can1").out)
     assert "16 data frames, 0 remote, 0 error frames" in one
     assert "it has can0, can1" in cli("can", "decode", tmp_path / "two.log", "--channel", "can2").err
-    assert "can1 Pressure" in flat(cli("can", "monitor", "--log", tmp_path / "two.log").out)
-    assert "--channel: goes with --log" in cli("can", "monitor", "--channel", "can1").err
+    assert "can1 Pressure" in flat(cli("can", "monitor", tmp_path / "two.log").out)
+    assert "--channel: goes with a log" in cli("can", "monitor", "--channel", "can1").err

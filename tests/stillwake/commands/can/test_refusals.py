@@ -21,9 +21,9 @@ LOAD = {
     "--set bus.background.load=0.00001": "less than one message a second",
 }
 MONITOR = {
-    "--log empty.log": "empty.log: holds no CAN frame",
+    "empty.log": "empty.log: holds no CAN frame",
     "": "that bus exists within a run only",
-    "--log empty.log --for 2": "--for: goes with a bus",
+    "empty.log --for 2": "--for: goes with a bus",
     "--for inf": "--for inf: must be a number above 0",
     "--set bus.interface=nonsense": "nonsense",
 }

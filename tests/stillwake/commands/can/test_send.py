@@ -1,4 +1,4 @@
-"""`stillwake can send` and `can keygen`: frames on a virtual bus, and a key that is written once."""
+"""`stillwake can send` and `keygen --secret`: frames on a virtual bus, and a key that is written once."""
 
 import stat
 from collections.abc import Callable
@@ -33,11 +33,11 @@ def test_send_signs_messages_of_the_secured_set_with_a_key_that_is_written_once(
 ) -> None:
     """Against the layout in the DBC's comments: CMAC over data ID, bytes in front of the freshness, and freshness."""
     key = tmp_path / "bus.key"
-    made = cli("can", "keygen", key)
+    made = cli("keygen", "--secret", key)
     assert f"--set bus.key={key}" in made.out and f"--access {key}" in made.out
     content = key.read_text()
     assert stat.S_IMODE(key.stat().st_mode) == 0o600 and content.strip() not in made.out
-    again = cli("can", "keygen", key)
+    again = cli("keygen", "--secret", key)
     assert (again.code, again.err) == (1, f"error: {key}: exists already; a key is never overwritten\n")
     assert key.read_text() == content
     words = ("PressureSecured", "Pressure0=-12.5", "Valid0=1", "--count", 2, "--trip", 7, "--set", f"bus.key={key}")

@@ -1,4 +1,4 @@
-"""`stillwake bench latency`: what it asks of its processes, its errors in one line, and a short run on a real bus."""
+"""`stillwake latency`: what it asks of its processes, its errors in one line, and a short run on a real bus."""
 
 import json
 from pathlib import Path
@@ -8,28 +8,28 @@ import pytest
 from contract.config.loading import load
 from contract.errors import ConfigError
 from firmware_sim.latency.budget import read_budget
-from stillwake.commands.bench.latency import with_bus
+from stillwake.commands.latency import in_real_time
 
-EXAMPLE = Path(__file__).parents[4] / "examples" / "latency_budget.toml"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "latency_budget.toml"
 
 
 def test_the_bus_is_one_of_its_own_unless_named():
-    loaded = with_bus(load())
+    loaded = in_real_time(load())
     assert loaded.config.bus.interface == "udp_multicast"
     assert loaded.config.bus.channel.startswith("239.255.")  # RFC 2365, 6.1: the local scope
     assert loaded.in_overrides == {"bus.interface", "bus.channel"}
     for interface, channel in (("udp_multicast", "239.74.163.9"), ("socketcan", "can0")):
         named = [f"bus.interface={interface}", f"bus.channel={channel}"]
-        assert with_bus(load(overrides=named)).config.bus.channel == channel
+        assert in_real_time(load(overrides=named)).config.bus.channel == channel
     for interface in ("simulated", "virtual"):
         with pytest.raises(ConfigError, match="two processes need a bus between them"):
-            with_bus(load(overrides=[f"bus.interface={interface}"]))
+            in_real_time(load(overrides=[f"bus.interface={interface}"]))
 
 
 def test_errors_are_one_line_and_leave_nothing(all_refused, short_release):
     assert read_budget(EXAMPLE)["misses_ours"] == 0
     all_refused(
-        ("bench", "latency", "report"),
+        ("latency", "report"),
         {
             "--budget none.toml": "budget none.toml: No such file",
             "--set bus.interface=simulated": "two processes need a bus",
@@ -47,7 +47,7 @@ def test_a_short_run_on_a_real_bus(cli, tmp_path, short_release):
     budget.write_text("misses = 100000\n[plan]\np50_ms = 0.001\n")
     result = tmp_path / "latency.json"
     what = ("--bundle", short_release, "--periods", 150, "--budget", budget, "--json", result)
-    found = cli("bench", "latency", tmp_path / "report", *what)
+    found = cli("latency", tmp_path / "report", *what)
     assert found.code == 3, found.err
     assert "over budget: plan.p50_ms" in found.out
     figures = json.loads(result.read_text())["figures"]

@@ -1,4 +1,4 @@
-"""`stillwake bench latency`: ECU and vehicle as two processes on a bus of this machine, timed stage by stage."""
+"""`stillwake latency`: ECU and vehicle as two processes on a bus of this machine, timed stage by stage."""
 
 import os
 import shlex
@@ -18,10 +18,12 @@ from contract.config.loading import Loaded
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
 from contract.results import versions
-from stillwake.console.outputs import Overwrite, check_json, check_output, save_json
+from stillwake.console import options as shared
+from stillwake.console.outputs import check_json, check_output, save_json
+from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings
-from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, console, print_table, progress_bar
-from stillwake.parts.releases import Trust, locate, open_release
+from stillwake.console.terminal import console, print_table
+from stillwake.parts.releases import locate, open_release
 
 if TYPE_CHECKING:
     from firmware_sim.latency.budget import Verdict
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
 
 NOT_PASSED: Final = 3
 """Exit status of a run that is whole, but broke its budget, or whose ECU left control."""
-ENABLE_AFTER_S: Final = 2.0
+LEAD_IN_S: Final = 2.0
 """Until control is requested: by then the ECU's deadlines follow the vehicle's sampling."""
 SPARE_PERIODS: Final = 25
 """Besides, before the first plan and after the last one that counts."""
@@ -43,46 +45,39 @@ class Subject:
 
     Attributes:
         name: "onnx" or "c".
-        key: `--trust` of it; None for none.
         library: C library in place of ONNX Runtime.
     """
 
     name: str
     about: str
     bundle: Path
-    key: str | None
     library: Path | None = None
+
+
+Both = Annotated[bool, typer.Option("--both", help="ONNX Runtime, then the C library; see above where there is none.")]
+Periods = Annotated[int, typer.Option(help="Control periods with a plan to time.", min=100, max=150_000)]
+Budget = Annotated[Path | None, typer.Option(help="Limits; exit status 3 if one is broken.", metavar="FILE")]
 
 
 def latency(
     output: Annotated[Path, typer.Argument(help="Report folder to write.")],
-    bundle: Annotated[Path | None, typer.Option(help="Release bundle; default: the shipped one.")] = None,
-    trust: Trust = None,
-    library: Annotated[
-        Path | None, typer.Option(help="Time this C library of the bundle's (`export --c`) in place of ONNX Runtime.")
-    ] = None,
-    both: Annotated[
-        bool, typer.Option("--both", help="ONNX Runtime, then the C library; see above where there is none.")
-    ] = False,
-    periods: Annotated[int, typer.Option(help="Control periods with a plan to time.", min=100, max=150_000)] = 3000,
-    budget: Annotated[
-        Path | None, typer.Option(help="TOML file of limits; exit status 3 if one is broken.", metavar="FILE")
-    ] = None,
-    overwrite: Overwrite = False,
-    json_file: JsonFile = None,
-    config_file: ConfigFile = None,
-    overrides: Overrides = [],  # noqa: B006
+    bundle: shared.Bundle = None,
+    library: shared.Library = None,
+    both: Both = False,
+    periods: Periods = 3000,
+    budget: Budget = None,
+    overwrite: shared.Overwrite = False,
+    json_file: shared.JsonFile = None,
+    given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Time the control loop in real time, from the sampling instant to the command, next to an idle loop.
 
-    `stillwake ecu` and `stillwake vehicle`, which replays recorded pressures,
-    run as two processes on a bus of this machine; a third one with the same
-    deadlines and privileges does nothing, and shows what the machine itself
-    does. Every time counts from the instant that was scheduled.
+    `stillwake ecu` and `stillwake vehicle`, which replays recorded pressures, run as two processes on a bus of this
+    machine; a third one with the same deadlines and privileges does nothing, and shows what the machine itself does.
+    Every time counts from the instant that was scheduled.
 
-    Without --set bus.interface the bus is udp_multicast, in a group of its
-    own. With --both and no --library the C library is made from the shipped
-    model; that of another bundle must be named.
+    Without --set bus.interface the bus is udp_multicast, in a group of its own. With --both and no --library the C
+    library is made from the shipped model; that of another bundle must be named.
 
     Exit status 3: the budget is broken, or the ECU left control.
     """
@@ -92,11 +87,11 @@ def latency(
     limits = None if budget is None else read_budget(budget)
     check_output(output, overwrite=overwrite, folder=True, mark=PAGE)
     check_json(json_file)
-    loaded = with_bus(settings("bench latency", config_file, overrides, uses=USES))
-    release = open_release(bundle, trust)
+    loaded = in_real_time(settings("latency", given, uses=USES))
+    release = open_release(bundle)
     with ExitStack() as stack, replacing(output) as folder:
         folder.mkdir()
-        subjects = _subjects(release, bundle, trust, library, both=both, stack=stack)
+        subjects = _subjects(release, bundle, library, both=both, stack=stack)
         runs = measured(subjects, loaded, folder, periods=periods, window=release.manifest.window)
         judged = [[] if limits is None else verdicts(limits, run.counts, run.latencies) for run in runs]
         write_report(folder, runs, judged)
@@ -121,7 +116,7 @@ def latency(
         raise typer.Exit(NOT_PASSED)
 
 
-def with_bus(loaded: Loaded) -> Loaded:
+def in_real_time(loaded: Loaded) -> Loaded:
     """The settings with a bus in real time: `udp_multicast` unless another one was named. Raises ConfigError if the bus
     is one in virtual time, or of one process."""
     bus = loaded.config.bus
@@ -152,21 +147,21 @@ def measured(
     config = loaded.config
     chosen = folder / "settings.toml"
     chosen.write_text(as_toml(_given(loaded)), encoding="utf-8")
-    before = round(ENABLE_AFTER_S * 1e9 / config.period_ns) + window
+    lead_in = LEAD_IN_S / config.operating_point.convective_time
+    before = round(LEAD_IN_S * 1e9 / config.period_ns) + window
     total = periods + before + SPARE_PERIODS
     counters, runs = profile_of(message_set(config.bus).pressure.spec).counter_period, []
-    with progress_bar("periods") as bar:
+    with progress("periods") as report:
         for subject in subjects:
-            task = bar.add_task(subject.name, total=total, note=subject.about)
             place = folder / subject.name
             place.mkdir()
             run = recorded(
                 place,
                 ecu=ecu_command(subject, chosen, periods=longest_run(total, config.period_ns)),
-                vehicle=vehicle_command(subject, chosen, periods=total),
+                vehicle=vehicle_command(subject, chosen, periods=total, lead_in=lead_in),
                 periods=total,
                 period_ns=config.period_ns,
-                progress=lambda done, task=task: bar.update(task, completed=done),  # type: ignore[misc]
+                progress=lambda done, one=subject: report(one.name, done, total, one.about),  # type: ignore[misc]
             )
             periods_of = {"period_ns": config.period_ns, "counter_period": counters}
             runs.append(Measured.of(run, name=subject.name, about=subject.about, **periods_of))
@@ -175,18 +170,17 @@ def measured(
 
 def ecu_command(subject: Subject, chosen: Path, *, periods: int) -> list[str]:
     """`stillwake ecu` on it, for so many control steps at most."""
-    trust = [] if subject.key is None else ["--trust", subject.key]
     library = [] if subject.library is None else ["--library", str(subject.library)]
     # The vehicle's pressures are recorded: jets change nothing about them.
     unjudged = ["--set", "ecu.benefit_check.enabled=false"]
-    options = [*trust, *library, "--periods", str(periods), "--config", str(chosen), *unjudged]
+    options = [*library, "--periods", str(periods), "--set", str(chosen), *unjudged]
     return [*_STILLWAKE, "ecu", str(subject.bundle), *options]
 
 
-def vehicle_command(subject: Subject, chosen: Path, *, periods: int) -> list[str]:
+def vehicle_command(subject: Subject, chosen: Path, *, periods: int, lead_in: float) -> list[str]:
     """`stillwake vehicle` for it, which replays recorded pressures."""
-    run = ["--periods", str(periods), "--enable-after", str(ENABLE_AFTER_S)]
-    return [*_STILLWAKE, "vehicle", "--bundle", str(subject.bundle), *run, "--config", str(chosen)]
+    run = ["--periods", str(periods), "--lead-in", str(lead_in)]
+    return [*_STILLWAKE, "vehicle", "--bundle", str(subject.bundle), *run, "--set", str(chosen)]
 
 
 def figures(runs: "Sequence[Measured]") -> dict[str, Any]:
@@ -213,7 +207,6 @@ def _given(loaded: Loaded) -> list[Any]:
 def _subjects(
     release: Bundle,
     bundle: Path | None,
-    trust: str | None,
     library: Path | None,
     *,
     both: bool,
@@ -221,9 +214,9 @@ def _subjects(
 ) -> list[Subject]:
     """What is to be timed; a library that is made for it lasts as long as the stack. Raises LibraryError if both are
     wanted of a bundle of one's own, and its library was not named."""
-    path, _ = locate(bundle, trust)
+    path, _ = locate(bundle, None)
     name = f"{release.manifest.name} {release.digest[:12]}"
-    onnx = Subject(name="onnx", about=f"{name}, ONNX Runtime", bundle=path.absolute(), key=trust)
+    onnx = Subject(name="onnx", about=f"{name}, ONNX Runtime", bundle=path.absolute())
     if library is not None:
         c = replace(onnx, name="c", about=f"{name}, C library", library=library.absolute())
         return [onnx, c] if both else [c]

@@ -1,4 +1,4 @@
-"""`stillwake bench serve`: what it offers where something is missing, its errors in one line, and how it ends."""
+"""`stillwake live`: what it offers where something is missing, its errors in one line, and how it ends."""
 
 import importlib.util
 import signal
@@ -30,23 +30,23 @@ def missing_of(release, library: Path | None = None) -> dict[str, str | None]:
 
 
 def test_here_everything_can_be_chosen() -> None:
-    release = open_release(None, None)
-    assert missing_of(release) == dict.fromkeys(["int8", "c", "cortex-m7", "off", "wake", "recording"])
+    release = open_release(None)
+    assert missing_of(release) == dict.fromkeys(["python", "c", "mcu", "off", "wake", "recording"])
 
 
 def test_a_choice_names_what_it_lacks(short_release, monkeypatch):
-    shipped, own = open_release(None, None), open_release(short_release, None)
+    shipped, own = open_release(None), open_release(short_release)
     assert "--library" in str(missing_of(own)["c"])
     assert missing_of(own, Path("any"))["c"] is None
     find, lacking = importlib.util.find_spec, ""
     monkeypatch.setattr(importlib.util, "find_spec", lambda asked: None if asked == lacking else find(asked))
     for lacking, name, extra in (
         ("safetensors", "c", "c"),
-        ("onnx", "cortex-m7", "c"),
-        ("unicorn", "cortex-m7", "mcu"),
+        ("onnx", "mcu", "c"),
+        ("unicorn", "mcu", "mcu"),
     ):
         assert f".[{extra}]" in str(missing_of(shipped)[name]), lacking
-        assert missing_of(shipped)["int8"] is None, lacking
+        assert missing_of(shipped)["python"] is None, lacking
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setattr("firmware_sim.in_c.compiler.zig_compiler", lambda: None)
@@ -59,35 +59,34 @@ def test_an_ecu_in_c_is_made_once_and_each_wait_is_told(monkeypatch):
     monkeypatch.setattr("firmware_sim.in_c.c_ecu.ecu_sources", lambda *_: {})
     monkeypatch.setattr("firmware_sim.bench.ecus.loop_ecu", lambda name, sources: replace(made, kind=name))
     told = list[str]()
-    ecus = Ecus(open_release(None, None), load_config(), None, told.append)
-    assert ecus.ahead("int8") is None
+    ecus = Ecus(open_release(None), load_config(), None, told.append)
+    assert ecus.ahead("python") is None
     work = ecus.ahead("c")
     assert told == [] and work is not None
     work()
     assert ecus.ahead("c") is None
     assert ecus("c") is ecus("c")
-    assert [ecus(name).kind for name in ("c", "cortex-m7")] == ["c", "cortex-m7"]
-    assert told == [MAKING, COMPILING["c"], COMPILING["cortex-m7"]]
+    assert [ecus(name).kind for name in ("c", "mcu")] == ["c", "mcu"]
+    assert told == [MAKING, COMPILING["c"], COMPILING["mcu"]]
 
 
 def test_errors_are_one_line_and_leave_nothing(all_refused):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         all_refused(
-            "bench serve",
+            "live",
             {
-                "--controller m7": "live setting controller = 'm7': must be one of int8, c",
                 "--set bus.key=k": "does not use it",
                 "--set mpc.horizon=9": "does not use it",
                 "--bundle nowhere": "nowhere",
                 f"--host {'x' * 300}": "no name of a machine",
-                f"--port {taken.getsockname()[1]}": "it is in use, perhaps by another `stillwake bench serve`; name",
+                f"--port {taken.getsockname()[1]}": "it is in use, perhaps by another `stillwake live`; name",
             },
         )
 
 
 @pytest.mark.processes
 def test_it_serves_a_loop_and_ends_both_processes():
-    words = ("bench", "serve", "--port", "0", "--plant", "recording", "--bundle", str(BUNDLE))
+    words = ("live", "--port", "0", "--plant", "recording", "--bundle", str(BUNDLE))
     process = subprocess.Popen(
         [sys.executable, "-m", "stillwake", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )

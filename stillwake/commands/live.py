@@ -1,0 +1,100 @@
+"""The command that shows the closed loop on a page in a browser."""
+
+import asyncio
+from dataclasses import replace
+from typing import Annotated, Final, Literal
+
+import typer
+
+from stillwake.console import options as shared
+from stillwake.console.numbers import steps_of
+from stillwake.console.settings import WEIGHTS, settings
+from stillwake.console.stopping import until_stopped
+from stillwake.console.terminal import console
+from stillwake.parts.asked_calibration import asked_calibration
+from stillwake.parts.releases import describe, open_release
+
+USES: Final = (
+    "body",
+    "operating_point",
+    "flow",
+    "bus.nominal_bitrate",
+    "bus.data_bitrate",
+    "bus.frames",
+    "bus.background",
+    "bus.e2e",
+    "ecu",
+    "vehicle",
+    WEIGHTS,
+)
+"""As `run`, but for authentication and another goal than the release's cost can have."""
+
+Host = Annotated[str, typer.Option(help="Address to listen at; another needs the token in the link.")]
+Port = Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)]
+OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in this machine's browser.")]
+EcuName = Annotated[Literal["python", "c", "mcu", "off"], typer.Option("--ecu", help="To begin with.")]
+PlantName = Annotated[Literal["wake", "recording"], typer.Option("--plant", help="To begin with.")]
+Fast = Annotated[bool, typer.Option("--fast", help="As fast as this machine computes, if that is faster.")]
+
+
+def live(
+    host: Host = "127.0.0.1",
+    port: Port = 8765,
+    open_page: OpenPage = False,
+    bundle: shared.Bundle = None,
+    library: shared.Library = None,
+    ecu: EcuName = "python",
+    plant: PlantName = shared.WAKE,
+    state: shared.State = None,
+    lead_in: shared.LeadIn = 10.0,
+    fast: Fast = False,
+    given: shared.Settings = [],  # noqa: B006
+) -> None:
+    """Run the closed loop on a page in a browser, where it can be watched and disturbed.
+
+    The page shows the wake, the forces, the bus and the ECU while they run, and acts on them: sensors and frames that
+    fail, late jets, a babbling node, power cycles, other cost weights, another ECU. Several browsers may look at once.
+    `run --disturb` keeps as a run what was tried here.
+
+    The loop runs at the vehicle's pace at most, and slower where the machine is slower. Only this machine can open the
+    page, unless --host names another address; the link that is printed then has a token, which every request needs.
+
+    Ctrl-C or SIGTERM ends it. If the loop fails it is started again; if it fails within 20 s of its start, the command
+    ends with exit status 1.
+    """
+    from firmware_sim.live.serving import server
+    from firmware_sim.live.settings import LiveSettings
+    from stillwake.parts.live_parts import LiveParts
+
+    loaded = settings("live", given, uses=USES)
+    steps_of("--lead-in", lead_in, loaded.config.flow.control_period)
+    release = open_release(bundle)
+    calibration = asked_calibration(loaded, release)
+    console.print(*describe(release), sep="\n")
+    make = LiveParts(
+        bundle=bundle,
+        library=library,
+        config=replace(loaded.config, mpc=release.manifest.mpc),
+        state=state,
+        settings=LiveSettings(controller=ecu, plant=plant, weights=calibration.weights),
+        lead_in=lead_in,
+    )
+
+    def ready(url: str) -> None:
+        console.print(url)
+        if open_page:
+            typer.launch(url)
+
+    with until_stopped() as is_stopped:
+        asyncio.run(
+            server.serve(
+                make,
+                address=host,
+                port=port,
+                fast=fast,
+                is_stopped=is_stopped,
+                ready=ready,
+                report=console.print,
+            )
+        )
+    console.print("stopped")

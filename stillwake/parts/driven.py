@@ -1,0 +1,21 @@
+"""Settings for a drive at speeds that vary."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from contract.config.tree import Config
+
+if TYPE_CHECKING:
+    from wake.plant.drive import Drive
+
+
+def driven_at(name: str | None, config: Config, *, after_s: float = 0.0) -> "tuple[Drive | None, Config]":
+    """The drive of that name or file, from `after_s` on, and the settings with the time steps that it needs; without a
+    name no drive. Raises PlantError if there is no such drive."""
+    if name is None:
+        return None, config
+    from wake.plant.drive import find_drive
+
+    drive = find_drive(name, config.operating_point)
+    drive = drive.after(after_s) if after_s else drive
+    return drive, replace(config, flow=drive.substeps(config.flow, config.operating_point))

@@ -1,0 +1,55 @@
+"""The whole firmware of an emulated microcontroller on a real CAN bus."""
+
+import time
+from pathlib import Path
+from typing import Final
+
+from stillwake.console.settings import DIAGNOSIS, REAL_BUS, settings
+from stillwake.console.stopping import until_stopped
+from stillwake.console.terminal import console
+from stillwake.parts.releases import open_release
+
+_USES: Final = ("operating_point", *REAL_BUS, DIAGNOSIS, "ecu")
+_SERIAL: Final = "1"
+"""Number of every emulated one."""
+
+
+def run_firmware(
+    given: list[str], bundle: Path | None, flash: Path, hardware: str, *, library: Path, root: Path, access: Path
+) -> None:
+    """Run it until stopped. Raises StillwakeError if library, bundle and settings do not fit each other, it does not
+    compile, or the bus cannot be opened.
+
+    Args:
+        given: the texts of `--set`.
+        bundle: the library's; the shipped one if None.
+        flash: file that keeps what the flash holds; made if it is not there.
+        hardware: name of the hardware.
+        library: C library that the firmware is built of.
+        root: public root key that signs key lists.
+        access: file of its access key.
+    """
+    from can_bridge.bus.backends.python_can import PythonCanBus
+    from can_bridge.secoc.key import read_secret
+    from can_bridge.wire.message_sets import message_set
+    from contract.release import controller_image, signing
+    from firmware_sim.in_c.c_ecu import ecu_sources
+    from firmware_sim.in_c.c_image import controller_image as image_of
+    from firmware_sim.in_c.c_image import read_packed
+    from firmware_sim.mcu.board.board_ecu import BoardEcu
+    from firmware_sim.mcu.board.equipment import equipment_header
+    from firmware_sim.mcu.board.on_a_bus import read_bank, serve
+    from firmware_sim.mcu.build import EQUIPMENT
+
+    config = settings("ecu --mcu", given, uses=_USES).config
+    release, bank = open_release(bundle), read_bank(flash)
+    sources = ecu_sources(library, release, config)
+    vehicle = controller_image.read(image_of(sources | read_packed(library), release, config, None)).facts.vehicle
+    header = equipment_header(signing.read_public_key(root), read_secret(access), vehicle, hardware, _SERIAL)
+    console.print("building the firmware")
+    ecu = BoardEcu(sources, own={EQUIPMENT: header}, bank=bank)
+    # The controller's own filters let fewer through.
+    accept = [spec.frame_id for spec in message_set(config.bus).specs] + list(config.bus.diagnosis.heard)
+    with PythonCanBus.open(config.bus, accept=accept) as port, until_stopped() as is_stopped:
+        console.print(f"{hardware}: running, flash in {flash}; stop with Ctrl-C")
+        serve(ecu, port, flash, clock_ns=time.monotonic_ns, wait=lambda: time.sleep(0.001), is_stopped=is_stopped)

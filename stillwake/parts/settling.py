@@ -1,0 +1,31 @@
+"""The steady wake with its progress, for the commands that need it."""
+
+from math import log10
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from contract.config.tree import Config
+from stillwake.console.progress import progress
+
+if TYPE_CHECKING:
+    from wake.truck.steady import SteadyWake
+
+
+def settle_into(output: Path, config: Config) -> "tuple[SteadyWake, tuple[int, int]]":
+    """Compute the steady wake of these settings and write its state. Raises PlantError if the flow does not settle;
+    StillwakeError if the file cannot be written. Returns the steady wake, and the cells of its grid."""
+    from wake.truck import steady, truck_wake
+    from wake.truck.state import save_state
+
+    wake = truck_wake.TruckWake(config.flow, body=config.body)
+    # Rates fall by decades.
+    decades = -log10(steady.TOLERANCE)
+    with progress("decades") as report:
+
+        def show(t: float, rate: float) -> None:
+            done = min(decades, max(0.0, -log10(rate)))
+            report("settling", round(done, 2), decades, f"t {t:.0f}  max |d/dt| {rate:.1e}")
+
+        settled = steady.settle(wake, progress=show)
+    save_state(output, settled.state)
+    return settled, wake.grid.shape
