@@ -129,7 +129,7 @@ def _frames(
     return made
 
 
-LogFile = Annotated[Path, typer.Argument(help="Log of any kind (docs/reference/logs.md).", show_default=False)]
+LogFile = Annotated[Path, typer.Argument(help="Log of any kind (docs/how-to/use-a-real-bus.md).", show_default=False)]
 SummaryAlone = Annotated[bool, typer.Option("--summary", help="The tables at the end alone.")]
 CsvFile = Annotated[
     Path | None, typer.Option("--csv", help="Also write a row a signal into a new file.", metavar="FILE")
