@@ -31,8 +31,8 @@ ON_BASE: Final = "base_"
 """How the names of sensors on a body's base begin."""
 MOVED: Final = 0.1
 """Change of the speed that ends a test, in design speeds: the wake has become another one."""
-PATIENCE: Final = 5
-"""Longest test, in `wake_periods`: 15 s. The jets are shut meanwhile; a speed at which control hurts may pass."""
+PATIENCE: Final = 6
+"""Longest test, in `wake_periods`: 18 s. The jets are shut meanwhile; a speed at which control hurts may pass."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
 """The wake of a release that states none, in Cp: smaller than any, so that the vehicle's own always counts."""
 
@@ -45,7 +45,7 @@ class BenefitCheckState:
         waking: periods with the jets shut until the wake is that without control; none at power-on.
         rested: periods that the means without control rest on, up to `BenefitCheck.proven`.
         resting_suction, resting_swing: the means without control, in units of the release's own wake.
-        driven: the same under control, or in a test of it, up to `ecu.benefit_check.first_period`.
+        driven: the same under control, up to `ecu.benefit_check.first_period`.
         suction, swing: the means under control.
         doubt: periods in which control did not help less those in which it did.
         tested_at: the speed at which a test began, in design speeds; 0 without a test.
@@ -123,7 +123,8 @@ class BenefitCheck:
         after = replace(state, waking=waking, driven=0, suction=0.0, swing=0.0, doubt=0)
         if cp is not None and not waking:
             rested = min(state.rested + 1, self.proven)
-            after = self._rested(replace(after, rested=rested), cp, speed, rested)
+            over = min(rested, self.config.mean_periods)
+            after = self._rested(replace(after, rested=rested), cp, speed, over)
         return after, None
 
     def _driven(self, state: BenefitCheckState, cp: Array | None, speed: float) -> BenefitCheckState:
@@ -144,21 +145,21 @@ class BenefitCheck:
             return after
         helps = self._helps(after)
         after = replace(after, doubt=self._doubt(state.doubt, helps), spent=max(0, state.spent - helps))
-        return after if after.doubt < config.doubt_periods else replace(after, driven=0, tested_at=speed)
+        return after if after.doubt < config.doubt_periods else replace(after, tested_at=speed)
 
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """`next` in a test: what control was is compared with the wake since the jets were shut."""
-        config = self.config
-        state = replace(state, waking=max(0, state.waking - 1))
+        """`next` in a test: what control was is compared with the wake since the jets were shut, of which more cycles
+        count than of control: resumed by chance, control that hurts would begin anew."""
         if cp is None:
             return state, None
-        driven = min(state.driven + 1, config.first_period)
-        spent = min(state.spent + 1, self.patience)
-        after = self._rested(replace(state, driven=driven, spent=spent), cp, speed, driven)
+        config = self.config
+        waking, spent = max(0, state.waking - 1), min(state.spent + 1, self.patience)
+        over = config.wake_periods - waking
+        after = self._rested(replace(state, waking=waking, spent=spent), cp, speed, over)
         goes_on = False
-        if driven == config.first_period:
+        if over >= min(config.first_period, config.wake_periods):
             after = replace(after, doubt=self._doubt(state.doubt, self._helps(after)))
             goes_on = after.doubt == 0 or abs(speed - state.tested_at) >= MOVED
         latches = not goes_on and spent >= self.patience
@@ -177,10 +178,9 @@ class BenefitCheck:
         gained = suction - state.suction
         return gained >= config.least_gain * abs(suction) and state.swing <= config.most_swing * swing
 
-    def _rested(self, state: BenefitCheckState, cp: Array, speed: float, periods: int) -> BenefitCheckState:
-        """With this period in the means without control, which rest on so many."""
+    def _rested(self, state: BenefitCheckState, cp: Array, speed: float, over: int) -> BenefitCheckState:
+        """With this period in the means without control, which are over so many."""
         suction, swing = self._measured(cp, speed)
-        over = min(periods, self.config.mean_periods)
         return replace(
             state,
             resting_suction=state.resting_suction + (suction - state.resting_suction) / over,

@@ -63,12 +63,11 @@ static int helps(const sw_benefit *benefit)
 
 static uint32_t one_less(uint32_t count) { return count > 0u ? count - 1u : 0u; }
 
-/* With this period in the means without control, which rest on so many. */
-static void rested(sw_benefit *benefit, measured now, uint32_t periods)
+/* With this period in the means without control, which are over so many. */
+static void rested(sw_benefit *benefit, measured now, uint32_t over)
 {
-    const double over = (double)at_most(periods, SW_MEAN_PERIODS);
-    benefit->resting_suction += (now.suction - benefit->resting_suction) / over;
-    benefit->resting_swing += (now.swing - benefit->resting_swing) / over;
+    benefit->resting_suction += (now.suction - benefit->resting_suction) / (double)over;
+    benefit->resting_swing += (now.swing - benefit->resting_swing) / (double)over;
 }
 
 /* What was of control is over. */
@@ -87,7 +86,7 @@ static void rest(sw_benefit *benefit, const sw_release *release, const double *c
     forget(benefit);
     if (cp == NULL || benefit->waking > 0u) return;
     benefit->rested = at_most(benefit->rested + 1u, SW_PROVEN_PERIODS);
-    rested(benefit, measure(release, cp, speed), benefit->rested);
+    rested(benefit, measure(release, cp, speed), at_most(benefit->rested, SW_MEAN_PERIODS));
 }
 
 static uint32_t doubt_after(const sw_benefit *benefit)
@@ -107,22 +106,19 @@ static void drive(sw_benefit *benefit, const sw_release *release, const double *
     if (benefit->driven < SW_FIRST_PERIOD || benefit->rested == 0u) return;
     benefit->doubt = doubt_after(benefit);
     if (helps(benefit)) benefit->spent = one_less(benefit->spent);
-    if (benefit->doubt >= SW_BENEFIT_DOUBT) {
-        benefit->driven = 0;
-        benefit->tested_at = speed;
-    }
+    if (benefit->doubt >= SW_BENEFIT_DOUBT) benefit->tested_at = speed;
 }
 
-/* In a test what control was is compared with the wake since the jets were shut. */
+/* In a test what control was is compared with the wake since the jets were shut, of which more cycles count. */
 static uint8_t test(sw_benefit *benefit, const sw_release *release, const double *cp, double speed)
 {
-    benefit->waking = one_less(benefit->waking);
     if (cp == NULL) return SW_REASON_NONE;
-    benefit->driven = at_most(benefit->driven + 1u, SW_FIRST_PERIOD);
+    benefit->waking = one_less(benefit->waking);
     benefit->spent = at_most(benefit->spent + 1u, SW_PATIENCE);
-    rested(benefit, measure(release, cp, speed), benefit->driven);
+    const uint32_t over = SW_WAKE_PERIODS - benefit->waking;
+    rested(benefit, measure(release, cp, speed), over);
     int goes_on = 0;
-    if (benefit->driven == SW_FIRST_PERIOD) {
+    if (over >= at_most(SW_FIRST_PERIOD, SW_WAKE_PERIODS)) {
         benefit->doubt = doubt_after(benefit);
         goes_on = benefit->doubt == 0u || magnitude(speed - benefit->tested_at) >= SW_MOVED;
     }

@@ -340,7 +340,8 @@ static int could_be(const sw_ecu_state *state)
 #if SW_BENEFIT_CHECK
     const sw_benefit *counted = &state->benefit;
     const int benefit = counted->rested <= SW_PROVEN_PERIODS && counted->driven <= SW_FIRST_PERIOD &&
-                        counted->doubt <= SW_BENEFIT_DOUBT && counted->spent <= SW_PATIENCE;
+                        counted->doubt <= SW_BENEFIT_DOUBT && counted->waking <= SW_WAKE_PERIODS &&
+                        counted->spent <= SW_PATIENCE;
 #else
     const int benefit = 1;
 #endif

@@ -186,7 +186,7 @@ typedef struct {
 typedef struct {
     uint32_t waking; /* periods with the jets shut until the wake is that without control */
     uint32_t rested; /* periods that the means without control rest on, up to SW_PROVEN_PERIODS */
-    uint32_t driven; /* the same under control, or in a test of it, up to the first that is judged */
+    uint32_t driven; /* the same under control, up to the first that is judged */
     uint32_t doubt;
     uint32_t spent; /* periods of tests less those in which control helped, up to SW_PATIENCE */
     double resting_suction;
