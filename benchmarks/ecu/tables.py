@@ -1,9 +1,11 @@
 """The tables of the ECU: its sensor check, its twin in C, the loop with each."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from benchmarks.common.markdown import read, table
+from can_bridge.wire.messages import Reason
 
 _WATCHED: Final = (
     *("undisturbed", "noise_0.9", "delay_12", "delay_2_uncompensated", "delay_4_uncompensated"),
@@ -37,14 +39,21 @@ def monitor(path: Path) -> str:
             f"{row['reduction_percent']:.1f}",
             f"{row['abs_Cl']:.2f}",
             f"{row['abs_Cl_uncontrolled']:.2f}",
-            f"{row['in_control_percent'] / 100.0 * controlled:.0f}" if row["latches"] else None,
-            max(row["not_in_control_reasons"], key=row["not_in_control_reasons"].get) if row["latches"] else None,
+            *_shut(row, controlled),
         )
         for row in found["figures"]
         if row["name"] in _WATCHED
     ]
-    heads = ("scenario", "less drag, %", "mean abs Cl", "without control", "shut after, t_c of control", "by")
+    heads = ("scenario", "less drag, %", "mean abs Cl", "without control", "in control, t_c", "shut by")
     return table(heads, rows)
+
+
+def _shut(row: Mapping[str, Any], controlled: float) -> tuple[str | None, str | None]:
+    """How long a scenario was in control, and why no longer, if a fault latched or control was tested."""
+    reasons = row["not_in_control_reasons"]
+    if not (row["latches"] or Reason.NOT_HELPING.name in reasons):
+        return None, None
+    return f"{row['in_control_percent'] / 100.0 * controlled:.0f}", max(reasons, key=reasons.get)
 
 
 def twin(path: Path) -> str:

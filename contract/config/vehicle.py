@@ -174,9 +174,9 @@ class SpeedConfig(
     """From measuring to the control step; for so long the last speed stays in force where no other one comes."""
     most_acceleration: Annotated[Positive[float], Unit("m/s2")] = 15.0
     """Of a vehicle: a speed that is further from the last one is not believed."""
-    margin: Annotated[NonNegative[float], Unit("U_inf")] = 0.02
-    """By how much the speed may leave the release's range before the jets are shut, in design speeds. They come back
-    when it is within the range."""
+    margin: Annotated[Fraction[float], ours("a wind of a tenth and a gust", page="explanation/other-speeds.md")] = 0.12
+    """Share by which the speed may leave the release's range before the jets are shut: the air's may still be in it.
+    Until then it is taken for the end of the range. They come back when it is within the range."""
 
 
 @dataclass(frozen=True, kw_only=True)

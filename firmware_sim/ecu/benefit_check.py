@@ -8,8 +8,10 @@ have changed, and the wake with it, so both means are in units of what the relea
 period. After power-on no one knows for how long the jets had been shut: a reset under control leaves a calmed wake
 behind. Until the vehicle has measured for long enough, the release's wake counts where it is the larger one.
 
-Under control that does not help for a shedding cycle the jets are shut, and the fault latches. A new request for
-control tries again.
+Control that does not help for a shedding cycle is only suspected: it is compared with another time, and by a speed that
+may be wrong. So the jets are shut, and the wake is measured without them at this very speed. If that wake is the worse
+one, control goes on, and so it does at another speed, of which the test says nothing. Otherwise the fault latches in
+the end. A new request for control tries again.
 """
 
 from dataclasses import dataclass, replace
@@ -27,6 +29,10 @@ from firmware_sim.ecu.fit import positions_of
 
 ON_BASE: Final = "base_"
 """How the names of sensors on a body's base begin."""
+MOVED: Final = 0.1
+"""Change of the speed that ends a test, in design speeds: the wake has become another one."""
+PATIENCE: Final = 6
+"""Longest test, in `wake_periods`: 18 s. The jets are shut meanwhile; a speed at which control hurts may pass."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
 """The wake of a release that states none, in Cp: smaller than any, so that the vehicle's own always counts."""
 
@@ -42,6 +48,8 @@ class BenefitCheckState:
         driven: the same under control, up to `ecu.benefit_check.first_period`.
         suction, swing: the means under control.
         doubt: periods in which control did not help less those in which it did.
+        tested_at: the speed at which a test began, in design speeds; 0 without a test.
+        spent: periods of tests less those in which control helped, up to `BenefitCheck.patience`.
     """
 
     waking: int = 0
@@ -52,6 +60,13 @@ class BenefitCheckState:
     suction: float = 0.0
     swing: float = 0.0
     doubt: int = 0
+    tested_at: float = 0.0
+    spent: int = 0
+
+    @property
+    def tests(self) -> bool:
+        """Whether the jets must be shut for a test."""
+        return self.tested_at > 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +100,11 @@ class BenefitCheck:
         before, and a mean has been taken of it."""
         return self.config.wake_periods + self.config.mean_periods
 
+    @property
+    def patience(self) -> int:
+        """Periods of tests after which the fault latches."""
+        return PATIENCE * self.config.wake_periods
+
     def next(
         self, state: BenefitCheckState, cp: Array | None, *, drives: bool, speed: float = 1.0
     ) -> tuple[BenefitCheckState, Reason | None]:
@@ -95,28 +115,60 @@ class BenefitCheck:
             drives: whether the jets could run up to now.
             speed: of the vehicle, in design speeds.
         """
+        if state.tests:
+            return self._tested(state, cp, speed)
+        if drives:
+            return self._driven(state, cp, speed), None
+        waking = max(0, state.waking - 1)
+        after = replace(state, waking=waking, driven=0, suction=0.0, swing=0.0, doubt=0)
+        if cp is not None and not waking:
+            rested = min(state.rested + 1, self.proven)
+            over = min(rested, self.config.mean_periods)
+            after = self._rested(replace(after, rested=rested), cp, speed, over)
+        return after, None
+
+    def _driven(self, state: BenefitCheckState, cp: Array | None, speed: float) -> BenefitCheckState:
         config = self.config
-        if not drives:
-            waking = max(0, state.waking - 1)
-            after = replace(state, waking=waking, driven=0, suction=0.0, swing=0.0, doubt=0)
-            return after if cp is None or waking else self._rested(after, cp, speed), None
+        state = replace(state, waking=config.wake_periods)
         if cp is None:
-            return replace(state, waking=config.wake_periods), None
+            return state
         suction, swing = self._measured(cp, speed)
         driven = min(state.driven + 1, config.first_period)
         over = min(driven, config.mean_periods)
         after = replace(
             state,
-            waking=config.wake_periods,
             driven=driven,
             suction=state.suction + (suction - state.suction) / over,
             swing=state.swing + (swing - state.swing) / over,
         )
         if driven < config.first_period or state.rested == 0:
-            return after, None
-        doubt = state.doubt - 1 if self._helps(after) else state.doubt + 1
-        doubt = min(max(0, doubt), config.doubt_periods)
-        return replace(after, doubt=doubt), Reason.NOT_HELPING if doubt >= config.doubt_periods else None
+            return after
+        helps = self._helps(after)
+        after = replace(after, doubt=self._doubt(state.doubt, helps), spent=max(0, state.spent - helps))
+        return after if after.doubt < config.doubt_periods else replace(after, tested_at=speed)
+
+    def _tested(
+        self, state: BenefitCheckState, cp: Array | None, speed: float
+    ) -> tuple[BenefitCheckState, Reason | None]:
+        """`next` in a test: what control was is compared with the wake since the jets were shut, of which more cycles
+        count than of control: resumed by chance, control that hurts would begin anew."""
+        if cp is None:
+            return state, None
+        config = self.config
+        waking, spent = max(0, state.waking - 1), min(state.spent + 1, self.patience)
+        over = config.wake_periods - waking
+        after = self._rested(replace(state, waking=waking, spent=spent), cp, speed, over)
+        goes_on = False
+        if over >= min(config.first_period, config.wake_periods):
+            after = replace(after, doubt=self._doubt(state.doubt, self._helps(after)))
+            goes_on = after.doubt == 0 or abs(speed - state.tested_at) >= MOVED
+        latches = not goes_on and spent >= self.patience
+        if goes_on or latches:
+            after = replace(after, driven=0, suction=0.0, swing=0.0, doubt=0, tested_at=0.0)
+        return after, Reason.NOT_HELPING if latches else None
+
+    def _doubt(self, doubt: int, helps: bool) -> int:
+        return max(0, doubt - 1) if helps else min(doubt + 1, self.config.doubt_periods)
 
     def _helps(self, state: BenefitCheckState) -> bool:
         config = self.config
@@ -126,13 +178,11 @@ class BenefitCheck:
         gained = suction - state.suction
         return gained >= config.least_gain * abs(suction) and state.swing <= config.most_swing * swing
 
-    def _rested(self, state: BenefitCheckState, cp: Array, speed: float) -> BenefitCheckState:
+    def _rested(self, state: BenefitCheckState, cp: Array, speed: float, over: int) -> BenefitCheckState:
+        """With this period in the means without control, which are over so many."""
         suction, swing = self._measured(cp, speed)
-        rested = min(state.rested + 1, self.proven)
-        over = min(rested, self.config.mean_periods)
         return replace(
             state,
-            rested=rested,
             resting_suction=state.resting_suction + (suction - state.resting_suction) / over,
             resting_swing=state.resting_swing + (swing - state.resting_swing) / over,
         )

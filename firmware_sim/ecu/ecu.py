@@ -35,7 +35,7 @@ from firmware_sim.ecu.fit import check_vehicle
 from firmware_sim.ecu.other_ecu import heard_of_another_ecu
 from firmware_sim.ecu.pressure_reception import PressureReception, Received
 from firmware_sim.ecu.sensor_check import SensorCheckState, sensor_check_of
-from firmware_sim.ecu.speed_reception import SpeedReception, SpeedState
+from firmware_sim.ecu.speed_reception import SpeedReception
 from firmware_sim.ecu.state_machine import FailSafe, OperatingMode, PeriodInputs
 from firmware_sim.ecu.timing import Timing
 
@@ -188,10 +188,11 @@ class Ecu:
         timing = state.timing.next(now_ns, self._period_ns, config)
         heard = heard_of_another_ecu(frames, self._messages, self._key)
         other_ecu = state.other_ecu.next(heard, timing.step_ns or 0)
-        speed = state.speed
+        speed, present = state.speed, 1.0
         dynamic_pressure: float | None = self._config.operating_point.dynamic_pressure
         if self._speed is not None:
             speed = self._speed.next(speed, frames, now_ns)
+            present = self._speed.present(speed)
             dynamic_pressure = self._speed.dynamic_pressure(speed)
         received = self._reception.of(
             frames, now_ns, verifier=state.verifier, receiver=state.pressures, dynamic_pressure=dynamic_pressure
@@ -202,9 +203,10 @@ class Ecu:
         if speed.is_off:
             # Its pressures say nothing about control at other speeds: the window begins again.
             received = received._replace(cp=None)
-        memory = self._with_row(self._after_silence(state.memory, timing), received.cp, speed)
+        memory = self._after_silence(state.memory, timing)
+        memory = memory.emptied() if speed.is_off else self._with_row(memory, received.cp, present)
         sensors, memory, sensor_fault = self._checked(state.sensors, memory, received, timing.skipped)
-        benefit, no_benefit = self._judged(state, memory, speed, usable=received.cp is not None)
+        benefit, no_benefit = self._judged(state, memory, present, usable=received.cp is not None)
         bus_off = _bus_fault(state.health, health)
         inputs = PeriodInputs(
             usable=usable,
@@ -212,6 +214,7 @@ class Ecu:
             unusable_because=received.unusable_because,
             window_full=memory.is_full,
             off_speed=speed.is_off,
+            tests=benefit.tests,
             fault=timing.fault or bus_off or other_ecu.fault or sensor_fault or no_benefit or around.get("fault"),
             updating=around.get("updating", False),
         )
@@ -283,13 +286,9 @@ class Ecu:
             memory = memory.bridged(self._longest_gap).commanded(memory.under_way.newest)
         return memory
 
-    def _with_row(self, memory: ControllerMemory, cp: Array | None, speed: SpeedState) -> ControllerMemory:
-        """The memory with this period's row; none at a speed that the release does not serve."""
-        if speed.is_off:
-            return memory.emptied()
-        if cp is None:
-            return memory.bridged(self._longest_gap)
-        return memory.observed(cp, speed.present)
+    def _with_row(self, memory: ControllerMemory, cp: Array | None, speed: float) -> ControllerMemory:
+        """The memory with this period's row."""
+        return memory.bridged(self._longest_gap) if cp is None else memory.observed(cp, speed)
 
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
@@ -305,14 +304,14 @@ class Ecu:
         return after, memory, fault
 
     def _judged(
-        self, state: EcuState, memory: ControllerMemory, speed: SpeedState, *, usable: bool
+        self, state: EcuState, memory: ControllerMemory, speed: float, *, usable: bool
     ) -> tuple[BenefitCheckState, Reason | None]:
         """The benefit check after this period, and why the jets must shut; a sensor set aside has its estimate."""
         if self._benefit_check is None:
             return state.benefit, None
         cp = memory.window[-1, :-1] if usable else None
         drives = state.fail_safe.mode.drives_jets
-        return self._benefit_check.next(state.benefit, cp, drives=drives, speed=speed.present)
+        return self._benefit_check.next(state.benefit, cp, drives=drives, speed=speed)
 
     def _as_sent(self, flow_m2_per_s: float) -> float:
         """The action that a command leads to, in U_inf W: the nearest step of the wire."""

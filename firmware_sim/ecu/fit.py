@@ -25,8 +25,7 @@ def check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str = "flow") -> None
 
 
 def check_vehicle(bundle: Bundle, config: Config) -> None:
-    """Raises BundleError if the controller was built for another vehicle, bus or actuator delay; ConfigError if
-    the settings let it control down to a standstill."""
+    """Raises BundleError if the controller was built for another vehicle, bus or actuator delay."""
     manifest = bundle.manifest
     points = (_values(point) for point in (manifest.operating_point, config.operating_point))
     _check_equal(bundle, "operating point", *points, owner="vehicle")
@@ -35,10 +34,6 @@ def check_vehicle(bundle: Bundle, config: Config) -> None:
         raise BundleError(
             f"bundle {manifest.name!r} has {len(manifest.sensors)} sensors: the Pressure message carries {SENSORS}"
         )
-    margin = config.ecu.speed.margin
-    if manifest.speeds is not None and margin >= manifest.speeds.slowest:
-        slowest = manifest.speeds.slowest
-        raise ConfigError(f"ecu.speed.margin = {margin}: must be below {slowest:g}, the slowest speed of the bundle")
     if config.ecu.frozen_actions >= manifest.mpc.horizon:
         most = manifest.mpc.horizon - 1 - config.ecu.plan_ahead
         ahead = ", with ecu.plan_ahead" if config.ecu.plan_ahead else ""

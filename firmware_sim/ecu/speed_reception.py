@@ -32,7 +32,7 @@ class SpeedState:
         ratio: to the design speed, of the vehicle as last believed; None if that is too long ago.
         density: of the air in kg/m3, as the vehicle stated it with that, or the operating point's.
         measured_ns: when it was measured.
-        is_off: it is outside the release's range; once outside it has to come back by the margin.
+        is_off: it is outside the release's range by the margin; it has to come back into the range itself.
     """
 
     ratio: float | None = None
@@ -41,11 +41,6 @@ class SpeedState:
     is_off: bool = False
     verifier: VerifierState = field(default_factory=VerifierState)
     receiver: ReceiverState = field(default_factory=ReceiverState)
-
-    @property
-    def present(self) -> float:
-        """In design speeds; the design speed where no other one is known."""
-        return 1.0 if self.ratio is None else self.ratio
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,15 +89,19 @@ class SpeedReception:
         if now_ns - state.measured_ns > self._oldest_ns or state.ratio is None:
             return replace(state, ratio=None)
         within = self.config.margin if not state.is_off else 0.0
-        is_off = not self.speeds.slowest - within <= state.ratio <= self.speeds.fastest + within
+        is_off = not self.speeds.slowest * (1.0 - within) <= state.ratio <= self.speeds.fastest * (1.0 + within)
         return replace(state, is_off=is_off)
 
     def dynamic_pressure(self, state: SpeedState) -> float | None:
-        """Pa at Cp = 1, at the design speed where the speed is outside the range; None without a speed."""
-        if state.ratio is None:
-            return None
-        ratio = 1.0 if state.is_off else state.ratio
-        return 0.5 * state.density * (ratio * self.design.speed) * (ratio * self.design.speed)
+        """Pa at Cp = 1; None without a speed."""
+        through_air = self.present(state) * self.design.speed
+        return None if state.ratio is None else 0.5 * state.density * through_air * through_air
+
+    def present(self, state: SpeedState) -> float:
+        """Of the vehicle, in design speeds: within the release's range, and 1 where it is not known or too far out."""
+        if state.ratio is None or state.is_off:
+            return 1.0
+        return min(max(state.ratio, self.speeds.slowest), self.speeds.fastest)
 
     @property
     def _oldest_ns(self) -> int:

@@ -28,7 +28,8 @@ class OperatingMode(Enum):
     ARMED = auto()
     """The request is low: control starts when it rises."""
     WARMUP = auto()
-    """Control is wanted, but the controller's window is not full, or the speed is not one that the release serves."""
+    """Control is wanted, but the controller's window is not full, the speed is not one that the release serves, or the
+    wake is measured without jets, to find whether control helps."""
     CONTROL = auto()
     """The jets follow the controller."""
     HOLD = auto()
@@ -72,6 +73,7 @@ class PeriodInputs:
         unusable_because: why pressures are not usable; ignored if they are.
         window_full: the controller can plan.
         off_speed: the vehicle is slower or faster than the release is made for.
+        tests: the jets must be shut to measure the wake without them.
         fault: for which the ECU must switch itself off in this period, whatever came.
         updating: a new release is to be written.
     """
@@ -81,6 +83,7 @@ class PeriodInputs:
     unusable_because: Reason
     window_full: bool
     off_speed: bool = False
+    tests: bool = False
     fault: Reason | None = None
     updating: bool = False
 
@@ -126,7 +129,9 @@ def _missing(period: Period) -> Reason:
 
 
 def _waiting(period: Period) -> Reason:
-    return Reason.OFF_SPEED if period.inputs.usable and period.inputs.off_speed else _missing(period)
+    if period.inputs.usable and period.inputs.off_speed:
+        return Reason.OFF_SPEED
+    return Reason.NOT_HELPING if period.inputs.usable and period.inputs.tests else _missing(period)
 
 
 def _unless_refused(reason: Reason) -> Callable[[Period], Reason]:
@@ -139,7 +144,7 @@ WRITING: Final = Because("UPDATING", lambda period: Reason.UPDATING)
 QUIET: Final = Because("NONE; NOT_AUTHENTIC if no frame is", _unless_refused(Reason.NONE))
 STANDS: Final = Because("NOT_ARMED; NOT_AUTHENTIC if no frame is", _unless_refused(Reason.NOT_ARMED))
 MISSING: Final = Because("why pressures are missing", _missing)
-WAITING: Final = Because("NONE; OFF_SPEED at such a speed; if pressures are missing, why", _waiting)
+WAITING: Final = Because("NONE; OFF_SPEED at such a speed; NOT_HELPING in a test; why pressures are missing", _waiting)
 OWN: Final = Because("of the fault", lambda period: period.inputs.fault or Reason.INTERNAL)
 FIRST: Final = Because("the first one stays", lambda period: period.kept)
 
@@ -173,8 +178,8 @@ TOO_MANY: Final = Condition(
     lambda period: not period.inputs.usable and period.lost >= period.config.loss_limit,
 )
 FILLING: Final = Condition(
-    "the window is not full, or the release is not made for the speed",
-    lambda period: period.inputs.off_speed or not period.inputs.window_full,
+    "the window is not full, the release is not made for the speed, or a test is whether control helps",
+    lambda period: period.inputs.off_speed or period.inputs.tests or not period.inputs.window_full,
 )
 USABLE: Final = Condition("usable pressures", lambda period: period.inputs.usable)
 SHORT: Final = Condition(

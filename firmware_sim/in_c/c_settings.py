@@ -28,7 +28,7 @@ from contract.errors import ConfigError, LibraryError
 from contract.release import manifest as manifests
 from contract.release.checks import Bundle
 from contract.release.manifest import Manifest
-from firmware_sim.ecu import sensor_check
+from firmware_sim.ecu import benefit_check, sensor_check
 from firmware_sim.ecu.benefit_check import BenefitCheck, resting_of
 from firmware_sim.ecu.calibrating import limits_of, release_calibration
 from firmware_sim.ecu.fit import check_vehicle
@@ -225,6 +225,8 @@ def _of_benefit_check(check: BenefitCheck | None) -> dict[str, int | float | str
         "SW_LEAST_GAIN": config.least_gain,
         "SW_MOST_SWING": config.most_swing,
         "SW_BENEFIT_DOUBT": f"{config.doubt_periods}u",
+        "SW_PATIENCE": f"{check.patience}u",
+        "SW_MOVED": benefit_check.MOVED,
     }
 
 

@@ -115,12 +115,14 @@ def _not_held(log: RunLog, found: Control) -> str:
     if not found.requested:
         return "NOT IN CONTROL: control was not requested."
     share = f"in control {found.in_control} of {_periods(found.requested)}"
-    off = int((log.series["reason"][log.enabled_at :] == Reason.OFF_SPEED).sum())
+    reasons = log.series["reason"][log.enabled_at :]
+    off = int((reasons == Reason.OFF_SPEED).sum())
     if found.warm_up == found.requested:
         why = BECAUSE[Reason.OFF_SPEED] if off else "the controller's window was still filling at the end"
         return f"NOT IN CONTROL: {share}; {why}."
     others = [f"{name} {count}" for name, count in found.modes.items() if name != Mode.CONTROL.name]
-    others += [f"of these OFF_SPEED {off}"] * bool(off)
+    waited = {reason.name: int((reasons == reason).sum()) for reason in (Reason.OFF_SPEED, Reason.NOT_HELPING)}
+    others += [f"of these {name} {count}" for name, count in waited.items() if count]
     return f"CONTROL NOT HELD: {share} ({', '.join(others)})."
 
 

@@ -7,7 +7,7 @@ from can_bridge.wire.messages import Reason
 
 DOES: Final[Mapping[str, str]] = {
     "OFF": "the jets are shut",
-    "WARMUP": "the controller's window fills",
+    "WARMUP": "the jets are shut while the controller's window fills, or control is tested",
     "CONTROL": "the jets follow the controller",
     "HOLD": "the last command stays",
     "DECAY": "the command is halved each period",

@@ -14,7 +14,7 @@ from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.controller import CostWeights
-from contract.config.vehicle import BusConfig, EcuConfig, SpeedConfig
+from contract.config.vehicle import BusConfig, EcuConfig
 from contract.controller.c_folder import ECU_SETTINGS, library_sources
 from contract.controller.interface import ControllerError
 from contract.errors import ConfigError, LibraryError
@@ -144,7 +144,7 @@ def test_every_value_is_calibrated_while_it_runs_as_in_python(c, python):
 
 
 SPEEDS = SpeedRange(slowest=0.8, fastest=1.2)
-AT_SPEEDS = [1.0 + 0.02 * k for k in (*range(13), *range(12, -14, -1), *range(-13, 0))] + [None] * 30
+AT_SPEEDS = [1.0 + 0.03 * k for k in (*range(13), *range(12, -14, -1), *range(-13, 0))] + [None] * 30
 
 
 def test_a_release_that_serves_speeds_does_as_well(release):
@@ -181,9 +181,6 @@ def test_what_has_no_ecu_or_c_cannot_do_is_refused_in_one_line(release, sources,
     ):
         with pytest.raises(ConfigError, match=words):
             ecu_sources(release.folder, release.bundle, config)
-    config = replace(CONFIG, ecu=replace(CONFIG.ecu, speed=SpeedConfig(margin=0.8)))
-    with pytest.raises(ConfigError, match=r"ecu\.speed\.margin = 0\.8: must be below 0\.8, the slowest speed"):
-        ecu_sources(release.folder, release.serving(SPEEDS).bundle, config)
 
 
 def test_the_largest_settings_that_are_taken_compile(release):

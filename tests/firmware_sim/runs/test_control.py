@@ -59,11 +59,13 @@ def test_periods_that_are_left_out_held_or_still_warm_up_are_not_in_control(shed
     never = shedding(modes=dict.fromkeys(range(100), Mode.WARMUP))
     expected = "NOT IN CONTROL: in control 0 of 100 periods; the controller's window was still filling at the end."
     assert trouble(never) == expected
-    # A vehicle too fast for its release, for a while or throughout.
+    # A vehicle too fast for its release, for a while or throughout; control that is tested.
     for periods, text in ((9, "91 of 100 periods (WARMUP 9, of these OFF_SPEED 9)."), (99, "is for.")):
         slow = {k: Mode.WARMUP for k in range(100 - periods, 100)}
         off = shedding(modes={0: Mode.WARMUP} | slow if periods == 99 else slow, reasons=dict.fromkeys(slow, 17))
         assert (trouble(off) or "").endswith(text), periods
+    tested = shedding(modes=dict.fromkeys((60, 61), Mode.WARMUP), reasons=dict.fromkeys((60, 61), Reason.NOT_HELPING))
+    assert (trouble(tested) or "").endswith("(WARMUP 2, of these NOT_HELPING 2).")
 
 
 def test_what_holds_no_control_at_all_has_its_reason(shedding):

@@ -81,6 +81,7 @@ def oldest_ns(oldest_ms: float) -> int:
 def edges(config: Config) -> list[float]:
     """Ratios at the ends of the range, without and with the margin, and a step of the wire beside them."""
     design, margin = config.operating_point.speed, config.ecu.speed.margin
-    ends = (SPEEDS.slowest, SPEEDS.slowest - margin, SPEEDS.fastest, SPEEDS.fastest + margin)
+    slowest, fastest = SPEEDS.slowest, SPEEDS.fastest
+    ends = (slowest, slowest * (1.0 - margin), fastest, fastest * (1.0 + margin))
     steps = [round(end * design / SPEED_RESOLUTION_M_PER_S) + off for end in ends for off in (-1, 0, 1)]
     return [step * SPEED_RESOLUTION_M_PER_S / design for step in steps]

@@ -15,7 +15,7 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
-from firmware_sim.ecu.benefit_check import BenefitCheckState
+from firmware_sim.ecu.benefit_check import MOVED, PATIENCE, BenefitCheckState
 from firmware_sim.ecu.delay_line import DelayLine
 from firmware_sim.ecu.ecu_state import EcuState
 from firmware_sim.ecu.other_ecu import SILENCE_NS, OtherEcu
@@ -138,7 +138,10 @@ class Edges:
             driven=min(check.first_period, rng.choice((0, self._around(check.first_period)))),
             suction=judged_by - check.least_gain * abs(judged_by) + rng.choice((-0.5, -0.01, 0.0, 0.01)),
             swing=rng.choice((0.0, swing, 1.0, 2.0)) * check.most_swing,
-            doubt=min(check.doubt_periods, rng.choice((0, self._around(check.doubt_periods)))),
+            doubt=min(check.doubt_periods, rng.choice((0, 1, self._around(check.doubt_periods)))),
+            # At a speed that is left, or nearly so, by that of a state with or without one.
+            tested_at=rng.choice((0.0, 1.0, 1.0 + MOVED, 0.85)),
+            spent=min(PATIENCE * check.wake_periods, rng.choice((0, 1, self._around(PATIENCE * check.wake_periods)))),
         )
         return replace(state, benefit=changed)
 

@@ -123,8 +123,8 @@ def test_a_bundle_of_another_model_or_program_has_no_library(tmp_path, monkeypat
 
 
 def test_a_setting_that_c_cannot_do_for_this_release_ends_it_before_the_work(cli, tmp_path):
-    done = cli("export", "--c", tmp_path / "c", "--set", "ecu.speed.margin=0.7")
-    assert (done.code, done.err.count("\n")) == (1, 1) and "ecu.speed.margin = 0.7: must be below 0.6" in done.err
+    done = cli("export", "--c", tmp_path / "c", "--set", "ecu.delay_steps=99")
+    assert (done.code, done.err.count("\n")) == (1, 1) and "ecu.delay_steps = 99: must be at most" in done.err
     assert not (tmp_path / "c").exists()
 
 

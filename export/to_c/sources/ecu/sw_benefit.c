@@ -61,20 +61,37 @@ static int helps(const sw_benefit *benefit)
     return less_suction & calm;
 }
 
-/* The jets are shut. */
-static void rest(sw_benefit *benefit, const sw_release *release, const double *cp, double speed)
+static uint32_t one_less(uint32_t count) { return count > 0u ? count - 1u : 0u; }
+
+/* With this period in the means without control, which are over so many. */
+static void rested(sw_benefit *benefit, measured now, uint32_t over)
 {
-    if (benefit->waking > 0u) benefit->waking--;
+    benefit->resting_suction += (now.suction - benefit->resting_suction) / (double)over;
+    benefit->resting_swing += (now.swing - benefit->resting_swing) / (double)over;
+}
+
+/* What was of control is over. */
+static void forget(sw_benefit *benefit)
+{
     benefit->driven = 0;
     benefit->suction = 0.0;
     benefit->swing = 0.0;
     benefit->doubt = 0;
+}
+
+/* The jets are shut. */
+static void rest(sw_benefit *benefit, const sw_release *release, const double *cp, double speed)
+{
+    benefit->waking = one_less(benefit->waking);
+    forget(benefit);
     if (cp == NULL || benefit->waking > 0u) return;
-    const measured now = measure(release, cp, speed);
     benefit->rested = at_most(benefit->rested + 1u, SW_PROVEN_PERIODS);
-    const double over = (double)at_most(benefit->rested, SW_MEAN_PERIODS);
-    benefit->resting_suction += (now.suction - benefit->resting_suction) / over;
-    benefit->resting_swing += (now.swing - benefit->resting_swing) / over;
+    rested(benefit, measure(release, cp, speed), at_most(benefit->rested, SW_MEAN_PERIODS));
+}
+
+static uint32_t doubt_after(const sw_benefit *benefit)
+{
+    return helps(benefit) ? one_less(benefit->doubt) : at_most(benefit->doubt + 1u, SW_BENEFIT_DOUBT);
 }
 
 static void drive(sw_benefit *benefit, const sw_release *release, const double *cp, double speed)
@@ -86,24 +103,42 @@ static void drive(sw_benefit *benefit, const sw_release *release, const double *
     const double over = (double)at_most(benefit->driven, SW_MEAN_PERIODS);
     benefit->suction += (now.suction - benefit->suction) / over;
     benefit->swing += (now.swing - benefit->swing) / over;
+    if (benefit->driven < SW_FIRST_PERIOD || benefit->rested == 0u) return;
+    benefit->doubt = doubt_after(benefit);
+    if (helps(benefit)) benefit->spent = one_less(benefit->spent);
+    if (benefit->doubt >= SW_BENEFIT_DOUBT) benefit->tested_at = speed;
+}
+
+/* In a test what control was is compared with the wake since the jets were shut, of which more cycles count. */
+static uint8_t test(sw_benefit *benefit, const sw_release *release, const double *cp, double speed)
+{
+    if (cp == NULL) return SW_REASON_NONE;
+    benefit->waking = one_less(benefit->waking);
+    benefit->spent = at_most(benefit->spent + 1u, SW_PATIENCE);
+    const uint32_t over = SW_WAKE_PERIODS - benefit->waking;
+    rested(benefit, measure(release, cp, speed), over);
+    int goes_on = 0;
+    if (over >= at_most(SW_FIRST_PERIOD, SW_WAKE_PERIODS)) {
+        benefit->doubt = doubt_after(benefit);
+        goes_on = benefit->doubt == 0u || magnitude(speed - benefit->tested_at) >= SW_MOVED;
+    }
+    const int latches = !goes_on && benefit->spent >= SW_PATIENCE;
+    if (goes_on || latches) {
+        forget(benefit);
+        benefit->tested_at = 0.0;
+    }
+    return (uint8_t)(latches ? SW_REASON_NOT_HELPING : SW_REASON_NONE);
 }
 
 uint8_t sw_benefit_next(sw_benefit *benefit, const sw_release *release, const double *cp, double speed, int drives)
 {
-    if (!drives) {
-        rest(benefit, release, cp, speed);
-        return SW_REASON_NONE;
-    }
-    drive(benefit, release, cp, speed);
-    if (cp == NULL || benefit->driven < SW_FIRST_PERIOD || benefit->rested == 0u) return SW_REASON_NONE;
-    if (!helps(benefit)) {
-        benefit->doubt = at_most(benefit->doubt + 1u, SW_BENEFIT_DOUBT);
-    } else if (benefit->doubt > 0u) {
-        benefit->doubt--;
+    if (benefit->tested_at > 0.0) return test(benefit, release, cp, speed);
+    if (drives) {
+        drive(benefit, release, cp, speed);
     } else {
-        /* No doubt stays none. */
+        rest(benefit, release, cp, speed);
     }
-    return (uint8_t)(benefit->doubt >= SW_BENEFIT_DOUBT ? SW_REASON_NOT_HELPING : SW_REASON_NONE);
+    return SW_REASON_NONE;
 }
 
 #endif

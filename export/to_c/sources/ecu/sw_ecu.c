@@ -17,21 +17,21 @@ typedef struct {
 
 static double newest(const sw_memory *memory) { return memory->under_way[memory->frozen]; }
 
-/* Of the vehicle, in design speeds; the design speed where no other one is known. */
-static double present_speed(const sw_ecu_state *state)
+static double present_speed(const sw_ecu_state *state, const sw_release *release)
 {
 #if SW_PAST > 0
-    if (state->speed.known) return state->speed.ratio;
+    return sw_speed_present(&state->speed, release);
 #else
     (void)state;
-#endif
+    (void)release;
     return 1.0;
+#endif
 }
 
 /* This period's row; none at a speed that the release does not serve, whose pressures say nothing about control at
  * others.
  */
-static void with_row(sw_ecu_state *state, const double *cp)
+static void with_row(sw_ecu_state *state, const sw_release *release, const double *cp)
 {
     sw_memory *memory = &state->memory;
 #if SW_PAST > 0
@@ -41,7 +41,7 @@ static void with_row(sw_ecu_state *state, const double *cp)
     }
 #endif
     if (cp != NULL) {
-        sw_memory_observed(memory, cp, present_speed(state));
+        sw_memory_observed(memory, cp, present_speed(state, release));
     } else {
         sw_memory_bridged(memory);
     }
@@ -89,7 +89,8 @@ static uint8_t check_benefit(sw_ecu_state *state, const sw_release *release, int
     uint8_t fault = SW_REASON_NONE;
 #if SW_BENEFIT_CHECK
     const double *cp = usable ? state->memory.window[SW_WINDOW - 1] : NULL;
-    fault = sw_benefit_next(&state->benefit, release, cp, present_speed(state), sw_drives_jets(state->fail_safe.mode));
+    const double speed = present_speed(state, release);
+    fault = sw_benefit_next(&state->benefit, release, cp, speed, sw_drives_jets(state->fail_safe.mode));
 #else
     (void)state;
     (void)release;
@@ -253,7 +254,7 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
     }
     sw_other_ecu_next(&state->other_ecu, frames, count, state->timing.step_ns);
     after_silence(&state->memory, &state->timing);
-    with_row(state, cp);
+    with_row(state, ecu->numbers.release, cp);
     const uint8_t sensor_fault = check_sensors(ecu, cp, reading);
     const uint8_t no_benefit = check_benefit(state, ecu->numbers.release, cp != NULL);
     const uint8_t faults[] = {sw_inexact(), state->timing.fault, bus_fault(&state->health, &ecu->surroundings.health),
@@ -265,6 +266,7 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
     inputs->unusable_because = received.unusable_because;
     inputs->window_full = state->memory.rows == SW_WINDOW;
     inputs->off_speed = off_speed;
+    inputs->tests = (uint8_t)(state->benefit.tested_at > 0.0);
     inputs->fault = first_of(faults, (int)sizeof faults);
     inputs->updating = ecu->surroundings.updating;
 }
@@ -338,7 +340,8 @@ static int could_be(const sw_ecu_state *state)
 #if SW_BENEFIT_CHECK
     const sw_benefit *counted = &state->benefit;
     const int benefit = counted->rested <= SW_PROVEN_PERIODS && counted->driven <= SW_FIRST_PERIOD &&
-                        counted->doubt <= SW_BENEFIT_DOUBT;
+                        counted->doubt <= SW_BENEFIT_DOUBT && counted->waking <= SW_WAKE_PERIODS &&
+                        counted->spent <= SW_PATIENCE;
 #else
     const int benefit = 1;
 #endif

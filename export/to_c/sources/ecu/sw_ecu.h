@@ -60,7 +60,7 @@ typedef enum {
     SW_INIT,    /* no usable pressures since power-on */
     SW_STANDBY, /* the request for control stands as it did at power-on: it must fall first */
     SW_ARMED,   /* the request is low */
-    SW_WARMUP,  /* control is wanted, but the window is not full, or the speed is not one that the release serves */
+    SW_WARMUP,  /* control is wanted, but the window is not full, the speed not served, or whether it helps tested */
     SW_CONTROL, /* the jets follow the controller */
     SW_HOLD,    /* pressures are missing: the last command stays */
     SW_DECAY,   /* for longer: it is halved each period */
@@ -188,10 +188,12 @@ typedef struct {
     uint32_t rested; /* periods that the means without control rest on, up to SW_PROVEN_PERIODS */
     uint32_t driven; /* the same under control, up to the first that is judged */
     uint32_t doubt;
+    uint32_t spent; /* periods of tests less those in which control helped, up to SW_PATIENCE */
     double resting_suction;
     double resting_swing;
     double suction;
     double swing;
+    double tested_at; /* the speed at which a test began, in design speeds; 0 without a test */
 } sw_benefit;
 
 /* Whether another ECU is on the bus. */

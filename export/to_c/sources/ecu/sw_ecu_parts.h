@@ -133,8 +133,11 @@ void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count, i
 /* After a period's frames. */
 void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_frame *frames, int count, int64_t now_ns);
 
-/* Pa at Cp = 1, at the design speed where the speed is outside the range; 0 without a speed. */
+/* Pa at Cp = 1; 0 without a speed. */
 double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release);
+
+/* Of the vehicle, in design speeds: within the release's range, and 1 where it is not known or too far out. */
+double sw_speed_present(const sw_speed_state *speed, const sw_release *release);
 #endif
 
 /* --- sw_past.c: rows of periods read again at steps of the present speed --- */
@@ -215,6 +218,7 @@ typedef struct {
     uint8_t unusable_because;
     uint8_t window_full;
     uint8_t off_speed; /* the vehicle is slower or faster than the release is made for */
+    uint8_t tests;     /* the jets must be shut to measure the wake without them */
     uint8_t fault; /* SW_REASON_, or SW_REASON_NONE */
     uint8_t updating;
 } sw_period_inputs;

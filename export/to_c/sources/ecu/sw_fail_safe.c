@@ -20,7 +20,7 @@ typedef enum {
     INVALID,        /* the stream is not to be trusted */
     TOO_LONG,       /* more than hold and decay periods missing in a row */
     TOO_MANY,       /* SW_LOSS_LIMIT of the last SW_LOSS_WINDOW missing, this one too */
-    FILLING,        /* the window is not full, or the release is not made for the speed */
+    FILLING,        /* the window is not full, the release not made for the speed, or whether control helps tested */
     USABLE,         /* pressures */
     SHORT           /* no more than the hold periods missing in a row */
 } condition;
@@ -31,7 +31,7 @@ typedef enum {
     WRITING,
     STANDS,  /* NOT_ARMED; NOT_AUTHENTIC if no frame is */
     MISSING, /* why pressures are missing; none if they are not */
-    WAITING, /* the same; OFF_SPEED at such a speed */
+    WAITING, /* the same; OFF_SPEED at such a speed, NOT_HELPING in a test */
     OWN,     /* of the fault */
     FIRST    /* the first one stays */
 } because;
@@ -107,7 +107,17 @@ static uint8_t unless_refused(const period *now, uint8_t reason)
     return missing(now) == SW_REASON_NOT_AUTHENTIC ? (uint8_t)SW_REASON_NOT_AUTHENTIC : reason;
 }
 
-static int is_filling(const period *now) { return now->inputs->off_speed || !now->inputs->window_full; }
+static uint8_t waiting(const period *now)
+{
+    const uint8_t in_a_test = (uint8_t)(now->inputs->tests ? SW_REASON_NOT_HELPING : SW_REASON_NONE);
+    const uint8_t usable = (uint8_t)(now->inputs->off_speed ? SW_REASON_OFF_SPEED : in_a_test);
+    return now->inputs->usable ? usable : missing(now);
+}
+
+static int is_filling(const period *now)
+{
+    return now->inputs->off_speed || now->inputs->tests || !now->inputs->window_full;
+}
 
 static int rearmed(const period *now) { return now->inputs->usable && now->rises && now->good >= SW_REARM_FRAMES; }
 
@@ -181,7 +191,7 @@ static uint8_t reason_of(uint8_t because_of, const period *now)
         reason = missing(now);
         break;
     case WAITING:
-        reason = now->inputs->usable && now->inputs->off_speed ? (uint8_t)SW_REASON_OFF_SPEED : missing(now);
+        reason = waiting(now);
         break;
     case OWN:
         reason = now->inputs->fault;
@@ -255,7 +265,7 @@ void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs)
 
 void sw_fail_safe_latch(sw_fail_safe *fail_safe, uint8_t reason)
 {
-    const sw_period_inputs inputs = {0, 0, 0, reason, 0, 0, reason, 0};
+    const sw_period_inputs inputs = {0, 0, 0, reason, 0, 0, 0, reason, 0};
     const period now = {&inputs, fail_safe->enable_request, 0, fail_safe->reason, fail_safe->misses, 0, 0};
     const transition *row = taken(fail_safe->mode, &now);
     fail_safe->mode = row->to;

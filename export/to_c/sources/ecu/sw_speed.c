@@ -45,14 +45,21 @@ void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_fr
         speed->ratio = 0.0;
     } else {
         const double margin = speed->is_off ? 0.0 : SW_SPEED_MARGIN;
-        speed->is_off =
-            (uint8_t)!(speed->ratio >= release->slowest - margin && speed->ratio <= release->fastest + margin);
+        speed->is_off = (uint8_t)!(speed->ratio >= release->slowest * (1.0 - margin) &&
+                                   speed->ratio <= release->fastest * (1.0 + margin));
     }
+}
+
+double sw_speed_present(const sw_speed_state *speed, const sw_release *release)
+{
+    if (!speed->known || speed->is_off) return 1.0;
+    if (speed->ratio < release->slowest) return release->slowest;
+    return speed->ratio > release->fastest ? release->fastest : speed->ratio;
 }
 
 double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release)
 {
-    const double through_air = (speed->is_off ? 1.0 : speed->ratio) * release->design_speed;
+    const double through_air = sw_speed_present(speed, release) * release->design_speed;
     return speed->known ? 0.5 * speed->density * through_air * through_air : 0.0;
 }
 
