@@ -19,6 +19,7 @@ def tables(results: Path) -> dict[str, str]:
     """Every table by its marker."""
     return {
         "release_loop": release_loop(results),
+        "square_loop": release_loop(results, "square_loop"),
         "drive": drive(results),
         "tune": tune(results),
         "tune_settings": tune_settings(results),
@@ -57,9 +58,9 @@ def _latched(troubles: list[str]) -> str:
     return ", ".join(f"{name} ({count})" for name, count in faults.items())
 
 
-def release_loop(results: Path) -> str:
-    """The shipped release from several phases, one by one."""
-    found = read(results / "release_loop.json")
+def release_loop(results: Path, name: str = "release_loop") -> str:
+    """A release from several phases, one by one."""
+    found = read(results / f"{name}.json")
     figures, facts = found["figures"], found["facts"]
     rows: list[tuple[object, ...]] = [
         (f"{t:g} t_c", *(row[name] for name in _NAMES))

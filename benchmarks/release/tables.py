@@ -13,7 +13,6 @@ def tables(results: Path) -> dict[str, str]:
         "summary": summary(results),
         "demo": demo(results),
         "limits": limits(results),
-        "square_loop": square_loop(results),
         "steady": steady(results),
         "bundle_fuzz": bundle_fuzz(results),
         "release_forecasts": release_forecasts(results),
@@ -165,16 +164,6 @@ def demo(results: Path) -> str:
 
 Control step, wall clock p50/p99/max: {latency} ms of {figures["mpc_budget_ms"]:g} ms. Frames sent
 {figures["frames_sent"]}, lost {figures["frames_lost"]}, rejected {figures["frames_rejected"]}."""
-
-
-def square_loop(results: Path) -> str:
-    """The loop around the square cylinder."""
-    found = read(results / "square_loop.json")
-    figures = found["figures"]
-    return f"""Measured on {found["date"]}: {figures["controller"]}, sensors {", ".join(figures["sensors"])}. Wall drag
-reduced by **{figures["reduction_percent"]:.1f} %**.
-
-{_before_and_under(figures)}"""
 
 
 def _before_and_under(figures: Mapping[str, Any]) -> str:

@@ -10,6 +10,7 @@ import typer
 
 from contract.atomic import check_writable
 from contract.config.loading import load_config, to_tree
+from contract.errors import ConfigError
 from contract.model.model_folder import check_free
 from contract.results import versions
 from contract.shipped import model as shipped_model
@@ -21,19 +22,30 @@ from stillwake.console.terminal import ConfigFile, JsonFile, Overrides, Threads,
 from stillwake.parts.training_progress import PhaseBars, continued
 from train.fitting import unfinished
 
-SENSORS: Final = "upper_39,lower_39,base_0,base_9"
+SENSORS: Final = 4
+"""How many are taken where none are named."""
 USES: Final = ("refine", "mpc", "train.seed")
 
 
 def refine(
     output: Annotated[Path, typer.Argument(help="Model directory to write.")],
     model: Annotated[Path | None, typer.Option(help="Model directory to refine. Default: the shipped one.")] = None,
-    sensors: Annotated[str, typer.Option(help="Comma-separated sensors, in pairs of mirror images.")] = SENSORS,
+    sensors: Annotated[
+        str | None,
+        typer.Option(
+            help="Comma-separated sensors, in pairs of mirror images. Default: the rearmost pair on the sides and the "
+            "outermost on the base."
+        ),
+    ] = None,
     dataset: Annotated[
         Path | None, typer.Option(help="Data set that the model was trained on. Default: the shipped recording.")
     ] = None,
     start: Annotated[
-        Path | None, typer.Option(help="Developed wake (.npz) on the default mesh. Default: the shipped one.")
+        Path | None,
+        typer.Option(
+            help="Developed wake (.npz) on the default mesh. Default: the shipped one; another body's than the truck's "
+            "develops from rest, on the mesh of the training."
+        ),
     ] = None,
     threads: Threads = 1,
     workers: Annotated[
@@ -72,11 +84,20 @@ def refine(
         mpc = replace(load_config().mpc, horizon=kept.horizon, drag_reference=kept.drag_reference)
         own = replace(own, mpc=mpc)
     config = settings("refine", config_file, overrides, uses=USES, base=own).config
+    if (config.body, config.flow) != (own.body, own.flow):
+        raise ConfigError(
+            f"{config_file}: its body or flow is not that of model {folder_read}: name a model of it with --model"
+        )
 
     from stillwake.parts.differentiable_wake import differentiable_wake, wake_of
     from train.refinement.stretches import side_by_side
+    from train.selection.methods import select_by_hand
 
-    names = tuple(name.strip() for name in sensors.split(","))
+    layout = trained.layout
+    if sensors is None:
+        names = tuple(layout.names[index] for index in select_by_hand(SENSORS, layout))
+    else:
+        names = tuple(name.strip() for name in sensors.split(","))
     shared = side_by_side(workers, partial(wake_of, config, names)) if workers > 1 else nullcontext()
     with continued(folder), shared as run, progress_bar("steps", estimate_over=600.0) as bar:
         show = PhaseBars(bar)
