@@ -141,7 +141,7 @@ def outcome(bundle: Path, config: Config, case: Case, phase: int = 0, phases: in
         flow = replace(flow, substeps=2 * flow.substeps)
     wake = TruckWake(flow, body=config.body)
     wake.reset(replace(_start(config), substep=0))
-    for _ in range(phases_apart(phases, flow.control_period)[phase]):
+    for _ in range(phases_apart(phases, config)[phase]):
         wake.advance(0.0)
     spans = Spans(lead_in=LEAD_IN, controlled=drive.duration_s / point.convective_time, settle=SETTLE)
     driven = replace(config, flow=flow, mpc=release.manifest.mpc)

@@ -75,7 +75,7 @@ def main(
 ) -> None:
     """Run every pair and print a table."""
     release = bundles.load(bundle)
-    kept = kept_starts(parts, release, phases)
+    kept = kept_starts(parts, release, phases, load_config())
     runs = [
         (case, phase, iterated)
         for case in CASES

@@ -15,7 +15,10 @@ _NAMES = (
 
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker."""
-    return {"release_loop": release_loop(results), "drive": drive(results)}
+    return {
+        "release_loop": release_loop(results),
+        "drive": drive(results),
+    }
 
 
 def drive(results: Path) -> str:

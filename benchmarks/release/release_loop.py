@@ -1,9 +1,10 @@
 """The shipped release in the closed loop from several phases of the shedding cycle: figures with their spread.
 
-    python -m benchmarks release-loop [--bundle BUNDLE] [--json FILE]
+    python -m benchmarks release-loop [--bundle BUNDLE] [--config FILE] [--json FILE]
 
 Each run is one of `stillwake run`: through CAN, int8, ONNX Runtime, 25 t_c without control and 100 with it, of which
-the last 60 are averaged. Finished runs are kept.
+the last 60 are averaged. Another body's settings come with its release; its wake develops from rest first. Finished
+runs are kept.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -57,31 +58,35 @@ def main(
     phases: Annotated[int, typer.Option(min=1, max=25, help="Starts, equal parts of a shedding cycle apart.")] = 5,
     workers: Annotated[int, typer.Option(min=1, max=MOST_WORKERS, help="Processes, a run each at a time.")] = 2,
     bundle: Annotated[Path, typer.Option(help="Another release in place of the shipped one.")] = BUNDLE,
+    config_file: Annotated[Path | None, typer.Option("--config", help="Settings of its body and flow (TOML).")] = None,
 ) -> None:
     """Close the loop from every phase and print a table."""
-    release, config = bundles.load(bundle), load_config()
-    kept = kept_starts(parts, release, phases)
-    rows = list(track(_runs(bundle, kept, phases, workers), "release", "runs", total=phases))
+    release = bundles.load(bundle)
+    config = replace(load_config(config_file), mpc=release.manifest.mpc)
+    kept = kept_starts(parts, release, phases, config)
+    rows = list(track(_runs(bundle, config, kept, phases, workers), "release", "runs", total=phases))
     over_phases = spread(rows)
     _print(rows, over_phases)
     facts = {
         "bundle": release.manifest.name,
         "digest": release.digest,
+        "sensors": list(release.manifest.sensors),
+        "body": asdict(config.body),
+        "flow": asdict(config.flow),
         "mpc": asdict(release.manifest.mpc),
         **{name: getattr(SPANS, name) for name in ("lead_in", "controlled", "settle")},
-        "phases_t_c": [
-            apart * config.flow.control_period for apart in phases_apart(phases, config.flow.control_period)
-        ],
+        "phases_t_c": [apart * config.flow.control_period for apart in phases_apart(phases, config)],
         "versions": versions("stillwake", "onnxruntime", "numpy", "numba"),
     }
-    save(json_file, figures={"phases": rows, "over_phases": over_phases}, facts=facts)
+    means = {name: found["mean"] for name, found in over_phases.items()}
+    save(json_file, figures={**means, "phases": rows, "over_phases": over_phases}, facts=facts)
 
 
-def kept_starts(parts: Path, release: Bundle, phases: int) -> CampaignFolder:
+def kept_starts(parts: Path, release: Bundle, phases: int, config: Config) -> CampaignFolder:
     """A folder of the release with its starts in so many phases of the shedding cycle."""
     kept = CampaignFolder(parts / f"{release.digest[:12]}_{phases}")
     kept.start(0).parent.mkdir(parents=True, exist_ok=True)
-    keep_states(kept, starting_states(kept, load_config(), phases))
+    keep_states(kept, starting_states(kept, config, phases))
     return kept
 
 
@@ -116,26 +121,20 @@ def spread(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
     return found
 
 
-def _runs(bundle: Path, kept: CampaignFolder, phases: int, workers: int) -> Iterator[dict[str, Any]]:
+def _runs(bundle: Path, config: Config, kept: CampaignFolder, phases: int, workers: int) -> Iterator[dict[str, Any]]:
     """The figures of every phase, in order."""
     files = [kept.path / f"phase_{number}.json" for number in range(phases)]
     starts = [kept.start(number) for number in range(phases)]
     missing = sum(not file.is_file() for file in files)
     # A process of its own costs seconds: none is made for what is kept.
     with nullcontext() if missing == 0 else process_pool(min(workers, missing)) as pool:
-        each = partial(_kept_run, bundle)
+        each = partial(_kept_run, bundle, config)
         yield from map(each, files, starts) if pool is None else pool.map(each, files, starts)
 
 
-def _kept_run(bundle: Path, file: Path, start: Path) -> dict[str, Any]:
-    found: dict[str, Any] = part(file, lambda: _run(bundle, start))
+def _kept_run(bundle: Path, config: Config, file: Path, start: Path) -> dict[str, Any]:
+    found: dict[str, Any] = part(file, lambda: measured(bundles.load(bundle), config, start))
     return found
-
-
-def _run(bundle: Path, start: Path) -> dict[str, Any]:
-    """One run of a release from there."""
-    release = bundles.load(bundle)
-    return measured(release, replace(load_config(), mpc=release.manifest.mpc), start)
 
 
 def measured(release: Bundle, config: Config, start: Path, calibration: Calibration | None = None) -> dict[str, Any]:

@@ -45,7 +45,8 @@ def main(
     """Measure both rows, and put them in place of those that the file has."""
     release = bundles.load(BUNDLE)
     of_loop = read(ROOT / "results" / "release_loop.json")
-    config, kept = load_config(), kept_starts(parts, release, phases)
+    config = load_config()
+    kept = kept_starts(parts, release, phases, config)
     alone = replace(release_calibration(release, config), weights=NOTHING)
     runs = [
         part(kept.path / f"prior_{number}.json", partial(measured, release, config, kept.start(number), alone))

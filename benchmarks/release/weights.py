@@ -101,7 +101,7 @@ def started(folder: Path, phases: int) -> Path:
     if not (folder / f"start_{phases - 1}.npz").is_file():
         moved(developed_state(), box_grid(config.body.length), wake, SETTLE_TIME)
         reached = 0
-        for phase, apart in enumerate(phases_apart(phases, config.flow.control_period)):
+        for phase, apart in enumerate(phases_apart(phases, config)):
             for _ in range(apart - reached):
                 wake.advance(0.0)
             reached = apart

@@ -8,16 +8,16 @@ from pathlib import Path
 from contract.config.body import TRUCK_BODY
 from contract.config.tree import Config
 from contract.errors import PlantError
-from firmware_sim.bench.spans import SHEDDING_TIME
 from firmware_sim.campaign.folder import CampaignFolder
 from wake.truck.develop import develop
 from wake.truck.state import State, check_body, check_reynolds, developed_state, load_state, save_state
 from wake.truck.truck_wake import TruckWake
 
 
-def phases_apart(phases: int, control_period: float) -> list[int]:
-    """Control periods from the developed wake to each phase: equal parts of a shedding cycle."""
-    return [round(number * SHEDDING_TIME / phases / control_period) for number in range(phases)]
+def phases_apart(phases: int, config: Config) -> list[int]:
+    """Control periods from the developed wake to each phase: equal parts of a shedding cycle of the body's wake."""
+    cycle = 1.0 / config.forcing.base_frequency
+    return [round(number * cycle / phases / config.flow.control_period) for number in range(phases)]
 
 
 def starting_states(
@@ -38,7 +38,7 @@ def starting_states(
     whole = [state for state in kept if state is not None]
     if len(whole) == phases:
         return tuple(whole)
-    return _advanced(config, phases_apart(phases, config.flow.control_period), progress)
+    return _advanced(config, phases_apart(phases, config), progress)
 
 
 def keep_states(folder: CampaignFolder, states: Sequence[State], scenario: str = "") -> None:

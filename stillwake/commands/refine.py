@@ -9,6 +9,7 @@ from typing import Annotated, Final
 import typer
 
 from contract.config.loading import load_config, to_tree
+from contract.errors import ConfigError
 from contract.results import versions
 from contract.shipped import model as shipped_model
 from contract.shipped import recording as shipped_recording
@@ -19,7 +20,8 @@ from stillwake.console.settings import settings
 from stillwake.console.terminal import console
 from stillwake.parts.training_progress import TrainingProgress, check_model_output, continued
 
-SENSORS: Final = "upper_39,lower_39,base_0,base_9"
+SENSORS: Final = 4
+"""How many are taken where none are named."""
 USES: Final = ("refine", "mpc", "train.seed")
 
 
@@ -30,7 +32,7 @@ Processes = Annotated[int, typer.Option("--workers", min=1, help="Processes that
 def refine(
     output: Annotated[Path, typer.Argument(help="Model directory to write.")],
     model: Model = None,
-    sensors: shared.Sensors = SENSORS,
+    sensors: shared.Sensors = "",
     dataset: shared.DataSet = None,
     state: shared.State = None,
     threads: shared.Threads = 1,
@@ -61,11 +63,18 @@ def refine(
         mpc = replace(load_config().mpc, horizon=kept.horizon, drag_reference=kept.drag_reference)
         own = replace(own, mpc=mpc)
     config = settings("refine", given, uses=USES, base=own).config
+    if (config.body, config.flow) != (own.body, own.flow):
+        raise ConfigError(
+            f"--set: its body or flow is not that of model {folder_read}: name a model of that body with --model"
+        )
 
     from stillwake.parts.differentiable_wake import differentiable_wake, wake_of
     from train.refinement.stretches import side_by_side
+    from train.selection.methods import select_by_hand
 
-    names = shared.names_in(sensors) or ()
+    layout = trained.layout
+    by_hand = tuple(layout.names[index] for index in select_by_hand(SENSORS, layout))
+    names = shared.names_in(sensors) or by_hand
     spread = side_by_side(workers, partial(wake_of, config, names)) if workers > 1 else nullcontext()
     with continued(folder), spread as run, progress("steps", estimate_over=600.0) as report:
         show = TrainingProgress(report)

@@ -1,4 +1,4 @@
-"""The truck's wake with its tape as the refinement takes it (`train.refinement.flow`)."""
+"""A body's wake with its tape as the refinement takes it (`train.refinement.flow`)."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,14 +10,16 @@ from typing import Final
 import numpy as np
 
 from contract.arrays import Array, Index
+from contract.config.body import TRUCK_BODY
 from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.runtime.copies import CopiedWhole
 from firmware_sim.campaign.starts import phases_apart
 from train.refinement.flow import FlowState, Seen
 from wake.solver.grid import box_grid
+from wake.truck.develop import develop
 from wake.truck.regrid import SETTLE_TIME, moved
-from wake.truck.state import State, developed_state, load_state
+from wake.truck.state import State, check_body, check_grid, check_reynolds, developed_state, load_state
 from wake.truck.tape import Tape, no_weights
 from wake.truck.truck_wake import TruckWake
 
@@ -104,24 +106,37 @@ def differentiable_wake(
     config: Config, sensors: Sequence[str], start: Path | None, progress: Callable[[float, float], None]
 ) -> tuple[DifferentiableWake, list[FlowState]]:
     """The plant of a refinement on its mesh, and developed wakes in as many phases as it has streams. Raises PlantError
-    if the start is of another body or Reynolds number, or the flow diverges.
+    if the start is of another body, Reynolds number or mesh, or the flow diverges.
 
     Args:
-        start: a developed wake on the default mesh; None takes the shipped one.
+        start: a developed wake on the default mesh; None takes the truck's shipped one, and around another body lets
+            one develop from rest.
         progress: called with (time, duration) while the wake settles on the mesh.
     """
     wake = wake_of(config, sensors)
     plant = wake.plant
-    state = developed_state() if start is None else load_state(start)
-    moved(state, box_grid(config.body.length), plant, SETTLE_TIME, progress)
+    _develop(plant, start, progress)
     starts = list[FlowState]()
     reached = 0
-    for apart in phases_apart(config.refine.streams, config.flow.control_period):
+    for apart in phases_apart(config.refine.streams, config):
         for _ in range(apart - reached):
             plant.advance(0.0)
         reached = apart
         starts.append(wake.state())
     return wake, starts
+
+
+def _develop(plant: TruckWake, start: Path | None, progress: Callable[[float, float], None]) -> None:
+    """Leave the plant in a developed wake."""
+    if start is None and plant.body != TRUCK_BODY:
+        develop(plant, progress=progress)
+        return
+    state, source = developed_state() if start is None else load_state(start), box_grid(plant.body.length)
+    if state.origin is not None:
+        check_body(state.origin, plant.body)
+        check_reynolds(state.origin, plant.config.reynolds)
+        check_grid(state.origin, source.shape)
+    moved(state, source, plant, SETTLE_TIME, progress)
 
 
 def wake_of(config: Config, sensors: Sequence[str]) -> DifferentiableWake:

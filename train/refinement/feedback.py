@@ -7,7 +7,7 @@ vehicle the filters stand in front of it as here (`export.program.weights.PriorW
 little.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -21,15 +21,24 @@ NEWEST: Final = 10
 """Rows that count each by itself: two convective times."""
 BUMPS: Final = 10
 """Means over what is older."""
-FIRST_PAIR, OTHER_PAIRS, ACTION = 0.4, 0.15, 0.05
-"""Scales of the first pair's difference in Cp, of each other pair's, and of the action: roughly their deviations."""
+FIRST_PAIR, OTHER_PAIRS = 1.7, 0.56
+"""Scales of the first pair's difference and of each other pair's, in recorded deviations of one of its sensors."""
+ACTION: Final = 2.0 / 3.0
+"""Scale of the action, as a share of its limit."""
 SUM: Final = 0.3
-"""Scale of a pair's sum in Cp, less its mean."""
+"""Scale of a pair's sum in Cp, less its mean: between the developed wake and the steady one it changes by 0.4, behind
+the truck as behind a square cylinder."""
 
 
-def scales_of(pairs: int) -> tuple[float, ...]:
-    """A scale for each column of a row: p differences, then the action."""
-    return (FIRST_PAIR, *[OTHER_PAIRS] * (pairs - 1), ACTION)
+def scales_of(deviations: Sequence[float], limit: float) -> tuple[float, ...]:
+    """Return a scale for each column of a row: p differences, then the action.
+
+    Args:
+        deviations: (p,) of the recorded Cp of one sensor of each pair.
+        limit: bound on |a|.
+    """
+    first, *others = deviations
+    return (FIRST_PAIR * first, *(OTHER_PAIRS * one for one in others), ACTION * limit)
 
 
 def filters(memory: int) -> Tensor:

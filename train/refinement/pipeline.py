@@ -94,12 +94,14 @@ def refine_model(
         columns = list(model.layout.indices(sensors))
         means = np.array(model.scaling.pressure_mean)[columns]
         middles = tuple((means[::2] + means[1::2]).tolist())
+        deviations = np.array(model.scaling.pressure_std)[columns]
+        scales = scales_of(deviations[::2].tolist(), settings.flow.action_limit)
         refined = refine(
-            partial(_begun, settings, middles, model.prior),
+            partial(_begun, settings, scales, middles, model.prior),
             plant,
             starts,
             settings.refine,
-            np.array(model.scaling.pressure_std)[columns],
+            deviations,
             seed=settings.train.seed,
             side_by_side=workers,
             progress=progress,
@@ -133,9 +135,11 @@ def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Confi
     return np.array(rows)
 
 
-def _begun(settings: Config, middles: tuple[float, ...], prior: Mapping[str, Array] | None) -> Feedback:
+def _begun(
+    settings: Config, scales: tuple[float, ...], middles: tuple[float, ...], prior: Mapping[str, Array] | None
+) -> Feedback:
     """The feedback as it begins: as the model's prior if that fits into its sizes, else as no control."""
-    size, scales = settings.refine, scales_of(len(middles))
+    size = settings.refine
     made = Feedback(size.memory, size.units, scales, middles, settings.flow.action_limit, settings.train.seed)
     if prior is None or "filters" not in prior:
         return made
