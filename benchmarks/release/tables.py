@@ -102,9 +102,10 @@ def summary(results: Path) -> str:
         ),
         _linear(results),
     ]
+    drives = read(results / "drive.json")
     speeds = {
         row["speed_percent"]: row["reduction_percent"]
-        for row in read(results / "drive.json")["figures"]
+        for row in drives["figures"]
         if row["speed_percent"] and not row["disturbed"]
     }
     served = ", ".join(f"{found:.0f} at {speed}" for speed, found in speeds.items() if speed % 20 == 0 or speed == 130)
@@ -116,8 +117,8 @@ Mean Cl under control is {loop["mean_Cl_controlled"]:+.3f}. A control step takes
 {loop["mpc_budget_ms"]:g} ms budget; of {loop["frames_sent"]} frames {loop["frames_lost"]} were lost and
 {loop["frames_rejected"]} rejected.
 
-[At other speeds](docs/explanation/other-speeds.md), in % of drag at % of the design speed, on a coarse mesh:
-{served}.
+[At other speeds](docs/explanation/other-speeds.md), in % of drag at % of the design speed, on a coarse mesh
+({drives["facts"]["bundle"]}): {served}.
 """
 
 
