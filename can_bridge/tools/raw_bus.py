@@ -37,7 +37,7 @@ def open_bus(config: BusConfig) -> RawBus:
     if config.interface == SIMULATED:
         raise ConfigError(
             "bus.interface = simulated: that bus exists within a run only; name a real one, e.g. "
-            "--set bus.interface=socketcan --set bus.channel=can0, or a log with --log where the command has it"
+            "--set bus.interface=socketcan --set bus.channel=can0, or a log where the command takes one"
         )
     return RawBus(open_backend(config)[0])
 

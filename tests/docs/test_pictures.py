@@ -12,7 +12,7 @@ from contract.shipped import BUNDLE
 ROOT = Path(__file__).resolve().parents[2]
 PICTURES = ROOT / "docs" / "pictures"
 NOT_FROM_RESULTS = {"mean_flow.png"}
-"""Drawn by `stillwake picture mean`."""
+"""Drawn by `stillwake picture --field mean`."""
 
 
 def digest(path: Path) -> str:

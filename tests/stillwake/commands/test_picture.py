@@ -1,4 +1,4 @@
-"""`stillwake picture` and `stillwake animate` as a user meets them."""
+"""`stillwake picture` as a user meets it."""
 
 import re
 from typing import Any

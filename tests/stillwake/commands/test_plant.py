@@ -1,4 +1,4 @@
-"""`stillwake develop` and `stillwake steady`: what they write, with the plant's long runs replaced."""
+"""`stillwake develop`, with `--steady` and without: what they write, with the plant's long runs replaced."""
 
 import json
 import re

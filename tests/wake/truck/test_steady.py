@@ -49,7 +49,9 @@ def test_it_is_steady_and_symmetric_without_a_third_of_the_drag(plant, settled):
 
 
 def test_what_is_not_steady_is_refused(plant, settled, coarse):
-    with pytest.raises(PlantError, match=r"with an action of 0\.01 in force: `stillwake steady FILE` computes"):
+    with pytest.raises(
+        PlantError, match=r"with an action of 0\.01 in force: `stillwake develop FILE --steady` computes"
+    ):
         steady.check_steady(plant, replace(settled.state, action=0.01))
     plant.reset(settled.state)
     plant.advance(0.01)
