@@ -220,9 +220,9 @@ little-endian, as [the how-to page](../how-to/calibrate.md#by-hand) describes.""
                     ((_byte(one), _words(one.name), NRC_TEXTS[one]) for one in Nrc if one not in UNSENT),
                 ),
                 "## Tools of others",
-                _wrapped("""`stillwake export --for-testers FOLDER` writes all of UDS above as ODX 2.2 (ISO 22901-1): each
-request and answer with its types, trouble codes and negative responses, the sessions and levels as states
-that services need, and how the ECU is reached. It is made from the same tables as this page. A test has
+                _wrapped("""`stillwake export --for-testers FOLDER` writes all of UDS above as ODX 2.2 (ISO
+22901-1): each request and answer with its types, trouble codes and negative responses, the sessions and levels
+as states that services need, and how the ECU is reached. It is made from the same tables as this page. A test has
 odxtools read it, ask the running server by it, in every session, and decode the answers. The communication
 parameters have the names of ISO 15765-2, 15765-3 and 11898-2; their subsets hold those alone that are used,
 so a tool that has the whole standard subsets should keep its own."""),

@@ -101,8 +101,8 @@ def test_named_commands_exist():
             known = options | {"--help"}
             given = {word for word in rest if word.startswith("--")}
             assert given <= known, f"{_id(page)}: {shlex.join(words)}: no option {given - known}"
-            given = (word for before, word in pairwise(rest) if before == "--set" and "METHOD" not in word)
-            load_config(None, [word for word in given if "=" in word])
+            settings = (word for before, word in pairwise(rest) if before == "--set" and "METHOD" not in word)
+            load_config(None, [word for word in settings if "=" in word])
 
 
 def test_the_installs_carry_what_the_project_declares():

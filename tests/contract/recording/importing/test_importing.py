@@ -330,13 +330,13 @@ def test_empty_columns_and_objects_are_told_and_not_in_the_way(tmp_path, layout)
 def test_wrong_arguments_and_sensors_are_refused(tmp_path, layout):
     one = Source(path=foreign_plant.write_npz(tmp_path / "a.npz", foreign_plant.series(20, 3)), role="train")
     two = Source(path=tmp_path / "a.csv", role="test")
-    for sources, more, message in (
+    for sources, renamed, message in (
         ([], {}, "no data file is given"),
         ([one, two], {}, "two files would make an episode called 'a'"),
-        ([one], {"renamed": {"drag": "Cd"}}, "--map drag=Cd: 'drag' is no series and no sensor"),
+        ([one], {"drag": "Cd"}, "--map drag=Cd: 'drag' is no series and no sensor"),
     ):
         with pytest.raises(DatasetError, match=message):
-            assemble(sources, layout, FACTS, **more)
+            assemble(sources, layout, FACTS, renamed=renamed)
     with pytest.raises(DatasetError, match="must be given"):
         assemble([one], layout, PlantFacts(control_period=PERIOD))
     # Sensors that do not fit are refused.
