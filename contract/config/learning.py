@@ -185,10 +185,10 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     loss: Fraction[float] = 0.0
     """Largest share of periods without pressures; half of the stretches have none."""
     refinement: Positive[float] = 0.75
-    """Of the mesh that it is trained on, as `flow.refinement`: a quarter of the default one's cost, and the coarsest on
+    """Of the grid that it is trained on, as `flow.refinement`: a quarter of the default one's cost, and the coarsest on
     which a controller does what it does on the default one."""
     substeps: AtLeastOne[int] = 15
-    """Time steps a control period on that mesh, at the design speed; more at higher ones."""
+    """Time steps a control period on that grid, at the design speed; more at higher ones."""
     single_precision: bool = True
     """Whether the flow of the training has 32 bits, in two thirds of the time; the gradient is that of 64 to 1e-5."""
     batch: AtLeastOne[int] = 1

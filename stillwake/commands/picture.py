@@ -65,16 +65,17 @@ def picture(
     extended_chirp; a sine has the action's limit and 0.2 / t_c unless it is told otherwise. A mean prints the length of
     the recirculation bubble and mean forces. --sensors are coloured by Cp; without them a run's, or all.
     """
+    from wake.pictures.animation import check_target
+    from wake.pictures.drawing import check_suffix
+
     moves = output.suffix.lower() in MOVING
     if moves and field == "mean":
         raise ConfigError(f"{output}: the mean flow does not move; name a file that ends in .png, .pdf or .svg")
-    if moves:
-        _check_moving(output)
-    else:
-        _check_still(output)
+    (check_target if moves else check_suffix)(output)
     claim(output)
-    runs = moves or field == "mean"
-    config = settings("picture", given, uses=("body", "flow", *(["forcing"] if runs else []))).config
+    config = settings(
+        "picture", given, uses=("body", "flow", *(["forcing"] if moves or field == "mean" else []))
+    ).config
     if field != "mean" and not moves:
         if duration is not None or settle or forcing != "none":
             raise ConfigError("--duration, --settle and --forcing go with --field mean or a moving picture")
@@ -92,18 +93,6 @@ def picture(
     if coloured is None and forcing.partition(":")[0] not in FORCINGS:
         coloured = _run_log(Path(forcing)).metadata.sensors
     _draw_moving(output, wake, field, coloured, actions, skip, every=every, width=width)
-
-
-def _check_moving(output: Path) -> None:
-    from wake.pictures.animation import check_target
-
-    check_target(output)
-
-
-def _check_still(output: Path) -> None:
-    from wake.pictures.drawing import check_suffix
-
-    check_suffix(output)
 
 
 def _draw_still(

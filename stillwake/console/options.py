@@ -45,7 +45,7 @@ Workers = Annotated[
     str | None,
     typer.Option("--workers", help="Processes (one a core), or a dask scheduler's address.", metavar="N|ADDRESS"),
 ]
-Threads = Annotated[int, typer.Option("--threads", help="Threads of torch; more may be slower.", min=1)]
+Threads = Annotated[int, typer.Option("--threads", help="Threads of torch; more may be slower.", min=1, max=1024)]
 Restart = Annotated[bool, typer.Option("--restart", help="Delete the checkpoints, and start over.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there, once the new one is whole.")]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write figures and settings here.", metavar="FILE")]

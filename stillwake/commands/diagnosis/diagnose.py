@@ -52,6 +52,7 @@ def diagnose(
     stillwake diagnose --bus socketcan:can0
     """
     check_json(json_file)
+    config = settings("diagnose", with_bus(bus, given), uses=TESTERS_BUS).config
     if slots is not None:
         if bus is not None or clear:
             raise ConfigError("--slots: reads a folder and asks no ECU; leave --bus and --clear out")
@@ -59,7 +60,6 @@ def diagnose(
         _print_ecu(facts, store, runs="the folder does not hold it; --bus in place of --slots asks the ECU")
         found: list[StoredFault] = []
     else:
-        config = settings("diagnose", with_bus(bus, given), uses=TESTERS_BUS).config
         facts, store, found = _asked(config, clear=clear)
         _print_ecu(facts, store)
         console.print(_table(found) if found else "no faults")
