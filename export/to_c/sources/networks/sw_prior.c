@@ -86,7 +86,7 @@ static void filter_past(sw_prior_scratch *prior, const sw_weights *w, int begin,
     }
 }
 
-/* The last layer's weights behind the gates, which read the sums of the newest rows; these are no differences yet. */
+/* The last layer's weights behind the gates, which read the sums of the newest rows; `rows` holds these meanwhile. */
 static void take_gates(sw_prior_scratch *prior, const sw_weights *w, const float window[SW_WINDOW][SW_COLUMNS])
 {
     const float(*newest)[SW_COLUMNS] = &window[SW_WINDOW - SW_PRIOR_MEMORY];
