@@ -124,13 +124,14 @@ Mean Cl under control is {loop["mean_Cl_controlled"]:+.3f}. A control step takes
 
 def _from_phases(results: Path) -> tuple[object, ...]:
     """The closed loop from several phases of the shedding cycle: the row of their means."""
-    figures = read(results / "release_loop.json")["figures"]
+    found = read(results / "release_loop.json")
+    figures = found["figures"]
     spread = figures["over_phases"]
     names = ("Cd_controlled", "abs_Cl_controlled", "Cd_net_controlled", "rms_action", "jet_power_controlled")
     Cd, *others = (spread[name]["mean"] for name in names)
     drag = spread["reduction_percent"]
     return (
-        f"the same from {len(figures['phases'])} starts, mean and its 95 % confidence interval",
+        f"{found['facts']['bundle']} from {len(figures['phases'])} starts, mean and its 95 % confidence interval",
         *(Cd, None, *others),
         f"{drag['mean']:.1f} +- {drag['half_width_95']:.1f} % ({drag['least']:.1f} .. {drag['most']:.1f})",
     )
