@@ -1,7 +1,7 @@
 """Options that several commands share: one word and one meaning each."""
 
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final
 
 import typer
 
@@ -51,7 +51,9 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is th
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write figures and settings here.", metavar="FILE")]
 Settings = Annotated[
     list[str],
-    typer.Option("--set", help="A setting (`stillwake config`), or a TOML file of them.", metavar="KEY=VALUE|FILE"),
+    typer.Option(
+        "--set", help="A setting (`stillwake config`), or a TOML file of them (repeatable).", metavar="KEY=VALUE|FILE"
+    ),
 ]
 Bus = Annotated[
     str | None,
@@ -61,8 +63,7 @@ Bus = Annotated[
 ]
 
 WAKE: Final = "wake"
-Plant = Literal["wake", "openfoam", "recording"]
-"""What the pressures come from: the own solver, icoFoam, or a recording, which does not answer the jets."""
+"""The own solver's, among what pressures may come from."""
 
 
 def names_in(text: str) -> tuple[str, ...] | None:

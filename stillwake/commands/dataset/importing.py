@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from contract.recording.importing.units import Reference
     from contract.sensor_layout import SensorLayout
 
-LOGS: Final = "Recorded drives"
 ROLES: Final = ("train", "test", "extended", "controlled")
 SAME: Final = 0.02
 """Relative difference up to which two dynamic pressures are one: a speed on the bus has an error of one per cent."""
@@ -52,20 +51,13 @@ References = Annotated[
     list[str], typer.Option(help="What 1 is in the files (repeatable); see above.", metavar="NAME=NUMBER[UNIT]")
 ]
 Renamed = Annotated[list[str], typer.Option("--map", help="NAME=COLUMN for another name, e.g. Cd=drag (repeatable).")]
-Forces = Annotated[
-    list[str], typer.Option(help="Table with t, Cd and Cl (repeatable).", metavar="[LOG=]FILE", rich_help_panel=LOGS)
-]
-Clock = Annotated[ForcesClock | None, typer.Option(help="What its times are; see above.", rich_help_panel=LOGS)]
-Shift = Annotated[float, typer.Option(help="Seconds to add to the times of --forces.", rich_help_panel=LOGS)]
-Zone = Annotated[
-    str,
-    typer.Option(help="Zone of logs in local time: Europe/Berlin, +02:00.", show_default=False, rich_help_panel=LOGS),
-]
-Channels = Annotated[list[str], typer.Option(help="Channel of a log to read (repeatable).", rich_help_panel=LOGS)]
-Fill = Annotated[int, typer.Option(help="Longest gap that is filled, in control periods.", min=0, rich_help_panel=LOGS)]
-Split = Annotated[
-    bool, typer.Option("--split", help="Make episodes of both sides of a longer gap.", rich_help_panel=LOGS)
-]
+Forces = Annotated[list[str], typer.Option(help="Cd and Cl of logs: a table (repeatable).", metavar="[LOG=]FILE")]
+Clock = Annotated[ForcesClock | None, typer.Option(help="What the times of --forces are; see above.")]
+Shift = Annotated[float, typer.Option(help="Seconds to add to the times of --forces.")]
+Zone = Annotated[str, typer.Option(help="Zone of logs in local time: Europe/Berlin, +02:00.", show_default=False)]
+Channels = Annotated[list[str], typer.Option(help="Channel of a log to read (repeatable).")]
+Fill = Annotated[int, typer.Option(help="Longest gap that is filled, in control periods.", min=0)]
+Split = Annotated[bool, typer.Option("--split", help="Make episodes of both sides of a longer gap.")]
 
 
 def import_(
