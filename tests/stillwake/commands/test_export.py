@@ -57,7 +57,7 @@ def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, tmp_path, monk
     assert cli("export", "--for-testers", tmp_path / "own").code == 0
     for ending, own in (
         ("dbc", dbc_bytes()),
-        *((end, (tmp_path / f"own.{end}").read_bytes()) for end in ("a2l", "pdx")),
+        *((end, (tmp_path / f"own/stillwake.{end}").read_bytes()) for end in ("a2l", "pdx")),
     ):
         assert (tmp_path / f"c/stillwake.{ending}").read_bytes() == own
     bill = json.loads((tmp_path / "c/sbom.cdx.json").read_text())

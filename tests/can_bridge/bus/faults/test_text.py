@@ -76,7 +76,9 @@ def test_every_fault_has_a_text():
     def concrete(kind):
         return {kind}.union(*map(concrete, kind.__subclasses__())) - {Fault, FrameFault, SidedFault}
 
-    assert set(KINDS.values()) == concrete(Fault)
+    # An example has one of its own.
+    own = {kind for kind in concrete(Fault) if kind.__module__.startswith("can_bridge.")}
+    assert set(KINDS.values()) == own
     for name, kind in KINDS.items():
         needed = [field.name for field in fields(kind) if field.default is MISSING]
         parameters = ",".join(f"{key}={'0' if key == 'loss' else '1'}" for key in needed)
