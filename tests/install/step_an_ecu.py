@@ -59,12 +59,14 @@ def main() -> None:
     vehicle, speed, jets = E2eSender(PRESSURE), E2eSender(VEHICLE_SPEED), E2eReceiver(JET_COMMAND, config.bus.e2e)
     cruises = codec.emit_vehicle_speed(VehicleSpeed(speed_m_per_s=config.operating_point.speed, age_ns=0))
     pressure = np.array(release.manifest.scaling.pressure_mean) * config.operating_point.dynamic_pressure
+    # To and fro: the plan of a wake that is its own mirror image is no action.
+    aside = np.resize([1.0, -1.0], len(pressure))
     seen = []
     for k in range(release.manifest.window + 5):
         now_ns = k * config.period_ns
         # A reading that rests is taken for a dead sensor's.
         measured = Pressure(
-            pressure_pa=tuple((pressure + (-1.0) ** k).tolist()),
+            pressure_pa=tuple((pressure + (-1.0) ** k * aside).tolist()),
             valid=(True,) * len(pressure),
             age_ns=0,
             enable_request=k > 0,
