@@ -24,15 +24,18 @@ def after(state: FailSafe, event: str, config: EcuConfig) -> FailSafe:
     G/g: good frame with and without enable request; W/w: the same while the window is not full; U/u: while a release is
     to be written; T/t: while the ECU must switch itself off. I/i: frame with unusable pressures; d: such a one, and the
     ECU must switch itself off. x: none came; X: of a stream not to be trusted; N: not authentic; c: the ECU must switch
-    itself off; y: a release is to be written.
+    itself off; y: a release is to be written. O: a good frame with request at a speed beyond the release's; P: in a
+    test of whether control helps.
     """
     inputs = PeriodInputs(
-        usable=event in "GgWwUuTt",
+        usable=event in "GgWwUuTtOP",
         enable_request=None if event in "xXNcy" else event.isupper(),
         unusable_because=BECAUSE.get(event, Reason.STREAM_LOST),
         window_full=event not in "Ww",
         fault=FAULTS.get(event),
         updating=event in "Uuy",
+        off_speed=event == "O",
+        tests=event == "P",
     )
     return state.next(inputs, config)
 
@@ -58,6 +61,8 @@ STORIES = [
     (ARMED, "GxxiG", "CHDaC", Reason.NONE, {}),  # the request withdrawn by a frame without usable pressures
     (ARMED, "gxxxxxI", "aaaaaaF", Reason.SENSOR_INVALID, {}),  # requested while pressures have long been away
     *((ON, event, "H", reason, {}) for event, reason in BECAUSE.items() if event in "IN"),
+    (ON, "OO", "WW", Reason.OFF_SPEED, {}),
+    (ON, "PP", "WW", Reason.NOT_HELPING, {}),
     # A stream that is not trusted latches at once.
     (ON, "X", "F", Reason.STREAM_INVALID, {}),
     (ON, "gX", "aa", Reason.NONE, {}),
