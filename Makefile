@@ -43,15 +43,15 @@ everything:
 coverage: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -m "not hypothesis" tests/can_bridge/test_command_gate.py tests/can_bridge/e2e \
 		tests/can_bridge/wire/test_codec.py \
-		tests/firmware_sim/ecu/test_state_machine.py tests/firmware_sim/ecu/test_transitions.py \
-		tests/firmware_sim/ecu/test_timing.py \
+		tests/ecu/test_fail_safe.py tests/ecu/test_transitions.py \
+		tests/ecu/test_timing.py \
 		tests/can_bridge/flashing/test_store.py \
 		tests/can_bridge/flashing/test_store_records.py \
 		tests/can_bridge/flashing/test_state.py tests/can_bridge/flashing/test_checking.py \
 		--cov=can_bridge.flashing.store --cov=can_bridge.flashing.remembered --cov=can_bridge.flashing.boot \
 		--cov=can_bridge.flashing.state --cov=can_bridge.flashing.checking \
 		--cov=can_bridge.command_gate --cov=can_bridge.e2e --cov=can_bridge.wire.codec \
-		--cov=can_bridge.wire.classic_codec --cov=firmware_sim.ecu.state_machine --cov=firmware_sim.ecu.timing \
+		--cov=can_bridge.wire.classic_codec --cov=ecu.fail_safe --cov=ecu.timing \
 		--cov-branch --cov-report=term-missing:skip-covered \
 		--cov-fail-under=100
 

@@ -34,11 +34,14 @@ from contract.errors import StillwakeError
 from contract.release import bundle
 from contract.results import versions
 from contract.shipped import BUNDLE
-from export.to_c.source_folders import sources_in
+from ecu.c.sources import sources_in as firmware_part
+from export.to_c.library import sources_in as step_part
 
 RESULTS: Final = ROOT / "results"
 PLAN: Final = Path(__file__).with_suffix(".toml")
 RELEASE: Final = "release"
+_OF_ECU: Final = {"ecu": "", "loader": "loader", "board": "board"}
+"""Folders of `ecu/c` by their names in the plan; all others are the control step's."""
 _COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
 
@@ -99,7 +102,8 @@ def release() -> str:
 def sources_hash(folder: str) -> str:
     """Of the sources in C of one folder, without their comments."""
     everything = hashlib.sha256()
-    for name, content in sorted(sources_in(folder).items()):
+    sources = firmware_part(_OF_ECU[folder]) if folder in _OF_ECU else step_part(folder)
+    for name, content in sorted(sources.items()):
         everything.update(name.encode() + _COMMENT.sub(b"", content))
     return everything.hexdigest()[:12]
 

@@ -22,7 +22,7 @@ def _folder() -> Path:
 
 _DATA: Final = _folder()
 
-BUNDLE: Final = Path(__file__).resolve().parents[1] / "firmware_sim" / "data" / "bundle"
+BUNDLE: Final = Path(__file__).resolve().parent / "release" / "shipped"
 """The shipped release."""
 DEVELOPED: Final = _DATA / "developed.npz"
 """A flow state with shedding established and no action: where episodes begin. `developed` reports a missing one."""

@@ -22,7 +22,8 @@ PICTURE: Final = ROOT / "docs" / "rooms.svg"
 
 ROOMS: Final = {
     "stillwake": (0, 3, "the command line: the only room that may import all others"),
-    "firmware_sim": (0, 1, "ECU, vehicle, closed loop, report"),
+    "firmware_sim": (0, 1, "vehicle, closed loop, emulated board, reports"),
+    "ecu": (1, 2, "what a vehicle installs, Python and C"),
     "wake": (0, 0, "the plant and its recorder"),
     "can_bridge": (1, 1, "wire, protection, buses, diagnosis, gate"),
     "train": (2, 2, "recording to latent model"),
@@ -30,6 +31,8 @@ ROOMS: Final = {
     "contract": (0, 3, "facts and formats that pass between rooms: geometry, sensors, units, errors, the DBC"),
 }
 """First and last of the four columns that a room's box covers, and a line on what it holds."""
+TOP: Final = "stillwake"
+"""The room whose arrows are not drawn, because it has one to every other."""
 
 Uses = Mapping[tuple[str, str], int]
 """Number of modules that the first room uses of the second."""
@@ -104,11 +107,12 @@ def draw(root: Path = ROOT) -> str:
     boxes, height = _boxes(root, floor)
     parts = [_room(root, room, box, FILL[floor[room]]) for room, box in boxes.items()]
     taken: list[tuple[float, float, float]] = []
-    for upper, lower in sorted(uses, key=lambda pair: (floor[pair[0]] - floor[pair[1]], pair)):
+    drawn = [pair for pair in uses if pair[0] != TOP]
+    for upper, lower in sorted(drawn, key=lambda pair: (floor[pair[0]] - floor[pair[1]], pair)):
         x = _free(boxes, upper, lower, taken)
         taken.append((x, boxes[upper].bottom, boxes[lower].top))
         parts.append(_arrow(x, boxes[upper].bottom, boxes[lower].top, uses[upper, lower]))
-    legend = "An arrow is an import; its number counts the modules of the lower room that the upper one uses."
+    legend = f"An arrow is an import; its number counts the modules that it uses; {TOP} imports all rooms."
     return f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height + 44:.0f}" \
 font-family="system-ui, 'Segoe UI', Helvetica, Arial, sans-serif" fill="{INK}">
 <defs><marker id="tip" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="8" markerHeight="8" orient="auto">\

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from contract.config.vehicle import EcuConfig
-from firmware_sim.ecu.state_machine import DRIVES_JETS, INVALID, TRANSITIONS, OperatingMode
+from ecu.fail_safe import DRIVES_JETS, INVALID, TRANSITIONS, OperatingMode
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 PAGE: Final = ROOT / "docs" / "reference" / "states.md"
@@ -78,7 +78,7 @@ _HEAD: Final = """# States of the ECU
 
 For ECU and validation engineers: what the ECU does in each control period, and what leads from one state to another.
 `make generated` writes this page and its picture from the table in
-[state_machine.py](../../firmware_sim/ecu/state_machine.py), which is what runs.
+[fail_safe.py](../../ecu/fail_safe.py), which is what runs.
 
 ![the states, and by which rows of the table they are left](../states.svg)
 

@@ -15,12 +15,12 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from firmware_sim.in_c import compiler as compilers
+from ecu.in_c import compiler as compilers
 
 MODULES = (
-    "firmware_sim.in_c.compiler",
-    "firmware_sim.in_c.host_library",
-    "firmware_sim.in_c.c_ecu",
+    "ecu.in_c.compiler",
+    "ecu.in_c.host_library",
+    "ecu.in_c.c_ecu",
     "firmware_sim.fmu.ecu_fmu",
     "firmware_sim.mcu.build",
 )
@@ -45,7 +45,7 @@ class SharedBuilds:
     def compile_c(
         self, contents: Mapping[str, bytes], output: Path, *, compiler: Sequence[str], flags: Sequence[str]
     ) -> None:
-        """As `firmware_sim.in_c.compiler.compile_c`."""
+        """As `ecu.in_c.compiler.compile_c`."""
         built = self._folder / _key(contents, compiler, flags)
         with FileLock(f"{built}.lock"):
             if not built.exists():

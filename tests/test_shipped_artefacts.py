@@ -22,7 +22,7 @@ from wake.truck.truck_wake import TruckWake
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "data" / "stillwake_data"
-RELEASE = ROOT / "firmware_sim" / "data" / "bundle"
+RELEASE = ROOT / "contract" / "release" / "shipped"
 
 
 def test_the_recording_holds_what_the_documents_say() -> None:

@@ -22,8 +22,8 @@ from typing import Final
 
 import torch
 
+from ecu.in_c.compiler import OPTIMISED, compile_c
 from export.program.controller_program import ControllerProgram
-from firmware_sim.in_c.compiler import OPTIMISED, compile_c
 
 _SOURCE: Final = rb"""
 #include <stddef.h>

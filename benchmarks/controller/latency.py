@@ -24,6 +24,8 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.results import versions
 from contract.runtime.onnx_session import OnnxController
+from ecu.in_c.compiler import OPTIMISED, compiler_version, host_compiler
+from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
 from export.gates.parity import control_cases
 from export.int8.rounded_program import Program, rounded_to_nearest
@@ -33,8 +35,6 @@ from export.program.windows import random_window
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
-from firmware_sim.in_c.compiler import OPTIMISED, compiler_version, host_compiler
-from firmware_sim.in_c.host_library import CController
 
 # One eager step takes as long as some ten of the others.
 _EAGER_EVERY = 5

@@ -29,12 +29,12 @@ from contract.config.tree import Config
 from contract.errors import McuError, StillwakeError, install
 from contract.release.checks import Bundle
 from contract.results import versions
+from ecu.in_c.c_ecu import CEcu, ecu_sources
+from ecu.in_c.compiler import zig_compiler
+from ecu.stepped import LoopEcu
 from firmware_sim.bench.ecus import MCU, C, loop_ecu
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
-from firmware_sim.ecu.stepped import LoopEcu
-from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
-from firmware_sim.in_c.compiler import zig_compiler
 from firmware_sim.mcu.build import COMMON
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.summary import summary

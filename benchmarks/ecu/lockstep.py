@@ -7,9 +7,9 @@ from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus, Reason
 from contract.controller.calibration import Calibration
-from firmware_sim.ecu.ecu_state import EcuState, Trace
-from firmware_sim.ecu.stepped import CalibratedEcu
-from firmware_sim.in_c.c_structs import differing
+from ecu.ecu_state import EcuState, Trace
+from ecu.in_c.c_structs import differing
+from ecu.stepped import CalibratedEcu
 
 KEPT: Final = 10
 """Differences that are reported in full."""

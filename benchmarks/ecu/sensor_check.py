@@ -35,9 +35,9 @@ from contract.release.checks import Bundle
 from contract.results import versions
 from contract.sensor_faults import Bias, Dead, Drift, Noise, SensorFault, Stuck, Swapped
 from contract.shipped import RECORDING
+from ecu.sensor_check import SensorCheck, SensorCheckState, sensor_check_of
 from export.to_onnx.sensor_estimator import read_estimator
 from firmware_sim.bench.disturbances import GLOBAL_DEVIATION
-from firmware_sim.ecu.sensor_check import SensorCheck, SensorCheckState, sensor_check_of
 from stillwake.parts.releases import open_release
 
 LONGEST: Final = 250
@@ -81,7 +81,7 @@ class Ahead:
         self.at = 0
 
     def estimates(self, window: Array) -> Array:
-        """See `firmware_sim.ecu.sensor_check.Estimator`."""
+        """See `ecu.sensor_check.Estimator`."""
         del window
         found: Array = self._found[self.at]
         return found

@@ -29,7 +29,7 @@ from contract.release.checks import Bundle
 from contract.results import versions
 from contract.runtime.onnx_session import OnnxController
 from contract.shipped import BUNDLE
-from firmware_sim.ecu.calibrating import release_calibration
+from ecu.calibrating import release_calibration
 from wake.solver.grid import box_grid
 
 Tree = Mapping[str, Any]

@@ -21,7 +21,7 @@ from contract.release import bundle as bundles
 from contract.release.signing import project_key
 
 DATA: Final = ROOT / "data" / "stillwake_data"
-BUNDLE: Final = ROOT / "firmware_sim" / "data" / "bundle"
+BUNDLE: Final = ROOT / "contract" / "release" / "shipped"
 
 
 def ship(model: Path, release: Path, *, command: str, on: date, data: Path = DATA, bundle: Path = BUNDLE) -> None:

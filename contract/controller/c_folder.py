@@ -12,6 +12,7 @@ carry, it has the control step alone.
 
 import re
 from collections.abc import Mapping
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Final
 
@@ -120,6 +121,11 @@ def _literal(value: int | str | np.float32) -> str:
 def float_literal(value: np.float32) -> str:
     """The shortest C literal that is this float32 again."""
     return f"{np.format_float_scientific(value, trim='0')}f"
+
+
+def c_files(folder: Traversable) -> dict[str, bytes]:
+    """Sources, headers and linker scripts in a folder of hand-written sources, by name."""
+    return {item.name: item.read_bytes() for item in folder.iterdir() if item.name.endswith((".c", ".h", ".ld"))}
 
 
 def library_sources(contents: Mapping[str, bytes]) -> dict[str, bytes]:

@@ -115,5 +115,5 @@ class CompiledLibrary(Controller, Protocol):
 
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]
-"""(files by name, sizes) to the library on this machine; raises LibraryError. `firmware_sim.in_c` has one, and the
+"""(files by name, sizes) to the library on this machine; raises LibraryError. `ecu.in_c` has one, and the
 command line hands it to `export`, which checks what it compiles without knowing a compiler."""

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-PACKAGES: Final = ("contract", "wake", "train", "export", "can_bridge", "firmware_sim")
+PACKAGES: Final = ("contract", "wake", "train", "export", "can_bridge", "ecu", "firmware_sim")
 """Those that the API documents, from the one that all import upwards."""
 
 

@@ -1,7 +1,7 @@
 """The office's side of a fleet: a TUF repository of release bundles, in a folder that any web server can serve.
 
     python examples/fleet/repository.py create repo keys
-    python examples/fleet/repository.py publish repo keys firmware_sim/data/bundle
+    python examples/fleet/repository.py publish repo keys contract/release/shipped
     python examples/fleet/repository.py roll-out repo keys truck-wake-4.1 10
     python examples/fleet/repository.py renew repo keys
 

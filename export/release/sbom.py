@@ -6,6 +6,7 @@ writes a file next to each wheel, for `make packages`. The same inputs give the 
 the serial number is made of what the bill is of. A package's licence is the one that its installation here states.
 """
 
+import re
 import sys
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -27,8 +28,8 @@ from packaging.requirements import Requirement
 from contract.atomic import replacing
 from contract.release.checks import CONTROLLER, Bundle, dbc_sha256, sha256
 from contract.release.signing import project_key
-from export.to_c.source_folders import MONOCYPHER
 
+_MONOCYPHER: Final = re.compile(rb"Monocypher version ([0-9.]+)")
 OURS: Final = "MIT"
 """Licence of what the project made; a release of others is theirs."""
 
@@ -65,9 +66,10 @@ def folder_bom(contents: Mapping[str, bytes], bundle: Bundle) -> bytes:
     own = [_release(bundle), *(file for file in files if file not in foreign)]
     needs = [(folder, own)]
     if foreign:
-        where, licence = PackageURL("github", "LoupVaillant", "Monocypher", MONOCYPHER), "BSD-2-Clause OR CC0-1.0"
+        version = _MONOCYPHER.findall(b"".join(contents[file.name] for file in foreign))[0].decode()
+        where, licence = PackageURL("github", "LoupVaillant", "Monocypher", version), "BSD-2-Clause OR CC0-1.0"
         library = ComponentType.LIBRARY
-        monocypher = _part(library, "monocypher", licence=licence, version=MONOCYPHER, purl=where)
+        monocypher = _part(library, "monocypher", licence=licence, version=version, purl=where)
         needs = [(folder, [*own, monocypher]), (monocypher, foreign)]
     return _bom([part for _, others in needs for part in others], needs, digest, bundle.manifest.created)
 

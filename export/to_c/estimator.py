@@ -1,4 +1,4 @@
-"""The sensor estimator of a release as C: its sizes and its numbers, for `export/to_c/sources/ecu/sw_estimator.h`.
+"""The sensor estimator of a release as C: its sizes and its numbers, for `ecu/c/sw_estimator.h`.
 
 Integers and scales are those of the bundle's `sensors.onnx`. Its matrices are int8 with one scale an output; biases,
 standardisation and the last layer, which is small, are float32.

@@ -1,16 +1,17 @@
-"""The C99 library of one control step, and the ECU around it: hand-written sources, generated settings and weights.
+"""The C99 library of one control step: hand-written sources, generated settings and weights.
 
 The generated text is numbers only: `sw_settings.h` and `sw_weights.c` (`contract.controller.c_folder`).
 """
 
 from collections.abc import Mapping
+from importlib.resources import files
 from typing import Any, Final, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from contract.controller import image_payload
-from contract.controller.c_folder import SETTINGS, WEIGHTS, settings_header
+from contract.controller.c_folder import SETTINGS, WEIGHTS, c_files, settings_header
 from contract.controller.c_numbers import Numbers, numbers_source, table
 from contract.controller.interface import TERMS
 from contract.release.checks import dbc_sha256
@@ -25,7 +26,6 @@ from export.reference.mpc import ADAM_BETAS
 from export.to_c.float32_arrays import LANES, Values, float_arrays, prior_settings
 from export.to_c.int8_arrays import int8_arrays
 from export.to_c.int8_format import c_constants
-from export.to_c.source_folders import loader_sources, sources_in
 
 ALIGNMENTS: Final = {"int8": 16, "float32": 64}
 """Bytes at multiples of which the arrays begin: a word of Cortex-M or a vector register, and a cache line."""
@@ -95,17 +95,13 @@ def _in_c(name: str, values: Values) -> npt.NDArray[Any]:
 
 def static_sources(precision: Precision) -> dict[str, bytes]:
     """The control step's sources that are the same for every program."""
-    return sources_in("common", "networks", precision)
+    folders = ("common", "networks", precision)
+    return {name: text for folder in folders for name, text in sources_in(folder).items()}
 
 
-def ecu_sources() -> dict[str, bytes]:
-    """The sources of the ECU around a control step, the same for every program and vehicle; in `board/` and `loader/`
-    those of the firmware around it.
-
-    What is generated for one of each is not among them: `sw_ecu_settings.h` (`firmware_sim.in_c.c_settings`).
-    """
-    around = {"board": sources_in("board"), "loader": loader_sources()}
-    return sources_in("ecu") | {f"{part}/{name}": text for part in around for name, text in around[part].items()}
+def sources_in(folder: str) -> dict[str, bytes]:
+    """Sources and headers of a folder of `sources`, by name."""
+    return c_files(files("export.to_c").joinpath("sources", folder))
 
 
 def settings(program: ControllerProgram, precision: Precision) -> dict[str, int | str | np.float32]:
@@ -140,11 +136,3 @@ def settings(program: ControllerProgram, precision: Precision) -> dict[str, int 
         **({} if program.prior is None else prior_settings(program.prior)),
         **({"SW_LANES": LANES} if precision == "float32" else c_constants()),
     }
-
-
-def example_sources() -> dict[str, bytes]:
-    """Programs with a `main` of their own around the ECU, by their names in a folder.
-
-    What one of them plays is generated: `examples/pressures.h` (`firmware_sim.in_c.c_examples`).
-    """
-    return {f"examples/{name}": content for name, content in sources_in("examples").items()}

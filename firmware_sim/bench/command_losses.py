@@ -1,6 +1,6 @@
 """How many jet commands a vehicle may miss before it gives up control: an (m, k)-firm limit.
 
-The ECU judges the pressures that it misses in the same way (`firmware_sim.ecu.state_machine`). It cannot see that its
+The ECU judges the pressures that it misses in the same way (`ecu.fail_safe`). It cannot see that its
 commands are lost, so the vehicle judges these by itself.
 """
 

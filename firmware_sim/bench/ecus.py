@@ -6,9 +6,9 @@ from typing import Final
 
 from contract.controller.c_folder import Settings
 from contract.errors import ConfigError
-from firmware_sim.ecu.stepped import LoopEcu
-from firmware_sim.in_c.c_ecu import CEcu
-from firmware_sim.in_c.compiler import host_compiler
+from ecu.in_c.c_ecu import CEcu
+from ecu.in_c.compiler import host_compiler
+from ecu.stepped import LoopEcu
 
 C: Final = "c"
 MCU: Final = "mcu"
@@ -39,7 +39,7 @@ def loop_ecu(kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.
 
     Args:
         kind: C or MCU.
-        sources: `firmware_sim.in_c.c_ecu.ecu_sources`.
+        sources: `ecu.in_c.c_ecu.ecu_sources`.
         clock_mhz: of the emulated core.
 
     Raises:

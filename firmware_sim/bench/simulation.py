@@ -24,6 +24,9 @@ from contract.errors import BusError, ConfigError, StillwakeError
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from contract.sensor_layout import SensorLayout
+from ecu.ecu import Ecu
+from ecu.fit import check_sensors
+from ecu.stepped import LoopEcu
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.bench.driven import driving, without_control
@@ -31,9 +34,6 @@ from firmware_sim.bench.observer import Observer
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.virtual_loop import check_bit_rates
 from firmware_sim.bench.wiring import wire
-from firmware_sim.ecu.ecu import Ecu
-from firmware_sim.ecu.fit import check_sensors
-from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.runs.metadata import RunEcu, RunMetadata, RunOrigin
 from firmware_sim.runs.run_log import Row, RunLog
 from wake.plant.drive import Drive

@@ -27,9 +27,9 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
+from ecu.delay_line import DelayLine
 from firmware_sim.bench.command_losses import CommandLosses
 from firmware_sim.bench.echo import EchoTracker
-from firmware_sim.ecu.delay_line import DelayLine
 
 _DRIVING: Final = (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
 

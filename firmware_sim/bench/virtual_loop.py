@@ -34,8 +34,8 @@ from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
 from contract.errors import BusError
 from contract.runtime.copies import NeverCopied
+from ecu.stepped import SteppedEcu
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
-from firmware_sim.ecu.stepped import SteppedEcu
 from firmware_sim.runs.run_log import BusTotals, Row
 from wake.plant.protocol import Plant
 from wake.plant.sample import Sample

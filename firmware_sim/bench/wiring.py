@@ -14,11 +14,11 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from contract.arrays import Array
 from contract.config.tree import Config
+from ecu.stepped import LoopEcu
 from firmware_sim.bench.disturbing import PORT_NAMES
 from firmware_sim.bench.observer import Observer, WatchedBus
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
-from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.runs.bus_traffic import BusTraffic, NodeErrors, WaitingTimes
 from wake.plant.protocol import LoopPlant
 

@@ -15,8 +15,8 @@ from xml.etree import ElementTree
 from contract.config.tree import Config
 from contract.controller.c_folder import library_sources
 from contract.release.checks import Bundle
+from ecu.in_c.compiler import compile_c, host_compiler
 from firmware_sim.fmu.ecu_variables import IDENTIFIER, ecu_variables, model_description, wrapper_settings, xml_bytes
-from firmware_sim.in_c.compiler import compile_c, host_compiler
 
 PLATFORM: Final = f"{platform.machine()}-{sys.platform}"
 """As FMI names it: x86_64-linux."""
@@ -31,8 +31,8 @@ def ecu_fmu(ecu: Mapping[str, bytes], wrapper: Mapping[str, bytes], bundle: Bund
     or it does not take the sources.
 
     Args:
-        ecu: a library's sources with the ECU and its settings (`firmware_sim.in_c.c_ecu.ecu_sources`).
-        wrapper: sources of the wrapper (`export.to_c.library.fmu_sources`).
+        ecu: a library's sources with the ECU and its settings (`ecu.in_c.c_ecu.ecu_sources`).
+        wrapper: sources of the wrapper (`ecu.c.sources.fmu_sources`).
         bundle: verified release that both are of.
         config: of the vehicle that the ECU is compiled for.
     """

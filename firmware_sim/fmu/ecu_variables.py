@@ -1,7 +1,7 @@
 """The variables of the ECU's FMU, each with the signal of the DBC that carries it.
 
 A variable's place in the list is its value reference. The list becomes the table that the wrapper in C
-(`export/to_c/sources/fmu/sw_fmu.c`) works by, and `modelDescription.xml`.
+(`ecu/c/fmu/sw_fmu.c`) works by, and `modelDescription.xml`.
 """
 
 import re

@@ -13,9 +13,9 @@ from xml.etree import ElementTree
 from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.errors import LibraryError
+from ecu.in_c.compiler import compile_c, host_compiler
 from firmware_sim.fmu.ecu_fmu import FLAGS, PLATFORM, zipped
 from firmware_sim.fmu.ecu_variables import xml_bytes
-from firmware_sim.in_c.compiler import compile_c, host_compiler
 
 SETTINGS: Final = "sw_plant_settings.h"
 BEHIND: Final = f"binaries/{PLATFORM}/pythonfmu.so"
@@ -30,7 +30,7 @@ def plant_fmu(config: Config, front: Mapping[str, bytes], start: Path | None = N
 
     Args:
         config: of flow, body and operating point; the rest goes along.
-        front: sources of what judges the calls (`export.to_c.source_folders.plant_fmu_sources`).
+        front: sources of what judges the calls (`ecu.c.sources.plant_fmu_sources`).
         start: flow state to begin from; the shipped one without it.
     """
     from pythonfmu3.builder import FmuBuilder

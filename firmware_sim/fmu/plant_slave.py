@@ -4,7 +4,7 @@ The project's timing convention holds: in a control period, which begins at star
 ramp from what they had reached to the flow that was asked for at its beginning, and so does the stream to the vehicle's
 speed. Outputs are of the end of the latest period: a communication step has the periods that end in it.
 
-What a call may not do is refused before it comes here (`export/to_c/sources/fmu/plant`).
+What a call may not do is refused before it comes here (`ecu/c/fmu/plant`).
 """
 
 import json

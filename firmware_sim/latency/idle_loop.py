@@ -16,10 +16,10 @@ from typing import Final
 import numpy as np
 
 from contract.arrays import Array
-from firmware_sim.ecu.real_time.clock import now_ns, sleep_until
-from firmware_sim.ecu.real_time.deadlines import Deadlines
-from firmware_sim.ecu.real_time.privileges import PRIORITY, Wanted, in_words, taken
-from firmware_sim.ecu.real_time.stage_times import StageTimes
+from ecu.real_time.clock import now_ns, sleep_until
+from ecu.real_time.deadlines import Deadlines
+from ecu.real_time.privileges import PRIORITY, Wanted, in_words, taken
+from ecu.real_time.stage_times import StageTimes
 from firmware_sim.latency.stages import Times
 
 WANTED: Final = Wanted(priority=PRIORITY + 1)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from contract.errors import BusError, StillwakeError
-from firmware_sim.ecu.real_time.stage_times import EcuStage, VehicleStage, load
+from ecu.real_time.stage_times import EcuStage, VehicleStage, load
 from firmware_sim.latency.idle_loop import IdleStage
 from firmware_sim.latency.stages import Times
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from contract.arrays import Array, Index
 from contract.errors import StillwakeError
-from firmware_sim.ecu.real_time.stage_times import NOTHING, EcuStage, VehicleStage
+from ecu.real_time.stage_times import NOTHING, EcuStage, VehicleStage
 
 Times = NDArray[np.int64]
 

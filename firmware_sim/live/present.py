@@ -13,7 +13,7 @@ from contract.arrays import Array, Index
 from contract.config.tree import Config
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from contract.release.checks import Bundle
-from firmware_sim.ecu.state_machine import OperatingMode
+from ecu.fail_safe import OperatingMode
 from firmware_sim.live.loop.live_run import LiveRun, Period
 from firmware_sim.live.loop.messages import PERIOD_COLUMNS, SCHEMA, Choice, Message
 from firmware_sim.live.loop.noticing import UNPOWERED, Seen

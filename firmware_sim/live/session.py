@@ -14,11 +14,11 @@ from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle
 from contract.runtime.copies import NeverCopied
+from ecu.calibrating import limits_of, release_calibration
+from ecu.ecu_state import EcuState
+from ecu.fit import check_sensors
+from ecu.stepped import LoopEcu
 from firmware_sim.bench.virtual_loop import check_bit_rates
-from firmware_sim.ecu.calibrating import limits_of, release_calibration
-from firmware_sim.ecu.ecu_state import EcuState
-from firmware_sim.ecu.fit import check_sensors
-from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.live import present
 from firmware_sim.live.event_log import EventLog
 from firmware_sim.live.loop.live_run import LiveRun, Period

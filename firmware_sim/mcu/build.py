@@ -8,9 +8,9 @@ from typing import Final
 
 from contract.controller.c_folder import BOARD, library_sources
 from contract.errors import LibraryError, McuError, install
-from firmware_sim.in_c.compiler import compile_c, zig_compiler
-from firmware_sim.in_c.uds_settings import HEADER as UDS_SETTINGS
-from firmware_sim.in_c.uds_settings import uds_settings
+from ecu.in_c.compiler import compile_c, zig_compiler
+from ecu.in_c.uds_settings import HEADER as UDS_SETTINGS
+from ecu.in_c.uds_settings import uds_settings
 from firmware_sim.mcu.cores import CORTEX_M7, Core
 
 LINKER_SCRIPT: Final = "cortex_m7.ld"

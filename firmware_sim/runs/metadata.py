@@ -15,7 +15,7 @@ from contract.config.tree import Config
 from contract.controller.calibration import Calibration, as_float32
 from contract.release.checks import Bundle
 from contract.typed import typed
-from firmware_sim.ecu.calibrating import with_calibration
+from ecu.calibrating import with_calibration
 
 _PACKAGES: Final = ("stillwake", "onnxruntime", "numpy", "numba", "python-can")
 """Their versions decide what a run computes."""

@@ -110,12 +110,12 @@ def _planned(
 ) -> "Campaign":
     """The campaign that was asked for, checked: whatever is wrong with it is reported before anything runs."""
     from contract.config.body_sensors import layout_of
+    from ecu.fit import check_flow, check_sensors
     from firmware_sim.bench.spans import Spans
     from firmware_sim.campaign.conduct import Campaign
     from firmware_sim.campaign.plan_file import whole_plan
     from firmware_sim.campaign.scenario import Place, selected
     from firmware_sim.campaign.task import MARGIN
-    from firmware_sim.ecu.fit import check_flow, check_sensors
 
     check_flow(release, config.flow)
     layout = layout_of(config.body)

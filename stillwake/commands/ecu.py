@@ -21,7 +21,7 @@ from stillwake.parts.firmware import run_firmware
 from stillwake.parts.releases import open_release, signature
 
 if TYPE_CHECKING:
-    from firmware_sim.ecu.daemon.service import Options
+    from ecu.daemon.service import Options
 
 _USES: Final = (
     "operating_point",
@@ -107,9 +107,9 @@ def run(
 
     stillwake ecu --mcu flash.bin --library ecu_c --root root/release.pub --access access.key --bus socketcan:can0
     """
-    from firmware_sim.ecu.daemon.events import as_json, plain
-    from firmware_sim.ecu.daemon.service import Options
-    from firmware_sim.ecu.real_time.privileges import Wanted
+    from ecu.daemon.events import as_json, plain
+    from ecu.daemon.service import Options
+    from ecu.real_time.privileges import Wanted
 
     options = Options(
         wanted=Wanted(priority=priority, processor=processor),
@@ -149,15 +149,15 @@ def provision(
 
     What is there already is never overwritten. `stillwake ecu --slots FOLDER` runs it.
 
-    stillwake ecu provision slots --root root/release.pub --keys keys.list --bundle firmware_sim/data/bundle
+    stillwake ecu provision slots --root root/release.pub --keys keys.list --bundle contract/release/shipped
     """
     from secrets import token_hex
 
     from contract.release.container import read_files
     from contract.release.image import image_of
     from contract.runtime.onnx_session import OnnxController
-    from firmware_sim.ecu.flashable import ecu_folder
-    from firmware_sim.ecu.flashable.vehicle_fit import VehicleFit
+    from ecu.flashable import ecu_folder
+    from ecu.flashable.vehicle_fit import VehicleFit
 
     config = settings("ecu provision", given, uses=_VEHICLE).config
     made = ecu_folder.provision(
@@ -179,8 +179,8 @@ def _run_release(
     """The ECU with one release, in this process."""
     from contract.controller.interface import RunnableController
     from contract.runtime.onnx_session import OnnxController
-    from firmware_sim.ecu.daemon import service
-    from firmware_sim.in_c.library_controller import open_library
+    from ecu.daemon import service
+    from ecu.in_c.library_controller import open_library
 
     loaded = settings("ecu", given, uses=_USES)
     _check_freshness(loaded.config, options)
@@ -207,8 +207,8 @@ def _run_store(
 ) -> None:
     """The ECU with the releases in a folder."""
     from can_bridge.uds.access_key import AccessKey
-    from firmware_sim.ecu.daemon.store_service import serve_store
-    from firmware_sim.ecu.flashable.ecu_folder import read_folder
+    from ecu.daemon.store_service import serve_store
+    from ecu.flashable.ecu_folder import read_folder
 
     uses = (*(name for name in _USES if name != WEIGHTS), DIAGNOSIS)
     config = settings("ecu", given, uses=uses).config

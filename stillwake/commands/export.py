@@ -240,9 +240,9 @@ def _export_model(
 
 def _library(folder: Path, output: Path, config: Config) -> "CLibrary":
     """The C library to write into a folder, with the ECU of the bundle at `output`."""
+    from ecu.in_c.host_library import CController
     from export.release.pipeline import CLibrary
     from export.release.sbom import folder_bom
-    from firmware_sim.in_c.host_library import CController
     from stillwake.parts.c_release import ecu_files
 
     ecu = partial(ecu_files, output, config=config, notice=console.print)
@@ -267,7 +267,7 @@ def _print_remarks(done: "Gated", config: Config) -> None:
 
 def _check_c_settings(config: Config) -> None:
     """Refuse settings that the ECU in C cannot do, whatever the release is."""
-    from firmware_sim.in_c.c_settings import check_settings
+    from ecu.in_c.c_settings import check_settings
 
     if config.bus.key:
         raise ConflictError(

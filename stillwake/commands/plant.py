@@ -97,7 +97,7 @@ def plant_fmu(
         raise OutputError(f"{output}: must be a file ending in .fmu")
     check_output(output, overwrite=overwrite)
 
-    from export.to_c.source_folders import plant_fmu_sources
+    from ecu.c.sources import plant_fmu_sources
     from firmware_sim.fmu.plant_fmu import plant_fmu as made
 
     content = made(config, plant_fmu_sources(), state)

@@ -226,8 +226,8 @@ def _settled(steady: Path, config: Config) -> None:
 
 
 def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
-    from firmware_sim.ecu.bundle_policy import BundlePolicy
-    from firmware_sim.ecu.fit import check_flow
+    from ecu.bundle_policy import BundlePolicy
+    from ecu.fit import check_flow
 
     release = open_release(bundle)
     check_flow(release, config.flow)

@@ -25,9 +25,9 @@ from stillwake.parts.releases import describe, open_release
 
 if TYPE_CHECKING:
     from contract.controller.calibration import Calibration
+    from ecu.stepped import LoopEcu
     from firmware_sim.bench.disturbances import Disturbance
     from firmware_sim.bench.spans import Spans
-    from firmware_sim.ecu.stepped import LoopEcu
     from firmware_sim.runs.run_log import Row, RunLog
     from wake.plant.drive import Drive
 
@@ -196,9 +196,9 @@ class _Loop:
     def closed(self, ecu: "LoopEcu | None", library: Path | None) -> "RunLog":
         """Run it, with an ECU in C or the one in Python; a library then takes the place of ONNX Runtime."""
         from can_bridge.wire.messages import Mode
+        from ecu.in_c.library_controller import open_library
         from firmware_sim.bench.closed_loop import run_closed_loop
         from firmware_sim.bench.disturbances import Disturbances
-        from firmware_sim.in_c.library_controller import open_library
         from firmware_sim.runs.metadata import RunOrigin
         from firmware_sim.runs.run_page.report import write_report
         from wake.plants import open_plant
@@ -248,8 +248,8 @@ def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle
     """The bundle's ECU in C, for the vehicle of this run. Raises LibraryError if no library was named, and the bundle
     is not the shipped one; or the library is not the bundle's; StillwakeError if it cannot be compiled, or the settings
     are not for an ECU in C."""
+    from ecu.in_c.c_ecu import ecu_sources
     from firmware_sim.bench.ecus import check_ecu, loop_ecu
-    from firmware_sim.in_c.c_ecu import ecu_sources
     from stillwake.parts.c_release import library_folder
 
     # What is refused is refused before the library is made.

@@ -81,8 +81,8 @@ def vehicle(
     driven, config = driven_at(drive, loaded.config, after_s=before_s)
     release = open_release(bundle)
 
+    from ecu.real_time.privileges import Wanted
     from firmware_sim.bench.real_time.running import Course
-    from firmware_sim.ecu.real_time.privileges import Wanted
 
     course = Course(
         periods=periods,
@@ -126,8 +126,8 @@ def _run(
 ) -> "tuple[Figures, str, bool]":
     """Be the vehicle until the course or a stop ends it: figures, the pressures in words, whether it was stopped."""
     from can_bridge.bus.backends.python_can import PythonCanBus
+    from ecu.fit import check_sensors
     from firmware_sim.bench.real_time.running import run_vehicle
-    from firmware_sim.ecu.fit import check_sensors
 
     with ExitStack() as stack:
         bus = stack.enter_context(PythonCanBus.open(config.bus))

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-ROOMS: Final = ("contract", "wake", "train", "export", "can_bridge", "firmware_sim", "stillwake")
+ROOMS: Final = ("contract", "wake", "train", "export", "can_bridge", "ecu", "firmware_sim", "stillwake")
 HOME: Final = Path(__file__).resolve().parents[2]
 """The folder that all of them lie in."""
 

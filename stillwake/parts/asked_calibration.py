@@ -12,7 +12,7 @@ from stillwake.console.settings import WEIGHTS
 def asked_calibration(loaded: Loaded, release: Bundle) -> Calibration:
     """The release's own calibration in this vehicle, with the weights that the user gave. Raises ConfigError for a
     weight out of the limits, or another setting of the optimiser: it is fixed in the bundle."""
-    from firmware_sim.ecu.calibrating import limits_of, release_calibration
+    from ecu.calibrating import limits_of, release_calibration
 
     built, given = asdict(release.manifest.mpc), asdict(loaded.config.mpc)
     for name in sorted(item for item in loaded.given if item.startswith("mpc.") and not item.startswith(WEIGHTS)):

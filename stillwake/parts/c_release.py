@@ -34,16 +34,16 @@ def ecu_files(bundle: Path, rows: Array, *, config: Config, notice: Callable[[st
         rows: recorded, of which an example plays the pressures, (n, S+1).
         notice: called with a line for what the ECU does without, or for why there is none.
     """
+    from ecu.c.sources import example_sources, firmware_sources
+    from ecu.in_c import uds_settings
+    from ecu.in_c.c_examples import PLAYED, played_pressures
+    from ecu.in_c.c_settings import ecu_settings
     from export.to_c.estimator import estimator_files
-    from export.to_c.library import ecu_sources, example_sources
-    from firmware_sim.in_c import uds_settings
-    from firmware_sim.in_c.c_examples import PLAYED, played_pressures
-    from firmware_sim.in_c.c_settings import ecu_settings
 
     try:
         release = load(bundle)
         used = _without_check(release, config, notice)
-        sources = ecu_sources() | example_sources() | {ECU_SETTINGS: ecu_settings(release, used)}
+        sources = firmware_sources() | example_sources() | {ECU_SETTINGS: ecu_settings(release, used)}
         sources |= estimator_files(release.files[ESTIMATOR]) if used.ecu.sensor_check.enabled else {}
         sources[f"loader/{uds_settings.HEADER}"] = uds_settings.uds_settings()
         return sources | {PLAYED: played_pressures(rows, used)} | descriptions(release, used)
@@ -65,9 +65,9 @@ def write_shipped_library(
     Raises ExportError if model and bundle do not belong together; StillwakeError if the data are not installed, or the
     folder cannot be written; BundleError or ConfigError, before the work, if C cannot have its ECU with these settings.
     `bill`, `notice` and `phase` are as `ecu_files` and `export.release.pipeline` have them."""
+    from ecu.in_c.c_settings import ecu_settings
+    from ecu.in_c.host_library import CController
     from export.release.pipeline import CLibrary, export_library
-    from firmware_sim.in_c.c_settings import ecu_settings
-    from firmware_sim.in_c.host_library import CController
 
     ecu_settings(release, _without_check(release, config, lambda line: None))
     ecu = partial(ecu_files, BUNDLE, config=config, notice=notice)
@@ -92,7 +92,7 @@ def write_fmu(path: Path, library: Path, release: Bundle, config: Config) -> Non
         LibraryError: the library has the control step alone, or does not compile.
         StillwakeError: the file cannot be written.
     """
-    from export.to_c.source_folders import fmu_sources
+    from ecu.c.sources import fmu_sources
     from firmware_sim.fmu.ecu_fmu import ecu_fmu
 
     sources = read_sources(library)
@@ -107,7 +107,7 @@ def write_image(
     path: Path, library: Path, release: Bundle, config: Config, key: Ed25519PrivateKey | None = None
 ) -> None:
     """The release of a C library as an image, signed if there is a key; arguments and errors as `write_fmu`."""
-    from firmware_sim.in_c.c_image import controller_image, read_packed
+    from ecu.in_c.c_image import controller_image, read_packed
 
     made = controller_image(read_sources(library) | read_packed(library), release, config, key)
     with replacing(path) as temporary:

@@ -12,8 +12,8 @@ def a2l_of(release: Bundle, config: Config) -> bytes:
     """The A2L file of its calibration. Raises BundleError if the release was made for another vehicle."""
     from can_bridge.calibration.a2l import a2l_text
     from can_bridge.calibration.segment import Segment
-    from firmware_sim.ecu.calibrating import limits_of, release_calibration
-    from firmware_sim.ecu.fit import check_vehicle
+    from ecu.calibrating import limits_of, release_calibration
+    from ecu.fit import check_vehicle
 
     check_vehicle(release, config)
     return a2l_text(

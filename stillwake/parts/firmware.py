@@ -33,9 +33,9 @@ def run_firmware(
     from can_bridge.secoc.key import read_secret
     from can_bridge.wire.message_sets import message_set
     from contract.release import controller_image, signing
-    from firmware_sim.in_c.c_ecu import ecu_sources
-    from firmware_sim.in_c.c_image import controller_image as image_of
-    from firmware_sim.in_c.c_image import read_packed
+    from ecu.in_c.c_ecu import ecu_sources
+    from ecu.in_c.c_image import controller_image as image_of
+    from ecu.in_c.c_image import read_packed
     from firmware_sim.mcu.board.board_ecu import BoardEcu
     from firmware_sim.mcu.board.equipment import equipment_header
     from firmware_sim.mcu.board.on_a_bus import read_bank, serve

@@ -16,7 +16,7 @@ from stillwake.parts.c_release import library_folder
 from stillwake.parts.releases import open_release
 
 if TYPE_CHECKING:
-    from firmware_sim.ecu.stepped import LoopEcu
+    from ecu.stepped import LoopEcu
     from firmware_sim.live.loop.messages import Choice
     from firmware_sim.live.session import LiveSession
     from firmware_sim.live.settings import LiveSettings
@@ -99,8 +99,8 @@ class Ecus:
     def __call__(self, name: str) -> "LoopEcu":
         """Just powered on; of an ECU in C there is one, which the session keeps, too. Raises StillwakeError if it
         cannot be had."""
-        from firmware_sim.ecu.ecu import Ecu
-        from firmware_sim.ecu.stepped import LoopEcu
+        from ecu.ecu import Ecu
+        from ecu.stepped import LoopEcu
 
         if name in COMPILING:
             self.prepare(name)
@@ -131,7 +131,7 @@ class Ecus:
 
     @cached_property
     def _sources(self) -> dict[str, bytes]:
-        from firmware_sim.in_c.c_ecu import ecu_sources
+        from ecu.in_c.c_ecu import ecu_sources
 
         if self._library is None:
             self._tell(MAKING)
@@ -141,7 +141,7 @@ class Ecus:
 
 def controllers(release: Bundle, library: Path | None) -> "list[Choice]":
     """Of the live loop with this release, in the order of `firmware_sim.live.settings.CONTROLLERS`."""
-    from firmware_sim.in_c.compiler import host_compiler
+    from ecu.in_c.compiler import host_compiler
 
     precision = release.manifest.precision
     return [

@@ -8,7 +8,7 @@ import pytest
 from benchmarks import full
 from benchmarks.common.pictures import STAMP
 from contract.errors import StillwakeError
-from export.to_c.source_folders import sources_in
+from ecu.c.sources import sources_in
 
 FIGURES, HISTORY = full.plan()
 
@@ -40,11 +40,11 @@ def test_a_change_of_the_release_or_of_a_source_shows(monkeypatch: pytest.Monkey
     of_loader = full.sources_hash("loader")
     sources = sources_in("loader")
     full.sources_hash.cache_clear()
-    monkeypatch.setattr(full, "sources_in", lambda folder: {**sources, "sw_more.c": b"int more;"})
+    monkeypatch.setattr(full, "firmware_part", lambda folder: {**sources, "sw_more.c": b"int more;"})
     assert full.sources_hash("loader") != of_loader
     full.sources_hash.cache_clear()
     name, content = next((name, content) for name, content in sources.items() if name.endswith(".c"))
-    monkeypatch.setattr(full, "sources_in", lambda folder: {**sources, name: content + b"/* a\n comment */"})
+    monkeypatch.setattr(full, "firmware_part", lambda folder: {**sources, name: content + b"/* a\n comment */"})
     assert full.sources_hash("loader") == of_loader
     full.sources_hash.cache_clear()
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-ROOMS = {"contract", "can_bridge", "firmware_sim", "wake", "train", "export", "stillwake", "benchmarks"}
+ROOMS = {"contract", "can_bridge", "ecu", "firmware_sim", "wake", "train", "export", "stillwake", "benchmarks"}
 NOT_IN_THE_BASE_INSTALL = {
     "torch", "shap", "onnx", "safetensors", "numba", "scipy", "gymnasium", "matplotlib", "PIL", "threadpoolctl",
     "dask", "distributed", "unicorn", "capstone", "casadi", "h5py", "stillwake_data", "cantools", "msgpack", "serial",
@@ -23,9 +23,8 @@ OF_THE_COMMAND_LINE = {"typer", "rich"}
         ("contract", ROOMS - {"contract"}),
         ("can_bridge", ROOMS - {"contract", "can_bridge"}),
         (
-            "firmware_sim/ecu",
-            ROOMS - {"contract", "can_bridge", "firmware_sim"}
-            | {"firmware_sim.bench", "firmware_sim.mcu", "firmware_sim.runs"},
+            "ecu",
+            ROOMS - {"contract", "can_bridge", "ecu"},
         ),
     ],
 )

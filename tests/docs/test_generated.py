@@ -16,8 +16,8 @@ from can_bridge.uds.services import Did, Nrc, Routine, Service
 from contract.config.loading import load_config, to_tree
 from contract.config.tree import Config
 from docs import can_messages, command_line, diagnosis, settings, states
+from ecu.fail_safe import TRANSITIONS, OperatingMode
 from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, KINDS, Disturbances
-from firmware_sim.ecu.state_machine import TRANSITIONS, OperatingMode
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -68,7 +68,7 @@ def test_every_number_of_diagnosis_has_a_line():
 
 
 def test_a_negative_response_is_left_out_only_where_no_answer_of_the_ecu_has_it():
-    folders = (ROOT / "can_bridge", ROOT / "firmware_sim" / "ecu")
+    folders = (ROOT / "can_bridge", ROOT / "ecu")
     sources = [path for folder in folders for path in folder.rglob("*.py") if "tester" not in path.parts]
     sent = {name for path in sources for name in re.findall(r"\bNrc\.([A-Z_]+)", path.read_text(encoding="utf-8"))}
     assert {one.name for one in Nrc} - sent == {one.name for one in diagnosis.UNSENT}

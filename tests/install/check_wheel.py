@@ -18,9 +18,9 @@ NEEDED = (
     "contract/config/quick.toml",
     "contract/config/release.toml",
     "contract/config/trained.toml",
-    "firmware_sim/data/bundle/controller.onnx",
-    "firmware_sim/data/bundle/manifest.json",
-    "firmware_sim/data/bundle/manifest.sig",
+    "contract/release/shipped/controller.onnx",
+    "contract/release/shipped/manifest.json",
+    "contract/release/shipped/manifest.sig",
     "export/to_c/sources/common/stillwake.h",
 )
 

@@ -14,7 +14,7 @@ import numpy as np
 
 import can_bridge
 import contract
-import firmware_sim.ecu
+import ecu
 from can_bridge.e2e.receiver import E2eReceiver
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire import codec
@@ -24,7 +24,7 @@ from contract.config.loading import load_config
 from contract.release import bundle, signing
 from contract.runtime.onnx_session import OnnxController
 from contract.shipped import BUNDLE
-from firmware_sim.ecu.ecu import Ecu
+from ecu.ecu import Ecu
 
 EXTRAS = ("torch", "shap", "onnx", "numba", "scipy", "matplotlib", "gymnasium", "distributed", "PIL", "pytest", "h5py",
           "udsoncan", "isotp")  # fmt: skip
@@ -49,13 +49,13 @@ def main() -> None:
     present = [name for name in EXTRAS if importlib.util.find_spec(name) is not None]
     if present:
         sys.exit(f"{', '.join(present)}: installed here, so this is not the base package alone")
-    names = [name for room in (contract, can_bridge, firmware_sim.ecu) for name in modules(room)]
+    names = [name for room in (contract, can_bridge, ecu) for name in modules(room)]
     for name in names:
         importlib.import_module(name)
 
     config = load_config(None, [])
     release = bundle.load(BUNDLE, signing.project_key())
-    ecu = Ecu(release, OnnxController.of(release), config)
+    unit = Ecu(release, OnnxController.of(release), config)
     vehicle, speed, jets = E2eSender(PRESSURE), E2eSender(VEHICLE_SPEED), E2eReceiver(JET_COMMAND, config.bus.e2e)
     cruises = codec.emit_vehicle_speed(VehicleSpeed(speed_m_per_s=config.operating_point.speed, age_ns=0))
     pressure = np.array(release.manifest.scaling.pressure_mean) * config.operating_point.dynamic_pressure
@@ -72,7 +72,7 @@ def main() -> None:
             enable_request=k > 0,
         )
         frames = [speed.frame(cruises, now_ns=now_ns), vehicle.frame(codec.emit_pressure(measured), now_ns=now_ns)]
-        answers = ecu.step(now_ns, frames)
+        answers = unit.step(now_ns, frames)
         live = jets.tick([answer for answer in answers if answer.frame_id == JET_COMMAND.frame_id]).live
         command = None if live is None else codec.parse_jet_command(live.data)
         seen.append(None if command is None else (command.mode, command.enable, command.flow_m2_per_s))

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.interface import ControllerError
+from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
 from export.gates.parity import check_lowering, control_cases
 from export.program.controller_program import ControllerProgram
@@ -21,7 +22,6 @@ from export.program.windows import random_window, random_windows
 from export.reference.mpc import shift
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
-from firmware_sim.in_c.host_library import CController
 from tests.each import each
 from tests.examples import examples
 from tests.parity.drawn import assert_nothing_is_carried, drawn_program

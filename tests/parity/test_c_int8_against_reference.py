@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import ExportError
+from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
 from export.gates.parity import control_cases
 from export.int8.activation_ranges import activation_ranges
@@ -26,7 +27,6 @@ from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window, random_windows
 from export.reference.mpc import control_step, shift
 from export.to_c.library import c_library
-from firmware_sim.in_c.host_library import CController
 from tests.each import each
 from tests.examples import examples
 from tests.parity.drawn import assert_nothing_is_carried, drawn_program

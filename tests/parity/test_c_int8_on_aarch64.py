@@ -13,11 +13,11 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.c_folder import Rows, float_literal, library_sources
 from contract.controller.interface import Sizes
+from ecu.in_c.compiler import zig_compiler
+from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
 from export.program.windows import random_window
 from export.release.lowering import int8_library
-from firmware_sim.in_c.compiler import zig_compiler
-from firmware_sim.in_c.host_library import CController
 
 EMULATOR = shutil.which("qemu-aarch64") or shutil.which("qemu-aarch64-static")
 COMPILER = zig_compiler()

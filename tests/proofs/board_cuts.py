@@ -28,7 +28,7 @@ from contract.errors import StillwakeError
 from firmware_sim.mcu.board.flash_controller import FlashBank, FlashController, PowerCut
 from firmware_sim.mcu.elf import Firmware
 from tests.can_bridge.flashing.releases import keys
-from tests.firmware_sim.ecu_in_c import CONFIG, exported
+from tests.ecu.in_c.exported import CONFIG, exported
 from tests.firmware_sim.mcu.board_node import BoardLine, Built, Traffic
 from tests.proofs import command_line
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report

@@ -25,7 +25,7 @@ from firmware_sim.mcu.cores import CORTEX_M7
 from stillwake.parts.c_release import library_folder
 from tests.can_bridge.flashing.releases import keys
 from tests.can_bridge.uds.addresses import REQUEST_ID
-from tests.firmware_sim.ecu_in_c import Exported
+from tests.ecu.in_c.exported import Exported
 from tests.firmware_sim.mcu.board_node import BoardLine, Built
 from tests.proofs import command_line
 from tests.proofs.command_line import JsonFile, report

@@ -35,8 +35,8 @@ BEGINNINGS = (
     *("export.release.pipeline.lower", "firmware_sim.mcu.measure.compile_for_cortex_m7"),
     *("wake.recording.parallel.run_parallel", "firmware_sim.campaign.conduct.execute"),
     *("wake.pictures.drawing.save_figure", "can_bridge.tools.raw_bus.open_bus"),
-    *("can_bridge.tester.transport.open_client", "firmware_sim.ecu.daemon.service.serve"),
-    *("firmware_sim.ecu.daemon.store_service.serve_store", "firmware_sim.latency.running.recorded"),
+    *("can_bridge.tester.transport.open_client", "ecu.daemon.service.serve"),
+    *("ecu.daemon.store_service.serve_store", "firmware_sim.latency.running.recorded"),
     "firmware_sim.live.serving.server.serve",
 )
 """Where the work of a command begins."""

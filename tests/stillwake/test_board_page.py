@@ -15,9 +15,9 @@ from can_bridge.secoc.key import read_secret
 from contract.config.vehicle import BusConfig
 from contract.release import controller_image as images
 from contract.release.signing import read_private_key, read_public_key
-from firmware_sim.in_c.c_ecu import ecu_sources
-from firmware_sim.in_c.c_image import controller_image, read_packed
-from tests.firmware_sim.ecu_in_c import CONFIG, exported
+from ecu.in_c.c_ecu import ecu_sources
+from ecu.in_c.c_image import controller_image, read_packed
+from tests.ecu.in_c.exported import CONFIG, exported
 
 BUS = ("--bus", "udp_multicast:239.74.163.41")
 PAGE = Path(__file__).resolve().parents[2] / "docs/how-to/board-and-rtos.md"

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import pytest
 
-from tests.firmware_sim.ecu.daemon.driving import PATIENCE_S
+from tests.ecu.daemon.driving import PATIENCE_S
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 GROUP: Final = f"239.78.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"

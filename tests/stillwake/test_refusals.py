@@ -20,7 +20,7 @@ from wake.truck import truck_wake
 
 MODEL = replace(Config(), mpc=replace(Config().mpc, iterations=7, weights=replace(Config().mpc.weights, lift=0.5)))
 """Settings that a model was trained with; neither the paper's nor the release's."""
-ROOMS = {"contract", "wake", "train", "export", "can_bridge", "firmware_sim", "stillwake"}
+ROOMS = {"contract", "wake", "train", "export", "can_bridge", "ecu", "firmware_sim", "stillwake"}
 
 
 @pytest.fixture

@@ -20,8 +20,8 @@ from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.errors import PlantError, StillwakeError
 from contract.runtime.copies import NeverCopied
+from ecu.real_time.privileges import stay_ordinary
 from firmware_sim.bench.real_time.speed import Speed
-from firmware_sim.ecu.real_time.privileges import stay_ordinary
 from wake.plant.drive import Drive
 
 LONGEST_END_S: Final = 5.0

@@ -14,15 +14,15 @@ from can_bridge.secoc.key import read_key
 from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
 from contract.errors import ConfigError
+from ecu.real_time import clock
+from ecu.real_time.deadlines import Deadlines
+from ecu.real_time.inbox import Inbox
+from ecu.real_time.privileges import Wanted, in_words, taken
+from ecu.real_time.stage_times import StageTimes, VehicleStage
 from firmware_sim.bench.real_time.pressures import Pressures
 from firmware_sim.bench.real_time.vehicle_counts import Figures
 from firmware_sim.bench.real_time.vehicle_loop import VehicleLoop
 from firmware_sim.bench.vehicle_node import VehicleNode
-from firmware_sim.ecu.real_time import clock
-from firmware_sim.ecu.real_time.deadlines import Deadlines
-from firmware_sim.ecu.real_time.inbox import Inbox
-from firmware_sim.ecu.real_time.privileges import Wanted, in_words, taken
-from firmware_sim.ecu.real_time.stage_times import StageTimes, VehicleStage
 from wake.plant.drive import Drive
 
 LEAD_IN_NS: Final = 50_000_000

@@ -14,13 +14,13 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
 from contract.errors import BusError
+from ecu.real_time import clock
+from ecu.real_time.deadlines import Deadlines
+from ecu.real_time.inbox import Inbox
+from ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
 from firmware_sim.bench.real_time.pressures import Pressures
 from firmware_sim.bench.real_time.vehicle_counts import Figures
 from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
-from firmware_sim.ecu.real_time import clock
-from firmware_sim.ecu.real_time.deadlines import Deadlines
-from firmware_sim.ecu.real_time.inbox import Inbox
-from firmware_sim.ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
 
 UNSENT_LIMIT: Final = 50
 """Frames in a row that the bus does not take, after which it counts as lost: a second at 20 ms."""

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from firmware_sim.ecu.state_machine import FailSafe, OperatingMode
+from ecu.fail_safe import FailSafe, OperatingMode
 
 _NEEDS_A_RISE = (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.FAULT)
 """States that a request which stands does not lead out of."""

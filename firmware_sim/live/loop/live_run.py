@@ -9,9 +9,9 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
 from contract.release.checks import Bundle
+from ecu.ecu_state import EcuState
+from ecu.stepped import LoopEcu
 from firmware_sim.bench.wiring import wire
-from firmware_sim.ecu.ecu_state import EcuState
-from firmware_sim.ecu.stepped import LoopEcu
 from firmware_sim.live.loop.bus_table import BusTable
 from firmware_sim.live.loop.control_request import ControlRequest
 from firmware_sim.live.loop.drag import DragMeans

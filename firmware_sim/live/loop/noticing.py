@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 from can_bridge.bus.interface import BusState
 from can_bridge.command_gate import Intervention
 from can_bridge.wire.messages import Reason
-from firmware_sim.ecu.state_machine import OperatingMode
+from ecu.fail_safe import OperatingMode
 from firmware_sim.runs.reasons import BECAUSE, DOES
 
 UNPOWERED: Final = "UNPOWERED"

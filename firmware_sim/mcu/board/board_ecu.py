@@ -1,6 +1,6 @@
 """The whole firmware on the emulated board as an ECU: frames in and out through its CAN controller.
 
-It has the interface of `firmware_sim.ecu.ecu.Ecu` for a closed loop, and `advance` for diagnosis. When a step takes
+It has the interface of `ecu.ecu.Ecu` for a closed loop, and `advance` for diagnosis. When a step takes
 place is the firmware's own decision: on the pressures of the step's frames, or, where there are none, at the deadline
 in its compare register, to which time then passes. What an observer sees is read from its memory, as by a debugger.
 """
@@ -13,10 +13,10 @@ from typing import Any, Final, Unpack
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame
 from contract.errors import McuError
-from firmware_sim.ecu.ecu_state import Around
-from firmware_sim.in_c.c_ecu import CEcuState, bundle_hash_of
-from firmware_sim.in_c.c_structs import Structs, c_time
-from firmware_sim.in_c.compiler import zig_compiler
+from ecu.ecu_state import Around
+from ecu.in_c.c_ecu import CEcuState, bundle_hash_of
+from ecu.in_c.c_structs import Structs, c_time
+from ecu.in_c.compiler import zig_compiler
 from firmware_sim.mcu.board.board import SRAM, SRAM_BYTES, Board
 from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
 from firmware_sim.mcu.board.small_parts import SystemReset
@@ -32,7 +32,7 @@ class BoardEcu(CEcuState):
     compiler is missing.
 
     Args:
-        sources: `firmware_sim.in_c.c_ecu.ecu_sources`.
+        sources: `ecu.in_c.c_ecu.ecu_sources`.
         clock_mhz: of the core.
         bank: the flash that is written in the field; erased if None.
         own: files in place of the board's (`compile_board`).

@@ -97,7 +97,7 @@ def _from_folder(slots: Path) -> "tuple[dict[str, str | int], Report]":
     from can_bridge.flashing.report import report_of
     from can_bridge.flashing.store import Store
     from can_bridge.flashing.verdicts import Verdict
-    from firmware_sim.ecu.flashable.ecu_folder import read_folder
+    from ecu.flashable.ecu_folder import read_folder
 
     folder = read_folder(slots)
     store = Store(

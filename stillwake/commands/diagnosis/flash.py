@@ -54,7 +54,7 @@ def flash(
     the list is not for this ECU, or the ECU refused it; 7 the ECU refused something else; 8 the new release did not
     start or pass its self-test, and the one before runs.
 
-    stillwake flash firmware_sim/data/bundle --bus socketcan:can0 --access access.key
+    stillwake flash contract/release/shipped --bus socketcan:can0 --access access.key
 
     stillwake flash --keys new.keys --bus socketcan:can0 --access access.key
     """

@@ -19,7 +19,7 @@ from contract.shipped import MODEL, RECORDING
 from tests.can_bridge.drives.drive_log import drive, log_of, write
 from tests.conftest import SIGNING_KEY
 from tests.docs.blocks.pages import ROOT, Line
-from tests.firmware_sim.ecu_in_c import exported
+from tests.ecu.in_c.exported import exported
 
 _WRITES: Final = re.compile(
     r"stillwake (?:keygen --secret|keygen|bundle keylist|dataset import|ecu provision|run|train|record|"

@@ -22,17 +22,17 @@ from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.controller.c_folder import read_sources
 from contract.release import bundle
-from export.to_c.source_folders import fmu_sources, plant_fmu_sources
+from ecu.c.sources import fmu_sources, plant_fmu_sources
+from ecu.in_c.compiler import host_compiler
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.fmu.ecu_fmu import ecu_fmu
 from firmware_sim.fmu.plant_fmu import plant_fmu
-from firmware_sim.in_c.compiler import host_compiler
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_page.report import write_report
 from tests.conftest import Coarse
 from tests.docs.blocks.given import MAKERS, Shared, begin, give
 from tests.docs.blocks.pages import PLAN, ROOT, blocks
-from tests.firmware_sim.ecu_in_c import exported
+from tests.ecu.in_c.exported import exported
 from wake.truck.state import save_state
 from wake.truck.truck_wake import TruckWake
 

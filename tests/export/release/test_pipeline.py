@@ -24,13 +24,13 @@ from contract.recording.facts import PlantFacts
 from contract.release import bundle
 from contract.runtime.onnx_session import OnnxController
 from contract.sensor_layout import SensorLayout
+from ecu.bundle_policy import BundlePolicy
+from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
 from export.release import pipeline
 from export.release.gated import Gated
 from export.release.lowering import Lowered, library_of, lower
 from export.to_onnx.control_step import build_controller
-from firmware_sim.ecu.bundle_policy import BundlePolicy
-from firmware_sim.in_c.host_library import CController
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train import model_store

@@ -9,12 +9,13 @@ import pytest
 
 from contract.controller.c_folder import ECU_SETTINGS, library_sources
 from contract.errors import LibraryError
+from ecu.c.sources import firmware_sources
+from ecu.in_c.c_settings import ecu_settings
+from ecu.in_c.compiler import compile_c, zig_compiler
 from examples.random_programs import random_program
-from export.to_c.library import c_library, ecu_sources
-from firmware_sim.in_c.c_settings import ecu_settings
-from firmware_sim.in_c.compiler import compile_c, zig_compiler
+from export.to_c.library import c_library
 from tests.each import each
-from tests.firmware_sim.ecu_in_c import CONFIG
+from tests.ecu.in_c.exported import CONFIG
 from tests.proofs.ecu_in_c.variants import bundle_of
 
 pytestmark = pytest.mark.compiler
@@ -55,7 +56,7 @@ COMPILERS = {"gcc": ["gcc"], "clang": ["clang"], "zig": zig_compiler() or [""]}
 def sources() -> dict[str, bytes]:
     """All that the known answers stand in and need, of a small program's library."""
     own = {ECU_SETTINGS: ecu_settings(bundle_of(CONFIG), CONFIG)}
-    contents = library_sources(c_library(random_program(1)) | ecu_sources() | own)
+    contents = library_sources(c_library(random_program(1)) | firmware_sources() | own)
     kept = ("sw_arithmetic.c", "sw_inexact.c")
     return {name: text for name, text in contents.items() if name.endswith(".h") or name in kept} | {"main.c": MAIN}
 

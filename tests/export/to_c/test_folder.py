@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from contract.controller.c_folder import DOCUMENTS, EXPECTED, RECORDED, REPLAY
-from firmware_sim.in_c.compiler import host_compiler, zig_compiler
+from ecu.in_c.compiler import host_compiler, zig_compiler
 
 pytestmark = pytest.mark.slow  # builds the folder as a stranger would
 

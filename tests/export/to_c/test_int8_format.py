@@ -11,6 +11,7 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.c_folder import library_sources
 from contract.errors import ExportError
+from ecu.in_c.compiler import host_compiler
 from examples.random_programs import random_program
 from export.int8.activation_ranges import activation_ranges
 from export.int8.rounded_program import rounded_to_nearest
@@ -27,7 +28,6 @@ from export.to_c.int8_format import (
     qmax,
 )
 from export.to_c.library import c_library
-from firmware_sim.in_c.compiler import host_compiler
 
 SHIM = Path(__file__).with_name("c").joinpath("tables.c").read_bytes()
 ELU, LOGISTIC, TANH = range(3)

@@ -12,6 +12,7 @@ import pytest
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.c_folder import SETTINGS, library_sources, write_folder
+from ecu.in_c.compiler import host_compiler
 from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits
 from export.program.windows import random_window
@@ -19,7 +20,6 @@ from export.reference.mpc import control_step
 from export.release.c_folder import recorded_rows
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
-from firmware_sim.in_c.compiler import host_compiler
 from tests.each import each
 
 MODEL = ModelConfig(window=6, latent=3, lstm_width=17, dynamics_width=21, decoder_width=9)

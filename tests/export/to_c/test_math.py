@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ecu.in_c.compiler import host_compiler
 from export.to_c.library import static_sources
-from firmware_sim.in_c.compiler import host_compiler
 
 SHIM = Path(__file__).with_name("c").joinpath("math.c").read_bytes()
 EXP, LOGISTIC, TANH, INVERSE_SQRT, SQRT = range(5)

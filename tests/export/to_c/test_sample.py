@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from contract.controller.c_folder import COMPILE_FLAGS
-from firmware_sim.in_c.compiler import host_compiler
+from ecu.in_c.compiler import host_compiler
 
 SOURCES = Path(str(files("export.to_c").joinpath("sources")))
 SAMPLES = "../../../../build/c"

@@ -14,14 +14,14 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from contract import sensors
 from contract.config.tree import Config
+from ecu.ecu import Ecu
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
-from firmware_sim.ecu.ecu import Ecu
 from firmware_sim.runs.run_log import WALL, RunLog
-from tests.firmware_sim.conftest import RecordingController, make_bundle
+from tests.ecu.conftest import RecordingController, make_bundle
 from wake.plant.sample import Sample
 
 NAMES = ("upper_39", "lower_39", "base_0", "base_9")

@@ -20,8 +20,8 @@ from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.runs.run_log import COLUMNS, WALL, WITHOUT, RunLog
 from tests.can_bridge.wire.described import DBC
+from tests.ecu.conftest import make_bundle
 from tests.firmware_sim.bench.harness import NAMES, SPANS, LiveOscillator, Run, Waves
-from tests.firmware_sim.conftest import make_bundle
 from wake.plant.drive import Drive
 from wake.truck.truck_wake import TruckWake
 

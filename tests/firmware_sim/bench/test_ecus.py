@@ -8,16 +8,16 @@ import pytest
 
 from benchmarks.ecu.lockstep import Lockstep
 from contract.errors import ConfigError
+from ecu.in_c.c_ecu import CEcu
+from ecu.in_c.compiler import zig_compiler
+from ecu.stepped import LoopEcu
 from firmware_sim.bench.ecus import MCU, C, check_ecu, loop_ecu
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
-from firmware_sim.ecu.stepped import LoopEcu
-from firmware_sim.in_c.c_ecu import CEcu
-from firmware_sim.in_c.compiler import zig_compiler
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.run_tables import service_rows
+from tests.ecu.in_c.exported import CONFIG, Exported
 from tests.firmware_sim.bench.harness import LiveOscillator
-from tests.firmware_sim.ecu_in_c import CONFIG, Exported
 
 pytestmark = [pytest.mark.compiler, pytest.mark.usefixtures("no_pictures")]
 

@@ -18,16 +18,16 @@ from can_bridge.wire.message_specs import JET_COMMAND
 from can_bridge.wire.messages import JetCommand, Mode
 from contract.config.tree import Config
 from contract.config.vehicle import BackgroundConfig, BusConfig, EcuConfig, VehicleConfig
+from ecu.ecu import Ecu
+from ecu.fail_safe import FailSafe, OperatingMode
 from firmware_sim.bench import simulation
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.invariants import Invariants
 from firmware_sim.bench.simulation import Simulation
-from firmware_sim.ecu.ecu import Ecu
-from firmware_sim.ecu.state_machine import FailSafe, OperatingMode
 from tests.each import each
+from tests.ecu.conftest import make_bundle
 from tests.examples import examples
 from tests.firmware_sim.bench.harness import SPANS, LiveOscillator, Waves
-from tests.firmware_sim.conftest import make_bundle
 
 DEFAULT = Config()
 

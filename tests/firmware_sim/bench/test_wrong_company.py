@@ -13,11 +13,11 @@ from can_bridge.wire.messages import Mode, Reason
 from contract import sensors
 from contract.config.tree import Config
 from contract.errors import BusError
+from ecu.ecu import Ecu
 from firmware_sim.bench.vehicle_node import VehicleNode
-from firmware_sim.ecu.ecu import Ecu
 from tests.each import each
+from tests.ecu.conftest import RecordingController, make_bundle
 from tests.firmware_sim.bench.harness import NAMES
-from tests.firmware_sim.conftest import RecordingController, make_bundle
 
 CP = np.cos(np.arange(sensors.COUNT))
 

@@ -14,8 +14,8 @@ from firmware_sim.campaign.folder import CampaignFolder
 from firmware_sim.campaign.report import write_report
 from firmware_sim.campaign.result_figures import curve, figures_of
 from firmware_sim.campaign.scenario import Criteria
+from tests.ecu.conftest import make_bundle
 from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
-from tests.firmware_sim.conftest import make_bundle
 
 pytestmark = pytest.mark.slow  # draws pages
 

@@ -20,12 +20,12 @@ from can_bridge.wire.message_sets import MessageSet, message_set
 from can_bridge.wire.messages import Mode, Pressure, Reason, VehicleSpeed
 from contract.config.vehicle import BusConfig
 from contract.release.manifest import SpeedRange
-from export.to_c.source_folders import fmu_sources
+from ecu.c.sources import fmu_sources
+from ecu.in_c.c_ecu import CEcu, ecu_sources
+from ecu.in_c.compiler import compile_c, host_compiler
 from firmware_sim.fmu.ecu_fmu import FLAGS, ecu_fmu
-from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
-from firmware_sim.in_c.compiler import compile_c, host_compiler
 from tests.each import each
-from tests.firmware_sim.ecu_in_c import CONFIG, Exported
+from tests.ecu.in_c.exported import CONFIG, Exported
 from tests.firmware_sim.fmu.imported import Imported, check_order_of_calls
 
 pytestmark = pytest.mark.compiler

@@ -9,14 +9,14 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from contract.config.loading import to_tree
-from export.to_c.source_folders import fmu_sources, plant_fmu_sources
+from ecu.c.sources import fmu_sources, plant_fmu_sources
+from ecu.in_c.c_ecu import ecu_sources
 from firmware_sim.bench.ecus import C, loop_ecu
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.fmu.ecu_fmu import ecu_fmu
 from firmware_sim.fmu.plant_fmu import plant_fmu
-from firmware_sim.in_c.c_ecu import ecu_sources
-from tests.firmware_sim.ecu_in_c import CONFIG, exported
+from tests.ecu.in_c.exported import CONFIG, exported
 from tests.firmware_sim.fmu.imported import Imported, check_order_of_calls
 from wake.plant.drive import Drive
 from wake.plants import own_wake

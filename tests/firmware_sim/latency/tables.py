@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from firmware_sim.ecu.real_time.stage_times import NOTHING, EcuStage, VehicleStage
+from ecu.real_time.stage_times import NOTHING, EcuStage, VehicleStage
 from firmware_sim.latency.idle_loop import IdleStage
 from firmware_sim.latency.stages import Periods, Times, joined
 

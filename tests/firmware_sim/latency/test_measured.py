@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from contract.errors import StillwakeError
-from firmware_sim.ecu.real_time.stage_times import EcuStage
+from ecu.real_time.stage_times import EcuStage
 from firmware_sim.latency import idle_loop
 from firmware_sim.latency.budget import verdicts
 from firmware_sim.latency.idle_loop import IdleStage, lateness

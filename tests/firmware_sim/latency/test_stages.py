@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contract.errors import StillwakeError
-from firmware_sim.ecu.real_time.stage_times import EcuStage, VehicleStage
+from ecu.real_time.stage_times import EcuStage, VehicleStage
 from firmware_sim.latency.stages import Stage, joined
 from tests.firmware_sim.latency.tables import COUNTERS, MS, PERIOD, START, TOOK, Tables
 

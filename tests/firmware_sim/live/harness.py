@@ -9,12 +9,12 @@ from contract.arrays import Array
 from contract.config.body import TRUCK_BODY
 from contract.config.tree import Config
 from contract.errors import LibraryError
-from firmware_sim.ecu.ecu import Ecu
-from firmware_sim.ecu.stepped import LoopEcu
+from ecu.ecu import Ecu
+from ecu.stepped import LoopEcu
 from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Answer
 from firmware_sim.live.session import LiveSession
+from tests.ecu.conftest import make_bundle
 from tests.firmware_sim.bench.harness import LiveOscillator, Waves
-from tests.firmware_sim.conftest import make_bundle
 from wake.plant.protocol import LoopPlant
 from wake.solver.grid import truck_grid
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from can_bridge.wire.messages import Mode
-from firmware_sim.ecu.state_machine import OperatingMode
+from ecu.fail_safe import OperatingMode
 from firmware_sim.live.loop.messages import FieldPicture, pack_field
 from firmware_sim.live.serving.server import serve
 from firmware_sim.live.settings import WEIGHT, LiveSettings

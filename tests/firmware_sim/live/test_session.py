@@ -17,9 +17,9 @@ from firmware_sim.bench.wiring import Wired, wire
 from firmware_sim.live.loop import live_run
 from firmware_sim.live.settings import ACTIONS
 from firmware_sim.runs.run_log import Row, RunLog
+from tests.ecu.conftest import make_bundle
 from tests.examples import examples
 from tests.firmware_sim.bench.harness import NAMES, LiveOscillator, Waves
-from tests.firmware_sim.conftest import make_bundle
 from tests.firmware_sim.live.harness import CONFIG, LEAD_IN, Live, shown
 
 

@@ -16,10 +16,10 @@ from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release import controller_image, signing
-from firmware_sim.ecu.flashable.diagnostic_link import isotp_settings
-from firmware_sim.in_c.c_ecu import ecu_sources
-from firmware_sim.in_c.c_image import controller_image as image_of
-from firmware_sim.in_c.c_image import read_packed
+from ecu.flashable.diagnostic_link import isotp_settings
+from ecu.in_c.c_ecu import ecu_sources
+from ecu.in_c.c_image import controller_image as image_of
+from ecu.in_c.c_image import read_packed
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.board.equipment import equipment_header
 from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
@@ -28,7 +28,7 @@ from firmware_sim.mcu.elf import Firmware
 from tests.can_bridge.flashing.releases import RELEASE, ROOT
 from tests.can_bridge.flashing.store_ecu import KEY, SECRET
 from tests.can_bridge.tester.line import Line, flash_over
-from tests.firmware_sim.ecu_in_c import CONFIG, Exported, Feed
+from tests.ecu.in_c.exported import CONFIG, Exported, Feed
 
 TICK_NS = 1_000_000
 LOOK_NS = 250_000

@@ -13,12 +13,12 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode, Reason
 from contract.errors import ConfigError, LibraryError, McuError
 from contract.release.manifest import SpeedRange
-from firmware_sim.in_c.c_ecu import CEcu, ecu_sources
-from firmware_sim.in_c.c_structs import differing
-from firmware_sim.in_c.compiler import zig_compiler
+from ecu.in_c.c_ecu import CEcu, ecu_sources
+from ecu.in_c.c_structs import differing
+from ecu.in_c.compiler import zig_compiler
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.build import COMMON
-from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Feed
+from tests.ecu.in_c.exported import CONFIG, WINDOW, Feed
 
 pytestmark = pytest.mark.mcu
 OFF = BusHealth(state=BusState.BUS_OFF, tx_errors=256, bus_off=4)

@@ -10,13 +10,13 @@ import pytest
 
 from can_bridge.bus.interface import BusHealth
 from can_bridge.wire.messages import Mode
-from firmware_sim.in_c.c_ecu import CEcu
-from firmware_sim.in_c.compiler import zig_compiler
-from firmware_sim.in_c.uds_settings import HEADER, uds_settings
+from ecu.in_c.c_ecu import CEcu
+from ecu.in_c.compiler import zig_compiler
+from ecu.in_c.uds_settings import HEADER, uds_settings
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.elf import Firmware, read_elf
 from tests.can_bridge.flashing.releases import keys
-from tests.firmware_sim.ecu_in_c import WINDOW, Feed
+from tests.ecu.in_c.exported import WINDOW, Feed
 from tests.firmware_sim.mcu.board_node import BoardLine, Built
 from tests.firmware_sim.mcu.test_board import step_both
 

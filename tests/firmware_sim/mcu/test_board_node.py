@@ -18,8 +18,8 @@ from firmware_sim.mcu.board.flash_controller import FlashBank
 from firmware_sim.mcu.board.on_a_bus import LONGEST_NS, read_bank, serve
 from tests.can_bridge.flashing.releases import keys
 from tests.can_bridge.uds.addresses import REQUEST_ID, RESPONSE_ID
-from tests.firmware_sim.ecu.independent_tester import ADDRESSED, IndependentTester, converse, keeps_whole
-from tests.firmware_sim.ecu_in_c import CONFIG, WINDOW, Feed
+from tests.ecu.in_c.exported import CONFIG, WINDOW, Feed
+from tests.ecu.independent_tester import ADDRESSED, IndependentTester, converse, keeps_whole
 from tests.firmware_sim.mcu.board_node import TICK_NS, BoardLine, Built
 from tests.firmware_sim.mcu.test_board import fuses, host_of
 from tests.proofs.board_cuts import WRONG, Cuts

@@ -14,7 +14,7 @@ from contract.config.vehicle import BusConfig
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
 from tests.can_bridge.flashing.releases import keys
-from tests.firmware_sim.ecu_in_c import CONFIG
+from tests.ecu.in_c.exported import CONFIG
 from tests.firmware_sim.mcu.board_node import READ, BoardLine, Built, Traffic
 
 pytestmark = pytest.mark.mcu

@@ -7,7 +7,7 @@ import pytest
 
 from contract.config.loading import load_config
 from contract.release import bundle
-from firmware_sim.ecu.calibrating import release_calibration
+from ecu.calibrating import release_calibration
 from firmware_sim.runs.metadata import InjectedFault, RunEcu, RunMetadata
 
 CORE = RunEcu.of("mcu", 480.0, [10_000_000, 12_000_000, 11_000_000])

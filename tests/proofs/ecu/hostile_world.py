@@ -19,9 +19,9 @@ from can_bridge.wire.message_specs import PRESSURE
 from contract import sensors
 from contract.config.tree import Config
 from contract.release.checks import Bundle
+from ecu.ecu import Ecu
 from firmware_sim.bench.vehicle_node import VehicleNode
-from firmware_sim.ecu.ecu import Ecu
-from tests.firmware_sim.conftest import make_bundle
+from tests.ecu.conftest import make_bundle
 from tests.proofs.ecu.hostile_controller import BAD, GOOD, HostileController
 from tests.proofs.ecu.promises import Delivered, EcuJudge, Seen, VehicleJudge
 

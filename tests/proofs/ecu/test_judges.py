@@ -11,13 +11,13 @@ from can_bridge.e2e.sender import SenderState
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig, VehicleConfig
+from ecu import controller_memory, ecu, ecu_state, fail_safe
+from ecu.ecu_state import EcuState
+from ecu.fail_safe import FailSafe, OperatingMode
+from ecu.pressure_reception import PressureReception
+from ecu.timing import Timing
 from firmware_sim.bench.echo import EchoTracker
 from firmware_sim.bench.vehicle_node import VehicleNode
-from firmware_sim.ecu import controller_memory, ecu, ecu_state, state_machine
-from firmware_sim.ecu.ecu_state import EcuState
-from firmware_sim.ecu.pressure_reception import PressureReception
-from firmware_sim.ecu.state_machine import FailSafe, OperatingMode
-from firmware_sim.ecu.timing import Timing
 from tests.proofs.ecu import hostile
 from tests.proofs.ecu.hostile_world import Events, RandomEvents, World
 from tests.proofs.ecu.promises import PROMISES
@@ -150,9 +150,9 @@ TAKEN_AWAY: tuple[tuple[str, *tuple[tuple[Any, str, Any], ...]], ...] = (
     (
         "re-arming",
         (
-            state_machine,
+            fail_safe,
             "taken",
-            lambda mode, period, taken=state_machine.taken: taken(instead(FAULT, CONTROL, mode), period),
+            lambda mode, period, taken=fail_safe.taken: taken(instead(FAULT, CONTROL, mode), period),
         ),
     ),
     ("vehicle: request", (VehicleNode, "sample", always_wanted)),

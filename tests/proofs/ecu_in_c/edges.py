@@ -15,12 +15,12 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
-from firmware_sim.ecu.benefit_check import MOVED, PATIENCE, BenefitCheckState
-from firmware_sim.ecu.delay_line import DelayLine
-from firmware_sim.ecu.ecu_state import EcuState
-from firmware_sim.ecu.other_ecu import SILENCE_NS, OtherEcu
-from firmware_sim.ecu.state_machine import OperatingMode
-from firmware_sim.ecu.timing import LATEST_NS
+from ecu.benefit_check import MOVED, PATIENCE, BenefitCheckState
+from ecu.delay_line import DelayLine
+from ecu.ecu_state import EcuState
+from ecu.fail_safe import OperatingMode
+from ecu.other_ecu import SILENCE_NS, OtherEcu
+from ecu.timing import LATEST_NS
 from tests.proofs.ecu_in_c.drive import edges, oldest_ns
 
 LARGEST: Final = 2**32 - 1

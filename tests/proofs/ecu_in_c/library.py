@@ -1,16 +1,17 @@
 """The ECU in C as a shared library, its networks replaced by answers that are given, bound through cffi."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from contract.config.tree import Config
 from contract.controller.c_folder import settings_header
 from contract.controller.interface import TERMS
-from firmware_sim.in_c.c_settings import HEADER, ecu_settings
-from firmware_sim.in_c.c_structs import Structs
-from firmware_sim.in_c.compiler import compile_c, host_compiler
+from ecu.c import sources as c_sources
+from ecu.in_c.c_settings import HEADER, ecu_settings
+from ecu.in_c.c_structs import Structs
+from ecu.in_c.compiler import compile_c, host_compiler
+from export.to_c import library
 from tests.proofs.ecu_in_c.variants import bundle_of
 
 EXACT: Final = ("-O1", "-ffp-contract=off")
@@ -27,11 +28,8 @@ FRAMES: Final = 10
 
 def ecu_files() -> dict[str, bytes]:
     """Sources and headers of the ECU, without its networks."""
-    root = files("export.to_c").joinpath("sources")
-    found = {item.name: item.read_bytes() for item in root.joinpath("ecu").iterdir() if item.name[-2:] in (".c", ".h")}
-    found |= {
-        name: root.joinpath("common", name).read_bytes() for name in ("stillwake.h", "sw_compiler.h", "sw_program.h")
-    }
+    step = library.sources_in("common")
+    found = c_sources.sources_in() | {name: step[name] for name in ("stillwake.h", "sw_compiler.h", "sw_program.h")}
     return {name: content for name, content in found.items() if name not in NETWORKS}
 
 

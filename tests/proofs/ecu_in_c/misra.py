@@ -67,13 +67,13 @@ def deviations_of(contents: Mapping[str, bytes], chosen: list[str], own: Iterabl
     return Deviations((match["file"], match["rule"]) for match in lines)
 
 
-def listed(folder: str = "ecu") -> set[tuple[str, str]]:
+def listed(folder: str = "") -> set[tuple[str, str]]:
     """The deviations that stay, of a folder of sources."""
-    text = files("export.to_c").joinpath("sources", folder, "misra.toml").read_text(encoding="utf-8")
+    text = files("ecu").joinpath("c", folder, "misra.toml").read_text(encoding="utf-8")
     return {(file, item["rule"]) for item in tomllib.loads(text)["deviation"] for file in item["files"]}
 
 
-def unlisted(occurring: Deviations, folder: str = "ecu") -> list[str]:
+def unlisted(occurring: Deviations, folder: str = "") -> list[str]:
     """What occurs and is not listed, or is listed and does not occur."""
     new = [f"{file}: rule {rule} is not listed" for file, rule in occurring.keys() - listed(folder)]
     gone = [f"{file}: rule {rule} is listed and does not occur" for file, rule in listed(folder) - occurring.keys()]

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from benchmarks.common.command_line import track
-from firmware_sim.in_c.compiler import compile_c, host_compiler
+from ecu.in_c.compiler import compile_c, host_compiler
 from tests.proofs.ecu_in_c import gate_cases
 from tests.proofs.ecu_in_c.library import Layout, sources
 from tests.proofs.ecu_in_c.mutator import Mutant, all_mutated

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from benchmarks.common.command_line import track
-from firmware_sim.in_c.compiler import compiler_version, host_compiler
+from ecu.in_c.compiler import compiler_version, host_compiler
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report
 from tests.proofs.ecu_in_c import branch_coverage, campaign, misra, mutants
 from tests.proofs.ecu_in_c.library import Library, sources

@@ -16,11 +16,11 @@ from contract.controller.calibration import NAMES, Calibration
 from contract.controller.estimator import Hypotheses
 from contract.controller.interface import FORCES, TERMS, ControllerError, ControlStep
 from contract.errors import ConfigError
-from firmware_sim.ecu.calibrating import limits_of
-from firmware_sim.ecu.ecu import Ecu
-from firmware_sim.ecu.ecu_state import EcuState
-from firmware_sim.ecu.sensor_check import SensorCheck
-from firmware_sim.in_c.c_structs import c_time
+from ecu.calibrating import limits_of
+from ecu.ecu import Ecu
+from ecu.ecu_state import EcuState
+from ecu.in_c.c_structs import c_time
+from ecu.sensor_check import SensorCheck
 from tests.proofs.ecu_in_c.library import Layout
 from tests.proofs.ecu_in_c.variants import bundle_of
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from export.to_c import source_folders
+from ecu.c import sources as c_sources
 from tests.proofs.ecu_in_c import misra
 from tests.proofs.ecu_in_c.library import sources
 from tests.proofs.ecu_in_c.variants import VARIANTS
@@ -41,7 +41,7 @@ def test_each_deviation_is_listed_and_each_listed_one_occurs():
 
 
 def test_each_deviation_of_the_loader_is_listed_and_each_listed_one_occurs():
-    own = {name for name in source_folders.loader_sources() if name.startswith("sw_")}
+    own = {name for name in c_sources.loader_sources() if name.startswith("sw_")}
     chosen = sorted(name for name in own if name.endswith(".c"))
     occurring = misra.deviations_of(node_library.sources(node_twin.CONFIGS["fd"]), chosen, own)
     occurring = misra.Deviations({key: count for key, count in occurring.items() if key[0] in own})

@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from firmware_sim.ecu.state_machine import OperatingMode
+from ecu.fail_safe import OperatingMode
 from tests.proofs.ecu_in_c import campaign
 from tests.proofs.ecu_in_c.library import Library, sources
 from tests.proofs.ecu_in_c.planted import PLANTED

@@ -21,7 +21,7 @@ from can_bridge.wire.messages import Pressure, Reason
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller.calibration import Calibration
-from firmware_sim.ecu.calibrating import limits_of
+from ecu.calibrating import limits_of
 from tests.proofs.ecu.hostile_world import START_NS, Path, RandomEvents
 from tests.proofs.ecu.promises import Delivered
 from tests.proofs.ecu_in_c.drive import Drive

@@ -10,10 +10,10 @@ from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
 from contract.errors import LibraryError
 from contract.release.checks import Bundle
-from export.to_c.source_folders import loader_sources
-from firmware_sim.in_c.c_structs import Structs
-from firmware_sim.in_c.compiler import STANDARD, host_compiler
-from firmware_sim.in_c.uds_settings import HEADER, uds_settings
+from ecu.c.sources import loader_sources
+from ecu.in_c.c_structs import Structs
+from ecu.in_c.compiler import STANDARD, host_compiler
+from ecu.in_c.uds_settings import HEADER, uds_settings
 from tests.proofs.ecu_in_c import library
 
 GEOMETRY: Final = ("-ffp-contract=off", "-DSW_FLASH_SECTOR=16384u", "-DSW_SLOT_SECTORS=3u")

@@ -11,8 +11,8 @@ from typing import Any, Final
 import capstone
 from elftools.elf.elffile import ELFFile
 
-from export.to_c.source_folders import loader_sources
-from firmware_sim.in_c.compiler import zig_compiler
+from ecu.c.sources import loader_sources
+from ecu.in_c.compiler import zig_compiler
 from firmware_sim.mcu.build import BARE
 from firmware_sim.mcu.elf import read_elf
 from tests.proofs.loader_in_c.node_library import sources

@@ -30,15 +30,15 @@ from contract.config.vehicle import BenefitCheckConfig, BusConfig, EcuConfig, Se
 from contract.release import controller_image, key_list, signing
 from contract.release.checks import Bundle, dbc_sha256
 from contract.release.controller_image import ImageFacts
-from firmware_sim.ecu.flashable import power_cycle
-from firmware_sim.ecu.flashable.equipment import Equipment
-from firmware_sim.ecu.flashable.flashable_ecu import FlashableEcu
-from firmware_sim.ecu.flashable.self_test import self_test
+from ecu.flashable import power_cycle
+from ecu.flashable.equipment import Equipment
+from ecu.flashable.flashable_ecu import FlashableEcu
+from ecu.flashable.self_test import self_test
 from tests.can_bridge.flashing import plain_backing, releases
 from tests.can_bridge.flashing.plain_backing import PlainBacking
 from tests.can_bridge.flashing.releases import HARDWARE, RELEASE, ROOT, SECOND, STRANGER, keys
 from tests.can_bridge.flashing.store_ecu import KEY, SECRET, Counted
-from tests.firmware_sim.conftest import RecordingController
+from tests.ecu.conftest import RecordingController
 from tests.proofs.ecu.hostile_world import small_bundle
 from tests.proofs.loader_in_c.node_library import SLOT_BYTES, WANTS_RESET, Host, Library
 from tests.proofs.loader_in_c.store_library import opens

@@ -13,8 +13,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from contract.release import controller_image, signing
 from contract.release.checks import dbc_sha256
 from contract.release.controller_image import HEADER, VEHICLE, ImageFacts, seal
-from export.to_c.source_folders import loader_sources
-from firmware_sim.in_c import compiler
+from ecu.c.sources import loader_sources
+from ecu.in_c import compiler
 from tests.can_bridge.flashing.releases import RELEASE, ROOT, SECOND, STRANGER
 
 SECTOR: Final = 8192

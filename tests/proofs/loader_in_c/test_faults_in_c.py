@@ -13,7 +13,7 @@ from can_bridge.uds.fault_codes import CODES, SNAPSHOT_BYTES
 from can_bridge.uds.fault_memory import AGED_CYCLES
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Reason
-from firmware_sim.ecu.state_machine import OperatingMode
+from ecu.fail_safe import OperatingMode
 from tests.can_bridge.uds.addresses import REQUEST_ID
 from tests.proofs.ecu_in_c.branch_coverage import branches
 from tests.proofs.loader_in_c.node_library import QUICK, Library, build, sources

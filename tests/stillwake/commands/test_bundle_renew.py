@@ -18,7 +18,7 @@ from contract.release import bundle, signing
 from contract.release.checks import CONTROLLER
 from contract.release.manifest import MANIFEST, SpeedRange
 from contract.shipped import BUNDLE
-from firmware_sim.ecu.fit import check_vehicle
+from ecu.fit import check_vehicle
 from tests.contract.release.resealing import resealed
 from tests.train.test_sensor_estimator import episode
 

@@ -18,9 +18,9 @@ import pytest
 from can_bridge.bus.backends.python_can import PythonCanBus
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
-from firmware_sim.ecu.real_time.privileges import PRIORITY
-from firmware_sim.ecu.real_time.stage_times import EcuStage, load
-from tests.firmware_sim.ecu.daemon.driving import PATIENCE_S, Vehicle
+from ecu.real_time.privileges import PRIORITY
+from ecu.real_time.stage_times import EcuStage, load
+from tests.ecu.daemon.driving import PATIENCE_S, Vehicle
 
 ROOT = Path(__file__).parents[3]
 GROUP = f"239.76.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"

@@ -17,7 +17,7 @@ import pytest
 
 from contract.config.loading import load_config
 from contract.shipped import BUNDLE
-from firmware_sim.ecu.stepped import LoopEcu
+from ecu.stepped import LoopEcu
 from stillwake.parts import live_parts
 from stillwake.parts.live_parts import COMPILING, MAKING, Ecus, controllers, plants
 from stillwake.parts.releases import open_release
@@ -49,14 +49,14 @@ def test_a_choice_names_what_it_lacks(short_release, monkeypatch):
         assert missing_of(shipped)["python"] is None, lacking
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setattr("firmware_sim.in_c.compiler.zig_compiler", lambda: None)
+    monkeypatch.setattr("ecu.in_c.compiler.zig_compiler", lambda: None)
     assert "compiler" in str(missing_of(shipped)["c"])
 
 
 def test_an_ecu_in_c_is_made_once_and_each_wait_is_told(monkeypatch):
     made: Any = LoopEcu(ecu=SimpleNamespace(), kind="", computed_by="")
     monkeypatch.setattr(live_parts, "library_folder", nullcontext)
-    monkeypatch.setattr("firmware_sim.in_c.c_ecu.ecu_sources", lambda *_: {})
+    monkeypatch.setattr("ecu.in_c.c_ecu.ecu_sources", lambda *_: {})
     monkeypatch.setattr("firmware_sim.bench.ecus.loop_ecu", lambda name, sources: replace(made, kind=name))
     told = list[str]()
     ecus = Ecus(open_release(None), load_config(), None, told.append)

@@ -14,7 +14,7 @@ from contract.errors import DatasetError, StillwakeError
 from contract.recording.dataset import Dataset, read
 from contract.release.bundle import load
 from contract.shipped import BUNDLE
-from firmware_sim.ecu.bundle_policy import BundlePolicy
+from ecu.bundle_policy import BundlePolicy
 from tests.wake.recording.killing import Killed, equal
 from wake.recording import recorder
 from wake.recording.calm_plan import CalmRound

@@ -16,7 +16,7 @@ import pytest
 from contract.config.tree import Config
 from contract.recording.dataset import Dataset, read
 from contract.release.bundle import load
-from firmware_sim.ecu.bundle_policy import BundlePolicy
+from ecu.bundle_policy import BundlePolicy
 from tests.wake.recording.killing import equal
 from wake.recording.controlled_plan import ControlledRound
 from wake.recording.controlled_recording import record_round

@@ -8,7 +8,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const BOX = [112, 34];
   const AFTERGLOW_MS = 1500;
 
-  /** `firmware_sim.ecu.state_machine.OperatingMode`, and without supply: upper left corner, and what it is. */
+  /** `ecu.fail_safe.OperatingMode`, and without supply: upper left corner, and what it is. */
   const STATES = {
     UNPOWERED: [8, 20, 'The ECU has no supply. The jets are shut.'],
     BOOT: [8, 82, 'The ECU starts. The jets are shut.'],

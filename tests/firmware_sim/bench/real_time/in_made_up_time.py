@@ -9,11 +9,11 @@ from can_bridge.wire.messages import Pressure
 from contract.config.tree import Config
 from contract.errors import BusError
 from contract.sensors import TRUCK
+from ecu.ecu import Ecu
+from ecu.real_time.deadlines import Deadlines
+from ecu.real_time.inbox import Inbox
 from firmware_sim.bench.real_time.vehicle_loop import VehicleLoop
 from firmware_sim.bench.vehicle_node import VehicleNode
-from firmware_sim.ecu.ecu import Ecu
-from firmware_sim.ecu.real_time.deadlines import Deadlines
-from firmware_sim.ecu.real_time.inbox import Inbox
 from tests.firmware_sim.bench.harness import NAMES, Oscillator
 
 FIRST_NS = 7_000_000_000

@@ -19,11 +19,11 @@ from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
+from ecu.ecu import Ecu
+from ecu.real_time.privileges import Wanted
+from ecu.real_time.stage_times import VehicleStage, load
 from firmware_sim.bench.real_time.pressures import Replay
 from firmware_sim.bench.real_time.running import Course, run_vehicle
-from firmware_sim.ecu.ecu import Ecu
-from firmware_sim.ecu.real_time.privileges import Wanted
-from firmware_sim.ecu.real_time.stage_times import VehicleStage, load
 from tests.firmware_sim.bench.harness import NAMES
 from tests.firmware_sim.bench.real_time.in_made_up_time import pressure_in
 from tests.firmware_sim.bench.real_time.test_pressures import episode

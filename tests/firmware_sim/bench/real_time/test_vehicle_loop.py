@@ -8,9 +8,9 @@ import pytest
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
 from contract.errors import BusError
+from ecu.ecu import Ecu
+from ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
 from firmware_sim.bench.real_time.vehicle_loop import FAREWELL, UNSENT_LIMIT
-from firmware_sim.ecu.ecu import Ecu
-from firmware_sim.ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
 from tests.each import each
 from tests.firmware_sim.bench.real_time.in_made_up_time import FIRST_NS, MadeUpTime, pressure_in
 

@@ -3,7 +3,7 @@
 from can_bridge.bus.interface import BusState
 from can_bridge.command_gate import Intervention
 from can_bridge.wire.messages import Reason
-from firmware_sim.ecu.state_machine import OperatingMode
+from ecu.fail_safe import OperatingMode
 from firmware_sim.live.loop.noticing import BOOT, START, UNPOWERED, noticed
 
 CONTROL = START._replace(state="CONTROL")

@@ -1,0 +1,65 @@
+"""A release's controller as a policy: the ECU's window and warm start, without bus, latency or fail-safe."""
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.controller.interface import Controller
+from contract.release.checks import Bundle
+from contract.runtime.onnx_session import OnnxController
+from contract.sensor_layout import SensorLayout
+from contract.sensors import TRUCK
+from ecu.controller_memory import ControllerMemory
+from ecu.delay_line import DelayLine
+from ecu.fit import check_sensors
+
+
+class BundlePolicy:
+    """Follows `wake.recording.feedback.Policy`: zero until the window is full, then the first action of each plan.
+
+    The memory holds the number of rows in the window, the window of rows (Cp_k, a_{k-1}), and the last plan as it came
+    out: the graph shifts it, so that its first action, the one that exploration changed, is not used again. Nothing
+    else is needed: every sample has its pressures, and the plant reports the action in force. Raises BundleError if the
+    model does not load, or reads a sensor that the plant does not have, or has elsewhere.
+
+    Args:
+        controller: what runs its `controller.onnx`; default: ONNX Runtime on one thread.
+        layout: of the plant's sensors, the columns of the Cp that it is stepped with.
+    """
+
+    def __init__(self, bundle: Bundle, controller: Controller | None = None, layout: SensorLayout = TRUCK) -> None:
+        manifest = bundle.manifest
+        check_sensors(bundle, layout)
+        self._columns = layout.indices(manifest.sensors)
+        self._shape = (manifest.window, len(manifest.sensors) + 1)
+        self._horizon = manifest.mpc.horizon
+        self._weights = np.array(manifest.mpc.weights.as_tuple())
+        self._controller = OnnxController.of(bundle) if controller is None else controller
+
+    def start(self) -> Array:
+        """No rows, a plan of zeros."""
+        length, columns = self._shape
+        return _packed(ControllerMemory.empty(length=length, sensors=columns - 1, horizon=self._horizon, delay=0))
+
+    def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
+        """The command and the memory after it. Raises ControllerError if the controller fails or its answer is not
+        finite."""
+        after = self._unpacked(memory, action).observed(Cp[self._columns])
+        if not after.is_full:
+            return 0.0, _packed(after)
+        after, answer = after.planned(self._controller, self._weights)
+        return float(answer.plan[0]), _packed(after)
+
+    def _unpacked(self, memory: Array, action: float) -> ControllerMemory:
+        """What `_packed` wrote, with the action in force."""
+        return ControllerMemory(
+            window=memory[1 : -self._horizon].reshape(self._shape),
+            rows=int(memory[0]),
+            gap=0,
+            plan=memory[-self._horizon :],
+            under_way=DelayLine((action,)),
+        )
+
+
+def _packed(memory: ControllerMemory) -> Array:
+    """(1 + L (S + 1) + H,): rows, window, plan."""
+    return np.concatenate([[memory.rows], memory.window.ravel(), memory.plan])

@@ -1,0 +1,55 @@
+"""The hand-written sources in C of the ECU, its loader, its board and its FMUs, from this folder."""
+
+from importlib.resources import files
+from typing import Final
+
+from contract.controller.c_folder import c_files
+
+MONOCYPHER: Final = "4.0.3"
+"""Version of the code of others in `loader/vendor`; its own release writes it in place of `__git__`."""
+
+
+def sources_in(folder: str = "") -> dict[str, bytes]:
+    """Sources, headers and linker scripts of a folder, or of this one, by name."""
+    return c_files(files("ecu.c").joinpath(folder))
+
+
+def firmware_sources() -> dict[str, bytes]:
+    """The sources of the ECU around a control step, the same for every program and vehicle; in `board/` and `loader/`
+    those of the firmware around it.
+
+    What is generated for one of each is not among them: `sw_ecu_settings.h` (`ecu.in_c.c_settings`).
+    """
+    around = {"board": sources_in("board"), "loader": loader_sources()}
+    return sources_in() | {f"{part}/{name}": text for part in around for name, text in around[part].items()}
+
+
+def loader_sources() -> dict[str, bytes]:
+    """The loader with diagnosis, the same for every program and vehicle, to be compiled with a library's sources.
+
+    Monocypher's sources are included by one of these and not compiled: their names end in `_c.h`.
+    """
+    foreign = sources_in("loader/vendor")
+    return sources_in("loader") | {
+        name.replace(".c", "_c.h"): text.replace(b"version __git__", f"version {MONOCYPHER}".encode())
+        for name, text in foreign.items()
+    }
+
+
+def fmu_sources() -> dict[str, bytes]:
+    """The FMU around the ECU. Generated for a release: `sw_fmu_settings.h` (`firmware_sim.fmu.ecu_variables`)."""
+    return sources_in("fmu")
+
+
+def plant_fmu_sources() -> dict[str, bytes]:
+    """What stands in front of the plant's FMU, but for `sw_plant_settings.h` (`firmware_sim.fmu.plant_fmu`)."""
+    shared = ("sw_fmi3.h", "sw_fmi3_calls.h", "sw_fmu_other.c")
+    return sources_in("fmu/plant") | {name: text for name, text in fmu_sources().items() if name in shared}
+
+
+def example_sources() -> dict[str, bytes]:
+    """Programs with a `main` of their own around the ECU, by their names in a folder.
+
+    What one of them plays is generated: `examples/pressures.h` (`ecu.in_c.c_examples`).
+    """
+    return {f"examples/{name}": content for name, content in sources_in("examples").items()}

@@ -1,0 +1,44 @@
+/* What may be changed of a release between two control periods, how far, and what follows from it: the goal of the
+ * control, the bounds on the jets, the actuator's delay. The twin of ecu/calibrating.py.
+ */
+#include "sw_ecu_parts.h"
+
+static const sw_calibration least = SW_LEAST_CALIBRATION;
+static const sw_calibration greatest = SW_GREATEST_CALIBRATION;
+
+/* No number is within any limits. */
+static int is_within(float value, float low, float high) { return value >= low && value <= high; }
+
+int sw_calibration_beyond(const sw_calibration *values, const sw_release *release)
+{
+    for (int i = 0; i < SW_TERMS; i++) {
+        /* A release may have a greater weight than others can be given. */
+        const float own = release->weights[i];
+        const float most = own > greatest.weights[i] ? own : greatest.weights[i];
+        if (!is_within(values->weights[i], least.weights[i], most)) return i + 1;
+    }
+    if (!is_within(values->action_limit, least.action_limit, greatest.action_limit)) return SW_TERMS + 1;
+    if (!is_within(values->command_step, least.command_step, greatest.command_step)) return SW_TERMS + 2;
+    return values->delay_steps <= greatest.delay_steps ? 0 : SW_TERMS + 3;
+}
+
+void sw_calibration_own(const sw_release *release, sw_calibration *own)
+{
+    *own = greatest; /* the vehicle's bounds on the jets */
+    for (int i = 0; i < SW_TERMS; i++) own->weights[i] = release->weights[i];
+    own->delay_steps = SW_DELAY_STEPS;
+}
+
+sw_gate_limits sw_calibration_limits(const sw_calibration *values)
+{
+    sw_gate_limits limits = {SW_GATE_FLOW, SW_GATE_STEP}; /* the vehicle's, with all of their digits */
+    if (values->action_limit < greatest.action_limit) {
+        /* The range ends on a step of the wire; the small number keeps a limit that is itself one. */
+        const double steps = (double)values->action_limit * SW_FLOW_SCALE / SW_FLOW_RESOLUTION + 1e-6;
+        limits.flow_m2_per_s = (double)(int32_t)steps * SW_FLOW_RESOLUTION;
+    }
+    if (values->command_step < greatest.command_step) {
+        limits.step_m2_per_s = (double)values->command_step * SW_FLOW_SCALE;
+    }
+    return limits;
+}

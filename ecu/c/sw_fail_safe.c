@@ -1,0 +1,287 @@
+/* What the ECU does in each control period: one table of states and transitions, and nothing else.
+ *
+ * The rows are read from the first on; the first one that starts at the present mode and whose condition holds is taken,
+ * in the step that sees the condition. The twin of ecu/fail_safe.py: the same rows in the same order,
+ * by the same names.
+ */
+#include "sw_counts.h"
+#include "sw_ecu_parts.h"
+
+typedef enum {
+    ALWAYS,
+    UPDATING,  /* a release is to be written */
+    OWN_FAULT, /* clock, deadline, bus-off, sensors, another ECU, controller */
+    REARMED,   /* the request rises with usable pressures, SW_REARM_FRAMES or more in a row */
+    REARMED_FILLING,
+    LOW,            /* the request */
+    NEVER_YET,      /* no usable pressures, and the request does not rise */
+    LOW_AND_USABLE, /* usable pressures, and the request is low */
+    STANDING,       /* usable pressures, and the request stands from before */
+    INVALID,        /* the stream is not to be trusted */
+    TOO_LONG,       /* more than hold and decay periods missing in a row */
+    TOO_MANY,       /* SW_LOSS_LIMIT of the last SW_LOSS_WINDOW missing, this one too */
+    FILLING,        /* the window is not full, the release not made for the speed, or whether control helps tested */
+    USABLE,         /* pressures */
+    SHORT           /* no more than the hold periods missing in a row */
+} condition;
+
+typedef enum {
+    NO_REASON,
+    QUIET,   /* none; NOT_AUTHENTIC if no frame is */
+    WRITING,
+    STANDS,  /* NOT_ARMED; NOT_AUTHENTIC if no frame is */
+    MISSING, /* why pressures are missing; none if they are not */
+    WAITING, /* the same; OFF_SPEED at such a speed, NOT_HELPING in a test */
+    OWN,     /* of the fault */
+    FIRST    /* the first one stays */
+} because;
+
+typedef struct {
+    uint16_t start; /* modes that it leads from, a bit each */
+    uint8_t when;   /* condition */
+    uint8_t to;     /* sw_operating_mode */
+    uint8_t reason; /* because */
+} transition;
+
+/* What conditions are about: one period's inputs, and what has been counted up to it. */
+typedef struct {
+    const sw_period_inputs *inputs;
+    uint8_t request;
+    uint8_t rises; /* it was low before this period and stands now */
+    uint8_t kept;  /* reason of the state before */
+    uint32_t misses;
+    uint32_t good;
+    int lost;
+} period;
+
+#define IN(mode) (1u << (unsigned)(mode))
+#define INIT IN(SW_INIT)
+#define STANDBY IN(SW_STANDBY)
+#define ARMED IN(SW_ARMED)
+#define WARMUP IN(SW_WARMUP)
+#define CONTROL IN(SW_CONTROL)
+#define HOLD IN(SW_HOLD)
+#define DECAY IN(SW_DECAY)
+#define FAULT IN(SW_FAULT)
+#define UPDATE IN(SW_UPDATE)
+#define WANTED (WARMUP | CONTROL | HOLD | DECAY) /* control is wanted and no fault stands */
+
+/* clang-format off */
+static const transition transitions[] = {
+    {UPDATE, ALWAYS, SW_UPDATE, WRITING},
+    {INIT | STANDBY | ARMED | WARMUP | FAULT, UPDATING, SW_UPDATE, WRITING},
+    {INIT | STANDBY | ARMED | WANTED, OWN_FAULT, SW_FAULT, OWN},
+    {FAULT, OWN_FAULT, SW_FAULT, FIRST},
+    /* Power-on, and no request. */
+    {INIT, NEVER_YET, SW_INIT, QUIET},
+    {INIT, LOW_AND_USABLE, SW_ARMED, QUIET},
+    {INIT, STANDING, SW_STANDBY, STANDS},
+    {STANDBY | ARMED | WANTED, LOW, SW_ARMED, QUIET},
+    {STANDBY, ALWAYS, SW_STANDBY, STANDS},
+    /* The request rises, or it stands and control is wanted. */
+    {INIT | ARMED | WANTED, INVALID, SW_FAULT, MISSING},
+    {INIT | ARMED | WANTED, TOO_LONG, SW_FAULT, MISSING},
+    {INIT | ARMED | WANTED, TOO_MANY, SW_FAULT, MISSING},
+    {INIT, ALWAYS, SW_WARMUP, WAITING},
+    {ARMED | WANTED, FILLING, SW_WARMUP, WAITING},
+    {ARMED | WANTED, USABLE, SW_CONTROL, NO_REASON},
+    {ARMED | WARMUP | CONTROL | HOLD, SHORT, SW_HOLD, MISSING},
+    {ARMED | WANTED, ALWAYS, SW_DECAY, MISSING},
+    /* A latched fault. */
+    {FAULT, REARMED_FILLING, SW_WARMUP, WAITING},
+    {FAULT, REARMED, SW_CONTROL, NO_REASON},
+    {FAULT, ALWAYS, SW_FAULT, FIRST},
+};
+/* clang-format on */
+
+#define LAST ((int)(sizeof transitions / sizeof transitions[0]) - 1)
+
+static uint8_t missing(const period *now)
+{
+    return now->inputs->usable ? (uint8_t)SW_REASON_NONE : now->inputs->unusable_because;
+}
+
+/* A vehicle none of whose frames is authentic cannot make its request heard: the reason alone shows why. */
+static uint8_t unless_refused(const period *now, uint8_t reason)
+{
+    return missing(now) == SW_REASON_NOT_AUTHENTIC ? (uint8_t)SW_REASON_NOT_AUTHENTIC : reason;
+}
+
+static uint8_t waiting(const period *now)
+{
+    const uint8_t in_a_test = (uint8_t)(now->inputs->tests ? SW_REASON_NOT_HELPING : SW_REASON_NONE);
+    const uint8_t usable = (uint8_t)(now->inputs->off_speed ? SW_REASON_OFF_SPEED : in_a_test);
+    return now->inputs->usable ? usable : missing(now);
+}
+
+static int is_filling(const period *now)
+{
+    return now->inputs->off_speed || now->inputs->tests || !now->inputs->window_full;
+}
+
+static int rearmed(const period *now) { return now->inputs->usable && now->rises && now->good >= SW_REARM_FRAMES; }
+
+static int holds(uint8_t when, const period *now)
+{
+    const int usable = now->inputs->usable;
+    int result = 1;
+    switch (when) {
+    case UPDATING:
+        result = now->inputs->updating;
+        break;
+    case OWN_FAULT:
+        result = now->inputs->fault != SW_REASON_NONE;
+        break;
+    case REARMED:
+        result = rearmed(now);
+        break;
+    case REARMED_FILLING:
+        result = rearmed(now) && is_filling(now);
+        break;
+    case LOW:
+        result = !now->request;
+        break;
+    case NEVER_YET:
+        result = !usable && !now->rises;
+        break;
+    case LOW_AND_USABLE:
+        result = usable && !now->request;
+        break;
+    case STANDING:
+        result = usable && !now->rises;
+        break;
+    case INVALID:
+        result = missing(now) == SW_REASON_STREAM_INVALID;
+        break;
+    case TOO_LONG:
+        result = now->misses > SW_HOLD_PERIODS + SW_DECAY_PERIODS;
+        break;
+    case TOO_MANY:
+        result = !usable && now->lost >= SW_LOSS_LIMIT;
+        break;
+    case FILLING:
+        result = is_filling(now);
+        break;
+    case USABLE:
+        result = usable;
+        break;
+    case SHORT:
+        result = now->misses <= SW_HOLD_PERIODS;
+        break;
+    default:
+        break; /* ALWAYS */
+    }
+    return result;
+}
+
+static uint8_t reason_of(uint8_t because_of, const period *now)
+{
+    uint8_t reason = SW_REASON_NONE;
+    switch (because_of) {
+    case QUIET:
+        reason = unless_refused(now, SW_REASON_NONE);
+        break;
+    case WRITING:
+        reason = SW_REASON_UPDATING;
+        break;
+    case STANDS:
+        reason = unless_refused(now, SW_REASON_NOT_ARMED);
+        break;
+    case MISSING:
+        reason = missing(now);
+        break;
+    case WAITING:
+        reason = waiting(now);
+        break;
+    case OWN:
+        reason = now->inputs->fault;
+        break;
+    case FIRST:
+        reason = now->kept;
+        break;
+    default:
+        break; /* NO_REASON */
+    }
+    return reason;
+}
+
+/* The row that a period takes. There always is one: each mode has a row that asks for nothing. */
+static const transition *taken(uint8_t mode, const period *now)
+{
+    for (int row = 0; row < LAST; row++) {
+        if ((transitions[row].start & IN(mode)) != 0u && holds(transitions[row].when, now)) return &transitions[row];
+    }
+    return &transitions[LAST];
+}
+
+/* The latest periods in which control was wanted, with this one. */
+static uint64_t lost_with(const sw_fail_safe *before, const period *now)
+{
+    const unsigned counts_no_loss = FAULT | UPDATE;
+    const unsigned unwanted = INIT | STANDBY | ARMED;
+    const uint64_t judged = UINT64_MAX >> (64 - SW_LOSS_WINDOW);
+    const uint64_t newest = now->inputs->usable ? 0u : 1u;
+    const int counted = now->request && now->inputs->fault == SW_REASON_NONE &&
+                        (IN(before->mode) & counts_no_loss) == 0u &&
+                        (now->rises || (IN(before->mode) & unwanted) == 0u);
+    return counted ? ((before->lost << 1) | newest) & judged : 0u;
+}
+
+void sw_fail_safe_start(sw_fail_safe *fail_safe)
+{
+    fail_safe->mode = SW_INIT;
+    fail_safe->reason = SW_REASON_NONE;
+    fail_safe->enable_request = 1;
+    fail_safe->misses = 0;
+    fail_safe->good = 0;
+    fail_safe->lost = 0;
+}
+
+void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs)
+{
+    period now = {inputs, 0, 0, fail_safe->reason, 0, 0, 0};
+    now.request = inputs->has_request ? inputs->enable_request : fail_safe->enable_request;
+    now.rises = now.request && !fail_safe->enable_request;
+    if (inputs->usable) {
+        /* Good frames that re-arm are counted from the last period with a fault of the ECU's own. */
+        now.good = inputs->fault == SW_REASON_NONE ? sw_counted(fail_safe->good, 1) : 1u;
+    } else {
+        now.misses = sw_counted(fail_safe->misses, 1);
+    }
+    const uint64_t lost = lost_with(fail_safe, &now);
+    now.lost = sw_bit_count(lost);
+    const transition *row = taken(fail_safe->mode, &now);
+    if (row->to == SW_FAULT && fail_safe->mode != SW_FAULT) {
+        /* As at power-on: it must be seen low from now on, or a rise that was not heard would end the fault. */
+        now.request = !inputs->has_request || inputs->enable_request;
+    }
+    fail_safe->mode = row->to;
+    fail_safe->reason = reason_of(row->reason, &now);
+    fail_safe->enable_request = now.request;
+    fail_safe->misses = now.misses;
+    fail_safe->good = now.good;
+    fail_safe->lost = lost;
+}
+
+void sw_fail_safe_latch(sw_fail_safe *fail_safe, uint8_t reason)
+{
+    const sw_period_inputs inputs = {0, 0, 0, reason, 0, 0, 0, reason, 0};
+    const period now = {&inputs, fail_safe->enable_request, 0, fail_safe->reason, fail_safe->misses, 0, 0};
+    const transition *row = taken(fail_safe->mode, &now);
+    fail_safe->mode = row->to;
+    fail_safe->reason = reason_of(row->reason, &now);
+    fail_safe->good = 0;
+    fail_safe->lost = 0;
+}
+
+int sw_drives_jets(uint8_t mode) { return mode == SW_CONTROL || mode == SW_HOLD || mode == SW_DECAY; }
+
+uint8_t sw_mode_on_wire(uint8_t mode)
+{
+    static const uint8_t on_wire[] = {
+        [SW_INIT] = SW_MODE_OFF,      [SW_STANDBY] = SW_MODE_OFF,    [SW_ARMED] = SW_MODE_OFF,
+        [SW_WARMUP] = SW_MODE_WARMUP, [SW_CONTROL] = SW_MODE_CONTROL, [SW_HOLD] = SW_MODE_HOLD,
+        [SW_DECAY] = SW_MODE_DECAY,   [SW_FAULT] = SW_MODE_FAULT,    [SW_UPDATE] = SW_MODE_OFF,
+    };
+    return on_wire[mode];
+}

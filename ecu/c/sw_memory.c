@@ -1,0 +1,148 @@
+/* What the control step must be given again in the next period: window, plan and actions under way.
+ *
+ * The row of the window at period k is (Cp_k, a_{k-1}): the pressures now, and the action in force when they were
+ * sampled. Where a release serves a range of speeds, the window is read from a past, pressures, actions and plan are in
+ * units of the present speed, and what is sent and under way stays in units of the design speed. The twin of
+ * ecu/controller_memory.py and delay_line.py.
+ */
+#include "sw_ecu_parts.h"
+
+/* Periods without pressures that the window may bridge. */
+#define LONGEST_GAP (SW_HOLD_PERIODS + SW_DECAY_PERIODS)
+
+/* To 0 .. last. */
+static int clipped(int index, int last)
+{
+    if (index < 0) return 0;
+    return index > last ? last : index;
+}
+
+static void extended(sw_memory *memory, const double cp[SW_SENSORS], double speed)
+{
+    double row[SW_COLUMNS]; /* cp may be a row of the window */
+    for (int s = 0; s < SW_SENSORS; s++) row[s] = cp[s];
+    row[SW_SENSORS] = memory->under_way[0] / speed;
+#if SW_PAST > 0
+    sw_past_extend(&memory->past, row, speed);
+    memory->rows = sw_past_read(&memory->past, memory->window);
+#else
+    for (int k = 0; k + 1 < SW_WINDOW; k++) {
+        for (int c = 0; c < SW_COLUMNS; c++) memory->window[k][c] = memory->window[k + 1][c];
+    }
+    for (int c = 0; c < SW_COLUMNS; c++) memory->window[SW_WINDOW - 1][c] = row[c];
+    if (memory->rows < SW_WINDOW) memory->rows++;
+#endif
+}
+
+void sw_memory_observed(sw_memory *memory, const double cp[SW_SENSORS], double speed)
+{
+    extended(memory, cp, speed);
+    memory->gap = 0;
+}
+
+void sw_memory_bridged(sw_memory *memory)
+{
+    if (memory->gap <= LONGEST_GAP) memory->gap++;
+    if (memory->gap > LONGEST_GAP) {
+        /* The controller never plans from pressures long past. */
+        sw_memory_emptied(memory);
+    } else if (memory->rows > 0) {
+        extended(memory, memory->window[SW_WINDOW - 1], sw_memory_speed(memory));
+    } else {
+        /* Before the first row there is none to stand in. */
+    }
+}
+
+void sw_memory_emptied(sw_memory *memory)
+{
+    for (int k = 0; k < SW_WINDOW; k++) {
+        for (int c = 0; c < SW_COLUMNS; c++) memory->window[k][c] = 0.0;
+    }
+    memory->rows = 0;
+#if SW_PAST > 0
+    sw_past_empty(&memory->past);
+#endif
+}
+
+double sw_memory_speed(const sw_memory *memory)
+{
+#if SW_PAST > 0
+    return memory->past.count > 0u ? memory->past.speeds[SW_PAST - 1] : 1.0;
+#else
+    (void)memory;
+    return 1.0;
+#endif
+}
+
+void sw_memory_commanded(sw_memory *memory, double action)
+{
+    const int frozen = (int)memory->frozen;
+    for (int k = 0; k < frozen; k++) memory->under_way[k] = memory->under_way[k + 1];
+    memory->under_way[frozen] = action;
+}
+
+/* What was sent stays as it was sent. What moves is when it is taken to act: under way are the latest actions, and a row
+ * of the window has the action that was in force by the new delay. An action from before the oldest row is taken for
+ * that row's. The plan moves along: the action that it has for the next period is the same as before. A past begins
+ * again.
+ */
+void sw_memory_freeze(sw_memory *memory, int frozen)
+{
+    double sent[SW_WINDOW + SW_HORIZON]; /* by the rows, and on the line: without a gap */
+    float plan[SW_HORIZON];
+    const int later = frozen - (int)memory->frozen;
+    for (int k = 0; k < SW_WINDOW; k++) sent[k] = memory->window[k][SW_SENSORS];
+    for (int k = 0; k < SW_HORIZON; k++) {
+        sent[SW_WINDOW + k] = memory->under_way[k];
+        plan[k] = memory->plan[k];
+    }
+    for (int k = SW_WINDOW - (int)memory->rows; k < SW_WINDOW; k++) {
+        memory->window[k][SW_SENSORS] = sent[clipped(k - later, SW_WINDOW + SW_HORIZON - 1)];
+    }
+    for (int k = 0; k < SW_HORIZON; k++) {
+        memory->under_way[k] = k <= frozen ? sent[clipped(SW_WINDOW + k - later, SW_WINDOW + SW_HORIZON - 1)] : 0.0;
+        memory->plan[k] = plan[clipped(k - later, SW_HORIZON - 1)];
+    }
+    memory->frozen = (uint32_t)frozen;
+#if SW_PAST > 0
+    if (later != 0) sw_memory_emptied(memory);
+#endif
+}
+
+void sw_memory_without_plan(sw_memory *memory)
+{
+    for (int k = 0; k < SW_HORIZON; k++) memory->plan[k] = 0.0f;
+}
+
+void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW_KEPT][SW_SENSORS])
+{
+#if SW_PAST > 0
+    for (int k = SW_PAST - (int)memory->past.count; k < SW_PAST; k++) memory->past.rows[k][sensor] = values[k][sensor];
+    memory->rows = sw_past_read(&memory->past, memory->window);
+#else
+    for (int k = SW_WINDOW - (int)memory->rows; k < SW_WINDOW; k++) memory->window[k][sensor] = values[k][sensor];
+#endif
+}
+
+void sw_memory_input(const sw_memory *memory, const sw_calibration *calibration, sw_input *input)
+{
+    const int frozen = (int)memory->frozen;
+    const double speed = sw_memory_speed(memory);
+    for (int k = 0; k < SW_WINDOW; k++) {
+        for (int c = 0; c < SW_COLUMNS; c++) input->window[k][c] = (float)memory->window[k][c];
+    }
+    for (int k = 0; k < SW_HORIZON; k++) {
+        input->plan[k] = memory->plan[k];
+        input->free[k] = k < frozen ? 0.0f : 1.0f;
+    }
+    /* The control step shifts the plan by a step. What comes first then is under way to a late actuator: as sent,
+     * whatever the gate, a hold or the wire made of the plan.
+     */
+    for (int k = 1; k <= frozen; k++) {
+        const double sent = memory->under_way[k] / speed;
+        input->plan[k] = (float)sent;
+    }
+    for (int i = 0; i < SW_TERMS; i++) input->weights[i] = calibration->weights[i];
+    input->speed = (float)speed;
+    input->limit = calibration->action_limit;
+}

@@ -1,0 +1,66 @@
+/* The vehicle's speed through the air, by which pressures become coefficients and actions become flow rates. A speed
+ * that is not to be trusted leaves the last one in force for a while. The twin of ecu/speed_reception.py.
+ */
+#include "sw_ecu_parts.h"
+
+#if SW_PAST > 0
+
+/* From the latest measurement to now; 0 if the clock is behind it. */
+static uint64_t age_of(const sw_speed_state *speed, int64_t now_ns)
+{
+    return now_ns > speed->measured_ns ? (uint64_t)now_ns - (uint64_t)speed->measured_ns : 0u;
+}
+
+/* Whether a vehicle gets from the last speed to this one so fast. */
+static int is_plausible(const sw_speed_state *speed, const sw_release *release, double speed_m_per_s, int64_t now_ns)
+{
+    const double elapsed_s = (double)age_of(speed, now_ns) * 1e-9;
+    /* Over a shorter time its rounding and a late frame would be an acceleration. */
+    const double most = SW_MOST_ACCELERATION * (elapsed_s > SW_SHORTEST_S ? elapsed_s : SW_SHORTEST_S);
+    const double change = speed_m_per_s - speed->ratio * release->design_speed;
+    return !speed->known || (change <= most && change >= -most);
+}
+
+/* With the speed of a frame, unless that is old, not known or not plausible. */
+static void believe(sw_speed_state *speed, const sw_release *release, const sw_frame *frame, int64_t now_ns)
+{
+    sw_speed stated;
+    sw_parse_speed(frame->data, &stated);
+    if (stated.known && sw_is_fresh(frame->timestamp_ns, stated.age_ns, now_ns, SW_OLDEST_SPEED_NS) &&
+        is_plausible(speed, release, stated.speed_m_per_s, now_ns)) {
+        speed->known = 1;
+        speed->ratio = stated.speed_m_per_s / release->design_speed;
+        speed->density = stated.density_kg_per_m3 > 0.0 ? stated.density_kg_per_m3 : release->design_density;
+        speed->measured_ns = frame->timestamp_ns - stated.age_ns;
+    }
+}
+
+void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_frame *frames, int count, int64_t now_ns)
+{
+    static const sw_message message = {SW_SPEED_ID, SW_SPEED_BYTES, SW_SPEED_DATA_ID};
+    const sw_frame *frame = sw_receive(&speed->receiver, &message, frames, count);
+    if (frame != NULL && speed->receiver.stream == SW_VALID) believe(speed, release, frame, now_ns);
+    if (!speed->known || age_of(speed, now_ns) > (uint64_t)SW_OLDEST_SPEED_NS) {
+        speed->known = 0;
+        speed->ratio = 0.0;
+    } else {
+        const double margin = speed->is_off ? 0.0 : SW_SPEED_MARGIN;
+        speed->is_off = (uint8_t)!(speed->ratio >= release->slowest * (1.0 - margin) &&
+                                   speed->ratio <= release->fastest * (1.0 + margin));
+    }
+}
+
+double sw_speed_present(const sw_speed_state *speed, const sw_release *release)
+{
+    if (!speed->known || speed->is_off) return 1.0;
+    if (speed->ratio < release->slowest) return release->slowest;
+    return speed->ratio > release->fastest ? release->fastest : speed->ratio;
+}
+
+double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release)
+{
+    const double through_air = sw_speed_present(speed, release) * release->design_speed;
+    return speed->known ? 0.5 * speed->density * through_air * through_air : 0.0;
+}
+
+#endif

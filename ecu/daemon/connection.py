@@ -1,0 +1,168 @@
+"""The ECU's connection to a bus that may go and come back: an adapter pulled out, an interface taken down.
+
+Opening takes time, a serial adapter seconds, so a thread of its own does it; the control steps go on meanwhile and
+report BUS_OFF, so that control returns by an enable edge only.
+"""
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from threading import Event, Lock, Thread
+from typing import Final, Self
+
+from can_bridge.bus.backends.python_can import PythonCanBus
+from can_bridge.bus.backends.receive_thread import ReceiveThread
+from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
+from can_bridge.bus.rejection import Rejection
+from can_bridge.wire.frame import Frame
+from contract.errors import BusError
+from ecu.real_time.privileges import step_back
+
+FIRST_PAUSE_S: Final = 0.1
+LONGEST_PAUSE_S: Final = 5.0
+"""Between two attempts to open a bus again: each pause is twice the one before."""
+SEND_TIMEOUT_S: Final = 0.003
+"""For one frame. The two of a period then leave two thirds of it to everything else, whatever the bus does."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lost:
+    """The bus is gone."""
+
+    why: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Back:
+    """It is there again."""
+
+    after_s: float
+
+
+class Connection:
+    """Open while the `with` block lasts; entering it raises BusError if the bus cannot be opened.
+
+    Args:
+        open_bus: opens it; raises BusError.
+        deliver: called in a thread with every frame received.
+        first_pause_s: before the first attempt to open a lost bus again.
+
+    Attributes:
+        not_sent: frames that it did not take; those while it is lost are among them.
+        why_not_sent: of the latest frame, empty if it was sent.
+    """
+
+    def __init__(
+        self,
+        open_bus: Callable[[], PythonCanBus],
+        deliver: Callable[[Frame], None],
+        *,
+        first_pause_s: float = FIRST_PAUSE_S,
+    ) -> None:
+        self._open, self._deliver, self._first_pause_s = open_bus, deliver, first_pause_s
+        self._bus: _Read | None = None
+        self._opened = deque[PythonCanBus]()  # by the opener, one at most
+        self._opener: Thread | None = None
+        self._closing = Event()
+        self._sending = Lock()
+        self._lost_at_s = 0.0
+        self._before = HEALTHY
+        self._health = HEALTHY
+        self.losses = self.not_sent = 0
+        self.why_not_sent = ""
+
+    def __enter__(self) -> Self:
+        self._connect(self._open())
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closing.set()
+        if self._opener is not None:
+            self._opener.join()
+        with ExitStack() as stack:
+            while self._opened:
+                stack.callback(self._opened.pop().close)
+            if self._bus is not None:
+                stack.callback(self._bus.close)
+        self._bus = None
+
+    def look(self) -> Lost | Back | None:
+        """What has changed; call it once a period. Never waits."""
+        if self._bus is None:
+            if not self._opened:
+                return None
+            self._connect(self._opened.pop())
+            return Back(after_s=time.monotonic() - self._lost_at_s)
+        fault = self._bus.receiver.fault
+        return None if fault is None else self._lose(self._bus, str(fault))
+
+    def health(self) -> BusHealth:
+        """Counters of the CAN controller since the start; a lost bus is one that is off."""
+        if self._bus is not None:
+            now = self._bus.bus.health()
+            self._health = replace(now, bus_off=self._before.bus_off + now.bus_off)
+        return self._health
+
+    def rejected(self) -> Mapping[Rejection, int]:
+        """Receptions of the open bus that were no frame of this node's kind, by reason."""
+        return {} if self._bus is None else self._bus.bus.rejected
+
+    def send(self, frames: Sequence[Frame]) -> bool:
+        """Hand frames over; whether the bus took all of them. A thread waits for one frame of another one at most."""
+        sent = True
+        for frame in frames:
+            with self._sending:
+                self.why_not_sent = self._not_sent(frame)
+                if self.why_not_sent:
+                    self.not_sent += 1
+                    sent = False
+        return sent
+
+    def _not_sent(self, frame: Frame) -> str:
+        if self._bus is None:
+            return "the bus is lost"
+        try:
+            self._bus.bus.send(frame, timeout_s=SEND_TIMEOUT_S)
+        except BusError as error:
+            return str(error)
+        return ""
+
+    def _connect(self, bus: PythonCanBus) -> None:
+        self._bus = _Read(bus, self._deliver)
+
+    def _lose(self, read: "_Read", why: str) -> Lost:
+        self._before = replace(self.health(), bus_off=self.health().bus_off + 1)
+        self._health = replace(self._before, state=BusState.BUS_OFF)
+        self._bus = None
+        self._lost_at_s = time.monotonic()
+        self.losses += 1
+        self._opener = Thread(target=self._reopen, args=(read,), name="can-open", daemon=True)
+        self._opener.start()
+        return Lost(why=why)
+
+    def _reopen(self, lost: "_Read") -> None:
+        step_back()
+        lost.close()
+        pause_s = self._first_pause_s
+        while not self._closing.wait(pause_s):
+            try:
+                self._opened.append(self._open())
+            except BusError:
+                pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+            else:
+                return
+
+
+class _Read:
+    """An open bus with the thread that reads it."""
+
+    def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
+        self.bus = bus
+        self.receiver = ReceiveThread(bus, deliver).__enter__()
+
+    def close(self) -> None:
+        """End the thread, then the bus."""
+        self.receiver.__exit__(None, None, None)
+        self.bus.close()

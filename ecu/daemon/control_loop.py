@@ -1,0 +1,223 @@
+"""Control steps at absolute deadlines: wake, take what came, step, send.
+
+What the step needs of the outside comes to it: the reception is filled by the thread that reads the bus, and whoever
+wants to know of a step is given its counters. Deadlines follow the arrival of the pressures that were used.
+"""
+
+import gc
+import resource
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from can_bridge.bus.heard import SILENCE_S, Heard, Silence
+from can_bridge.e2e.profiles import profile_of
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.messages import Mode, Reason
+from contract.config.tree import Config
+from contract.errors import ConfigError
+from ecu.daemon.connection import Back, Connection, Lost
+from ecu.daemon.counters import Counters
+from ecu.daemon.reception import Reception
+from ecu.fail_safe import FailSafe
+from ecu.other_ecu import OtherEcu
+from ecu.real_time import clock
+from ecu.real_time.deadlines import Arrivals, Deadlines
+from ecu.real_time.stage_times import NOTHING, EcuStage, StageTimes
+from ecu.real_time.timed_controller import PlanTimes
+from ecu.stepped import SteppedEcu
+
+GRACE: Final = 4
+"""A step is still begun late by up to a period divided by this; a later one is left out."""
+SHUT_FRAMES: Final = 3
+"""Periods in which the jets are shut on the bus at the end: one frame may be lost, and another."""
+_PASSING: Final = (Mode.HOLD, Mode.DECAY)
+"""Modes too short-lived for a line."""
+
+Tell = Callable[..., None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealTime:
+    """The clock that the loop lives by, in ns."""
+
+    now_ns: Callable[[], int] = clock.now_ns
+    sleep_until: Callable[[int], None] = clock.sleep_until
+
+
+class ControlLoop:
+    """One ECU on one bus. Raises ConfigError if the step's offset is no shorter than the period.
+
+    Args:
+        tell: called with an event's name, its line, and its fields.
+        after_step: called with the time and the counters after each step.
+        stage_times: where each stage is noted; None for nowhere.
+    """
+
+    def __init__(
+        self,
+        ecu: SteppedEcu,
+        times: PlanTimes,
+        connection: Connection,
+        reception: Reception,
+        config: Config,
+        *,
+        tell: Tell,
+        after_step: Callable[[int, Counters], None] = lambda now_ns, counters: None,
+        stage_times: StageTimes | None = None,
+        real_time: RealTime = RealTime(),
+    ) -> None:
+        self._ecu, self._times, self._connection, self._reception = ecu, times, connection, reception
+        self._tell, self._after_step, self._stages, self._clock = tell, after_step, stage_times, real_time
+        messages = message_set(config.bus)
+        self._pressure = messages.pressure.spec
+        self._silence = Silence(self._pressure, messages, "vehicle", lambda text: tell("heard", text))
+        self._used = 0
+        self._offset_ns = check_offset(config)
+        period_ns = config.period_ns
+        self._look_every = max(1, round(SILENCE_S * 1e9 / period_ns))
+        self._deadlines = Deadlines(
+            period_ns=period_ns, due_ns=real_time.now_ns() + period_ns, grace_ns=period_ns // GRACE
+        )
+        self._arrivals = Arrivals(period_ns=period_ns)
+        self._told: tuple[Mode, Reason] | None = None
+        self._usage = _usage()
+        self.counters = Counters(state=ecu.state)
+
+    def run(self, is_stopped: Callable[[], bool], periods: int | None = None) -> None:
+        """Step until asked to stop, or so often."""
+        while not is_stopped() and (periods is None or self.counters.steps < periods):
+            self.period()
+
+    def period(self) -> None:
+        """Wait for the deadline, step, and set the next one."""
+        due_ns = self._deadlines.due_ns
+        self._clock.sleep_until(due_ns)
+        woke_ns = self._clock.now_ns()
+        self._look_at_bus()
+        pressures, others = self._reception.take()
+        before = self._ecu.state
+        self._times.forget()
+        began_ns = self._clock.now_ns()
+        answers = self._ecu.step(began_ns, others + pressures, self._connection.health())
+        ended_ns = self._clock.now_ns()
+        sent = self._connection.send(answers)
+        sent_ns = self._clock.now_ns()
+        if self._stages is not None:
+            self._note(self._stages, pressures, due_ns, woke_ns, began_ns, ended_ns, sent_ns if sent else 0)
+        if self._ecu.state.missed == before.missed:
+            # Only what was used leads the deadlines: a stranger's frames do not draw them away.
+            counters = [self._counter(frame) for frame in pressures]
+            if (used := self._ecu.state.pressure_counter) in counters:
+                self._used += 1
+                self._arrivals = self._arrivals.seen(pressures[counters.index(used)].timestamp_ns)
+        self._count(due_ns, woke_ns, sent_ns)
+        self._tell_other_ecu(before.other_ecu)
+        self._tell_mode()
+        if self.counters.steps % self._look_every == 0:
+            self._silence.look(self._used, self._reception.heard, self._connection.rejected())
+            self._reception.heard = Heard()
+        self._after_step(sent_ns, self.counters)
+        self._deadlines = self._deadlines.after(self._clock.now_ns())
+        if (expected_ns := self._arrivals.expected_ns) is not None:
+            self._deadlines = self._deadlines.slewed(expected_ns + self._offset_ns)
+
+    def shut(self) -> None:
+        """The last frames: jets at zero and not enabled, as at power-on."""
+        self._ecu.restore(replace(self._ecu.state, fail_safe=FailSafe()))
+        for _ in range(SHUT_FRAMES):
+            self._clock.sleep_until(self._deadlines.due_ns)
+            self._connection.send(self._ecu.step(self._clock.now_ns(), [], self._connection.health()))
+            self._deadlines = self._deadlines.after(self._clock.now_ns())
+
+    def _look_at_bus(self) -> None:
+        match self._connection.look():
+            case Lost(why=why):
+                self._tell("bus_lost", f"bus lost, jets shut, opening it again: {why}", why=why)
+            case Back(after_s=after_s):
+                self._arrivals = self._arrivals.forgotten()
+                self._tell(
+                    "bus_back",
+                    f"bus back after {after_s:.1f} s; control needs the enable request raised again",
+                    after_s=after_s,
+                )
+
+    def _tell_other_ecu(self, before: OtherEcu) -> None:
+        now = self._ecu.state.other_ecu
+        if before.fault is None and now.fault is not None:
+            self._tell("other_ecu", "another ECU is on this bus: jets shut", frames=now.frames - before.frames)
+        elif before.fault is not None and now.fault is None:
+            self._tell("other_ecu_gone", "the other ECU is silent; control needs the enable request raised again")
+
+    def _tell_mode(self) -> None:
+        state = self._ecu.state.fail_safe
+        now = state.mode.on_wire, state.reason
+        if now != self._told and now[0] not in _PASSING:
+            self._told = now
+            mode, reason = now
+            because = "" if reason is Reason.NONE else f", {reason.name}"
+            self._tell("mode", f"{mode.name}{because}", mode=mode.name, reason=reason.name)
+
+    def _count(self, due_ns: int, woke_ns: int, sent_ns: int) -> None:
+        before = self.counters
+        self.counters = Counters(
+            state=self._ecu.state,
+            steps=before.steps + 1,
+            left_out=self._deadlines.left_out,
+            received=self._reception.received,
+            dropped=self._reception.dropped,
+            not_sent=self._connection.not_sent,
+            losses=self._connection.losses,
+            other_ecu=self._ecu.state.other_ecu.frames,
+            action=self._ecu.trace.action,
+            busy_ns=before.busy_ns + sent_ns - woke_ns,
+            longest_ns=max(before.longest_ns, sent_ns - woke_ns),
+            latest_wake_ns=max(before.latest_wake_ns, woke_ns - due_ns),
+        )
+
+    def _counter(self, frame: Frame) -> int:
+        """Counter in a pressure frame's E2E header; NOTHING if it has another length."""
+        if len(frame.data) != self._pressure.length:
+            return NOTHING
+        return profile_of(self._pressure).counter_of(frame.data)
+
+    def _note(
+        self,
+        stages: StageTimes,
+        frames: Sequence[Frame],
+        due_ns: int,
+        woke_ns: int,
+        began_ns: int,
+        ended_ns: int,
+        sent_ns: int,
+    ) -> None:
+        newest = frames[-1] if frames else None
+        usage = _usage()
+        since = [now - before for now, before in zip(usage, self._usage, strict=True)]
+        self._usage = usage
+        counter = NOTHING if newest is None else self._counter(newest)
+        arrived_ns = 0 if newest is None else newest.timestamp_ns
+        until = self._deadlines.number, due_ns, woke_ns, counter, arrived_ns, began_ns
+        values = (*until, self._times.began_ns, self._times.ended_ns, ended_ns, sent_ns, *since)
+        stages.begin()
+        for stage, value in zip(EcuStage, values, strict=True):
+            stages.note(stage, value)
+
+
+def check_offset(config: Config) -> int:
+    """`ecu.step_offset_ms` in ns; raises ConfigError if it is a period or longer."""
+    offset_ns = round(config.ecu.step_offset_ms * 1e6)
+    if offset_ns >= config.period_ns:
+        raise ConfigError(
+            f"ecu.step_offset_ms = {config.ecu.step_offset_ms:g}: must be shorter than the control period of "
+            f"{config.period_ns / 1e6:g} ms"
+        )
+    return offset_ns
+
+
+def _usage() -> tuple[int, int, int, int]:
+    """Garbage collections of the process; minor faults, major faults and involuntary switches of this thread."""
+    # Linux counts them for a thread, other systems for the process.
+    used = resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF))
+    return sum(item["collections"] for item in gc.get_stats()), used.ru_minflt, used.ru_majflt, used.ru_nivcsw

@@ -1,0 +1,92 @@
+"""The ECU's counters as of one control step, and as Prometheus reads them from a file (text format 0.0.4)."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from can_bridge.e2e.receiver import Check
+from can_bridge.wire.messages import Mode, Reason
+from ecu.ecu_state import EcuState
+
+
+@dataclass(frozen=True, kw_only=True)
+class Counters:
+    """After a control step; counts are since the start.
+
+    Attributes:
+        dropped: pressures for which there was no room.
+        not_sent: frames that the bus did not take.
+        action: in force on the wire, U_inf W.
+        busy_ns: all steps together, from waking to having sent.
+        latest_wake_ns: most that a step began behind its deadline.
+    """
+
+    state: EcuState
+    steps: int = 0
+    left_out: int = 0
+    received: int = 0
+    dropped: int = 0
+    not_sent: int = 0
+    losses: int = 0
+    other_ecu: int = 0
+    action: float = 0.0
+    busy_ns: int = 0
+    longest_ns: int = 0
+    latest_wake_ns: int = 0
+
+
+def text(counters: Counters, *, bundle: str) -> str:
+    """The file's content; `bundle` names the release."""
+    return "".join(_lines(counters, bundle))
+
+
+def _lines(c: Counters, bundle: str) -> Iterator[str]:
+    state = c.state
+    yield from _metric("info", "gauge", "The release that runs.", {f'bundle="{_escaped(bundle)}"': 1})
+    counts = {
+        "steps": (c.steps, "Control steps."),
+        "periods_left_out": (c.left_out, "Periods without a control step, since one before was not done."),
+        "overruns": (state.overruns, "Whole periods that the ECU's own timing found missing."),
+        "missed": (state.missed, "Steps without usable pressures."),
+        "crc_errors": (state.pressures.count(Check.ERROR), "Pressure frames with a wrong CRC."),
+        "repeated": (state.pressures.count(Check.REPEATED), "Pressure frames with the counter of the one before."),
+        "wrong_sequence": (state.pressures.count(Check.WRONG_SEQUENCE), "Pressure frames out of sequence."),
+        "not_authentic": (state.verifier.refused, "Pressure frames refused by their MAC or freshness."),
+        "frames_received": (c.received, "Frames of the ECU's messages."),
+        "frames_dropped": (c.dropped, "Pressure frames for which there was no room."),
+        "frames_not_sent": (c.not_sent, "Frames that the bus did not take."),
+        "bus_losses": (c.losses, "Times that the bus was lost."),
+        "bus_off": (state.health.bus_off, "Times that the CAN controller was bus-off or the bus was lost."),
+        "other_ecu_frames": (c.other_ecu, "Commands and statuses of another ECU."),
+        "busy_seconds": (c.busy_ns / 1e9, "All steps together, from waking to having sent."),
+    }
+    for name, (value, meaning) in counts.items():
+        yield from _metric(f"{name}_total", "counter", meaning, {"": value})
+    gauges = {
+        "action": (c.action, "Jets' action commanded last, U_inf W."),
+        "longest_step_seconds": (c.longest_ns / 1e9, "From waking to having sent."),
+        "latest_wake_seconds": (c.latest_wake_ns / 1e9, "Most that a step began behind its deadline."),
+        "tx_errors": (state.health.tx_errors, "Transmit error counter of the CAN controller."),
+        "rx_errors": (state.health.rx_errors, "Receive error counter of the CAN controller."),
+    }
+    for name, (value, meaning) in gauges.items():
+        yield from _metric(name, "gauge", meaning, {"": value})
+    mode, reason = state.fail_safe.mode.on_wire, state.fail_safe.reason
+    yield from _metric("mode", "gauge", "1 for the mode on the bus.", {_label("mode", m): int(m is mode) for m in Mode})
+    yield from _metric(
+        "reason", "gauge", "1 for the reason on the bus.", {_label("reason", r): int(r is reason) for r in Reason}
+    )
+
+
+def _metric(name: str, kind: str, meaning: str, values: dict[str, float]) -> Iterator[str]:
+    full = f"stillwake_ecu_{name}"
+    yield f"# HELP {full} {meaning}\n# TYPE {full} {kind}\n"
+    for label, value in values.items():
+        yield f"{full}{{{label}}} {value!r}\n" if label else f"{full} {value!r}\n"
+
+
+def _label(name: str, value: Mode | Reason) -> str:
+    return f'{name}="{value.name}"'
+
+
+def _escaped(value: str) -> str:
+    return value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")

@@ -1,0 +1,59 @@
+"""What is no setting of the ECU but of its process."""
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from can_bridge.secoc.freshness_store import FreshnessStore
+from can_bridge.secoc.key import read_key
+from can_bridge.secoc.node import Authentication
+from contract.config.tree import Config
+from contract.errors import ConfigError
+from ecu.daemon.events import Event, plain
+from ecu.real_time.privileges import Wanted
+
+FRESHNESS: Final = "freshness.json"
+"""In the state directory that systemd gives a service."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options of one process.
+
+    Attributes:
+        spin_ns: `clock.sleep_until`.
+        periods: after which it ends by itself; None for never.
+        stage_times: file for the stages of each period, written at the end.
+        metrics: file of counters for Prometheus.
+        freshness: file that outlives a power cycle, needed with `bus.key`.
+    """
+
+    wanted: Wanted = field(default_factory=Wanted)
+    spin_ns: int = 0
+    periods: int | None = None
+    stage_times: Path | None = None
+    metrics: Path | None = None
+    freshness: Path | None = None
+    as_line: Callable[[Event], str] = plain
+    environment: Mapping[str, str] = field(default_factory=lambda: dict(os.environ))
+
+
+def freshness_file(options: Options) -> Path:
+    """Where freshness values outlive a power cycle; raises ConfigError if no setting gives it."""
+    if options.freshness is not None:
+        return options.freshness
+    folder = options.environment.get("STATE_DIRECTORY", "").partition(":")[0]
+    if not folder:
+        raise ConfigError("bus.key: name the file that keeps freshness values over a restart with --freshness FILE")
+    return Path(folder) / FRESHNESS
+
+
+def authentication_of(config: Config, options: Options) -> tuple[FreshnessStore | None, Authentication | None]:
+    """By the settings: none without a key; raises KeyFileError for one that cannot be read."""
+    if not config.bus.key:
+        return None, None
+    key = read_key(Path(config.bus.key))
+    store = FreshnessStore(freshness_file(options))
+    return store, store.begin(key)

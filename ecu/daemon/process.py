@@ -1,0 +1,141 @@
+"""An ECU's process around its control loop: bus, privileges, log, counters, systemd; the jets are shut at its end."""
+
+import os
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from dataclasses import dataclass, field
+from functools import partial
+
+from can_bridge.bus.backends.python_can import PythonCanBus
+from can_bridge.secoc.freshness_store import FreshnessStore
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import SETS, message_set
+from contract.atomic import check_writable
+from contract.config.diagnosis import CanId
+from contract.config.tree import Config
+from ecu.daemon.connection import Connection
+from ecu.daemon.control_loop import ControlLoop, RealTime, check_offset
+from ecu.daemon.counters import Counters
+from ecu.daemon.options import Options
+from ecu.daemon.reception import Reception
+from ecu.daemon.reporter import Reporter
+from ecu.daemon.systemd import Notifier
+from ecu.real_time import clock
+from ecu.real_time.privileges import in_words, taken
+from ecu.real_time.stage_times import LONGEST, EcuStage, StageTimes
+from ecu.real_time.timed_controller import PlanTimes
+from ecu.stepped import SteppedEcu
+
+Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Served:
+    """What the process steps.
+
+    Attributes:
+        hears: who else takes frames, by identifier; called by the thread that reads the bus.
+        beside: runs next to the control while the bus is open.
+    """
+
+    ecu: SteppedEcu
+    times: PlanTimes
+    name: str
+    line: str
+    fields: Mapping[str, str | int | float]
+    hears: Mapping[CanId, Callable[[Frame], None]] = field(default_factory=dict)
+    beside: Beside = lambda connection, reporter: nullcontext()
+
+
+def check(config: Config, options: Options) -> None:
+    """Raises StillwakeError for what would come to nothing: a step's offset, a file that cannot be written."""
+    check_offset(config)
+    for path in (options.stage_times, options.metrics):
+        if path is not None:
+            check_writable(path)
+
+
+def run(
+    served: Served,
+    config: Config,
+    options: Options,
+    *,
+    is_stopped: Callable[[], bool],
+    write: Callable[[str], object],
+    freshness: FreshnessStore | None,
+) -> Counters:
+    """Run until stopped; the jets are shut on the bus at the end, whatever ended it. Raises StillwakeError if the bus
+    cannot be opened, or a file cannot be written."""
+    messages = message_set(config.bus)
+    pressure, speed = messages.pressure.spec, messages.speed.spec
+    reception = Reception(messages=messages, interface=config.bus.interface)
+    stages = None
+    if options.stage_times is not None:
+        stages = StageTimes(EcuStage, LONGEST if options.periods is None else options.periods)
+
+    def opened() -> PythonCanBus:
+        # The other sets' frames show why none of its own come.
+        accept = [spec.frame_id for known in SETS for spec in known.specs] + list(served.hears)
+        return PythonCanBus.open(config.bus, accept=accept)
+
+    def deliver(frame: Frame) -> None:
+        hears = served.hears.get(frame.identifier)
+        (reception.put if hears is None else hears)(frame)
+
+    def keep(counters: Counters) -> None:
+        if freshness is not None:
+            freshness.accepted(pressure.frame_id, counters.state.verifier.freshness)
+            freshness.accepted(speed.frame_id, counters.state.speed.verifier.freshness)
+
+    with ExitStack() as stack:
+        privileges = stack.enter_context(taken(options.wanted))
+        notifier = Notifier(options.environment, os.getpid())
+        stack.callback(notifier.close)
+        connection = stack.enter_context(Connection(opened, deliver))
+        reporter = stack.enter_context(
+            Reporter(write, options.as_line, bundle=served.name, metrics=options.metrics, keep=keep)
+        )
+
+        def tell(event: str, line: str, **fields: str | int | float) -> None:
+            reporter.tell(event, line, **fields)
+            notifier.status(line)
+
+        def after_step(now_ns: int, counters: Counters) -> None:
+            reporter.counters = counters
+            if counters.steps == 1:
+                notifier.ready("OFF")
+            notifier.came_through(now_ns)
+
+        loop = ControlLoop(
+            served.ecu,
+            served.times,
+            connection,
+            reception,
+            config,
+            tell=tell,
+            after_step=after_step,
+            stage_times=stages,
+            real_time=RealTime(sleep_until=partial(clock.sleep_until, spin_ns=options.spin_ns)),
+        )
+        bus = f"{config.bus.interface} {config.bus.channel!r}, {messages.name}"
+        period_ms = config.period_ns / 1e6
+        tell(
+            "runs",
+            f"{served.line} on {bus}, period {period_ms:g} ms; granted: {in_words(privileges)}",
+            **served.fields,
+            interface=config.bus.interface,
+            channel=config.bus.channel,
+            period_ms=period_ms,
+            privileges=in_words(privileges),
+        )
+        with served.beside(connection, reporter):
+            try:
+                loop.run(is_stopped, options.periods)
+            finally:
+                notifier.stopping()
+                loop.shut()
+        steps = loop.counters.steps
+        tell("stopped", f"jets shut after {steps} steps, {loop.counters.left_out} periods left out", steps=steps)
+    if stages is not None and options.stage_times is not None:
+        stages.save(options.stage_times)
+    return loop.counters

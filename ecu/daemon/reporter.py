@@ -1,0 +1,121 @@
+"""The thread that reports to the outside: log lines, the file of counters, the freshness file.
+
+The control loop never waits. Writing may block on a slow disk or a full pipe, and may fail on a full one; neither
+reaches the control steps.
+"""
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from threading import Thread
+from typing import Final, Self
+
+from contract.atomic import replacing
+from contract.errors import StillwakeError
+from ecu.daemon.counters import Counters, text
+from ecu.daemon.events import Event
+from ecu.real_time.privileges import step_back
+
+INTERVAL_S: Final = 1.0
+"""Between two versions of the file of counters."""
+
+
+class Reporter:
+    """Works while its `with` block does; at the end everything is reported.
+
+    Args:
+        write: writes one line of the log; may raise OSError or ValueError, which costs that line.
+        metrics: the file of counters; None for none.
+        keep: called with the counters once per interval; may raise StillwakeError.
+        interval_s: between two looks at the counters.
+
+    Attributes:
+        counters: set by the control loop after each step.
+        bundle: what the release is called, in the file of counters.
+    """
+
+    def __init__(
+        self,
+        write: Callable[[str], object],
+        as_line: Callable[[Event], str],
+        *,
+        bundle: str,
+        metrics: Path | None = None,
+        keep: Callable[[Counters], None] = lambda counters: None,
+        interval_s: float = INTERVAL_S,
+    ) -> None:
+        self._write, self._as_line = write, as_line
+        self._metrics, self._keep, self._interval_s = metrics, keep, interval_s
+        self.bundle = bundle
+        self._events = SimpleQueue[Event | None]()
+        self._thread = Thread(target=self._run, name="report", daemon=True)
+        self._trouble: dict[str, str] = {}
+        self._left_out = self._not_sent = 0
+        self.counters: Counters | None = None
+
+    def tell(self, name: str, line: str, **fields: str | int | float) -> None:
+        """An event, now; returns at once."""
+        self._events.put(Event(date_ns=time.time_ns(), name=name, text=line, fields=fields))
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._events.put(None)
+        self._thread.join()
+
+    def _run(self) -> None:
+        step_back()
+        due_s = time.monotonic() + self._interval_s
+        while True:
+            try:
+                event = self._events.get(timeout=max(0.0, due_s - time.monotonic()))
+            except Empty:
+                self._look()
+                due_s = time.monotonic() + self._interval_s
+                continue
+            if event is None:
+                break
+            self._write_line(event)
+        self._look()
+        with suppress(Empty):
+            while (event := self._events.get_nowait()) is not None:
+                self._write_line(event)
+
+    def _write_line(self, event: Event) -> None:
+        with suppress(OSError, ValueError):
+            self._write(self._as_line(event))
+
+    def _look(self) -> None:
+        counters = self.counters
+        if counters is None:
+            return
+        # However often it happens, a line a second.
+        if (more := counters.left_out - self._left_out) > 0:
+            self._left_out = counters.left_out
+            self.tell("left_out", f"{more} periods left out, {counters.left_out} in all", more=more)
+        if (more := counters.not_sent - self._not_sent) > 0:
+            self._not_sent = counters.not_sent
+            self.tell("not_sent", f"{more} frames not sent, {counters.not_sent} in all", more=more)
+        self._attempt("metrics", lambda: self._write_metrics(counters))
+        self._attempt("freshness", lambda: self._keep(counters))
+
+    def _attempt(self, name: str, work: Callable[[], None]) -> None:
+        """Tell once that it fails, and once that it works again."""
+        try:
+            work()
+        except StillwakeError as error:
+            if name not in self._trouble:
+                self._trouble[name] = str(error)
+                self.tell(f"{name}_failed", str(error))
+        else:
+            if self._trouble.pop(name, None) is not None:
+                self.tell(f"{name}_written", f"{name} file written again")
+
+    def _write_metrics(self, counters: Counters) -> None:
+        if self._metrics is not None:
+            with replacing(self._metrics) as temporary:
+                temporary.write_text(text(counters, bundle=self.bundle), encoding="utf-8")

@@ -1,0 +1,67 @@
+"""From a release and settings to an ECU that runs: everything is opened and tried before the first frame goes out."""
+
+from collections.abc import Callable
+from typing import Final
+
+from contract.config.tree import Config
+from contract.controller.calibration import Calibration
+from contract.controller.interface import RunnableController
+from contract.release.checks import Bundle
+from ecu.daemon.counters import Counters
+from ecu.daemon.options import Options, authentication_of, freshness_file
+from ecu.daemon.process import Served, check, run
+from ecu.ecu import Ecu
+from ecu.fit import check_vehicle
+from ecu.real_time import clock
+from ecu.real_time.timed_controller import TimedController
+
+__all__ = ["WARM_UP_STEPS", "Options", "freshness_file", "serve"]
+
+WARM_UP_STEPS: Final = 50
+"""Warm-up steps of the controller on zeros, and of the ECU without frames; half a second in all."""
+
+
+def serve(
+    release: Bundle,
+    controller: RunnableController,
+    config: Config,
+    options: Options,
+    *,
+    is_stopped: Callable[[], bool],
+    write: Callable[[str], object],
+    signature: str,
+    calibration: Calibration | None = None,
+) -> Counters:
+    """Run until stopped; the jets are shut on the bus at the end, whatever ended it. Raises StillwakeError if the
+    release does not fit the vehicle, the bus cannot be opened, or a file cannot be written.
+
+    Args:
+        config: of the vehicle; its bus is a real one.
+        signature: what the release's is worth, in words.
+        calibration: that the ECU gets before its first step; its own values without one.
+    """
+    check_vehicle(release, config)
+    check(config, options)
+    freshness, authentication = authentication_of(config, options)
+    controller.warm_up(WARM_UP_STEPS)
+    timed = TimedController(controller, clock.now_ns)
+    ecu = Ecu(release, timed, config, authentication=authentication)
+    if calibration is not None:
+        ecu.calibrate(calibration)
+    now_ns = clock.now_ns()
+    for _ in range(WARM_UP_STEPS):
+        ecu.next(ecu.state, now_ns, [])
+    name = f"{release.manifest.name} {release.digest[:12]}"
+    served = Served(
+        ecu=ecu,
+        times=timed.times,
+        name=name,
+        line=f"runs bundle {name} ({signature}) by {controller.description}",
+        fields={
+            "bundle": release.manifest.name,
+            "digest": release.digest,
+            "signature": signature,
+            "controller": controller.description,
+        },
+    )
+    return run(served, config, options, is_stopped=is_stopped, write=write, freshness=freshness)

@@ -1,0 +1,368 @@
+"""The ECU: a function of state, time and received frames, without clock, socket or thread.
+
+Once a control period: check the pressure stream end to end, update the fail-safe, extend the window, plan, pass the
+first free action through the command gate, send it. The row of the window at period k is (Cp_k, a_{k-1}) with the
+action as it went out on the wire, and as it takes effect if the actuator is known to be late.
+
+Nothing that comes from outside ends in an exception: not the frames, not the time, not the controller's answer.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple, Unpack
+
+import numpy as np
+
+from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
+from can_bridge.command_gate import GatedCommand, GateLimits, Intervention, gate
+from can_bridge.e2e.sender import protected_frame
+from can_bridge.secoc.node import Authentication, key_of, secured
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
+from can_bridge.wire.messages import EcuStatus, JetCommand, Reason
+from contract.arrays import Array
+from contract.config.tree import Config
+from contract.controller.calibration import Calibration
+from contract.controller.interface import Controller, ControllerError
+from contract.controller.resampling import followed
+from contract.release.checks import Bundle
+from ecu.benefit_check import BenefitCheck, BenefitCheckState
+from ecu.calibrating import limits_of, release_calibration, with_calibration
+from ecu.controller_memory import ControllerMemory
+from ecu.ecu_state import Around, EcuState, Trace
+from ecu.fail_safe import FailSafe, OperatingMode, PeriodInputs
+from ecu.fit import check_vehicle
+from ecu.other_ecu import heard_of_another_ecu
+from ecu.pressure_reception import PressureReception, Received
+from ecu.sensor_check import SensorCheckState, sensor_check_of
+from ecu.speed_reception import SpeedReception
+from ecu.timing import Timing
+
+
+class StepOutcome(NamedTuple):
+    """What one control period leads to. `frames` are to be sent, a JetCommand and an EcuStatus."""
+
+    state: EcuState
+    frames: list[Frame]
+    trace: Trace
+
+
+class _Decision(NamedTuple):
+    """What the ECU asks of the command gate in one period.
+
+    Attributes:
+        memory: with the new plan, or none.
+        action: before the command gate, in U_inf W.
+        forces: predicted (Cd, Cl) over the horizon, (H, 2); None without a plan.
+        fault: why there is no action although one was due.
+    """
+
+    memory: ControllerMemory
+    action: float
+    forces: Array | None = None
+    fault: Reason | None = None
+
+
+class Ecu:
+    """One controller from one bundle. `next` computes a control period from a state; `step` keeps the state. Raises
+    BundleError if the bundle was made for another vehicle or another number of sensors than the bus carries;
+    ConfigError if `bus.key` without `authentication`, or the other way round.
+
+    Args:
+        controller: what runs its `controller.onnx`.
+        config: bus, E2E and fail-safe settings; operating point and control period must be the bundle's.
+        authentication: with `bus.key`, what the ECU needs of it.
+
+    Attributes:
+        calibration: the values in force; those of release and vehicle at power-on.
+    """
+
+    def __init__(
+        self,
+        bundle: Bundle,
+        controller: Controller,
+        config: Config,
+        *,
+        authentication: Authentication | None = None,
+    ) -> None:
+        check_vehicle(bundle, config)
+        manifest = bundle.manifest
+        self._bundle_hash = bundle.short_hash
+        self._controller = controller
+        self._config = self._own_config = config
+        self._calibration_limits = limits_of(bundle, config)
+        self._messages = message_set(config.bus)
+        self._key = key_of(authentication, config.bus)
+        self._period_ns = config.period_ns
+        self._flow_scale = config.operating_point.flow_rate_scale
+        self._limits = self._own_limits = GateLimits.from_config(config)
+        self._reception = PressureReception(
+            message=self._messages.pressure,
+            key=self._key,
+            e2e=config.bus.e2e,
+            dynamic_pressure=config.operating_point.dynamic_pressure,
+            fresh_age_ns=self._limits.fresh_age_ns,
+        )
+        self._speed = SpeedReception.of(manifest, config, self._messages.speed, self._key)
+        self._sensor_check = sensor_check_of(bundle, config)
+        self._benefit_check = BenefitCheck.of(manifest, config.ecu.benefit_check)
+        self._longest_gap = config.ecu.hold_periods + config.ecu.decay_periods
+        start = EcuState.power_on(
+            window=manifest.window,
+            sensors=len(manifest.sensors),
+            horizon=manifest.mpc.horizon,
+            delay=config.ecu.frozen_actions,
+            past=0 if manifest.speeds is None else manifest.past,
+        )
+        if authentication is not None:
+            verifier = authentication.verifier(self._messages.pressure.spec)
+            speed = replace(start.speed, verifier=authentication.verifier(self._messages.speed.spec))
+            start = replace(start, verifier=verifier, speed=speed, freshness=authentication.freshness)
+        self._state = start
+        self.restore(start)
+        # A renewed bundle's weights are the manifest's, its graph's own those it was exported with.
+        self.calibrate(release_calibration(bundle, config))
+
+    @property
+    def state(self) -> EcuState:
+        """After the latest step."""
+        return self._state
+
+    def restore(self, state: EcuState) -> None:
+        """Go on from a state of this ECU, or of another one with the same bundle, settings and calibration. Raises
+        ValueError if the state is of a controller with another window, sensors, horizon or delay."""
+        if (own := self._state.memory.sizes) != state.memory.sizes:
+            raise ValueError(
+                f"state of a controller with (window, sensors, horizon, delay) = {state.memory.sizes}: this ECU has "
+                f"{own}; build it from the same bundle, settings and calibration"
+            )
+        self._state = state
+        self.trace = Trace(
+            mode=state.fail_safe.mode.on_wire,
+            action=state.memory.under_way.newest,
+            forces=None,
+            interventions=Intervention(0),
+        )
+
+    def calibrate(self, calibration: Calibration) -> None:
+        """Have other values, all of them from the next step on.
+
+        The command gate then bounds the very next command by a narrower range, however large the one before it was.
+        Raises ConfigError if a value is out of the limits of this release and vehicle; all of them are then as before.
+        """
+        self._calibration_limits.check(calibration)
+        self.calibration = calibration
+        self._weights = np.array(calibration.weights.as_tuple())
+        self._config = with_calibration(self._own_config, calibration)
+        # Whatever the limits above are: nothing is ever wider than the vehicle's settings.
+        self._limits = GateLimits.from_config(self._config).narrowed(self._own_limits)
+        memory = self._state.memory.with_delay(self._config.ecu.frozen_actions)
+        self._state = replace(self._state, memory=memory)
+
+    def step(
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Around]
+    ) -> list[Frame]:
+        """One control period. Returns a JetCommand and an EcuStatus.
+
+        Args:
+            now_ns: time of the step, in the clock of the frames' timestamps.
+            frames: everything received since the last step, oldest first.
+            health: of the CAN controller, for the status.
+            around: see `Around`.
+        """
+        outcome = self.next(self._state, now_ns, frames, health, **around)
+        self._state, self.trace = outcome.state, outcome.trace
+        return outcome.frames
+
+    def next(
+        self,
+        state: EcuState,
+        now_ns: int,
+        frames: Sequence[Frame],
+        health: BusHealth = HEALTHY,
+        **around: Unpack[Around],
+    ) -> StepOutcome:
+        """The same from any state, without keeping it: a function of its arguments if the controller is one."""
+        config = self._config.ecu
+        timing = state.timing.next(now_ns, self._period_ns, config)
+        heard = heard_of_another_ecu(frames, self._messages, self._key)
+        other_ecu = state.other_ecu.next(heard, timing.step_ns or 0)
+        speed, present = state.speed, 1.0
+        dynamic_pressure: float | None = self._config.operating_point.dynamic_pressure
+        if self._speed is not None:
+            speed = self._speed.next(speed, frames, now_ns)
+            present = self._speed.present(speed)
+            dynamic_pressure = self._speed.dynamic_pressure(speed)
+        received = self._reception.of(
+            frames, now_ns, verifier=state.verifier, receiver=state.pressures, dynamic_pressure=dynamic_pressure
+        )
+        usable = received.cp is not None
+        pressure_ns = received.sampled_ns if usable else state.pressure_ns
+        pressure_counter = received.counter if usable else state.pressure_counter
+        if speed.is_off:
+            # Its pressures say nothing about control at other speeds: the window begins again.
+            received = received._replace(cp=None)
+        memory = self._after_silence(state.memory, timing)
+        memory = memory.emptied() if speed.is_off else self._with_row(memory, received.cp, present)
+        sensors, memory, sensor_fault = self._checked(state.sensors, memory, received, timing.skipped)
+        benefit, no_benefit = self._judged(state, memory, present, usable=received.cp is not None)
+        bus_off = _bus_fault(state.health, health)
+        inputs = PeriodInputs(
+            usable=usable,
+            enable_request=received.enable_request,
+            unusable_because=received.unusable_because,
+            window_full=memory.is_full,
+            off_speed=speed.is_off,
+            tests=benefit.tests,
+            fault=timing.fault or bus_off or other_ecu.fault or sensor_fault or no_benefit or around.get("fault"),
+            updating=around.get("updating", False),
+        )
+        fail_safe = state.fail_safe.next(inputs, config)
+        decision = self._decide(fail_safe.mode, memory)
+        if decision.fault is not None:
+            fail_safe = fail_safe.latch(decision.fault)
+        passed = gate(
+            decision.action * self._flow_scale,
+            enable=fail_safe.mode.drives_jets,
+            previous_m2_per_s=memory.under_way.newest * self._flow_scale,
+            previous_ns=state.timing.step_ns,
+            pressure_ns=pressure_ns,
+            now_ns=now_ns,
+            limits=self._limits,
+        )
+        fail_safe = _told_by_the_gate(fail_safe, passed)
+        action = self._as_sent(passed.flow_m2_per_s)
+        after = EcuState(
+            memory=decision.memory.commanded(action),
+            fail_safe=fail_safe,
+            pressures=received.receiver,
+            commands=state.commands.next(self._messages.command.spec),
+            statuses=state.statuses.next(self._messages.status.spec),
+            timing=timing,
+            pressure_ns=pressure_ns,
+            pressure_counter=pressure_counter,
+            overruns=state.overruns + timing.skipped,
+            missed=state.missed + (not usable),
+            sensors=sensors,
+            benefit=benefit,
+            speed=speed,
+            health=health,
+            other_ecu=other_ecu,
+            verifier=received.verifier,
+            freshness=state.freshness.next(),
+        )
+        command = JetCommand(
+            flow_m2_per_s=passed.flow_m2_per_s,
+            mode=fail_safe.mode.on_wire,
+            enable=passed.enable,
+            # Of the frame the command rests on: this period's, or the one behind the command that is held.
+            pressure_counter=pressure_counter if usable or fail_safe.mode.drives_jets else None,
+            next_period=config.plan_ahead,
+        )
+        trace = Trace(
+            mode=fail_safe.mode.on_wire, action=action, forces=decision.forces, interventions=passed.interventions
+        )
+        return StepOutcome(state=after, frames=self._answers(state, after, command, now_ns), trace=trace)
+
+    def status(self) -> EcuStatus:
+        """Health counters as of the latest step."""
+        return self._state.status(self._bundle_hash)
+
+    @property
+    def frames_rejected(self) -> int:
+        """Pressure frames that came but were not authentic, or failed their end-to-end check."""
+        return self._state.verifier.refused + self._state.pressures.frames_rejected
+
+    def _after_silence(self, memory: ControllerMemory, timing: Timing) -> ControllerMemory:
+        """The memory with one row for each skipped period; the last command stayed in force meanwhile.
+
+        Rows whose distance in time is not known are worth nothing: a wrong clock empties the window.
+        """
+        if timing.fault is Reason.CLOCK:
+            return memory.emptied()
+        # More silent periods than these change nothing: the window is empty and the jets follow the last command.
+        for _ in range(min(timing.skipped, max(self._longest_gap, len(memory.under_way.pending)) + 1)):
+            memory = memory.bridged(self._longest_gap).commanded(memory.under_way.newest)
+        return memory
+
+    def _with_row(self, memory: ControllerMemory, cp: Array | None, speed: float) -> ControllerMemory:
+        """The memory with this period's row."""
+        return memory.bridged(self._longest_gap) if cp is None else memory.observed(cp, speed)
+
+    def _checked(
+        self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
+    ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
+        """The sensor check after this period, the memory without a sensor that lies, and why the jets must shut."""
+        if self._sensor_check is None:
+            return state, memory, None
+        after, fault = self._sensor_check.next(
+            state, memory.window, memory.rows, received.cp, reading=received.reading, skipped=skipped
+        )
+        if after.set_aside is not None:
+            memory = memory.with_column(after.set_aside, after.estimates[:, after.set_aside])
+        return after, memory, fault
+
+    def _judged(
+        self, state: EcuState, memory: ControllerMemory, speed: float, *, usable: bool
+    ) -> tuple[BenefitCheckState, Reason | None]:
+        """The benefit check after this period, and why the jets must shut; a sensor set aside has its estimate."""
+        if self._benefit_check is None:
+            return state.benefit, None
+        cp = memory.window[-1, :-1] if usable else None
+        drives = state.fail_safe.mode.drives_jets
+        return self._benefit_check.next(state.benefit, cp, drives=drives, speed=speed)
+
+    def _as_sent(self, flow_m2_per_s: float) -> float:
+        """The action that a command leads to, in U_inf W: the nearest step of the wire."""
+        return round(flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S / self._flow_scale
+
+    def _answers(self, before: EcuState, after: EcuState, command: JetCommand, now_ns: int) -> list[Frame]:
+        """The two frames: counters and freshness are those before the period, the status is that after it."""
+        to_send = self._messages
+        messages = (
+            (before.commands, to_send.command.spec, to_send.command.emit(command)),
+            (before.statuses, to_send.status.spec, to_send.status.emit(after.status(self._bundle_hash))),
+        )
+        return [
+            secured(
+                # There is no frame of a time before 0: that clock is wrong, and the jets are shut.
+                protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)),
+                spec=spec,
+                key=self._key,
+                freshness=before.freshness,
+            )
+            for sender, spec, data in messages
+        ]
+
+    def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
+        """What to do in a period of this mode, with this period's row in the memory."""
+        latest = memory.under_way.newest
+        if mode is OperatingMode.CONTROL:
+            try:
+                planned, answer = memory.planned(self._controller, self._weights, self._config.flow.action_limit)
+            except ControllerError:
+                return _Decision(memory=memory, action=0.0, fault=Reason.INTERNAL)
+            speed, wanted = memory.speed, float(answer.plan[self._config.ecu.frozen_actions])
+            action = followed(latest, wanted * speed, speed * speed)
+            return _Decision(memory=planned, action=action, forces=answer.forces * speed**2)
+        if mode is OperatingMode.HOLD:
+            return _Decision(memory=memory, action=latest)
+        if mode is OperatingMode.DECAY:
+            return _Decision(memory=memory, action=0.5 * latest)
+        return _Decision(memory=memory.without_plan(), action=0.0)
+
+
+def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
+    """BUS_OFF while the CAN controller is, and in the first step after it was: no node heard what the ECU sent."""
+    off = now.state is BusState.BUS_OFF or now.bus_off > before.bus_off
+    return Reason.BUS_OFF if off else None
+
+
+def _told_by_the_gate(fail_safe: FailSafe, passed: GatedCommand) -> FailSafe:
+    """The fail-safe after the gate: jets that it shut have a reason on the bus."""
+    if Intervention.NOT_FINITE in passed.interventions:
+        return fail_safe.latch(Reason.INTERNAL)
+    if Intervention.STALE in passed.interventions:
+        return replace(fail_safe, reason=Reason.STALE)
+    return fail_safe

@@ -1,0 +1,125 @@
+"""Everything an ECU remembers from one control period to the next, as one value.
+
+It can be compared, pickled, copied, and given to another ECU of the same bundle and settings, which then goes on to
+the bit as the first one would have.
+"""
+
+from dataclasses import dataclass, field
+from typing import Self, TypedDict
+
+from can_bridge.bus.interface import HEALTHY, BusHealth
+from can_bridge.command_gate import Intervention
+from can_bridge.e2e.receiver import Check, ReceiverState
+from can_bridge.e2e.sender import SenderState
+from can_bridge.secoc.freshness import Freshness
+from can_bridge.secoc.receiver import VerifierState
+from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus, Mode, Reason
+from contract.arrays import Array
+from ecu.benefit_check import BenefitCheckState
+from ecu.controller_memory import ControllerMemory
+from ecu.fail_safe import FailSafe
+from ecu.other_ecu import OtherEcu
+from ecu.sensor_check import SensorCheckState
+from ecu.speed_reception import SpeedState
+from ecu.timing import Timing
+
+
+class Around(TypedDict, total=False):
+    """What is around an ECU in a control period.
+
+    Attributes:
+        fault: for which it must switch itself off.
+        updating: a new release is to be written: it shuts itself off for good, as soon as no jet may run.
+    """
+
+    fault: Reason | None
+    updating: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class EcuState:
+    """After a control period; times in the clock of the frames' timestamps.
+
+    Attributes:
+        memory: window, plan and actions under way.
+        fail_safe: what the ECU does, and why it is not in control.
+        pressures: the receiving end of the Pressure message.
+        commands, statuses: the sending ends of JetCommand and EcuStatus.
+        pressure_ns: when the latest usable pressures were sampled; None before the first.
+        pressure_counter: of the frame that brought them; None before the first.
+        overruns: whole periods left out.
+        missed: steps without usable pressures.
+        health: of the CAN controller, as of the latest step.
+        verifier: what authentication refused of the Pressure message, and accepted last.
+        freshness: of the next JetCommand and the next EcuStatus.
+        other_ecu: whether another ECU is on the bus.
+        sensors: whether the pressures are to be believed.
+        speed: of the vehicle, as believed; as at power-on with a release that does not need it.
+    """
+
+    memory: ControllerMemory
+    fail_safe: FailSafe
+    pressures: ReceiverState
+    commands: SenderState
+    statuses: SenderState
+    timing: Timing
+    pressure_ns: int | None
+    pressure_counter: int | None
+    overruns: int
+    missed: int
+    sensors: SensorCheckState
+    benefit: BenefitCheckState = field(default_factory=BenefitCheckState)
+    speed: SpeedState = field(default_factory=SpeedState)
+    health: BusHealth = HEALTHY
+    other_ecu: OtherEcu = field(default_factory=OtherEcu)
+    verifier: VerifierState = field(default_factory=VerifierState)
+    freshness: Freshness = field(default_factory=Freshness)
+
+    @classmethod
+    def power_on(cls, *, window: int, sensors: int, horizon: int, delay: int, past: int = 0) -> Self:
+        """Nothing received and nothing sent; sizes as in `ControllerMemory.empty`."""
+        return cls(
+            memory=ControllerMemory.empty(length=window, sensors=sensors, horizon=horizon, delay=delay, past=past),
+            fail_safe=FailSafe(),
+            pressures=ReceiverState(),
+            commands=SenderState(),
+            statuses=SenderState(),
+            timing=Timing(),
+            pressure_ns=None,
+            pressure_counter=None,
+            overruns=0,
+            missed=0,
+            sensors=SensorCheckState.start(window=past or window, sensors=sensors),
+        )
+
+    def status(self, bundle_hash: int) -> EcuStatus:
+        """Health counters on the wire, for an ECU that runs this bundle."""
+        return EcuStatus(
+            state=self.fail_safe.mode.on_wire,
+            reason=self.fail_safe.reason,
+            overruns=min(self.overruns, COUNT_LIMIT),
+            missed=min(self.missed, COUNT_LIMIT),
+            crc_errors=min(self.pressures.count(Check.ERROR), COUNT_LIMIT),
+            refused=min(sum(map(self.pressures.count, (Check.REPEATED, Check.WRONG_SEQUENCE))), COUNT_LIMIT),
+            not_authentic=min(self.verifier.refused, COUNT_LIMIT),
+            bus_off=min(self.health.bus_off, BUS_OFF_LIMIT),
+            tx_errors=min(self.health.tx_errors, ERROR_LIMIT),
+            rx_errors=min(self.health.rx_errors, ERROR_LIMIT),
+            bundle_hash=bundle_hash,
+            set_aside=self.sensors.mask,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trace:
+    """What happened in the latest step, for observers; nothing in the ECU reads it.
+
+    Attributes:
+        action: sent, in U_inf W.
+        forces: predicted (Cd, Cl) over the horizon, (H, 2), in units of the design speed; None without a plan.
+    """
+
+    mode: Mode
+    action: float
+    forces: Array | None
+    interventions: Intervention

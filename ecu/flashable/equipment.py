@@ -1,0 +1,47 @@
+"""What an ECU is given at production and by its surroundings, and what no reset changes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from can_bridge.secoc.node import Authentication
+from can_bridge.uds.access_key import AccessKey
+from contract.config.tree import Config
+from contract.controller.interface import Controller
+from contract.release.checks import Bundle
+from contract.release.signing import PublicKey
+from contract.runtime.onnx_session import OnnxController
+from ecu.ecu import Ecu
+from ecu.flashable.event_log import Log, no_log
+from ecu.stepped import CalibratedEcu
+
+
+def _in_python(
+    bundle: Bundle, controller: Controller, config: Config, authentication: Authentication | None
+) -> CalibratedEcu:
+    return Ecu(bundle, controller, config, authentication=authentication)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Equipment:
+    """The equipment of one ECU.
+
+    Attributes:
+        root: key that signs key lists.
+        access: shared with the tester.
+        random_bytes: gives so many unpredictable bytes.
+        hardware: name of the hardware, which a bundle may demand.
+        serial: number of this one.
+        controller_of: makes a bundle's controller; raises BundleError for one that does not run here.
+        ecu_of: makes the ECU around it, with what it needs of `bus.key`.
+        log: called with an event's name, its line, and its fields.
+    """
+
+    root: PublicKey
+    access: AccessKey = field(repr=False)
+    random_bytes: Callable[[int], bytes]
+    hardware: str = "generic"
+    serial: str = "0"
+    software: str = ""
+    controller_of: Callable[[Bundle], Controller] = OnnxController.of
+    ecu_of: Callable[[Bundle, Controller, Config, Authentication | None], CalibratedEcu] = _in_python
+    log: Log = no_log

@@ -1,0 +1,120 @@
+"""Everything of an ECU that a loss of power takes: made by booting, and made again by each reset."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import cast
+
+from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.backing import Backing
+from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.report import encode, report_of
+from can_bridge.flashing.store import Store
+from can_bridge.secoc.node import Authentication
+from can_bridge.uds.fault_memory import FaultMemory
+from can_bridge.uds.programming import Programming
+from can_bridge.uds.server import UdsServer
+from can_bridge.uds.services import Nrc
+from contract.config.tree import Config
+from contract.release.checks import Bundle
+from ecu.flashable.calibration_link import CalibrationLink
+from ecu.flashable.diagnostic_link import DiagnosticLink
+from ecu.flashable.ecu_services import EcuServices
+from ecu.flashable.equipment import Equipment
+from ecu.flashable.event_log import Access, log_boot, log_routine
+from ecu.flashable.fault_watch import FaultWatch
+from ecu.flashable.identification import identification
+from ecu.flashable.self_test import self_test
+from ecu.flashable.shut_ecu import ShutEcu
+from ecu.flashable.vehicle_fit import VehicleFit
+from ecu.flashable.vehicle_request import VehicleRequest
+from ecu.stepped import CalibratedEcu
+
+
+class PowerCycle:
+    """From one boot to the next reset. Raises ConfigError for `bus.key` without `authentication`, or the other way
+    round.
+
+    Args:
+        request: of the vehicle, as last seen.
+        now_ns: time of the service under way.
+        on_reset: called when a tester's reset is due.
+
+    Attributes:
+        store, boot: as booted.
+        ecu: the control at power-on; one without a release keeps the jets shut.
+        calibration: None without a release.
+        link: to the tester.
+        watch: what finds faults in the control periods.
+    """
+
+    def __init__(
+        self,
+        backing: Backing,
+        config: Config,
+        equipment: Equipment,
+        authentication: Authentication | None,
+        *,
+        request: Callable[[], VehicleRequest],
+        now_ns: Callable[[], int],
+        on_reset: Callable[[], None],
+    ) -> None:
+        fit = VehicleFit(config, equipment.controller_of)
+        self.store = Store(backing, root=equipment.root, hardware=equipment.hardware, fits=fit.fits)
+        self.boot = self.store.boot()
+        log_boot(equipment.log, self.boot)
+        # This store's check gives bundles.
+        bundle = cast("Bundle | None", self.boot.bundle)
+        controller = None if bundle is None else fit.controller(bundle)
+        jets = lambda: Nrc.CONDITIONS_NOT_CORRECT if request().drives_jets else None  # noqa: E731
+        self.ecu: CalibratedEcu | ShutEcu
+        self.calibration: CalibrationLink | None = None
+        if bundle is None or controller is None:
+            self.ecu = ShutEcu(config, authentication=authentication)
+        else:
+            self.ecu = ecu = equipment.ecu_of(bundle, controller, config, authentication)
+            self.calibration = CalibrationLink(bundle, ecu, self.store, config, equipment, refusal=jets)
+        services = EcuServices(
+            identification(equipment, config),
+            calibration=None if self.calibration is None else self.calibration.service,
+            self_test=None if bundle is None or controller is None else partial(self_test, bundle, controller),
+            on_reset=on_reset,
+            log=equipment.log,
+        )
+        self._programming = Programming(
+            self.store,
+            services,
+            refusal=lambda: request().refusal(now_ns()),
+            report=lambda store: encode(report_of(store)),
+            on_routine=partial(log_routine, equipment.log),
+            # A tester that goes away amid a transfer would leave the jets shut until the next power-on; the release
+            # that ran before is in order, and a transfer that was interrupted goes on after a reset.
+            resets_when_left=True,
+        )
+        records, self._log = self.store.records, equipment.log
+        self._faults = FaultMemory(records.faults, keep=records.keep_faults, refusal=jets)
+        self.watch = FaultWatch(self._faults)
+        self._server = UdsServer(self._programming, equipment.access, equipment.random_bytes, faults=self._faults)
+        self.link = DiagnosticLink(config.bus, self._server)
+
+    @property
+    def is_updating(self) -> bool:
+        """Whether a transfer was announced: only a reset leads out."""
+        return self._programming.is_updating
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether a tester wants no frames of the control; they are sent all the same while a jet can run."""
+        return self._server.is_silent
+
+    def settle_faults(self) -> None:
+        """Take what the control periods noted into the fault memory."""
+        try:
+            self._faults.settle()
+        except MediumError as error:
+            self._log("faults_not_kept", f"the fault memory was not stored: {error}")
+
+    @property
+    def access(self) -> Access:
+        """Where the tester stands."""
+        attempts = {level: self.store.state.failed_attempts[level] for level in Level}
+        return Access(self._server.session, self._server.unlocked, attempts)

@@ -1,0 +1,104 @@
+"""An ECU without a release: it keeps the jets shut and reports why, and can be flashed all the same."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+from can_bridge.bus.interface import HEALTHY, BusHealth
+from can_bridge.command_gate import Intervention
+from can_bridge.e2e.sender import protected_frame
+from can_bridge.secoc.node import Authentication, key_of, secured
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Reason
+from contract.config.tree import Config
+from ecu.ecu_state import EcuState, Trace
+from ecu.fail_safe import FailSafe, OperatingMode
+
+NO_BUNDLE: Final = 0
+"""Its hash on the bus."""
+
+
+class ShutEcu:
+    """A `ecu.stepped.SteppedEcu` that reads no pressures and drives no jets. Raises ConfigError for
+    `bus.key` without `authentication`, or the other way round.
+
+    Args:
+        config: bus and E2E settings.
+        authentication: with `bus.key`, what the ECU needs of it.
+    """
+
+    frames_rejected = 0
+
+    def __init__(self, config: Config, *, authentication: Authentication | None = None) -> None:
+        self._messages = message_set(config.bus)
+        self._key = key_of(authentication, config.bus)
+        self._next_period = config.ecu.plan_ahead
+        start = EcuState.power_on(window=1, sensors=SENSORS, horizon=1, delay=0)
+        if authentication is not None:
+            verifier = authentication.verifier(self._messages.pressure.spec)
+            start = replace(start, verifier=verifier, freshness=authentication.freshness)
+        self.restore(start)
+
+    @property
+    def state(self) -> EcuState:
+        """After the latest step."""
+        return self._state
+
+    @property
+    def trace(self) -> Trace:
+        """What the latest step did."""
+        mode = self._state.fail_safe.mode.on_wire
+        return Trace(mode=mode, action=0.0, forces=None, interventions=Intervention.NOT_ENABLED)
+
+    def restore(self, state: EcuState) -> None:
+        """Go on from a state of such an ECU."""
+        self._state = replace(state, fail_safe=_NO_RELEASE)
+
+    def step(
+        self,
+        now_ns: int,
+        frames: Sequence[Frame],
+        health: BusHealth = HEALTHY,
+        *,
+        fault: Reason | None = None,
+        updating: bool = False,
+    ) -> list[Frame]:
+        """One control period, as `ecu.ecu.Ecu.step` has it; the lack of a release stands above a fault."""
+        before = self._state
+        updating = updating or before.fail_safe.mode is OperatingMode.UPDATE
+        self._state = replace(
+            before,
+            fail_safe=_UPDATING if updating else _NO_RELEASE,
+            commands=before.commands.next(self._messages.command.spec),
+            statuses=before.statuses.next(self._messages.status.spec),
+            freshness=before.freshness.next(),
+            health=health,
+        )
+        return self._answers(before, now_ns)
+
+    def status(self) -> EcuStatus:
+        """Health counters as of the latest step."""
+        return self._state.status(NO_BUNDLE)
+
+    def _answers(self, before: EcuState, now_ns: int) -> list[Frame]:
+        command = JetCommand(
+            flow_m2_per_s=0.0, mode=self.trace.mode, enable=False, pressure_counter=None, next_period=self._next_period
+        )
+        messages = (
+            (before.commands, self._messages.command.spec, self._messages.command.emit(command)),
+            (before.statuses, self._messages.status.spec, self._messages.status.emit(self.status())),
+        )
+        return [
+            secured(
+                protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)),
+                spec=spec,
+                key=self._key,
+                freshness=before.freshness,
+            )
+            for sender, spec, data in messages
+        ]
+
+
+_NO_RELEASE: Final = FailSafe(mode=OperatingMode.FAULT, reason=Reason.NO_RELEASE, enable_request=False)
+_UPDATING: Final = FailSafe(mode=OperatingMode.UPDATE, reason=Reason.UPDATING, enable_request=False)

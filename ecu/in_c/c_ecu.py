@@ -1,0 +1,204 @@
+"""The ECU in C, compiled for this machine and stepped like the one in Python.
+
+The sources are those of a folder that `stillwake export --c` writes (`contract.controller.c_folder`). They are bound by
+cffi in its ABI mode: the functions and structs are read from the library's header, nothing is compiled for the binding.
+"""
+
+import re
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar, Final, Unpack
+
+from can_bridge.bus.interface import HEALTHY, BusHealth
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.messages import EcuStatus
+from contract.config.tree import Config
+from contract.controller.c_folder import library_sources, read_sources
+from contract.controller.calibration import NAMES, Calibration
+from contract.controller.image_payload import with_layout
+from contract.errors import ConfigError, LibraryError
+from contract.release.checks import Bundle
+from contract.runtime.copies import NeverCopied
+from ecu.ecu_state import Around, EcuState, Trace
+from ecu.in_c import c_settings
+from ecu.in_c.c_structs import Structs, c_time
+from ecu.in_c.compiler import compile_c, compiler_version, host_compiler
+from ecu.in_c.library_controller import check_program
+
+EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
+"""Flags with which the ECU decides to the bit as the one in Python: GCC reads no pragma against contraction."""
+_BUNDLE_HASH: Final = re.compile(rb"^#define SW_BUNDLE_HASH UINT32_C\((0x[0-9a-f]+)\)$", re.MULTILINE)
+_UNDEFINED: Final = re.compile(r"undefined symbol: (\w+)")
+_ALIGNMENT: Final = 64
+_Answer = Callable[[Any], int]
+ESTIMATOR: Final = "sw_estimator_settings.h"
+"""Generated for a release with a sensor estimator."""
+
+
+class CEcuState(NeverCopied):
+    """What can be read and set of an ECU in C, wherever it runs.
+
+    Args:
+        structs: of its library.
+        ecu: pointer to its `sw_ecu`, or to a mirror of it.
+        bundle_hash: that its status carries.
+        calibrate: has `sw_ecu_calibrate` run with an `sw_calibration`; what it returns.
+        restore: has `sw_ecu_restore` run with a pointer to an `sw_ecu_state`, or does the same; what it returns.
+    """
+
+    INSTEAD: ClassVar = "it stands in memory of C; give its state to restore of another ECU of the same sources"
+
+    def __init__(self, structs: Structs, ecu: Any, bundle_hash: int, calibrate: _Answer, restore: _Answer) -> None:
+        self.structs = structs
+        self._ecu, self._bundle_hash, self._calibrate, self._restore = ecu, bundle_hash, calibrate, restore
+
+    @property
+    def state(self) -> EcuState:
+        """After the latest step."""
+        return self.structs.state(self._ecu.state)
+
+    @property
+    def trace(self) -> Trace:
+        """Trace of the latest step."""
+        return self.structs.trace(self._ecu)
+
+    @property
+    def frames_rejected(self) -> int:
+        """Pressure frames that came but failed their end-to-end check."""
+        return self.state.pressures.frames_rejected
+
+    def status(self) -> EcuStatus:
+        """Health counters as of the latest step."""
+        return self.state.status(self._bundle_hash)
+
+    @property
+    def calibration(self) -> Calibration:
+        """The values in force."""
+        return Calibration.unpack(bytes(self.structs.ffi.buffer(self.structs.ffi.addressof(self._ecu.calibration))))
+
+    def calibrate(self, calibration: Calibration) -> None:
+        """As `Ecu.calibrate`; C judges."""
+        if (number := self._calibrate(calibration.pack())) != 0:
+            name, value = NAMES[number - 1], calibration.values[number - 1]
+            raise ConfigError(f"calibration: {name} = {value:g}: out of the limits of this release and vehicle")
+
+    def saved(self) -> bytes:
+        """The state as it stands in memory."""
+        return bytes(self.structs.ffi.buffer(self.structs.ffi.addressof(self._ecu.state)))
+
+    def restore(self, state: EcuState | bytes) -> None:
+        """Go on from a state: one that was `saved`, or one of any ECU of the same release, settings and calibration.
+        Raises ValueError for a state of another delay, or one that no ECU can have left; C judges."""
+        ffi, place = self.structs.ffi, self.structs.ffi.new("sw_ecu_state *")
+        if isinstance(state, bytes):
+            ffi.buffer(place)[:] = state
+        else:
+            self.structs.set_state(place, state)
+        if self._restore(place) != 0:
+            raise ValueError(
+                "state: of another calibration's delay, or no ECU can have left it: a number is out of range"
+            )
+
+
+class CEcu(CEcuState):
+    """A C library's ECU, compiled for this machine. It has the interface of `ecu.ecu.Ecu`. Raises
+    LibraryError if there is no compiler, it does not take the files, or they are no ECU.
+
+    Args:
+        sources: the library's files by name, `sw_ecu_settings.h` among them. Files in place of the library's own, or
+            in addition to them, are for the caller to put in: a stub controller, a fault that is planted.
+        compiler: command that compiles C; the one found here if None.
+        flags: of the compiler.
+        library: a file to keep the compiled library in; a temporary one if None.
+
+    Attributes:
+        description: what computes the step, for people.
+        lib: the loaded library, for functions and variables of it that are not the ECU's; see `Structs.ffi`.
+        ecu: the `sw_ecu` itself, without its workspace.
+    """
+
+    def __init__(
+        self,
+        sources: Mapping[str, bytes],
+        *,
+        compiler: Sequence[str] | None = None,
+        flags: Sequence[str] = EXACT,
+        library: Path | None = None,
+    ) -> None:
+        command = host_compiler() if compiler is None else list(compiler)
+        structs, bundle_hash = Structs(sources, command), bundle_hash_of(sources)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "ecu.so") if library is None else library
+            compile_c(library_sources(sources), path, compiler=command, flags=("-fPIC", "-shared", *flags))
+            try:
+                self.lib: Any = structs.ffi.dlopen(str(path))
+                sizes = self.lib.sw_ecu_state_bytes(), self.lib.sw_ecu_bytes()
+                self._run = self.lib.sw_ecu_step
+            except (OSError, AttributeError) as error:
+                raise LibraryError(f"the compiled library does not load: {_why(error)}; export it again") from error
+        expected = structs.size("sw_ecu_state")
+        if sizes[0] != expected:
+            raise LibraryError(f"sw_ecu_state has {sizes[0]} bytes in the library, and {expected} by its header")
+        self.description = f"{compiler_version(command)}, {' '.join(flags)}"
+        ffi = structs.ffi
+        self._room = ffi.new("char[]", sizes[1] + _ALIGNMENT)
+        start = -int(ffi.cast("uintptr_t", self._room)) % _ALIGNMENT
+        self.ecu = ecu = ffi.cast("sw_ecu *", self._room + start)
+        # Of older versions it returns nothing.
+        if self.lib.sw_ecu_init(ecu):
+            raise LibraryError(
+                f"the compiled ECU refuses: {' '.join(flags)}, or this process's floating-point mode, changes "
+                f"arithmetic that its decisions rest on; GCC needs -ffp-contract=off"
+            )
+        lib, buffer = self.lib, ffi.from_buffer
+        super().__init__(structs, ecu, bundle_hash,
+            lambda packed: int(lib.sw_ecu_calibrate(ecu, buffer("sw_calibration *", packed))),
+            lambda state: int(lib.sw_ecu_restore(ecu, state)),
+        )  # fmt: skip
+        self._answers = ffi.new("sw_frame[2]")
+        self.restore(self.saved())
+
+    def step(
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Around]
+    ) -> list[Frame]:
+        """One control period; as `Ecu.step`."""
+        self.structs.surround(self._ecu.surroundings, health, **around)
+        received = self.structs.frames(frames)
+        count = self._run(self._ecu, c_time(now_ns), received, len(frames), self._answers)
+        return [self.structs.frame(self._answers[i]) for i in range(count)]
+
+
+def _why(error: Exception) -> str:
+    """In one line: cffi's message names the file, twice, and what else it tried."""
+    symbol = _UNDEFINED.search(str(error))
+    return str(error).splitlines()[0] if symbol is None else f"its sources lack {symbol.group(1)}"
+
+
+def bundle_hash_of(sources: Mapping[str, bytes]) -> int:
+    """The short hash of the bundle that an ECU's settings are of; raises LibraryError if they name none."""
+    found = _BUNDLE_HASH.search(sources.get(c_settings.HEADER, b""))
+    if found is None:
+        raise LibraryError(f"{c_settings.HEADER}: SW_BUNDLE_HASH is missing: it is no header of an ECU's settings")
+    return int(found.group(1), 16)
+
+
+def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes]:
+    """A library's ECU for a release in a vehicle: its sources, with the settings of this vehicle.
+
+    The folder's own `sw_ecu_settings.h` is of the vehicle it was exported for; a run has settings of its own. Raises
+    LibraryError if the folder holds no library, one of another program, or one without an ECU; StillwakeError if the
+    ECU in C cannot do what the settings ask for.
+    """
+    sources = read_sources(folder, board=True)
+    check_program(folder, sources, bundle)
+    if c_settings.HEADER not in sources:
+        raise LibraryError(f"library {folder}: it has the control step alone, and no ECU around it; export it again")
+    check = config.ecu.sensor_check
+    if bundle.manifest.sensor_estimator is None and check.enabled:
+        # As the ECU in Python.
+        config = replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))
+    elif check.enabled and ESTIMATOR not in sources:
+        raise LibraryError(f"library {folder}: it has no sensor estimator; export it again, or switch off sensor_check")
+    return with_layout(sources | {c_settings.HEADER: c_settings.ecu_settings(bundle, config)})

@@ -1,0 +1,61 @@
+"""A release as an image that the ECU in C runs in place (`sw_image.h`), whatever release is compiled into it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+from contract.config.tree import Config
+from contract.controller.c_folder import ECU_SETTINGS, Settings
+from contract.controller.image_payload import (
+    ESTIMATOR,
+    RELEASE,
+    WEIGHTS,
+    check_numbers,
+    layout_of,
+    payload_of,
+    sha256_of,
+)
+from contract.errors import LibraryError
+from contract.release.checks import Bundle, dbc_sha256
+from contract.release.controller_image import ImageFacts, seal
+from ecu.in_c.c_settings import release_numbers
+
+
+def read_packed(folder: Path) -> dict[str, bytes]:
+    """The packed numbers in a library's folder; raises LibraryError if they cannot be read."""
+    try:
+        return {name: (folder / name).read_bytes() for name in (WEIGHTS, ESTIMATOR) if (folder / name).is_file()}
+    except OSError as error:
+        raise LibraryError(f"library {folder}: {error.strerror or error}") from error
+
+
+def controller_image(
+    files: Mapping[str, bytes], bundle: Bundle, config: Config, key: Ed25519PrivateKey | None
+) -> bytes:
+    """The image of a verified release, signed if there is a key. Raises LibraryError if the library is without an ECU,
+    of another program, or an old one without packed numbers; BundleContainerError if the release has a name that no
+    image can hold, or a number that no ECU opens. `files` is its library with its ECU, and its packed numbers."""
+    manifest = bundle.manifest
+    if ECU_SETTINGS not in files or WEIGHTS not in files:
+        raise LibraryError(
+            f"no image: {ECU_SETTINGS if WEIGHTS in files else WEIGHTS} is missing, so it has no ECU in C"
+        )
+    if Settings.of(files).text("SW_PROGRAM_SHA256") != manifest.program_sha256:
+        raise LibraryError(f"no image: the library is not of the program of bundle {manifest.name!r}")
+    point, layout = manifest.operating_point, sha256_of(layout_of(files))
+    facts = ImageFacts(
+        layout=layout,
+        dbc=bytes.fromhex(dbc_sha256()),
+        digest=bytes.fromhex(bundle.digest),
+        security_version=manifest.security_version,
+        period_ns=config.period_ns,
+        operating_point=(point.width, point.speed, point.density),
+        action_limit=manifest.action_limit,
+        sensors=len(manifest.sensors),
+        hardware=manifest.hardware,
+        name=manifest.name,
+    )
+    payload = payload_of({**files, RELEASE: release_numbers(bundle, config).packed()})
+    check_numbers(payload, layout)
+    return seal(payload, facts, key)

@@ -1,0 +1,242 @@
+"""The constants of the ECU in C: messages of the DBC, figures of a release, settings of a vehicle.
+
+They become `sw_ecu_settings.h` in a library's folder, so that no number of the Python ECU is restated in C. A number in
+floating point is written with all of its digits, a double's by default.
+"""
+
+from dataclasses import replace
+from operator import attrgetter
+from typing import Final
+
+import numpy as np
+
+from can_bridge.command_gate import GateLimits
+from can_bridge.e2e.profiles import profile_of
+from can_bridge.wire import message_specs as wire
+from can_bridge.wire.classic_codec import CLASSIC_BUS_OFF_LIMIT, CLASSIC_COUNT_LIMIT, STALE_NS
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, Mode, Reason
+from contract.config.controller import CostWeights
+from contract.config.diagnosis import DiagnosisConfig
+from contract.config.tree import Config
+from contract.config.vehicle import SpeedConfig
+from contract.controller.c_folder import ECU_SETTINGS
+from contract.controller.c_numbers import Numbers
+from contract.controller.calibration import LARGEST_WEIGHT, Calibration
+from contract.controller.interface import TERMS
+from contract.errors import ConfigError, LibraryError
+from contract.release import manifest as manifests
+from contract.release.checks import Bundle
+from contract.release.manifest import Manifest
+from ecu import benefit_check, sensor_check
+from ecu.benefit_check import BenefitCheck, resting_of
+from ecu.calibrating import limits_of, release_calibration
+from ecu.fit import check_vehicle
+from ecu.other_ecu import SILENCE_NS
+from ecu.speed_reception import SHORTEST_S
+from ecu.timing import LATEST_NS
+
+HEADER: Final = ECU_SETTINGS
+_COUNTED: Final = (
+    *("ecu.deadline_misses", "ecu.hold_periods", "ecu.decay_periods", "ecu.rearm_frames"),
+    *("ecu.sensor_check.doubt_periods", "ecu.sensor_check.flat_periods", "ecu.benefit_check.mean_periods"),
+    *("ecu.benefit_check.wake_periods", "ecu.benefit_check.first_period", "ecu.benefit_check.doubt_periods"),
+)
+_MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 255} | dict.fromkeys(
+    _COUNTED, 2**29
+)
+"""Most periods that the C ECU's state has room for; those that are added have room in an int together."""
+_GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(TERMS, LARGEST_WEIGHT))
+"""C allows a release's own weight where it is greater."""
+_LONGEST_PERIOD_NS: Final = 2**53
+"""Times up to it are exact in double, so that the command gate's share of a period is the same in both languages."""
+
+
+def ecu_settings(bundle: Bundle, config: Config) -> bytes:
+    """`sw_ecu_settings.h` for a verified release in a vehicle.
+
+    Raises:
+        BundleError: the bundle was made for another vehicle or another number of sensors than the bus carries.
+        ConfigError: a setting that the C ECU cannot do.
+        LibraryError: a release without a sensor estimator where the settings want its check.
+    """
+    check_vehicle(bundle, config)
+    check_settings(config)
+    lines = [f"#define {name} {_literal(value)}" for name, value in _definitions(bundle, config).items()]
+    text = "\n".join(lines)
+    return (
+        "/* Generated: the DBC's messages, a release's figures, a vehicle's settings. */\n"
+        f"#ifndef SW_ECU_SETTINGS_H\n#define SW_ECU_SETTINGS_H\n\n{text}\n\n#endif\n"
+    ).encode()
+
+
+def check_settings(config: Config) -> None:
+    """Raise ConfigError for a setting that the C ECU cannot do, whatever the release."""
+    if config.bus.key:
+        raise ConfigError("bus.key: the ECU in C has no authentication; leave it empty")
+    for name, most in _MOST.items():
+        value = attrgetter(name)(config)
+        if value > most:
+            raise ConfigError(f"{name} = {value}: the ECU in C takes at most {most}")
+    if config.period_ns > _LONGEST_PERIOD_NS:
+        raise ConfigError(f"a control period of {config.period_ns} ns: the ECU in C takes at most {_LONGEST_PERIOD_NS}")
+    held_ns = GateLimits.from_config(config).held_age_ns
+    if held_ns > LATEST_NS:
+        raise ConfigError(
+            f"ecu.hold_periods and ecu.decay_periods come to {held_ns} ns: the ECU in C takes at most {LATEST_NS}"
+        )
+
+
+def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]:
+    manifest, messages, limits = bundle.manifest, message_set(config.bus), GateLimits.from_config(config)
+    ecu, e2e, check = config.ecu, config.bus.e2e, config.ecu.sensor_check
+    estimator = manifest.sensor_estimator if check.enabled else None
+    if check.enabled and estimator is None:
+        raise LibraryError("the release has no sensor estimator: set ecu.sensor_check.enabled=false")
+    calibration_limits = limits_of(bundle, config)
+    specs = dict(zip(("PRESSURE", "SPEED", "COMMAND", "STATUS"), messages.specs, strict=True))
+    found: dict[str, int | float | str] = {}
+    for name, spec in specs.items():
+        found |= {f"SW_{name}_ID": spec.frame_id, f"SW_{name}_BYTES": spec.length, f"SW_{name}_DATA_ID": spec.data_id}
+    spec = messages.pressure.spec
+    return found | {
+        **_of_diagnosis(config.bus.diagnosis),
+        "SW_FRAMES_FD": int(spec.is_fd),
+        "SW_E2E_PROFILE": spec.profile,
+        "SW_E2E_COUNTERS": profile_of(spec).counter_period,
+        "SW_PRESSURE_RESOLUTION_PA": messages.pressure_resolution_pa,
+        "SW_AGE_RESOLUTION_NS": wire.AGE_RESOLUTION_NS if spec.is_fd else wire.CLASSIC_AGE_RESOLUTION_NS,
+        "SW_SPEED_RESOLUTION": wire.SPEED_RESOLUTION_M_PER_S,
+        "SW_SPEED_UNKNOWN": f"{wire.SPEED_UNKNOWN}u",
+        "SW_DENSITY_RESOLUTION": wire.DENSITY_RESOLUTION_KG_PER_M3,
+        "SW_FLOW_RESOLUTION": wire.FLOW_RESOLUTION_M2_PER_S,
+        "SW_COUNT_LIMIT": COUNT_LIMIT if spec.is_fd else CLASSIC_COUNT_LIMIT,
+        "SW_BUS_OFF_LIMIT": BUS_OFF_LIMIT if spec.is_fd else CLASSIC_BUS_OFF_LIMIT,
+        **(
+            {"SW_ERROR_LIMIT": ERROR_LIMIT}
+            if spec.is_fd
+            else {"SW_PRESSURE_INVALID": f"({-wire.INT12_MAX - 1})", "SW_STALE_NS": f"INT64_C({STALE_NS})"}
+        ),
+        **{f"SW_MODE_{item.name}": item.value for item in Mode},
+        **{f"SW_REASON_{item.name}": item.value for item in Reason},
+        "SW_BUNDLE_HASH": f"UINT32_C({bundle.short_hash:#010x})",
+        **_of_release(release_numbers(bundle, config)),
+        "SW_DELAY_STEPS": f"{ecu.delay_steps}u",
+        "SW_LEAST_CALIBRATION": _calibration(calibration_limits.least),
+        "SW_GREATEST_CALIBRATION": _calibration(replace(calibration_limits.greatest, weights=_GREATEST_WEIGHTS)),
+        **_named("SW_E2E", e2e, "max_delta", "window", "min_ok", "max_errors"),
+        "SW_PERIOD_NS": f"INT64_C({config.period_ns})",
+        "SW_STEP_OFFSET_NS": f"INT64_C({round(ecu.step_offset_ms * 1e6)})",
+        **_named("SW", ecu, "hold_periods", "decay_periods", "rearm_frames", "loss_window", "loss_limit"),
+        **_named("SW", ecu, "deadline_misses", "deadline_window"),
+        "SW_PLAN_AHEAD": int(ecu.plan_ahead),
+        "SW_SILENCE_NS": f"INT64_C({SILENCE_NS})",
+        "SW_FLOW_SCALE": config.operating_point.flow_rate_scale,
+        "SW_DYNAMIC_PRESSURE": config.operating_point.dynamic_pressure,
+        "SW_GATE_FLOW": limits.flow_m2_per_s,
+        "SW_GATE_STEP": limits.step_m2_per_s,
+        "SW_FRESH_AGE_NS": f"INT64_C({limits.fresh_age_ns})",
+        "SW_HELD_AGE_NS": f"INT64_C({limits.held_age_ns})",
+        **_of_speeds(manifest, ecu.speed),
+        **_of_benefit_check(BenefitCheck.of(manifest, ecu.benefit_check)),
+        "SW_SENSOR_CHECK": int(estimator is not None),
+        **_named("SW", check, "liar_level", "bias_level", "swap_level", "doubt_level", "doubt_periods", "flat_periods"),
+        **_named("SW", manifests, "FAST_PERIODS", "SLOW_PERIODS"),
+        **_named("SW", sensor_check, "SCORE_PERIODS", "NOISE_ALLOWED", "MOVING", "ALIKE", "COPIED"),
+        **_named("SW", sensor_check, "DRIFT_ALLOWED", "ASIDE_ALLOWED"),
+    }
+
+
+def _named(prefix: str, owner: object, *names: str) -> dict[str, int | float | str]:
+    """Values by names of C: the prefix and their own in capitals."""
+    return {f"{prefix}_{name.upper()}": getattr(owner, name) for name in names}
+
+
+def release_numbers(bundle: Bundle, config: Config) -> Numbers:
+    """`sw_release` of a verified release: what it has whatever the vehicle's settings are. Zeros where it has none."""
+    manifest, estimator, speeds = bundle.manifest, bundle.manifest.sensor_estimator, bundle.manifest.speeds
+    check = BenefitCheck.of(manifest, replace(config.ecu.benefit_check, enabled=True))
+    nothing, point = np.zeros((len(manifest.sensors),) * 2), manifest.operating_point
+    members = {
+        "fast_deviation": nothing if estimator is None else np.array(estimator.fast),
+        "slow_deviation": nothing if estimator is None else np.array(estimator.slow),
+        "resting": np.array(resting_of(manifest)),
+        "slowest": np.array(0.0 if speeds is None else speeds.slowest),
+        "fastest": np.array(0.0 if speeds is None else speeds.fastest),
+        "design_speed": np.array(float(point.speed)),
+        "design_density": np.array(float(point.density)),
+        "weights": np.array(release_calibration(bundle, config).values[:-3], np.float32),
+        "bundle_hash": np.array(bundle.short_hash, np.uint32),
+        "base": np.array([0] if check is None else check.base, np.uint8),
+        "pairs": np.array([[0, 0]] if check is None else check.pairs, np.uint8),
+    }
+    ends = members["base"].nbytes + members["pairs"].nbytes + members["weights"].nbytes + 4
+    # Compilers differ in what they fill a struct up to.
+    return Numbers(struct="sw_release", members={**members, "reserved": np.zeros(8 - ends % 8, np.uint8)})
+
+
+def _of_release(numbers: Numbers) -> dict[str, int | float | str]:
+    sizes = {name: len(numbers.members[name]) for name in ("base", "pairs", "resting", "reserved")}
+    return {
+        "SW_BASES": sizes["base"],
+        "SW_MIRRORED_PAIRS": sizes["pairs"],
+        "SW_RESTING_SPEEDS": sizes["resting"],
+        "SW_RELEASE_RESERVED": sizes["reserved"],
+        "SW_RELEASE": numbers.initialiser.replace("\n", " "),
+        "SW_RELEASE_AS_PACKED": numbers.as_packed,
+        **numbers.settings("SW_RELEASE"),
+    }
+
+
+def _of_diagnosis(config: DiagnosisConfig) -> dict[str, int | float | str]:
+    """SW_FUNCTIONAL is 0 where nothing is heard under a functional identifier."""
+    return {
+        "SW_DIAGNOSIS_EXTENDED": int(config.request.is_extended),
+        "SW_REQUEST_ID": f"{config.request.number:#x}u",
+        "SW_RESPONSE_ID": f"{config.response.number:#x}u",
+        "SW_FUNCTIONAL": int(config.functional is not None),
+        "SW_FUNCTIONAL_ID": f"{config.functional.number if config.functional else 0:#x}u",
+    }
+
+
+def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float | str]:
+    """SW_PAST is 0 for a release that serves one speed alone: nothing of the rest is then compiled in."""
+    if manifest.speeds is None:
+        return {"SW_PAST": 0}
+    return {
+        "SW_PAST": manifest.past,
+        "SW_SPEED_MARGIN": float(config.margin),
+        "SW_OLDEST_SPEED_NS": f"INT64_C({round(config.oldest_ms * 1e6)})",
+        "SW_SHORTEST_S": SHORTEST_S,
+        "SW_MOST_ACCELERATION": float(config.most_acceleration),
+    }
+
+
+def _of_benefit_check(check: BenefitCheck | None) -> dict[str, int | float | str]:
+    if check is None:
+        return {"SW_BENEFIT_CHECK": 0}
+    config = check.config
+    return {
+        "SW_BENEFIT_CHECK": 1,
+        "SW_MEAN_PERIODS": f"{config.mean_periods}u",
+        "SW_WAKE_PERIODS": f"{config.wake_periods}u",
+        "SW_PROVEN_PERIODS": f"{check.proven}u",
+        "SW_FIRST_PERIOD": f"{config.first_period}u",
+        "SW_LEAST_GAIN": config.least_gain,
+        "SW_MOST_SWING": config.most_swing,
+        "SW_BENEFIT_DOUBT": f"{config.doubt_periods}u",
+        "SW_PATIENCE": f"{check.patience}u",
+        "SW_MOVED": benefit_check.MOVED,
+    }
+
+
+def _literal(value: int | float | str) -> str:
+    return repr(value) if isinstance(value, float) else str(value)
+
+
+def _calibration(values: Calibration) -> str:
+    """Initialises an `sw_calibration`."""
+    *weights, action_limit, command_step = (
+        f"{np.format_float_scientific(np.float32(value), trim='0')}f" for value in values.values[:-1]
+    )
+    return f"{{{{{', '.join(weights)}}}, {action_limit}, {command_step}, {values.delay_steps}u}}"

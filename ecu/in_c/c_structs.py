@@ -1,0 +1,350 @@
+"""The structs of the ECU in C, in memory and as Python values: frames, state, trace.
+
+The layout is read from the library's own headers by cffi, so that none of it is restated here. The structs have members
+of fixed width, all aligned by their own size and, but for the end of `sw_ecu`, none of them a pointer: the layout is
+the same on this machine and on a microcontroller, and bytes that an emulated one holds are read by the same functions.
+"""
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import cffi
+import numpy as np
+
+from can_bridge.bus.interface import BusHealth, BusState
+from can_bridge.command_gate import Intervention
+from can_bridge.e2e.receiver import Check, ReceiverState, StreamState
+from can_bridge.e2e.sender import SenderState
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.messages import Reason
+from contract.arrays import Array
+from contract.errors import LibraryError
+from ecu.benefit_check import BenefitCheckState
+from ecu.controller_memory import ControllerMemory, Past
+from ecu.delay_line import DelayLine
+from ecu.ecu_state import EcuState, Trace
+from ecu.fail_safe import FailSafe, OperatingMode
+from ecu.in_c.compiler import preprocessed
+from ecu.other_ecu import OtherEcu
+from ecu.sensor_check import SensorCheckState
+from ecu.speed_reception import SpeedState
+from ecu.timing import Timing
+
+HEADER: Final = "sw_ecu.h"
+LARGEST: Final = {"int64": 2**63 - 1, "uint64": 2**64 - 1, "uint32": 2**32 - 1}
+# Scratch memory is the ECU's last member: whatever it is, the members before it stand where they stand.
+_STANDING_IN: Final = {
+    "sw_workspace.h": b"typedef struct { char not_shown; } sw_workspace;\n",
+    "sw_estimator.h": b"typedef struct { char not_shown; } sw_estimator_work;\n",
+    "stdint.h": b"\n",
+    "stddef.h": b"\n",
+}
+_MODES: Final = tuple(OperatingMode)
+_STREAMS: Final = tuple(StreamState)
+_SENSOR_ARRAYS: Final = ("fast", "slow", "noise", "score", "estimates")
+_HEALTH_COUNTS: Final = ("tx_errors", "rx_errors", "bus_off")
+
+
+class Structs:
+    """The structs of one library. `ffi` knows their types and the functions of `sw_ecu.h`. Raises LibraryError if there
+    is no ECU among the sources, or the compiler does not take its header.
+
+    Args:
+        sources: the library's files by name.
+        compiler: command that preprocesses C.
+        header: that is read; one that includes the ECU's, if there is more to be known than that.
+    """
+
+    def __init__(self, sources: Mapping[str, bytes], compiler: Sequence[str], header: str = HEADER) -> None:
+        if HEADER not in sources:
+            raise LibraryError(f"{HEADER} is missing: this library has the control step alone, and no ECU around it")
+        self.ffi: Any = cffi.FFI()
+        headers = {name: content for name, content in sources.items() if name.endswith(".h") and "/" not in name}
+        with tempfile.TemporaryDirectory() as folder:
+            for name, content in (headers | _STANDING_IN).items():
+                Path(folder, name).write_bytes(content)
+            text = preprocessed(Path(folder, header), compiler=compiler, flags=("-nostdinc", "-I", folder))
+        try:
+            self.ffi.cdef(text)
+        except (cffi.CDefError, cffi.FFIError, NotImplementedError) as error:
+            raise LibraryError(f"{HEADER}: {str(error).splitlines()[0]}") from error
+
+    def size(self, name: str) -> int:
+        """Bytes of a type; of `sw_ecu` without its workspace."""
+        ecu = name == "sw_ecu"
+        return int(self.ffi.offsetof("sw_ecu", "work") if ecu else self.ffi.sizeof(name))
+
+    def frames(self, frames: Sequence[Frame]) -> Any:
+        """An array of `sw_frame`. A time that C has no room for is the latest that it has."""
+        found = self.ffi.new("sw_frame[]", len(frames))
+        for place, frame in zip(found, frames, strict=True):
+            place.timestamp_ns = min(frame.timestamp_ns, LARGEST["int64"])
+            place.id, place.is_extended, place.is_fd = frame.frame_id, frame.is_extended, frame.is_fd
+            place.length = len(frame.data)
+            place.data[0 : len(frame.data)] = frame.data
+        return found
+
+    def frame(self, found: Any) -> Frame:
+        """The frame of a `sw_frame`; raises ValueError if no controller could put it on the wire."""
+        return Frame(
+            frame_id=found.id,
+            data=bytes(self.ffi.buffer(found.data, found.length)),
+            timestamp_ns=found.timestamp_ns,
+            is_fd=bool(found.is_fd),
+            is_extended=bool(found.is_extended),
+        )
+
+    def surround(
+        self, surroundings: Any, health: BusHealth, *, fault: Reason | None = None, updating: bool = False
+    ) -> None:
+        """Fill in a `sw_surroundings`."""
+        self._set_health(surroundings.health, health)
+        surroundings.fault = Reason.NONE if fault is None else fault
+        surroundings.updating = updating
+
+    def trace(self, ecu: Any) -> Trace:
+        """Trace of a `sw_ecu`."""
+        forces = self._array(ecu.output.forces, np.float32) if ecu.trace.planned else None
+        if forces is not None and self._serves_speeds:
+            # Of the newest row, on which was planned.
+            forces = forces * list(ecu.state.memory.past.speeds)[-1] ** 2
+        return Trace(
+            mode=_MODES[ecu.state.fail_safe.mode].on_wire,
+            action=ecu.trace.action,
+            forces=forces,
+            interventions=Intervention(ecu.trace.interventions),
+        )
+
+    def state(self, state: Any) -> EcuState:
+        """State of a `sw_ecu_state`. Of the controller's error states C keeps bus-off alone. Raises ValueError,
+        IndexError if an enumeration has none of its values."""
+        memory, sensors = state.memory, state.sensors
+        fail_safe, timing = state.fail_safe, state.timing
+        return EcuState(
+            memory=ControllerMemory(
+                window=self._array(memory.window),
+                rows=memory.rows,
+                gap=memory.gap,
+                plan=self._array(memory.plan, np.float32),
+                under_way=DelayLine(tuple(memory.under_way)[: memory.frozen + 1]),
+                past=self._past(memory.past) if self._serves_speeds else None,
+            ),
+            fail_safe=FailSafe(
+                mode=_MODES[fail_safe.mode],
+                misses=fail_safe.misses,
+                good=fail_safe.good,
+                lost=fail_safe.lost,
+                reason=Reason(fail_safe.reason),
+                enable_request=bool(fail_safe.enable_request),
+            ),
+            pressures=_received(state.pressures),
+            speed=_speed(state.speed) if self._serves_speeds else SpeedState(),
+            commands=SenderState(counter=state.command_counter),
+            statuses=SenderState(counter=state.status_counter),
+            timing=Timing(
+                step_ns=timing.step_ns if timing.has_step else None,
+                lag_ns=timing.lag_ns,
+                off_time=timing.off_time,
+                skipped=timing.skipped,
+                fault=Reason(timing.fault) or None,
+            ),
+            other_ecu=OtherEcu(
+                frames=state.other_ecu.frames,
+                until_ns=state.other_ecu.until_ns if state.other_ecu.is_there else None,
+            ),
+            pressure_ns=state.pressure_ns if state.has_pressures else None,
+            pressure_counter=state.pressure_counter if state.has_pressures else None,
+            overruns=state.overruns,
+            missed=state.missed,
+            sensors=SensorCheckState(
+                residual=self._known(sensors.residual, known=sensors.judged),
+                **{name: self._array(getattr(sensors, name)) for name in _SENSOR_ARRAYS},
+                readings=self._known(sensors.readings, known=sensors.has_read),
+                flat=self._array(sensors.flat, np.uint32),
+                set_aside=None if sensors.set_aside < 0 else sensors.set_aside,
+                doubt=sensors.doubt,
+                implausible=bool(sensors.implausible),
+            ),
+            benefit=BenefitCheckState(
+                **{item.name: getattr(state.benefit, item.name) for item in fields(BenefitCheckState)}
+            ),
+            health=BusHealth(
+                state=BusState.BUS_OFF if state.health.is_bus_off else BusState.ERROR_ACTIVE,
+                **{name: getattr(state.health, name) for name in _HEALTH_COUNTS},
+            ),
+        )
+
+    def set_state(self, state: Any, value: EcuState) -> None:
+        """Fill in a `sw_ecu_state`; counts stop at their largest value. Authentication is left out: C has none."""
+        self.ffi.buffer(state)[:] = bytes(self.ffi.sizeof("sw_ecu_state"))
+        self._set_memory(state.memory, value.memory)
+        self._set_sensors(state.sensors, value.sensors)
+        for item in fields(BenefitCheckState):
+            setattr(state.benefit, item.name, getattr(value.benefit, item.name))
+        _set_received(state.pressures, value.pressures)
+        if self._serves_speeds:
+            _set_speed(state.speed, value.speed)
+        fail_safe, safe = state.fail_safe, value.fail_safe
+        fail_safe.mode, fail_safe.reason = _MODES.index(safe.mode), safe.reason
+        fail_safe.enable_request, fail_safe.lost = safe.enable_request, safe.lost
+        fail_safe.misses, fail_safe.good = _count(safe.misses), _count(safe.good)
+        timing, timed = state.timing, value.timing
+        timing.has_step, timing.step_ns = timed.step_ns is not None, c_time(timed.step_ns or 0)
+        timing.fault = Reason.NONE if timed.fault is None else timed.fault
+        timing.off_time, timing.lag_ns, timing.skipped = timed.off_time, c_time(timed.lag_ns), c_time(timed.skipped)
+        other, heard = state.other_ecu, value.other_ecu
+        other.is_there, other.frames = heard.until_ns is not None, _count(heard.frames)
+        other.until_ns = c_time(heard.until_ns or 0)
+        state.command_counter, state.status_counter = value.commands.counter, value.statuses.counter
+        state.has_pressures = value.pressure_ns is not None
+        state.pressure_counter, state.pressure_ns = value.pressure_counter or 0, c_time(value.pressure_ns or 0)
+        state.overruns, state.missed = _count(value.overruns), _count(value.missed)
+        self._set_health(state.health, value.health)
+
+    def _set_memory(self, memory: Any, value: ControllerMemory) -> None:
+        memory.rows, memory.gap = value.rows, _count(value.gap)
+        self._copy(memory.window, value.window)
+        self._copy(memory.plan, value.plan.astype(np.float32))
+        memory.frozen, memory.under_way = len(value.under_way.pending), list(value.under_way.values)
+        if value.past is not None:
+            memory.past.count = value.past.count
+            self._copy(memory.past.rows, value.past.rows)
+            self._copy(memory.past.speeds, value.past.speeds)
+
+    def _set_sensors(self, sensors: Any, value: SensorCheckState) -> None:
+        sensors.set_aside = -1 if value.set_aside is None else value.set_aside
+        sensors.implausible, sensors.doubt = value.implausible, _count(value.doubt)
+        sensors.judged = not np.isnan(value.residual).any()
+        sensors.has_read = not np.isnan(value.readings).any()
+        sensors.flat = [_count(int(item)) for item in value.flat]
+        if sensors.judged:
+            self._copy(sensors.residual, value.residual)
+        if sensors.has_read:
+            self._copy(sensors.readings, value.readings)
+        for name in _SENSOR_ARRAYS:
+            self._copy(getattr(sensors, name), getattr(value, name))
+
+    def _copy(self, member: Any, values: Array) -> None:
+        """An array's bytes into a member of the same shape and type; before it, all of them are zero."""
+        content = np.ascontiguousarray(values)
+        assert content.nbytes == self.ffi.sizeof(member)
+        self.ffi.memmove(member, content, content.nbytes)
+
+    @staticmethod
+    def _set_health(health: Any, value: BusHealth) -> None:
+        health.is_bus_off = value.state is BusState.BUS_OFF
+        for name in _HEALTH_COUNTS:
+            setattr(health, name, _count(getattr(value, name)))
+
+    def _array(self, member: Any, dtype: Any = np.float64) -> Array:
+        """A copy of an array of one or two sides, as float64."""
+        flat = np.frombuffer(self.ffi.buffer(member), dtype=dtype).astype(np.float64)
+        rows = self.ffi.typeof(member)
+        return flat if rows.item.kind == "primitive" else flat.reshape(rows.length, -1)
+
+    def _past(self, past: Any) -> Past:
+        return Past(rows=self._array(past.rows), speeds=self._array(past.speeds), count=past.count)
+
+    @property
+    def _serves_speeds(self) -> bool:
+        """Whether the library is of a release that serves a range of speeds."""
+        return "past" in dict(self.ffi.typeof("sw_memory").fields)
+
+    def _known(self, member: Any, *, known: int) -> Array:
+        found = self._array(member)
+        return found if known else np.full_like(found, np.nan)
+
+
+def _received(receiver: Any) -> ReceiverState:
+    return ReceiverState(
+        stream=_STREAMS[receiver.stream],
+        last_counter=receiver.last_counter if receiver.has_counter else None,
+        window=tuple(map(Check, list(receiver.window)[: receiver.checks])),
+        counts=tuple(receiver.counts),
+    )
+
+
+def _set_received(receiver: Any, value: ReceiverState) -> None:
+    receiver.stream = _STREAMS.index(value.stream)
+    receiver.has_counter, receiver.last_counter = value.last_counter is not None, value.last_counter or 0
+    receiver.checks, receiver.window = len(value.window), [item.value for item in value.window]
+    receiver.counts = [_count(item) for item in value.counts]
+
+
+def _speed(speed: Any) -> SpeedState:
+    return SpeedState(
+        ratio=speed.ratio if speed.known else None,
+        density=speed.density,
+        measured_ns=speed.measured_ns,
+        is_off=bool(speed.is_off),
+        receiver=_received(speed.receiver),
+    )
+
+
+def _set_speed(speed: Any, value: SpeedState) -> None:
+    speed.known, speed.ratio = value.ratio is not None, value.ratio or 0.0
+    speed.density, speed.measured_ns, speed.is_off = value.density, c_time(value.measured_ns), value.is_off
+    _set_received(speed.receiver, value.receiver)
+
+
+def flattened(value: object, name: str = "") -> dict[str, Any]:
+    """A state, or any part of it, field by field: numbers, arrays, enumerations and None by dotted names."""
+    if is_dataclass(value) and not isinstance(value, type | DelayLine):
+        parts = ((item.name, getattr(value, item.name)) for item in fields(value))
+        return {
+            key: leaf
+            for part, content in parts
+            for key, leaf in flattened(content, f"{name}.{part}" if name else part).items()
+        }
+    return {name: value}
+
+
+def as_c_has_it(state: EcuState) -> dict[str, Any]:
+    """A state field by field with what C keeps of it: no authentication, counts up to their largest value.
+
+    Of two ECUs that agree, one in C and one in Python, the values are equal; `differing` compares them.
+    """
+    found = {name: leaf for name, leaf in flattened(state).items() if not name.startswith(_NOT_IN_C)}
+    found["health.state"] = found["health.state"] is BusState.BUS_OFF
+    found["pressures.counts"] = tuple(map(_count, state.pressures.counts))
+    found["speed.receiver.counts"] = tuple(map(_count, state.speed.receiver.counts))
+    for name in _COUNTED:
+        found[name] = _count(found[name])
+    found["sensors.flat"] = np.minimum(state.sensors.flat, LARGEST["uint32"])
+    return found
+
+
+_NOT_IN_C: Final = ("verifier.", "freshness.", "speed.verifier.")
+_COUNTED: Final = (
+    "memory.gap", "other_ecu.frames", "fail_safe.misses", "fail_safe.good", "overruns", "missed", "sensors.doubt",
+    "health.tx_errors", "health.rx_errors", "health.bus_off",
+)  # fmt: skip
+
+
+def differing(one: EcuState, other: EcuState) -> list[str]:
+    """Names of the fields in which two states differ as far as C keeps them, to the bit; NaN is itself."""
+    first, second = as_c_has_it(one), as_c_has_it(other)
+    return [name for name, value in first.items() if not _same(value, second[name])]
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, DelayLine) and isinstance(other, DelayLine):
+        one, other = np.array(one.values), np.array(other.values)
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        # A zero has a sign; of the many bits that are no number, any will do.
+        return one.shape == other.shape and bool(
+            ((one == other) & (np.signbit(one) == np.signbit(other)) | np.isnan(one) & np.isnan(other)).all()
+        )
+    return bool(one == other)
+
+
+def _count(value: int) -> int:
+    return min(value, LARGEST["uint32"])
+
+
+def c_time(value: int) -> int:
+    """A time as C takes it: one that it has no room for is the nearest that it has, and a fault of the clock."""
+    return max(-LARGEST["int64"] - 1, min(value, LARGEST["int64"]))

@@ -1,0 +1,137 @@
+"""The controller's C99 library on this machine: compiled by the host's compiler and called through ctypes.
+
+The library is a folder that `stillwake export --c` writes (`contract.controller.c_folder`). The gates of `export` and
+the ECU of `firmware_sim` run it through the same class.
+"""
+
+import ctypes
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from contract.arrays import Array
+from contract.controller.c_folder import library_sources
+from contract.controller.interface import FORCES, REFUSALS, TERMS, ControllerError, ControlStep, Sizes
+from contract.errors import LibraryError
+from contract.runtime.copies import NeverCopied
+from ecu.in_c.compiler import OPTIMISED, compile_c, compiler_version, host_compiler
+
+_OK: Final = 0
+_ALIGNMENT: Final = 64
+
+
+class CController(NeverCopied):
+    """A library compiled and loaded, with the structures and the scratch memory that its caller owns. Raises
+    LibraryError if there is no compiler, or it does not take the files.
+
+    Args:
+        contents: the library's files by name.
+        sizes: those of its header, by which the structures are laid out.
+        compiler: command that compiles C; the one found here if None.
+        flags: of the compiler.
+
+    Attributes:
+        description: what computes the step, for people.
+    """
+
+    INSTEAD: ClassVar = "it is a loaded library; make another one of the same sources"
+
+    def __init__(
+        self,
+        contents: Mapping[str, bytes],
+        sizes: Sizes,
+        *,
+        compiler: Sequence[str] | None = None,
+        flags: Sequence[str] = OPTIMISED,
+    ) -> None:
+        command = host_compiler() if compiler is None else list(compiler)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "controller.so")
+            compile_c(library_sources(contents), path, compiler=command, flags=("-fPIC", "-shared", *flags))
+            try:
+                self._library = ctypes.CDLL(str(path))
+                self._library.sw_workspace_bytes.restype = ctypes.c_size_t
+                self._step, reset = self._library.sw_control_step, self._library.sw_input_reset
+            except (OSError, AttributeError) as error:
+                raise LibraryError(f"the compiled library does not load: {error}") from error
+        # Libraries of older versions do not look.
+        if (looks := getattr(self._library, "sw_arithmetic", None)) is not None and (status := looks()) != _OK:
+            raise LibraryError(f"the compiled library refuses: {REFUSALS[status]} ({' '.join(flags)})")
+        self.description = f"{compiler_version(command)}, {' '.join(flags)}"
+        horizon = sizes.horizon
+        self._input = _structure(
+            "sw_input",
+            window=(ctypes.c_float * (sizes.sensors + 1)) * sizes.window,
+            plan=ctypes.c_float * horizon,
+            free=ctypes.c_float * horizon,
+            weights=ctypes.c_float * len(TERMS),
+            speed=ctypes.c_float,
+            limit=ctypes.c_float,
+        )
+        self._output = _structure(
+            "sw_output",
+            plan=ctypes.c_float * horizon,
+            forces=(ctypes.c_float * FORCES) * horizon,
+            terms=ctypes.c_float * len(TERMS),
+            cost=ctypes.c_float,
+        )
+        reset(ctypes.byref(self._input))
+        self._window, self._plan, self._free, self._weights = (
+            np.ctypeslib.as_array(getattr(self._input, name)) for name in ("window", "plan", "free", "weights")
+        )
+        self._default_weights, self._default_limit = self._weights.copy(), self._input.limit
+        self._workspace = _aligned(self._library.sw_workspace_bytes())
+
+    @property
+    def workspace_bytes(self) -> int:
+        """Scratch memory that a caller has to own."""
+        return int(self._workspace.size)
+
+    def warm_up(self, steps: int) -> None:
+        """Run on zeros, so that the first real step finds its code and weights in memory."""
+        window, plan, free = (np.zeros(array.shape) for array in (self._window, self._plan, self._free))
+        for _ in range(steps):
+            self.control_step(window, plan, free)
+
+    def control_step(
+        self,
+        window: Array,
+        plan: Array,
+        free: Array,
+        weights: Array | None = None,
+        speed: float = 1.0,
+        limit: float | None = None,
+    ) -> ControlStep:
+        """One control step in float32; raises ControllerError if an input or a result is not finite."""
+        self._window[:], self._plan[:], self._free[:] = window, plan, free
+        self._weights[:] = self._default_weights if weights is None else weights
+        self._input.speed = speed
+        self._input.limit = self._default_limit if limit is None else limit
+        status = self._step(
+            ctypes.c_void_p(self._workspace.ctypes.data), ctypes.byref(self._input), ctypes.byref(self._output)
+        )
+        if status != _OK:
+            raise ControllerError(f"the C library answered with status {status}: {REFUSALS[status]}")
+        found = self._output
+        new_plan, forces, terms, cost = (
+            np.array(value, dtype=np.float64) for value in (found.plan, found.forces, found.terms, found.cost)
+        )
+        return ControlStep(plan=new_plan, forces=forces, terms=terms, cost=float(cost))
+
+    def poison_workspace(self) -> None:
+        """Fill the scratch memory with NaN: no result may depend on what was there."""
+        self._workspace[:] = 0xFF
+
+
+def _structure(name: str, **members: Any) -> Any:
+    return type(name, (ctypes.Structure,), {"_fields_": list(members.items())})()
+
+
+def _aligned(size: int) -> npt.NDArray[np.uint8]:
+    room = np.zeros(size + _ALIGNMENT, dtype=np.uint8)
+    start = -room.ctypes.data % _ALIGNMENT
+    return room[start : start + size]

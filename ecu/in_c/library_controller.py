@@ -1,0 +1,59 @@
+"""The controller of a release as its C99 library, compiled for this machine: what a vehicle's ECU would run."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from contract.controller.c_folder import SETTINGS, Settings, read_sources
+from contract.errors import LibraryError
+from contract.release.checks import Bundle, dbc_sha256
+from ecu.in_c.compiler import OPTIMISED
+from ecu.in_c.host_library import CController
+
+
+def open_library(
+    folder: Path, bundle: Bundle, *, compiler: Sequence[str] | None = None, flags: Sequence[str] = OPTIMISED
+) -> CController:
+    """Compile a folder that `stillwake export --c` wrote, to run in place of the bundle's `controller.onnx`.
+
+    The header's hash names the program that the folder was generated from. It guards against mix-ups: no one signs the
+    sources, and they are compiled and run as they stand. Raises LibraryError if the folder holds no library or another
+    program's, there is no compiler, or it does not take the sources.
+
+    Args:
+        folder: the library's.
+        bundle: verified release; the library must be of its program.
+        compiler: command that compiles C; the one found here if None.
+        flags: of the compiler.
+    """
+    sources = read_sources(folder)
+    precision = check_program(folder, sources, bundle)
+    try:
+        controller = CController(sources, bundle.manifest.sizes, compiler=compiler, flags=flags)
+    except LibraryError as error:
+        raise LibraryError(f"library {folder}: {error}") from error
+    controller.description = f"C99 {precision}, {controller.description}"
+    return controller
+
+
+def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> str:
+    """The library's precision, once its header shows it to be the bundle's; raises LibraryError if it does not."""
+    manifest = bundle.manifest
+    try:
+        header = Settings.of(sources)
+        program, precision = header.text("SW_PROGRAM_SHA256"), header.text("SW_PRECISION")
+        # The hash covers the sizes, but the caller's structures are laid out by them: an edited header must not pass.
+        sizes = [header.text(name) for name in ("SW_WINDOW", "SW_HORIZON", "SW_SENSOR_NAMES", "SW_SENSORS")]
+        dbc = header.text("SW_DBC_SHA256")
+    except (LibraryError, UnicodeDecodeError) as error:
+        raise LibraryError(f"library {folder}: {error}") from error
+    if program != manifest.program_sha256:
+        raise LibraryError(
+            f"library {folder}: it computes program {program[:12]}, bundle {manifest.name!r} is of program "
+            f"{manifest.program_sha256[:12]}: one `stillwake export --c` writes both"
+        )
+    expected = [manifest.window, manifest.mpc.horizon, " ".join(manifest.sensors), len(manifest.sensors)]
+    if sizes != [str(size) for size in expected]:
+        raise LibraryError(f"library {folder}: {SETTINGS} was altered: its sizes are not the program's")
+    if dbc != dbc_sha256():
+        raise LibraryError(f"library {folder}: built for another stillwake.dbc")
+    return precision

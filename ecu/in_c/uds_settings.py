@@ -1,0 +1,70 @@
+"""The constants of diagnosis in C: `sw_uds_settings.h`, so that no number of the Python server is restated there."""
+
+from collections.abc import Mapping
+from enum import IntEnum
+from struct import calcsize
+from typing import Any, Final
+
+from can_bridge.flashing.access_level import Level
+from can_bridge.isotp import endpoint
+from can_bridge.uds import fault_codes, fault_memory, security, server, services
+from can_bridge.uds.fault_reports import Report
+from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
+from contract.config.vehicle import BusConfig
+from contract.release.checks import dbc_sha256
+from ecu.flashable import diagnostic_link, vehicle_request
+from ecu.flashable.diagnostic_link import isotp_settings
+
+HEADER: Final = "sw_uds_settings.h"
+_ISOTP: Final = isotp_settings(BusConfig())
+_NUMBERED: Final[Mapping[str, type[IntEnum]]] = {
+    "SERVICE": Service, "SESSION": Session, "NRC": Nrc, "ROUTINE": Routine, "DID": Did, "LEVEL": Level,
+    "REPORT": Report,
+}  # fmt: skip
+
+
+def uds_settings() -> bytes:
+    """The header. It is the same for every release and vehicle."""
+    numbers = {
+        "MAX_REQUEST": services.MAX_REQUEST,
+        "MAX_BLOCK": services.MAX_BLOCK,
+        "MAX_DIDS": server.MAX_DIDS,
+        "P2_MS": services.P2_MS,
+        "P2_EXTENDED_MS": services.P2_EXTENDED_MS,
+        "S3_MS": services.S3_MS,
+        "LEVELS": len(Level),
+        "ACCESS_ATTEMPTS": security.MAX_ATTEMPTS,
+        "LONGEST_ANSWER": services.LONGEST_ANSWER,
+        # An answer, those beside it, and in every other place of the queue a refusal.
+        "ISOTP_ROOM": services.LONGEST_ANSWER + services.BESIDE + 3 * _ISOTP.queue,
+        "ISOTP_BESIDE": services.BESIDE,
+        "ISOTP_QUEUE": _ISOTP.queue,
+        "ISOTP_KEPT": endpoint.KEPT,
+        "ISOTP_WAITS": _ISOTP.max_waits,
+        "MOST_FRAMES": diagnostic_link.MOST_FRAMES,
+        "FAULT_COUNT": len(fault_codes.CODES),
+        "FAULTS_AVAILABLE": fault_memory.AVAILABLE,
+        "FAULTS_FORMAT": fault_codes.J2012_FORMAT,
+        "AGED_CYCLES": fault_memory.AGED_CYCLES,
+        "SNAPSHOT_BYTES": fault_codes.SNAPSHOT_BYTES,
+        **{f"{kind}_{item.name}": item.value for kind, items in _NUMBERED.items() for item in items},
+    }
+    texts = {
+        "ISOTP_BURST": _ISOTP.burst,
+        "ISOTP_WAIT_NS": f"INT64_C({_ISOTP.n_bs_ns})",
+        "ACCESS_DELAY_NS": f"INT64_C({security.DELAY_NS})",
+        "REMEMBERED_NS": f"INT64_C({vehicle_request.REMEMBERED_NS})",
+        "FAULT_CODES": _pairs(fault_codes.CODES),
+        "SNAPSHOT_PARTS": _pairs({one: calcsize(form) for one, form in fault_codes.SNAPSHOT_FORMATS.items()}),
+        "DBC_SHA256_BYTES": "{" + ", ".join(map(str, bytes.fromhex(dbc_sha256()))) + "}",
+    }
+    found = {name: f"{value:#x}u" for name, value in numbers.items()} | texts
+    lines = "\n".join(f"#define SW_{name} {value}" for name, value in found.items())
+    return (
+        "/* Generated: the numbers of diagnosis. */\n"
+        f"#ifndef SW_UDS_SETTINGS_H\n#define SW_UDS_SETTINGS_H\n\n{lines}\n\n#endif\n"
+    ).encode()
+
+
+def _pairs(numbers: Mapping[Any, int]) -> str:
+    return "{" + ", ".join(f"{{{int(one)}u, {other}u}}" for one, other in numbers.items()) + "}"

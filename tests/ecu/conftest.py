@@ -1,0 +1,168 @@
+"""A small release, a controller that records what it is asked, and a bench that feeds one ECU by hand."""
+
+from collections.abc import Callable, Sequence
+from itertools import count
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire import codec
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE, VEHICLE_SPEED
+from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure, VehicleSpeed
+from contract.config.controller import MpcConfig
+from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig
+from contract.controller.interface import ControlStep
+from contract.release.checks import Bundle
+from contract.release.manifest import Manifest, Scaling
+from ecu.ecu import Ecu
+
+if TYPE_CHECKING:
+    from tests.ecu.in_c.exported import Exported
+
+WINDOW, HORIZON = 4, 5
+
+
+class RecordingController:
+    """Plans what it was told to and keeps its inputs."""
+
+    def __init__(self, plan: Callable[[int], float] = lambda i: 0.01) -> None:
+        self.plan = plan
+        self.calls: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+
+    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
+        self.calls.append((window.copy(), plan.copy(), free.copy()))
+        # As the graph does: the shifted plan where it is committed, new actions elsewhere.
+        new = np.array([self.plan(i) for i in range(len(plan))])
+        shifted = np.append(plan[1:], plan[-1])
+        forces, terms = np.full((len(plan), 2), 0.5), np.zeros(8)
+        return ControlStep(plan=np.where(free > 0.5, new, shifted), forces=forces, terms=terms, cost=1.0)
+
+
+def numbered() -> RecordingController:
+    """A controller none of whose actions comes twice soon, in steps of the wire."""
+    numbers = count()
+    return RecordingController(lambda i: 0.0016 * (next(numbers) % 40))
+
+
+class Bench:
+    """One ECU, stepped period by period with frames made by hand."""
+
+    def __init__(self, bundle: Bundle, config: Config, controller) -> None:
+        self.bundle, self.config = bundle, config
+        self.controller = controller
+        self.ecu = Ecu(bundle, controller, config)
+        self.now_ns = 1_000_000
+        self.status: EcuStatus | None = None
+        self.sender, self.speed_sender = E2eSender(PRESSURE), E2eSender(VEHICLE_SPEED)
+        self.frames = 0
+        # Of the vehicle, with every step; None for one that sends no speed.
+        self.cruises = None if bundle.manifest.speeds is None else 1.0
+
+    def pressure(self, cp=(0.1, 0.2, 0.3, 0.4), *, enable=True, valid=(True,) * 4, age_ns=0) -> Frame:
+        """A frame sent now; cp in units of the dynamic pressure. The request is raised in the second frame of all."""
+        enable, self.frames = enable and self.frames > 0, self.frames + 1
+        scale = self.config.operating_point.dynamic_pressure
+        message = Pressure(
+            pressure_pa=tuple(value * scale for value in cp), valid=valid, enable_request=enable, age_ns=age_ns
+        )
+        return self.sender.frame(codec.emit_pressure(message), now_ns=self.now_ns)
+
+    def speed(self, ratio: float | None, *, age_ns: int = 0, density: float | None = None) -> Frame:
+        """A frame with the vehicle's speed, in design speeds."""
+        speed = None if ratio is None else ratio * self.config.operating_point.speed
+        message = VehicleSpeed(speed_m_per_s=speed, age_ns=age_ns, density_kg_per_m3=density)
+        return self.speed_sender.frame(codec.emit_vehicle_speed(message), now_ns=self.now_ns)
+
+    def step(self, *frames: Frame, periods: int = 1) -> JetCommand:
+        """One step with these frames; the clock then moves on by `periods`."""
+        speed = [] if self.cruises is None else [self.speed(self.cruises)]
+        answers = self.ecu.step(self.now_ns, [*frames, *speed])
+        self.now_ns += periods * self.config.period_ns
+        assert [frame.frame_id for frame in answers] == [JET_COMMAND.frame_id, ECU_STATUS.frame_id]
+        self.status = codec.parse_ecu_status(answers[1].data)
+        command = codec.parse_jet_command(answers[0].data)
+        assert command is not None
+        return command
+
+    def good(self, steps: int, *, enable=True) -> list[JetCommand]:
+        return [self.step(self.pressure(enable=enable)) for _ in range(steps)]
+
+    def into_control(self) -> JetCommand:
+        """Enough frames for the stream to be trusted and the window to be full."""
+        return self.good(WINDOW + 1)[-1]
+
+
+def make_bundle(*, sensors: Sequence[str] = ("upper_39", "lower_39", "base_0", "base_9"), **changes) -> Bundle:
+    """A release of a few periods' window and horizon; there is no model in it."""
+    config = Config()
+    facts = {
+        "name": "small",
+        "precision": "float32",
+        "sensors": tuple(sensors),
+        "window": WINDOW,
+        "control_period": config.flow.control_period,
+        "action_limit": config.flow.action_limit,
+        "operating_point": config.operating_point,
+        "mpc": MpcConfig(horizon=HORIZON),
+        "scaling": Scaling(
+            pressure_mean=(0.0,) * len(sensors),
+            pressure_std=(1.0,) * len(sensors),
+            action_std=1.0,
+            force_mean=(1.0, 0.0),
+            force_std=(1.0, 1.0),
+        ),
+        "budget_ms": 20.0,
+        "compute_time_ms": 8.0,
+        "created": "2026-01-02",
+        **dict.fromkeys(("dataset_sha256", "weights_sha256", "program_sha256"), "0" * 64),
+        "provenance": {},
+    }
+    return Bundle(manifest=Manifest(**{**facts, **changes}), files={}, digest="0123456789abcdef" * 4)
+
+
+def make_bench(controller=None, *, bundle: Bundle | None = None, **ecu_settings) -> Bench:
+    # Most tests look at one period at a time: its command is to act in it.
+    config = Config(ecu=EcuConfig(**{"plan_ahead": False, **ecu_settings}))
+    return Bench(make_bundle() if bundle is None else bundle, config, controller or RecordingController())
+
+
+@pytest.fixture
+def recording_controller() -> type[RecordingController]:
+    return RecordingController
+
+
+@pytest.fixture
+def bundle_of() -> Callable[..., Bundle]:
+    return make_bundle
+
+
+@pytest.fixture(scope="session")
+def bench_of() -> Callable[..., Bench]:
+    """Of session scope, so that property tests may build one an example."""
+    return make_bench
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return make_bench()
+
+
+@pytest.fixture(scope="session")
+def release(tmp_path_factory) -> "Exported":
+    """A small release with its C library; never written to."""
+    from tests.ecu.in_c.exported import exported
+
+    return exported(tmp_path_factory.mktemp("exported"))
+
+
+@pytest.fixture(scope="session")
+def sources(release) -> dict[str, bytes]:
+    """Of its ECU in C."""
+    from ecu.in_c.c_ecu import ecu_sources
+    from tests.ecu.in_c.exported import CONFIG
+
+    return ecu_sources(release.folder, release.bundle, CONFIG)

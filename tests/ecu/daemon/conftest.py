@@ -1,0 +1,178 @@
+"""A daemon's loop on a real python-can bus, with a vehicle opposite, in time that the test lets pass."""
+
+import time
+from collections.abc import Callable, Iterator
+from itertools import count
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+
+from can_bridge.bus.backends.python_can import PythonCanBus
+from can_bridge.wire import codec
+from can_bridge.wire.message_sets import FD
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
+from can_bridge.wire.messages import EcuStatus, JetCommand
+from contract import sensors
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig, EcuConfig
+from ecu.daemon.connection import Connection
+from ecu.daemon.control_loop import ControlLoop, RealTime
+from ecu.daemon.reception import Reception
+from ecu.ecu import Ecu
+from ecu.real_time.stage_times import EcuStage, StageTimes
+from ecu.real_time.timed_controller import TimedController
+from firmware_sim.bench.vehicle_node import VehicleNode
+
+CHANNELS = count()
+PATIENCE_S = 10.0
+"""How long a test waits for another thread before it fails; never reached when all is well."""
+NAMES = ("upper_39", "lower_39", "base_0", "base_9")
+START_NS = 10**12
+
+
+def wait_for(condition: Callable[[], Any]) -> Any:
+    """Its value as soon as it holds."""
+    begin = time.monotonic()
+    while not (value := condition()):
+        assert time.monotonic() - begin < PATIENCE_S, "it did not happen"
+        time.sleep(0.001)
+    return value
+
+
+class Rig:
+    """The loop, and a vehicle that samples at phase + k periods.
+
+    Time stands still but in the loop's sleep, in which the vehicle does what is due, and where `controller` spends
+    some. Frames go over a `virtual` bus of python-can and through the thread that reads it; the rig waits until they
+    have arrived.
+    """
+
+    def __init__(self, bundle, controller, *, phase_ns: int = 3_000_000, **ecu_settings) -> None:
+        self.config = Config(ecu=EcuConfig(**ecu_settings))
+        self.bus_config = BusConfig(interface="virtual", channel=f"daemon-{next(CHANNELS)}")
+        self.period_ns = self.config.period_ns
+        self.now = START_NS
+        self.next_sample = START_NS + phase_ns
+        self.vehicle = VehicleNode(NAMES, self.config)
+        self.vehicle_bus = PythonCanBus.open(self.bus_config)
+        self.controller = controller
+        self.timed = TimedController(controller, lambda: self.now)
+        self.ecu = Ecu(bundle, self.timed, self.config)
+        self.inbox = Reception(messages=FD, interface="virtual", monotonic_ns=lambda: self.now)
+        self.opened: list[can.BusABC] = []
+        self.connection = Connection(self.open_bus, self.inbox.put, first_pause_s=0.01)
+        self.connection.__enter__()
+        self.stages = StageTimes(EcuStage, 1000)
+        self.events: list[str] = []
+        self.loop = ControlLoop(
+            self.ecu,
+            self.timed.times,
+            self.connection,
+            self.inbox,
+            self.config,
+            tell=lambda event, line, **fields: self.events.append(event),
+            stage_times=self.stages,
+            real_time=RealTime(now_ns=lambda: self.now, sleep_until=self.sleep_until),
+        )
+        self.request = True
+        self.samples = 0
+        self.delay = lambda number: 0
+        self.pending: list[tuple[int, object]] = []
+        self.commands: list[JetCommand] = []
+        self.statuses: list[EcuStatus] = []
+        self.actions: list[float] = []
+
+    def open_bus(self) -> PythonCanBus:
+        protocol = can.CanProtocol.CAN_FD
+        backend = can.Bus(interface="virtual", channel=self.bus_config.channel, protocol=protocol)
+        self.opened.append(backend)
+        return PythonCanBus(backend, accept={PRESSURE.frame_id, JET_COMMAND.frame_id})
+
+    def sleep_until(self, due_ns: int) -> None:
+        while True:
+            times = [self.next_sample, *(at for at, _ in self.pending)]
+            if (at := min(times)) > due_ns:
+                break
+            self.now = max(self.now, at)
+            if at == self.next_sample:
+                self._sample()
+            else:
+                self.pending.sort(key=lambda item: item[0])
+                _, frame = self.pending.pop(0)
+                self._send(frame)
+        self.now = max(self.now, due_ns)
+
+    def _sample(self) -> None:
+        self._apply()
+        # The request is raised in the second frame of all: one that stands at power-on is none.
+        cp = np.full(sensors.COUNT, 0.1)
+        frame = self.vehicle.sample(cp, enable_request=self.request and self.samples > 0, now_ns=self.now)
+        late_ns = self.delay(self.samples)
+        self.samples += 1
+        self.next_sample += self.period_ns
+        if late_ns is None:
+            return
+        if late_ns:
+            self.pending.append((self.now + late_ns, frame))
+        else:
+            self._send(frame)
+
+    def _send(self, frame) -> None:
+        before = self.inbox.received
+        self.vehicle_bus.send(frame)
+        if self.hears:
+            wait_for(lambda: self.inbox.received > before)
+
+    @property
+    def hears(self) -> bool:
+        """Whether the bus is read."""
+        read = self.connection._bus
+        return read is not None and read.receiver.fault is None
+
+    def _apply(self) -> None:
+        heard = self.vehicle_bus.receive_all()
+        self.commands += [
+            c for f in heard if f.frame_id == JET_COMMAND.frame_id and (c := codec.parse_jet_command(f.data))
+        ]
+        self.statuses += [
+            s for f in heard if f.frame_id == ECU_STATUS.frame_id and (s := codec.parse_ecu_status(f.data))
+        ]
+        commands = [frame for frame in heard if frame.frame_id == JET_COMMAND.frame_id]
+        self.actions.append(self.vehicle.apply_commands(commands).action)
+
+    def run(self, steps: int) -> None:
+        """So many more control steps; what they sent is then in `commands` and `statuses`."""
+        self.loop.run(lambda: False, self.loop.counters.steps + steps)
+        self._apply()
+
+    def into_control(self) -> None:
+        self.run(30)
+        assert self.statuses[-1].state.name == "CONTROL", self.statuses[-1]
+        assert self.actions[-1] != 0.0
+
+    def column(self, stage: EcuStage) -> list[int]:
+        return self.stages.rows()[:, stage].tolist()
+
+    def close(self) -> None:
+        self.connection.__exit__(None, None, None)
+        self.vehicle_bus.close()
+
+
+@pytest.fixture
+def rig_of(bundle_of, recording_controller) -> Iterator[Callable[..., Rig]]:
+    rigs: list[Rig] = []
+
+    def make(controller=None, **settings) -> Rig:
+        rigs.append(Rig(bundle_of(), controller or recording_controller(), **settings))
+        return rigs[-1]
+
+    yield make
+    for rig in rigs:
+        rig.close()
+
+
+@pytest.fixture
+def rig(rig_of) -> Rig:
+    return rig_of()

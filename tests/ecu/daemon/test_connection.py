@@ -1,0 +1,84 @@
+"""A bus that goes and comes back: a serial adapter on a pseudo-terminal, pulled out and plugged in again."""
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+import can
+import pytest
+
+from can_bridge.bus.backends.python_can import PythonCanBus
+from can_bridge.bus.interface import BusState
+from can_bridge.wire.frame import Frame
+from contract.config.vehicle import BusConfig
+from contract.errors import BusError
+from ecu.daemon.connection import Back, Connection, Lost
+from tests.can_bridge.bus.backends.ptys import adapter
+from tests.ecu.daemon.conftest import wait_for
+
+FRAME = Frame(frame_id=0x130, data=bytes(8))
+LINE = b"b12091122334455667788990A0B0C\r"
+
+
+def test_a_serial_adapter_that_is_pulled_out_and_plugged_in_again(tmp_path: Path):
+    port = tmp_path / "ttyACM0"
+    config = BusConfig(interface="slcan", channel=str(port))
+    heard: list[Frame] = []
+    with adapter() as first:
+        port.symlink_to(first.port)
+        connection = Connection(
+            lambda: PythonCanBus.open(config, settle_s=0.0), heard.append, first_pause_s=0.01
+        ).__enter__()
+        assert connection.send([FRAME])
+        first.write(LINE)
+        wait_for(lambda: len(heard) == 1)
+        assert connection.look() is None
+        os.close(first.fd)
+        port.unlink()
+        lost = wait_for(connection.look)
+        assert isinstance(lost, Lost)
+        assert "CAN bus failed" in lost.why
+    assert (connection.health().state, connection.health().bus_off) == (BusState.BUS_OFF, 1)
+    assert not connection.send([FRAME, FRAME])
+    assert (connection.not_sent, connection.why_not_sent) == (2, "the bus is lost")
+    assert connection.look() is None
+    with adapter() as second:
+        port.symlink_to(second.port)
+        back = wait_for(connection.look)
+        assert isinstance(back, Back)
+        assert back.after_s > 0.0
+        assert (connection.health().state, connection.health().bus_off) == (BusState.ERROR_ACTIVE, 1)
+        assert connection.losses == 1
+        second.write(LINE)
+        wait_for(lambda: len(heard) == 2)
+        assert connection.send([FRAME])
+        connection.__exit__(None, None, None)
+
+
+def test_a_bus_that_cannot_be_opened_at_the_start_is_an_error():
+    connection = Connection(lambda: PythonCanBus.open(BusConfig(interface="socketcan", channel="no0")), print)
+    with pytest.raises(BusError, match="socketcan 'no0'"), connection:
+        pass
+
+
+def test_attempts_come_ever_more_rarely_and_end_with_the_connection(monkeypatch):
+    waits: list[float] = []
+    opened = [can.Bus(interface="virtual", channel="rarely", protocol=can.CanProtocol.CAN_FD)]
+    connection = Connection(lambda: PythonCanBus(opened[-1]), print, first_pause_s=0.01)
+
+    def waited(pause_s: float) -> bool:
+        waits.append(pause_s)
+        # The last one for real: its pause is far longer than the end takes.
+        return len(waits) > 12 and wait(3600.0)
+
+    with connection:
+        wait = connection._closing.wait
+        monkeypatch.setattr(connection, "_open", lambda: PythonCanBus.open(BusConfig(interface="socketcan")))
+        monkeypatch.setattr(connection._closing, "wait", waited)
+        opened[-1].shutdown()
+        assert isinstance(wait_for(connection.look), Lost)
+        wait_for(lambda: len(waits) == 13)
+    assert waits[:4] == [0.01, 0.02, 0.04, 0.08]
+    assert waits[-1] == 5.0
+    with suppress(BusError):
+        opened[-1].shutdown()

@@ -1,0 +1,183 @@
+"""The loop on a bus: when it steps, and what becomes of a late, a lost, and a contested bus."""
+
+import gc
+
+import can
+import numpy as np
+import pytest
+
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire import codec
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
+from can_bridge.wire.messages import JetCommand, Mode, Reason
+from contract.config.tree import Config
+from contract.controller.interface import ControlStep
+from ecu.real_time.deadlines import wrapped
+from ecu.real_time.stage_times import EcuStage
+from tests.each import each
+from tests.ecu.daemon.conftest import START_NS, Rig, wait_for
+
+PERIOD = Config().period_ns
+MS = 1_000_000
+
+
+class Slow:
+    """Spends the rig's time where it plans."""
+
+    rig: Rig
+
+    def __init__(self) -> None:
+        self.takes_ns = 0
+
+    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
+        self.rig.now += self.takes_ns
+        return ControlStep(plan=np.full(len(plan), 0.01), forces=np.zeros((len(plan), 2)), terms=np.zeros(8), cost=0.0)
+
+
+@pytest.fixture
+def slow(rig_of):
+    controller = Slow()
+    controller.rig = rig_of(controller)
+    return controller
+
+
+@each("phase_ms", [0, 7, 19])
+def test_steps_come_to_lie_the_offset_behind_the_pressures(rig_of, phase_ms):
+    rig = rig_of(phase_ns=phase_ms * MS, step_offset_ms=4.0)
+    rig.run(60)
+    behind = [(due - START_NS - phase_ms * MS) % PERIOD for due in rig.column(EcuStage.SCHEDULED)]
+    assert behind[-1] == 4 * MS
+    # Never by leaps: between two steps there is a period, but for a 32nd.
+    gaps = np.diff(rig.column(EcuStage.SCHEDULED))
+    assert np.abs(gaps - PERIOD).max() <= PERIOD // 32
+
+
+@pytest.mark.parametrize("behind_ms", [1, 10])
+def test_frames_of_a_stranger_do_not_move_the_steps(rig, behind_ms):
+    """Pressures that fail their check, just behind the vehicle's or halfway between two, in place of every other."""
+    rig.into_control()
+    rig.run(20)
+    before = wrapped(rig.column(EcuStage.SCHEDULED)[-1], PERIOD)
+    forged = Frame(frame_id=PRESSURE.frame_id, data=bytes(PRESSURE.length))
+    for number in range(40):
+        rig.delay = (lambda number: None) if number % 2 else (lambda number: 0)
+        rig.pending.append((rig.next_sample + behind_ms * MS, forged))
+        rig.run(1)
+    assert wrapped(rig.column(EcuStage.SCHEDULED)[-1], PERIOD) == before
+
+
+def test_a_step_that_takes_too_long_leaves_periods_out_and_is_not_made_up_for(slow):
+    rig = slow.rig
+    rig.into_control()
+    steps, due = rig.loop.counters.steps, rig.column(EcuStage.SCHEDULED)[-1]
+    slow.takes_ns = 50 * MS
+    rig.run(1)
+    slow.takes_ns = 0
+    rig.run(10)
+    assert rig.loop.counters.left_out == 2
+    assert rig.loop.counters.steps == steps + 11
+    scheduled = rig.column(EcuStage.SCHEDULED)[-11:]
+    assert scheduled[0] - due == PERIOD
+    assert scheduled[1] - scheduled[0] == 3 * PERIOD
+    assert set(np.diff(scheduled[1:])) == {PERIOD}
+    assert rig.statuses[-1].overruns == 2
+
+
+def test_each_stage_is_noted(slow):
+    rig = slow.rig
+    slow.takes_ns = 6 * MS
+    rig.into_control()
+    # Until the steps lie where they are to.
+    rig.run(20)
+    row = dict(zip((stage.name for stage in EcuStage), rig.stages.rows()[-1].tolist(), strict=True))
+    sampled = row["FRAME_ARRIVED"]
+    assert wrapped(sampled - START_NS - 3 * MS, PERIOD) == 0
+    assert row["SCHEDULED"] == row["WOKE"] == row["STEP_BEGAN"] == row["PLAN_BEGAN"] == sampled + 4 * MS
+    assert row["PLAN_ENDED"] == row["STEP_ENDED"] == row["SENT"] == sampled + 10 * MS
+    assert row["PERIOD"] == len(rig.stages.rows()) - 1
+    # The counter of the DBC: what the command echoes.
+    assert row["PRESSURE_COUNTER"] == rig.commands[-1].pressure_counter
+    # Before control there is no plan.
+    assert rig.column(EcuStage.PLAN_BEGAN)[0] == 0
+
+
+def test_another_ecu_on_the_bus_shuts_the_jets(rig):
+    rig.into_control()
+    other = E2eSender(JET_COMMAND)
+    content = codec.emit_jet_command(
+        JetCommand(flow_m2_per_s=1.0, mode=Mode.CONTROL, enable=True, pressure_counter=3, next_period=True)
+    )
+    for number in range(40):
+        # An edge does not arm while it is there.
+        rig.request = number % 20 > 3
+        rig.pending.append((rig.next_sample + MS, other.frame(content, now_ns=rig.now)))
+        rig.run(1)
+    assert rig.events.count("other_ecu") == 1
+    assert {(c.mode, c.enable, c.flow_m2_per_s) for c in rig.commands[-38:]} == {(Mode.FAULT, False, 0.0)}
+    assert rig.statuses[-1].reason is Reason.OTHER_ECU
+    assert rig.loop.counters.other_ecu == 40
+    # Its silence alone gives nothing back.
+    rig.run(100)
+    assert rig.events.count("other_ecu_gone") == 1
+    modes = [rig.commands[-1].mode]
+    rig.request = False
+    rig.run(2)
+    rig.request = True
+    rig.run(8)
+    assert [*modes, rig.commands[-1].mode] == [Mode.FAULT, Mode.CONTROL]
+
+
+def test_a_lost_bus_is_logged_opened_again_and_gives_no_control_back_by_itself(rig):
+    rig.into_control()
+    rig.opened[-1].shutdown()
+    wait_for(lambda: not rig.hears)
+    rig.loop.period()
+    assert rig.events[-2:] == ["bus_lost", "mode"]
+    state = rig.ecu.state
+    assert (state.fail_safe.mode.on_wire, state.fail_safe.reason) == (Mode.FAULT, Reason.BUS_OFF)
+    assert rig.ecu.trace.action == 0.0
+    wait_for(lambda: len(rig.opened) == 2)
+    # The thread that opened it hands it over after that.
+    wait_for(lambda: not rig.connection._opener.is_alive())
+    rig.run(40)
+    assert rig.events.count("bus_back") == 1
+    assert (rig.statuses[-1].state, rig.statuses[-1].bus_off) == (Mode.FAULT, 1)
+    assert not any(command.enable for command in rig.commands[-30:])
+    assert rig.actions[-1] == 0.0
+    rig.request = False
+    rig.run(2)
+    rig.request = True
+    rig.run(8)
+    assert rig.commands[-1].mode is Mode.CONTROL
+
+
+def test_frames_that_the_bus_does_not_take_are_counted_and_the_loop_goes_on(rig, monkeypatch):
+    rig.into_control()
+
+    def refuse(message, timeout=None):
+        raise can.CanOperationError("no buffer space")
+
+    monkeypatch.setattr(rig.opened[-1], "send", refuse)
+    rig.run(3)
+    assert rig.loop.counters.not_sent == 6
+    assert "no buffer space" in rig.connection.why_not_sent
+    assert rig.column(EcuStage.SENT)[-3:] == [0, 0, 0]
+
+
+def test_steps_make_no_garbage_that_needs_collecting(rig):
+    """The collector is off for as long as the ECU runs: what only it could free would pile up."""
+    rig.into_control()
+    gc.collect()
+    gc.disable()
+    left = []
+    try:
+        for delay in (rig.delay, lambda number: None):
+            rig.delay = delay
+            for _ in range(3):
+                rig.run(25)
+                left.append(gc.collect())
+    finally:
+        gc.enable()
+    # What steps leave comes every time; what other threads of the test's process leave does not.
+    assert (min(left[:3]), min(left[3:])) == (0, 0)

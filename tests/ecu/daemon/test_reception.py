@@ -1,0 +1,82 @@
+"""Receptions in the ECU's own time, whatever is done to the date."""
+
+from itertools import count, pairwise
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import FD
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
+from ecu.daemon.reception import LONGEST_AGE_NS, ROOM, Reception, received_ns
+from tests.each import each
+from tests.examples import examples
+
+HOUR = 3_600_000_000_000
+NOW, DATE = 50 * HOUR, 20_000 * 24 * HOUR
+
+
+def inbox(interface: str, *, date=lambda: DATE, monotonic=lambda: NOW) -> Reception:
+    return Reception(messages=FD, interface=interface, monotonic_ns=monotonic, date_ns=date)
+
+
+def pressure(stamp_ns: int = 0) -> Frame:
+    return Frame(frame_id=PRESSURE.frame_id, data=bytes(PRESSURE.length), timestamp_ns=stamp_ns)
+
+
+@given(age=st.integers(0, LONGEST_AGE_NS), date=st.integers(LONGEST_AGE_NS, 10**19), now=st.integers(10**9, 10**18))
+@examples(100)
+def test_a_sound_stamp_is_moved_to_the_other_clock_exactly(age, date, now):
+    assert received_ns(date - age, monotonic_ns=now, date_ns=date) == now - age
+
+
+@given(age=st.integers(0, 10**7), step=st.integers(-(10**18), 10**18))
+@examples(200)
+def test_a_date_that_is_set_between_stamp_and_look_does_bounded_harm(age, step):
+    """Set on: the frame looks old, and is not planned on. Set back: it looks as if it came now, never later."""
+    moved = received_ns(DATE - age, monotonic_ns=NOW, date_ns=DATE + step)
+    assert NOW - LONGEST_AGE_NS <= moved <= NOW
+    if step >= 0:
+        assert moved <= NOW - age
+
+
+@each("interface", ["udp_multicast", "socketcan", "slcan", "virtual", "pcan", "python-can"])
+def test_a_frame_is_as_old_as_its_stamp_where_its_clock_is_known(interface):
+    box, stamps = inbox(interface), (DATE - 7_000_000, 0, 10**19)
+    for stamp in stamps:
+        box.put(pressure(stamp))
+    waited, *others = (NOW - frame.timestamp_ns for frame in box.take().pressures)
+    if interface in ("virtual", "pcan", "python-can"):
+        assert (waited, others) == (0, [0, 0])
+    else:
+        assert waited == 7_000_000
+
+
+def test_a_step_of_the_date_between_two_frames_does_not_reach_the_ecu():
+    """NTP sets the date back by an hour, and on by two: stamps and looks jump together, ages stay."""
+    ticks, steps = count(NOW, 20_000_000), {3: -HOUR, 6: 2 * HOUR}
+    date_is_off = 0
+    arrivals = []
+    for number in range(10):
+        date_is_off += steps.get(number, 0)
+        now = next(ticks)
+        date = DATE + now - NOW + date_is_off
+        box = inbox("socketcan", date=lambda date=date: date, monotonic=lambda now=now: now)
+        box.put(pressure(date - 100_000))
+        arrivals.append(box.take().pressures[0].timestamp_ns)
+    assert {after - before for before, after in pairwise(arrivals)} == {20_000_000}
+
+
+def test_frames_by_the_ecus_own_names_are_kept_for_the_step_that_judges_them_and_a_flood_takes_bounded_room():
+    box = inbox("virtual")
+    for spec, times in ((JET_COMMAND, 3), (ECU_STATUS, 2), (PRESSURE, 1)):
+        for _ in range(times):
+            box.put(E2eSender(spec).frame(bytes(spec.protected), now_ns=0))
+    box.put(Frame(frame_id=0x55, data=b""))
+    taken = box.take()
+    assert (len(taken.pressures), len(taken.others), box.received) == (1, 5, 6)
+    assert box.take() == ([], [])
+    for _ in range(ROOM + 10):
+        box.put(pressure())
+    assert (len(box.take().pressures), box.dropped) == (ROOM, 10)

@@ -1,0 +1,179 @@
+"""The whole ECU in a thread of this process, on a `virtual` bus, with a vehicle opposite."""
+
+import json
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from itertools import count
+from pathlib import Path
+from threading import Event, Thread
+
+import numpy as np
+import pytest
+
+from can_bridge.bus.backends.python_can import PythonCanBus
+from can_bridge.secoc.key import KEY_LENGTH, read_key, write_key
+from can_bridge.secoc.node import Authentication
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig, EcuConfig
+from contract.errors import BundleError, BusError, ConfigError
+from contract.release import bundle as bundles
+from contract.release.checks import Bundle
+from contract.runtime.onnx_session import OnnxController
+from ecu.daemon.counters import Counters
+from ecu.daemon.events import as_json
+from ecu.daemon.service import Options, freshness_file, serve
+from ecu.real_time.privileges import Wanted
+from ecu.real_time.stage_times import EcuStage, load
+from tests.ecu.daemon.driving import PATIENCE_S, Vehicle
+
+CHANNELS = count()
+PLAIN = Wanted(priority=0, lock_memory=False, without_collector=False)
+"""A test process keeps what it is; privileges have tests of their own."""
+PATIENT = EcuConfig(deadline_misses=11)
+"""More than the window: late steps, of which a busy machine has many, never latch."""
+
+
+@pytest.fixture
+def release(short_release: Path) -> Bundle:
+    return bundles.load(short_release)
+
+
+@pytest.fixture
+def config() -> Config:
+    bus = BusConfig(interface="virtual", channel=f"service-{next(CHANNELS)}")
+    return Config(bus=bus, ecu=PATIENT)
+
+
+@dataclass
+class Running:
+    stop: Event = field(default_factory=Event)
+    lines: list[str] = field(default_factory=list)
+    counters: list[Counters] = field(default_factory=list)
+
+
+def run(release: Bundle, config: Config, write=lambda line: None, *, is_stopped, **options) -> Counters:
+    wanted = Options(**{"wanted": PLAIN, "environment": {}, "as_line": as_json, **options})
+    return serve(
+        release, OnnxController.of(release), config, wanted, is_stopped=is_stopped, write=write, signature="unsigned"
+    )
+
+
+@contextmanager
+def running(release: Bundle, config: Config, **options) -> Iterator[Running]:
+    """Serve while the block lasts."""
+    its = Running()
+
+    def work() -> None:
+        its.counters.append(run(release, config, its.lines.append, is_stopped=its.stop.is_set, **options))
+
+    thread = Thread(target=work)
+    thread.start()
+    try:
+        yield its
+    finally:
+        its.stop.set()
+        thread.join(PATIENCE_S)
+    assert its.counters, "it did not end by itself"
+
+
+def test_from_power_on_to_control_and_off_again(release, config, tmp_path):
+    files = {"metrics": tmp_path / "ecu.prom", "stage_times": tmp_path / "ecu.npz"}
+    with PythonCanBus.open(config.bus) as bus:
+        vehicle = Vehicle(config, bus)
+        with running(release, config, **files) as its:
+            vehicle.until(lambda: len(vehicle.commands) > 10, request=True)
+            # The request stood when it was switched on: that is no edge.
+            assert {command.enable for command in vehicle.commands} == {False}
+            vehicle.into_control()
+            its.stop.set()
+            vehicle.until(lambda: its.counters, request=True)
+        vehicle.period(request=True)
+        assert [(c.enable, c.flow_m2_per_s) for c in vehicle.commands[-3:]] == [(False, 0.0)] * 3
+        assert vehicle.action == 0.0
+    events = [json.loads(line)["event"] for line in its.lines]
+    # On a busy machine the last line may be of periods that were left out.
+    assert events[0] == "runs" and "stopped" in events[-2:]
+    steps = its.counters[0].steps
+    assert f"stillwake_ecu_steps_total {steps}\n" in files["metrics"].read_text()
+    assert len(load(files["stage_times"], EcuStage)) == steps
+
+
+@pytest.mark.slow  # freshness values are looked at once a second
+def test_with_a_key_a_restart_is_accepted_and_a_lost_file_is_not(release, config, tmp_path):
+    key, freshness = tmp_path / "key", tmp_path / "state" / "freshness.json"
+    write_key(key, secrets.token_bytes(KEY_LENGTH))
+    config = replace(config, bus=replace(config.bus, key=str(key)))
+    with PythonCanBus.open(config.bus) as bus:
+        vehicle = Vehicle(config, bus, Authentication(key=read_key(key), trip=5))
+        for trip in (1, 2):
+            with running(release, config, freshness=freshness):
+                vehicle.into_control()
+                # A second look at the counters, in which the vehicle's power cycle is kept.
+                vehicle.until(lambda: "290" in json.loads(freshness.read_text())["heard"], request=True)
+            kept = json.loads(freshness.read_text())
+            assert kept["trip"] == trip
+            assert kept["heard"]["290"] >> 32 == 5
+        assert vehicle.node.frames_not_authentic == 0
+        freshness.unlink()
+        with running(release, config, freshness=freshness):
+            vehicle.until(lambda: vehicle.node.frames_not_authentic > 20, request=True)
+            assert vehicle.action == 0.0
+
+
+def test_a_key_needs_a_place_for_what_outlives_a_restart(tmp_path):
+    with pytest.raises(ConfigError, match="--freshness FILE"):
+        freshness_file(Options(environment={}))
+    assert freshness_file(Options(environment={"STATE_DIRECTORY": f"{tmp_path}:/b"})) == tmp_path / "freshness.json"
+    assert freshness_file(Options(freshness=Path("x"), environment={"STATE_DIRECTORY": "/b"})) == Path("x")
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        ({"bus": BusConfig()}, BusError, "in virtual time and connects nothing real"),
+        ({"bus": BusConfig(interface="socketcan", channel="no-such0")}, BusError, "socketcan 'no-such0'"),
+        ({"flow": replace(Config().flow, control_period=0.1)}, BundleError, "another control period: 0.2"),
+        ({"ecu": EcuConfig(step_offset_ms=25.0)}, ConfigError, "ecu.step_offset_ms = 25"),
+    ],
+)
+def test_what_cannot_run_is_refused_before_a_frame_is_sent(release, config, change, error, words):
+    with PythonCanBus.open(config.bus) as bus:
+        with pytest.raises(error, match=words):
+            run(release, replace(config, **change), is_stopped=lambda: True)
+        assert bus.receive_all() == []
+
+
+def test_whatever_ends_it_the_jets_are_shut(release, config):
+    """Even a fault of its own, which no test knows of: here the looking for a stop fails."""
+    looks = count()
+
+    def broken() -> bool:
+        if next(looks) == 5:
+            raise RuntimeError("a fault of ours")
+        return False
+
+    with PythonCanBus.open(config.bus) as bus:
+        vehicle = Vehicle(config, bus)
+        with pytest.raises(RuntimeError, match="a fault of ours"):
+            run(release, config, is_stopped=broken)
+        vehicle.period(request=True)
+        assert [command.enable for command in vehicle.commands] == [False] * 8
+
+
+def test_onnx_runtime_has_no_thread_that_could_spin(release):
+    def threads() -> set[str]:
+        return set(os.listdir("/proc/self/task"))
+
+    controller = OnnxController.of(release)
+    before = threads()
+    shapes = release.manifest.sizes.shapes()
+    window, plan, free = (np.zeros(shapes[name]) for name in ("window", "plan", "free"))
+    another = OnnxController.of(release)
+    for _ in range(10):
+        for one in (controller, another):
+            one.control_step(window, plan, free)
+    # A pool of threads would have come with the second session; some of another test may have gone.
+    assert threads() <= before

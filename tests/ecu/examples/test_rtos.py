@@ -1,0 +1,55 @@
+"""The files of `examples/rtos` compile as they stand, and drive."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from can_bridge.e2e.receiver import Check, E2eReceiver
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.messages import Mode
+from contract.config.learning import ModelConfig
+from ecu.in_c.compiler import host_compiler
+from tests.ecu.examples.conftest import without
+
+RTOS = Path(__file__).parents[5] / "examples" / "rtos"
+C = Path(__file__).with_name("c")
+SYSTEMS = {
+    "freertos": ["FreeRTOS.h", "freertos.c"],
+    # The tests' compiler takes no folders in folders.
+    "zephyr": ["zephyr.h", "zephyr.c"],
+}
+"""What stands in for each: as far as the files use it, one thread, and time that passes while it sleeps. Both play
+the vehicle of `pressures.h`: a frame a control period, at its beginning, amid more frames of other nodes than the queue
+holds. JetCommands are printed in hex, and the program ends when the pressures do."""
+EMPTY = {"queue.h": b"", "task.h": b""}
+"""What FreeRTOS has in files that its stand-in does not need."""
+
+
+@pytest.mark.compiler
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_every_period_has_a_command_and_the_jets_are_driven(system, folder, built_for, tmp_path, shared_builds):
+    config, messages = built_for
+    if config.bus.frames != "fd":
+        pytest.skip("one of the sets shows it")
+    stand_ins = {name: (C / name).read_text() for name in ("board.h", "board.c", *SYSTEMS[system])}
+    contents = without(folder, "main_socketcan.c", "systick.c")
+    files = {name: (RTOS / name).read_text() for name in ("ecu_port.h", "ecu_task.c", f"port_{system}.c")}
+    port = re.sub(r"^#include <zephyr/.*>$", '#include "zephyr.h"', files[f"port_{system}.c"], flags=re.MULTILINE)
+    files |= {f"port_{system}.c": port} | stand_ins
+    contents |= EMPTY | {name: text.encode() for name, text in files.items()}
+    program = tmp_path / "ecu"
+    shared_builds.compile_c(contents, program, compiler=host_compiler(), flags=("-O0", "-ffp-contract=off"))
+    done = subprocess.run([program], capture_output=True, text=True, timeout=60, check=True)
+    receiver, modes = E2eReceiver(messages.command.spec, config.bus.e2e), list[Mode]()
+    for line in done.stdout.split():
+        wire = bytes.fromhex(line)
+        assert receiver.tick([Frame(frame_id=messages.command.spec.frame_id, data=wire)]).checks == (Check.OK,)
+        command = messages.command.parse(wire)
+        assert command is not None
+        modes.append(command.mode)
+    window = ModelConfig().window
+    assert len(modes) > window + 10
+    assert Mode.CONTROL not in modes[: window - 1]
+    assert set(modes[-10:]) == {Mode.CONTROL}

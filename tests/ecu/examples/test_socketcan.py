@@ -1,0 +1,133 @@
+"""The example for Linux, against a bus that the test plays."""
+
+import os
+import select
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import MessageSet
+from can_bridge.wire.messages import Mode
+from ecu.in_c.compiler import host_compiler
+from tests.ecu.daemon.driving import Vehicle
+from tests.ecu.examples.conftest import without
+
+BUS = Path(__file__).with_name("c").joinpath("bus.c").read_bytes()
+WRAPPED = ("-Wl,--wrap=socket", "-Wl,--wrap=bind", "-Wl,--wrap=ioctl", "-Wl,--wrap=setsockopt")
+FD_FRAME, CLASSIC_FRAME = struct.Struct("=IB3x64s"), struct.Struct("=IB3x8s")
+"""`struct canfd_frame` and `struct can_frame` of Linux."""
+BUS_OFF = CLASSIC_FRAME.pack(0x20000000 | 0x40, 8, bytes(8))
+"""An error frame: CAN_ERR_FLAG and CAN_ERR_BUSOFF of linux/can/error.h."""
+
+
+@pytest.fixture(scope="session")
+def linux_program(folder, tmp_path_factory, shared_builds) -> Callable[..., Path]:
+    """`main_socketcan.c` with a bus in place of the kernel's, or without."""
+    if not sys.platform.startswith("linux"):
+        pytest.skip("SocketCAN is Linux's")
+    contents = without(folder, "systick.c", "pressures.h", "mps2_an500.ld")
+    place = tmp_path_factory.mktemp("socketcan")
+
+    def build(name: str, *flags: str, **others: bytes) -> Path:
+        path = place / name
+        given = contents | {f"{other}.c": text for other, text in others.items()}
+        shared_builds.compile_c(given, path, compiler=host_compiler(), flags=("-O1", "-ffp-contract=off", *flags))
+        return path
+
+    return build
+
+
+def test_without_an_interface_the_linux_program_says_so(linux_program):
+    program = linux_program("ecu")
+    cannot = "CAN interface no_such_bus cannot be opened: "
+    for arguments, words in (([], "usage: ecu INTERFACE"), (["no_such_bus"], cannot)):
+        done = subprocess.run([program, *arguments], capture_output=True, text=True, timeout=60, check=False)
+        assert done.returncode == 1
+        assert done.stderr.startswith(words)
+        assert done.stderr.count("\n") == 1
+
+
+@contextmanager
+def started(program: Path, bus: socket.socket) -> Iterator[subprocess.Popen[bytes]]:
+    """The Linux program on this end of the bus; it does not outlive the block."""
+    environment = os.environ | {"BUS": str(bus.fileno())}
+    with subprocess.Popen(
+        [program, "can0"], env=environment, pass_fds=[bus.fileno()], stderr=subprocess.PIPE
+    ) as running:
+        try:
+            yield running
+        finally:
+            running.kill()
+
+
+class SocketBus:
+    """This end of the socket as a bus, on which none but the ECU's frames come."""
+
+    def __init__(self, end: socket.socket, messages: MessageSet) -> None:
+        self._end, self._messages = end, messages
+        self._form = FD_FRAME if messages.command.spec.is_fd else CLASSIC_FRAME
+
+    def send(self, frame: Frame) -> None:
+        self._end.send(self._form.pack(frame.frame_id, len(frame.data), frame.data))
+
+    def receive_all(self) -> list[Frame]:
+        frames = []
+        with suppress(BlockingIOError):
+            while True:
+                identifier, length, content = self._form.unpack(self._end.recv(128))
+                frames.append(Frame(frame_id=identifier, data=content[:length]))
+        specs = self._messages.command.spec, self._messages.status.spec
+        assert {(one.frame_id, len(one.data)) for one in frames} <= {(spec.frame_id, spec.length) for spec in specs}
+        return frames
+
+
+@pytest.mark.processes
+def test_the_linux_program_drives_the_jets_and_ends_with_them_shut(linux_program, built_for):
+    config, messages = built_for
+    program = linux_program("ecu_on_a_socket", *WRAPPED, bus=BUS)
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    ours.setblocking(False)
+    vehicle = Vehicle(config, cast(Any, SocketBus(ours, messages)))
+    with ours, theirs, started(program, theirs) as running:
+        vehicle.into_control()
+        ours.send(BUS_OFF)
+        vehicle.until(lambda: vehicle.commands[-1].mode is Mode.FAULT, request=True)
+        assert not vehicle.commands[-1].enable
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(timeout=60) == 0
+        vehicle.period(request=True)
+    last = vehicle.commands[-3:]
+    assert [(command.mode, command.enable, command.flow_m2_per_s) for command in last] == [(Mode.OFF, False, 0.0)] * 3
+    assert all(command.next_period == config.ecu.plan_ahead for command in vehicle.commands)
+
+
+@pytest.mark.processes
+def test_a_bus_that_takes_nothing_does_not_hold_the_linux_program_up(linux_program):
+    """Nobody reads: after some frames a send would wait, and the program with it, even at its end."""
+    program = linux_program("ecu_on_a_socket", *WRAPPED, bus=BUS)
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    # So that few frames fill it.
+    theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
+    with ours, theirs, started(program, theirs) as running:
+        is_full(theirs)
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(timeout=60) == 0
+
+
+def is_full(bus: socket.socket, most_s: float = 60.0) -> None:
+    """Return when this end takes nothing more."""
+    poller, end = select.poll(), time.monotonic() + most_s
+    poller.register(bus, select.POLLOUT)
+    while poller.poll(0):
+        assert time.monotonic() < end
+        time.sleep(0.02)

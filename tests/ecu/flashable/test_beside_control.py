@@ -1,0 +1,143 @@
+"""Diagnosis next to control: it changes no bit of what is commanded, and is refused where it would."""
+
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from can_bridge.wire.frame import FD_LENGTHS, Frame
+from can_bridge.wire.messages import Mode, Reason
+from contract.release.checks import Bundle
+from contract.runtime.onnx_session import OnnxController
+from ecu.ecu import Ecu
+from ecu.flashable.diagnostic_link import MOST_FRAMES
+from tests.can_bridge.uds.addresses import REQUEST_ID
+from tests.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, provision
+
+EXTENDED, PROGRAMMING, PRECONDITIONS = b"\x10\x03", b"\x10\x02", b"\x31\x01\x02\x03"
+NOT_NOW = 0x22
+
+
+@pytest.mark.slow
+def test_neither_a_tester_that_asks_nor_a_flood_changes_a_bit_of_the_commands(tmp_path: Path) -> None:
+    provision(tmp_path / "ecu", image("first"))
+    rig = Rig(tmp_path / "ecu", UNCHECKED, controller_of=OnnxController.of)
+    rig.into_control()
+    for _ in range(2):
+        rig.good(EXTENDED)
+        for did in (0xF18C, 0xF191, 0xF195, 0xFD00, 0xFD01, 0xFD02, 0xFD03, 0xFD04, 0xFD10, 0xFD11, 0xFD12):
+            rig.good(b"\x22" + did.to_bytes(2, "big"))
+        assert rig.ask(PROGRAMMING)[2] == NOT_NOW
+        # Wrong keys, until none is taken for a while.
+        for count in (1, 2):
+            rig.ask(b"\x27\x03")
+            assert rig.ask(b"\x27\x04" + bytes(16))[2] in (0x35, 0x36, 0x24)
+            assert "key_refused" in rig.log.names(), count
+    random = Random(0)
+    for _ in range(100):
+        frames = [
+            Frame(frame_id=random.choice((REQUEST_ID, 0x7D0)), data=random.randbytes(random.choice(FD_LENGTHS)))
+            for _ in range(2 * MOST_FRAMES)
+        ]
+        rig.extra, before = frames, len(rig.sent)
+        rig.millisecond()
+        # Its work in a millisecond is bounded.
+        assert len(rig.sent) - before <= 2 + 8 + 2 * MOST_FRAMES
+    rig.extra = ()
+    assert rig.statuses[-1].state is Mode.CONTROL
+    assert len({command.flow_m2_per_s for command in rig.commands}) > 10
+    # What the ECU without a store answers to the same pressures at the same times.
+    bundle = rig.ecu.boot.bundle
+    assert isinstance(bundle, Bundle)
+    plain = Ecu(bundle, OnnxController.of(bundle), UNCHECKED)
+    assert [sent for _, _, sent in rig.controls] == [plain.step(now_ns, frames) for now_ns, frames, _ in rig.controls]
+    # It still answers, too.
+    rig.run(3000)
+    rig.answers.clear()
+    rig.tester.take()
+    assert rig.good(b"\x22\xf1\x8c")[3:] == b"42"
+
+
+@pytest.mark.slow
+def test_a_flood_of_requests_does_not_stop_long_work(rig: Rig) -> None:
+    raw = image("second")
+    rig.programming()
+    for _ in rig.blocks(raw, rig.announce(raw)):
+        pass
+    rig.tester.send(b"\x31\x01\xff\x01")
+    rig.millisecond()
+    rig.extra = [Frame(frame_id=REQUEST_ID, data=b"\x02\x3e\x00" + bytes(5))]
+    before = len(rig.answers)
+    rig.run(2000)
+    answers = rig.answers[before:]
+    assert any(answer[:4] == b"\x71\x01\xff\x01" for answer in answers)
+
+
+def test_no_programming_while_the_jets_may_run(rig: Rig) -> None:
+    rig.good(PROGRAMMING)
+    rig.into_control()
+    # A session from before, to begin which takes no key, resets no control that runs.
+    assert rig.ask(b"\x11\x01")[2] == NOT_NOW
+    rig.run(100)
+    assert (rig.ecu.resets, rig.statuses[-1].state) == (0, Mode.CONTROL)
+    rig.good(EXTENDED)
+    assert rig.ask(PRECONDITIONS)[2] == NOT_NOW
+    assert rig.ask(PROGRAMMING)[2] == NOT_NOW
+    # The pressures end: the jets shut, but whether the request is still set is unknown for a second.
+    rig.request = None
+    rig.run(500)
+    assert not rig.commands[-1].enable
+    assert rig.ask(PROGRAMMING)[2] == NOT_NOW
+    rig.run(600)
+    rig.good(EXTENDED)
+    rig.good(PRECONDITIONS)
+    rig.good(PROGRAMMING)
+
+
+def test_no_programming_while_the_vehicle_asks_for_control_and_does_not_get_it(rig: Rig) -> None:
+    # From power-on: the request is set and has not risen, so the jets stay shut.
+    rig.request = True
+    rig.run(1000)
+    assert rig.statuses[-1].reason is Reason.NOT_ARMED
+    assert rig.ask(PROGRAMMING)[2] == NOT_NOW
+    rig.request = False
+    rig.run(1100)
+    rig.programming()
+    # One between session and announcement counts as well.
+    rig.request = True
+    rig.run(2000)
+    assert rig.statuses[-1].state is Mode.CONTROL
+    assert rig.ask(b"\x31\x01\xff\x00" + bytes(36))[2] == NOT_NOW
+    rig.run(40)
+    assert rig.statuses[-1].state is Mode.CONTROL
+
+
+def test_only_a_reset_leads_out_of_update(rig: Rig) -> None:
+    rig.request = False
+    rig.run(100)
+    rig.programming()
+    rig.announce(image("second"))
+    rig.request = True
+    rig.run(1000)
+    assert (rig.statuses[-1].state, rig.statuses[-1].reason) == (Mode.OFF, Reason.UPDATING)
+    assert not any(command.enable for command in rig.commands)
+    # It is allowed though control is asked for.
+    rig.reset()
+    rig.into_control()
+
+
+def test_a_reset_shuts_jets_that_run(rig: Rig) -> None:
+    rig.request = False
+    rig.run(100)
+    rig.programming()
+    rig.request = True
+    rig.run(2000)
+    assert rig.commands[-1].enable
+    # A tester's is refused by now; one that was answered before the request came is not.
+    rig.ecu._ask_for_reset()
+    rig.run(100)
+    assert rig.ecu.resets == 1
+    # The request that is set does not count for the new power cycle.
+    rig.commands.clear()
+    rig.run(500)
+    assert not any(command.enable for command in rig.commands)

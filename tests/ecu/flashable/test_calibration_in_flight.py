@@ -1,0 +1,221 @@
+"""The goal of an ECU that controls, changed by diagnosis and by a measurement tool (XCP): when it acts, what outlives
+power, and to which release it belongs."""
+
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from can_bridge.calibration.segment import ADDRESS
+from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.store import Store
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.messages import Mode
+from contract.config.tree import Config
+from contract.controller.calibration import NAMES
+from contract.controller.interface import Controller
+from contract.release import bundle as bundles
+from contract.release.checks import Bundle
+from contract.release.image import image_of
+from ecu.calibrating import release_calibration
+from ecu.in_c.c_ecu import CEcu, ecu_sources
+from tests.can_bridge.flashing.medium import UnreadableError
+from tests.can_bridge.flashing.releases import RELEASE
+from tests.can_bridge.flashing.store_ecu import KEY
+from tests.can_bridge.uds.addresses import COMMAND_ID, XCP_RESPONSE_ID
+from tests.ecu.conftest import RecordingController
+from tests.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, provision, shipped
+from tests.ecu.in_c.exported import CONFIG as IN_C
+from tests.ecu.in_c.exported import exported
+
+VALUES = struct.Struct("<10fI")
+READ, READ_STORED = b"\x22\xfd\x10", b"\x22\xfd\x12"
+WRITE, STORE, DROP = b"\x2e\xfd\x10", b"\x2e\xfd\x12\x01", b"\x2e\xfd\x12\x00"
+XCP_STORE, STORED_EVENT = b"\xf9\x01\x00\x00", b"\xfd\x03"
+OFFSETS = {name: 4 * index for index, name in enumerate(NAMES)}
+LIMIT = 0.075
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    """An ECU that always wants the jets full on."""
+    provision(tmp_path / "ecu", image("first"))
+    return Rig(tmp_path / "ecu", UNCHECKED, controller_of=lambda bundle: RecordingController(lambda i: 2 * LIMIT))
+
+
+def values(rig: Rig) -> dict[str, float]:
+    return dict(zip(NAMES, VALUES.unpack(rig.good(READ)[3:]), strict=True))
+
+
+def write(rig: Rig, **changes: float) -> None:
+    *floats, delay_steps = {**values(rig), **changes}.values()
+    rig.good(WRITE + VALUES.pack(*floats, int(delay_steps)))
+
+
+def unlock(rig: Rig) -> None:
+    rig.good(b"\x10\x03")
+    rig.unlock(Level.CALIBRATION)
+
+
+def actions(rig: Rig, since: int = 0) -> list[float]:
+    scale = rig.config.operating_point.flow_rate_scale
+    return [abs(command.flow_m2_per_s) / scale for command in rig.commands[since:]]
+
+
+# XCP.
+
+
+def packets(rig: Rig) -> list[bytes]:
+    """To the tool, so far."""
+    return [frame.data for frame in rig.sent if frame.frame_id == XCP_RESPONSE_ID]
+
+
+def ask_xcp(rig: Rig, command: bytes) -> bytes:
+    """The answer within the millisecond."""
+    before = len(packets(rig))
+    rig.extra = [Frame(frame_id=COMMAND_ID, data=command.ljust(8, b"\x00"))]
+    rig.millisecond()
+    rig.extra = []
+    return (packets(rig)[before:] or [b""])[0]
+
+
+def good_xcp(rig: Rig, command: bytes) -> bytes:
+    answer = ask_xcp(rig, command)
+    assert answer[:1] == b"\xff", (command.hex(), answer.hex())
+    return answer
+
+
+def connect(rig: Rig) -> None:
+    good_xcp(rig, b"\xff\x00")
+    seed = good_xcp(rig, b"\xf8\x00\x01")[2:] + good_xcp(rig, b"\xf8\x01\x01")[2:]
+    key = KEY.answer(Level.CALIBRATION, seed)
+    for begin in range(0, len(key), 6):
+        good_xcp(rig, bytes([0xF7, len(key) - begin]) + key[begin : begin + 6])
+
+
+def place(name: str) -> bytes:
+    return (ADDRESS + OFFSETS[name]).to_bytes(4, "little")
+
+
+def write_xcp(rig: Rig, name: str, value: float) -> bytes:
+    good_xcp(rig, b"\xf6\x00\x00\x00" + place(name))
+    return ask_xcp(rig, b"\xf0\x04" + struct.pack("<f", value))
+
+
+def test_the_jets_keep_a_narrower_limit_from_the_next_period_on(rig: Rig) -> None:
+    unlock(rig)
+    rig.into_control()
+    assert actions(rig)[-1] == pytest.approx(LIMIT, rel=1e-3)
+    before = len(rig.commands)
+    write(rig, action_limit=LIMIT / 2, lift=0.5)
+    rig.run(200)
+    changed = actions(rig, before - 1)
+    assert len(set(changed)) == 2, "no value between"
+    assert changed[-1] == pytest.approx(LIMIT / 2, rel=1e-3) and changed[-1] <= LIMIT / 2
+    rig.good(DROP)
+    rig.run(100)
+    # By a tool the same.
+    connect(rig)
+    assert write_xcp(rig, "action_limit", LIMIT / 3) == b"\xff"
+    rig.run(200)
+    assert actions(rig)[-1] == pytest.approx(LIMIT / 3, rel=1e-2)
+    assert values(rig)["action_limit"] == pytest.approx(LIMIT / 3)
+    assert {command.mode for command in rig.commands[before:]} == {Mode.CONTROL}
+
+
+@pytest.mark.slow
+def test_it_is_stored_with_the_jets_shut_and_kept_with_its_release(rig: Rig) -> None:
+    own = shipped().manifest.mpc.weights.lift
+    unlock(rig)
+    connect(rig)
+    rig.into_control()
+    write(rig, lift=0.5)
+    # A slow memory must not come into a control period: UDS refuses, XCP waits.
+    assert rig.ask(STORE) == b"\x7f\x2e\x22"
+    good_xcp(rig, XCP_STORE)
+    rig.run(500)
+    assert STORED_EVENT not in packets(rig)
+    rig.request = False
+    rig.run(1200)
+    assert packets(rig).count(STORED_EVENT) == 1
+    rig.power_on()
+    assert (values(rig)["lift"], rig.good(READ_STORED)[3:]) == (0.5, b"\x01")
+    assert ask_xcp(rig, b"\xfd") == b""
+    # Another release has its own; the one before finds its calibration again.
+    rig.start(image("second"))
+    assert values(rig)["lift"] == pytest.approx(own)
+    assert rig.good(READ_STORED)[3:] == b"\x00"
+    rig.programming()
+    rig.good(b"\x31\x01\x02\x07")
+    rig.reset()
+    assert values(rig)["lift"] == 0.5
+    unlock(rig)
+    rig.good(DROP)
+    rig.power_on()
+    assert values(rig)["lift"] == pytest.approx(own)
+    # One that the vehicle no longer allows is logged and not used.
+    unlock(rig)
+    write(rig, command_step=0.07)
+    rig.good(STORE)
+    rig.config = replace(rig.config, ecu=replace(rig.config.ecu, command_step=0.05))
+    rig.power_on()
+    assert values(rig)["command_step"] == pytest.approx(0.05)
+    assert "calibration_dropped" in rig.log.names()
+
+
+def test_a_memory_that_fails_is_tried_once(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = []
+
+    def fail(store: Store, blob: bytes | None) -> None:
+        tried.append(blob)
+        raise UnreadableError("sector 3 is bad", 0)
+
+    monkeypatch.setattr(Store, "keep_calibration", fail)
+    rig.power_on()
+    connect(rig)
+    assert write_xcp(rig, "lift", 0.5) == b"\xff"
+    rig.run(40)
+    good_xcp(rig, XCP_STORE)
+    rig.run(200)
+    assert (len(tried), STORED_EVENT in packets(rig)) == (1, False)
+
+
+def test_nothing_is_stored_for_a_release_whose_slot_is_being_written(rig: Rig) -> None:
+    rig.start(image("second"))
+    connect(rig)
+    rig.programming()
+    rig.announce(image("third"))
+    good_xcp(rig, XCP_STORE)
+    rig.run(100)
+    assert STORED_EVENT not in {packet[:2] for packet in packets(rig)}
+    assert good_xcp(rig, b"\xfd")[1] == 0
+    assert rig.good(b"\x22\xf1\x86")[3:] == b"\x02"
+
+
+@pytest.mark.compiler
+def test_uds_and_xcp_calibrate_the_ecu_in_c(tmp_path: Path) -> None:
+    """Through the same link as the ECU in Python: the limits are of its release, the bytes are those of its struct."""
+    release, made = exported(tmp_path / "release"), list[CEcu]()
+
+    def in_c(bundle: Bundle, controller: Controller, config: Config, authentication: None) -> CEcu:
+        made.append(CEcu(ecu_sources(release.folder, release.bundle, config), flags=("-O1", "-ffp-contract=off")))
+        return made[-1]
+
+    provision(tmp_path / "ecu", image_of(bundles.pack(release.bundle.manifest, release.bundle.files, RELEASE)))
+    rig = Rig(tmp_path / "ecu", IN_C, controller_of=lambda bundle: RecordingController(), ecu_of=in_c)
+    (ecu,) = made
+    assert rig.good(READ)[3:] == ecu.calibration.pack()
+    unlock(rig)
+    write(rig, lift=0.5, action_limit=LIMIT / 2, delay_steps=2)
+    rig.run(40)
+    assert (ecu.calibration.weights.lift, ecu.calibration.action_limit, ecu.calibration.delay_steps) == (0.5, 0.0375, 2)
+    assert len(ecu.state.memory.under_way.pending) == 2 + IN_C.ecu.plan_ahead
+    connect(rig)
+    assert write_xcp(rig, "effort", 0.25) == b"\xff"
+    rig.run(40)
+    assert ecu.calibration.weights.effort == 0.25
+    assert rig.good(READ)[3:] == ecu.calibration.pack()
+    rig.good(DROP)
+    rig.run(40)
+    assert ecu.calibration == release_calibration(release.bundle, IN_C)

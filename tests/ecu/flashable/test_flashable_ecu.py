@@ -1,0 +1,172 @@
+"""Boot, update, trial, confirmation and revert as they show on the wire."""
+
+import gc
+import weakref
+from pathlib import Path
+
+import pytest
+
+from can_bridge.flashing.verdicts import Verdict
+from can_bridge.secoc.key import read_key, write_key
+from can_bridge.secoc.node import Authentication
+from can_bridge.uds.services import S3_MS
+from can_bridge.wire.message_specs import (
+    ECU_STATUS,
+    FRESHNESS_LENGTH,
+    JET_COMMAND,
+    JET_COMMAND_SECURED,
+)
+from can_bridge.wire.messages import Mode, Reason
+from contract.config.tree import Config
+from contract.config.vehicle import BusConfig
+from contract.release.image import files_of
+from contract.release.manifest import MANIFEST, open_manifest
+from ecu.stepped import SteppedEcu
+from tests.ecu.flashable.vehicle_ecu import (
+    ACTIVATE,
+    CONFIRM_ROUTINE,
+    SELF_TEST,
+    Rig,
+    image,
+    provision,
+)
+
+
+def hash_of(raw: bytes) -> int:
+    return int(open_manifest(Path("image"), files_of(raw)[MANIFEST]).digest[:8], 16)
+
+
+@pytest.mark.slow
+def test_without_a_release_it_reports_that_and_can_be_flashed(tmp_path: Path) -> None:
+    provision(tmp_path / "ecu", None)
+    rig = Rig(tmp_path / "ecu")
+    rig.programming()
+    assert rig.ask(SELF_TEST)[2] == 0x22
+    assert rig.ask(CONFIRM_ROUTINE)[2] == 0x24
+    assert rig.ask(b"\x22\xfd\x10")[2] == 0x31
+    rig.request = True
+    rig.run(100)
+    last = rig.statuses[-1]
+    assert (last.state, last.reason, last.bundle_hash) == (Mode.FAULT, Reason.NO_RELEASE, 0)
+    assert {(c.enable, c.flow_m2_per_s, c.mode) for c in rig.commands} == {(False, 0.0, Mode.FAULT)}
+    # A request does not prevent it: there is nothing to interrupt. It does once a release runs.
+    rig.start(image("first"))
+    assert (Mode.OFF, Reason.UPDATING) in {(status.state, status.reason) for status in rig.statuses}
+    rig.request = False
+    rig.run(1100)
+    rig.programming()
+    rig.good(SELF_TEST)
+    rig.good(CONFIRM_ROUTINE)
+    rig.run(100)
+    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
+    assert rig.log.names()[0] == "no_release"
+
+
+@pytest.mark.slow
+def test_a_release_is_written_tried_and_confirmed(rig: Rig) -> None:
+    rig.run(50)
+    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
+    assert rig.write(image("second")) is Verdict.GOOD
+    # While it is written, and until the reset, the mode is UPDATE.
+    assert (rig.statuses[-1].state, rig.statuses[-1].reason) == (Mode.OFF, Reason.UPDATING)
+    rig.good(ACTIVATE)
+    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
+    rig.reset()
+    assert rig.statuses[-1].bundle_hash == hash_of(image("second"))
+    assert rig.statuses[-1].reason is not Reason.UPDATING
+    rig.programming()
+    rig.good(SELF_TEST)
+    rig.good(CONFIRM_ROUTINE)
+    rig.power_on()
+    rig.run(50)
+    assert rig.statuses[-1].bundle_hash == hash_of(image("second"))
+    order = ["booted", "session", "unlocked", "update", "checked", "activated", "trial", "confirmed", "booted"]
+    names = iter(rig.log.names())
+    assert all(name in names for name in order), rig.log.names()
+
+
+def test_a_reset_restarts_counters_and_locks_and_a_silent_ecu_boots(tmp_path: Path) -> None:
+    provision(tmp_path / "ecu", image("first"))
+    rig = Rig(tmp_path / "ecu", boot_ns=200_000_000)
+    rig.programming()
+    rig.good(b"\x11\x01")
+    rig.run(25)
+    before = len(rig.sent)
+    rig.run(150)
+    assert len(rig.sent) == before
+    rig.run(50)
+    assert rig.ecu.resets == 1
+    assert (rig.sent[before].frame_id, rig.sent[before].data[2]) == (JET_COMMAND.frame_id, 0)  # the E2E counter
+    # The session is over, and what was unlocked is locked.
+    assert rig.ask(b"\x31\x01\x02\x06") == b"\x7f\x31\x7f"
+
+
+@pytest.mark.parametrize("end", [b"", b"\x10\x01"], ids=["no tester any more", "another session"])
+def test_the_end_of_the_session_leads_back_to_the_release_before(rig: Rig, end: bytes) -> None:
+    second = image("second")
+    rig.programming()
+    sent = rig.blocks(second, rig.announce(second))
+    received = next(sent)
+    rig.run(40)
+    assert (rig.statuses[-1].state, rig.statuses[-1].reason) == (Mode.OFF, Reason.UPDATING)
+    if end:
+        rig.good(end)
+        rig.run(100)
+    else:
+        rig.run(S3_MS - 100)
+        assert rig.ecu.resets == 0
+        rig.run(200)
+    assert rig.ecu.resets == 1
+    assert rig.ecu.boot.bundle is not None
+    assert rig.ecu.boot.bundle.name == "first"
+    assert rig.statuses[-1].reason is not Reason.UPDATING
+    rig.programming()
+    assert 0 < rig.announce(second) <= received
+
+
+@pytest.mark.slow
+def test_with_a_key_no_freshness_comes_twice_over_resets_and_releases(tmp_path: Path) -> None:
+    write_key(tmp_path / "bus.key", bytes(range(1, 17)))
+    config = Config(bus=BusConfig(key=str(tmp_path / "bus.key")))
+    provision(tmp_path / "ecu", None)
+    rig = Rig(tmp_path / "ecu", config, authentication=Authentication(key=read_key(tmp_path / "bus.key"), trip=7))
+    rig.run(200)
+    rig.start(image("first"))
+    rig.run(200)
+    spec = JET_COMMAND_SECURED
+    values = [
+        int.from_bytes(frame.data[spec.protected : spec.protected + FRESHNESS_LENGTH], "big")
+        for frame in rig.sent
+        if spec.names(frame)
+    ]
+    assert rig.ecu.resets == 1
+    assert values == list(range(values[0], values[0] + len(values)))
+    assert values[0] == 7 << 32
+
+
+def test_it_steps_like_any_ecu(rig: Rig) -> None:
+    ecu: SteppedEcu = rig.ecu
+    power_on, frames = ecu.state, [rig.pressure(False)]
+    sent = ecu.step(1_000_000, frames)
+    assert [frame.frame_id for frame in sent] == [JET_COMMAND.frame_id, ECU_STATUS.frame_id]
+    assert ecu.state != power_on
+    assert ecu.status().bundle_hash == hash_of(image("first"))
+    ecu.restore(power_on)
+    assert ecu.step(1_000_000, frames) == sent
+
+
+def test_a_reset_leaves_nothing_behind_where_the_collector_is_off(rig: Rig) -> None:
+    """Any node on the bus can ask for one, and in real time nothing collects what refers to itself."""
+    rig.programming()
+    rig.run(100)
+    cycle = rig.ecu._serviced
+    assert cycle.calibration is not None
+    before = [weakref.ref(part) for part in (cycle.store, cycle.link._server, cycle.calibration._xcp)]
+    del cycle
+    gc.disable()
+    try:
+        rig.reset()
+        rig.run(100)
+        assert [part() for part in before] == [None] * 3
+    finally:
+        gc.enable()

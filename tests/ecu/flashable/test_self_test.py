@@ -1,0 +1,109 @@
+"""A release that computes nonsense is not confirmed; one that does not load here is not even activated."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from can_bridge.flashing.verdicts import Verdict
+from contract.config.tree import Config
+from contract.controller.estimator import ESTIMATOR
+from contract.controller.interface import Controller, ControllerError, ControlStep
+from contract.release.checks import CONTROLLER, Bundle
+from contract.runtime.onnx_session import OnnxController
+from ecu.flashable.self_test import self_test
+from ecu.flashable.vehicle_fit import VehicleFit
+from tests.ecu.conftest import RecordingController
+from tests.ecu.flashable.vehicle_ecu import (
+    CONFIRM_ROUTINE,
+    REVERT,
+    SELF_TEST,
+    Rig,
+    image,
+    provision,
+    shipped,
+)
+
+LIMIT = shipped().manifest.action_limit
+
+
+class Planning:
+    """Answers this plan; the forces are finite."""
+
+    def __init__(self, value: float, length: int | None = None, forces: float = 0.0) -> None:
+        self.value, self.length, self.forces = value, length, forces
+
+    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
+        length = len(plan) if self.length is None else self.length
+        forces = np.full((len(plan), 2), self.forces)
+        return ControlStep(plan=np.full(length, self.value), forces=forces, terms=np.zeros(8), cost=0.0)
+
+
+class Failing:
+    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
+        raise ControllerError("no answer")
+
+
+def test_only_a_finite_plan_within_the_limit_passes() -> None:
+    for passing in (OnnxController.of(shipped()), Planning(LIMIT), Planning(-LIMIT)):
+        # Between two pieces the bus is answered; there is one for each graph and window.
+        assert len(list(self_test(shipped(), passing))) == 5
+    controllers: tuple[Controller, ...] = (
+        *(Planning(value) for value in (float("nan"), float("inf"), 1.01 * LIMIT, -1.01 * LIMIT)),
+        *(Planning(0.0, length=3), Planning(0.0, forces=float("nan")), Failing()),
+    )
+    for controller in controllers:
+        with pytest.raises(ControllerError):
+            list(self_test(shipped(), controller))
+
+
+@pytest.mark.slow
+def test_a_release_that_fails_it_is_logged_and_can_be_given_up(tmp_path: Path) -> None:
+    provision(tmp_path / "ecu", image("first"))
+
+    def controller_of(bundle: Bundle):
+        return Failing() if bundle.manifest.name == "second" else RecordingController()
+
+    rig = Rig(tmp_path / "ecu", controller_of=controller_of)
+    rig.programming()
+    rig.good(SELF_TEST)
+    rig.start(image("second"))
+    rig.programming()
+    assert rig.ask(SELF_TEST)[2] == 0x72
+    assert rig.log.names()[-1] == "self_test_failed"
+    assert rig.ask(CONFIRM_ROUTINE)[2] == 0x24
+    rig.good(REVERT)
+    rig.reset()
+    assert rig.ecu.boot.bundle is not None
+    assert rig.ecu.boot.bundle.name == "first"
+
+
+@pytest.mark.slow
+def test_a_release_for_another_vehicle_is_refused(tmp_path: Path) -> None:
+    provision(tmp_path / "ecu", image("first"))
+    rig = Rig(tmp_path / "ecu")
+    assert rig.write(image("second", control_period=0.1)) is Verdict.WRONG_PERIOD
+    rig.reset()
+    assert rig.write(image("second", action_limit=0.2)) is Verdict.WRONG_VEHICLE
+    # One whose graph has other sizes than its manifest states.
+    rig = Rig(tmp_path / "ecu", controller_of=OnnxController.of)
+    assert rig.write(image("second", window=33)) is Verdict.DAMAGED
+    # One whose estimator is no estimator.
+    fit, bundle = VehicleFit(Config(), OnnxController.of), shipped()
+    assert fit.fits(bundle) is Verdict.GOOD
+    files = {**bundle.files, ESTIMATOR: bundle.files[CONTROLLER]}
+    assert fit.fits(replace(bundle, files=files, digest="1")) is Verdict.DAMAGED
+
+
+def test_a_controller_is_made_once_for_check_and_boot(bundle_of) -> None:
+    made: list[str] = []
+
+    def controller_of(bundle: Bundle) -> RecordingController:
+        made.append(bundle.digest)
+        return RecordingController()
+
+    fit, bundle = VehicleFit(Config(), controller_of), bundle_of()
+    assert fit.fits(bundle) is Verdict.GOOD
+    assert fit.controller(bundle) is fit.controller(bundle)
+    assert made == [bundle.digest]

@@ -1,0 +1,104 @@
+"""A small release with its C library, the ECU in it, and frames to feed ECUs of it by hand."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from can_bridge.e2e.sender import E2eSender
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from can_bridge.wire.messages import Pressure, VehicleSpeed
+from contract.config.controller import MpcConfig
+from contract.config.learning import ModelConfig
+from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig, SensorCheckConfig
+from contract.controller.c_folder import ECU_SETTINGS
+from contract.release import bundle as bundles
+from contract.release.checks import Bundle
+from contract.release.manifest import SpeedRange
+from ecu.c.sources import firmware_sources
+from ecu.in_c.c_settings import ecu_settings
+from ecu.in_c.host_library import CController
+from examples.random_programs import random_program
+from export.gates.quantisation import QuantisationLimits
+from export.int8.calibrate import rounded_on
+from export.program.windows import random_window
+from export.release.c_folder import write_c_release
+from export.release.gated import gate
+from export.release.lowering import lower
+from tests.conftest import write_random
+
+CONFIG = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
+WINDOW = 4
+MODEL = ModelConfig(window=WINDOW, latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
+LIMITS = QuantisationLimits(rms_action_error=0.05, max_cost_gap=1.0)
+
+
+@dataclass(frozen=True)
+class Exported:
+    bundle: Bundle
+    bundle_path: Path
+    folder: Path
+
+    def serving(self, speeds: SpeedRange) -> "Exported":
+        """The same release, as one that serves a range of speeds."""
+        return replace(self, bundle=replace(self.bundle, manifest=replace(self.bundle.manifest, speeds=speeds)))
+
+
+def exported(root: Path) -> Exported:
+    """Bundle and library of a random program in int8."""
+    program = random_program(1, model=MODEL, mpc=MpcConfig(horizon=8), prior_memory=WINDOW)
+    rng = np.random.default_rng(0)
+    rows = np.concatenate([random_window(program, rng) for _ in range(8)])
+    windows = [rows[i : i + WINDOW] for i in range(20)]
+    lowered = lower(rounded_on(program, windows), calibration=windows, with_library=True)
+    gated = gate(lowered, windows[:4], LIMITS, compiled=CController)
+    write_random(root / "bundle", gated)
+    bundle = bundles.load(root / "bundle")
+    ecu = firmware_sources() | {ECU_SETTINGS: ecu_settings(bundle, CONFIG)}
+    write_c_release(root / "c", gated, windows[:4], ecu)
+    return Exported(bundle, root / "bundle", root / "c")
+
+
+class Feed:
+    """Frames of a vehicle whose pressures swing, a period apart."""
+
+    def __init__(self, config: Config = CONFIG) -> None:
+        self.config = config
+        self.now_ns, self.asks = 1_000_000, True
+        self._pressure = message_set(config.bus).pressure
+        self._speed = message_set(config.bus).speed
+        self._sender, self._speed_sender = E2eSender(self._pressure.spec), E2eSender(self._speed.spec)
+        self._sent = 0
+
+    def frame(self, *, damaged: bool = False) -> Frame:
+        """Pressures of now; the request rises in the second frame."""
+        phase = 0.3 * self._sent + np.arange(4)
+        pascal = self.config.operating_point.dynamic_pressure * 0.3 * np.sin(phase)
+        message = Pressure(
+            pressure_pa=tuple(pascal.tolist()), valid=(True,) * 4, enable_request=self._sent > 0 and self.asks, age_ns=0
+        )
+        self._sent += 1
+        frame = self._sender.frame(self._pressure.emit(message), now_ns=self.now_ns)
+        return replace(frame, data=frame.data[:-1] + bytes([frame.data[-1] ^ 1])) if damaged else frame
+
+    def speed(self, ratio: float, density: float | None = None) -> Frame:
+        """The speed of now, in design speeds."""
+        speed = ratio * self.config.operating_point.speed
+        message = VehicleSpeed(speed_m_per_s=speed, age_ns=0, density_kg_per_m3=density)
+        return self._speed_sender.frame(self._speed.emit(message), now_ns=self.now_ns)
+
+    def driven(self, ratios: Sequence[float | None]):
+        """(time, frames) of a period at each of these speeds; None where no speed comes."""
+        for ratio in ratios:
+            yield self.now_ns, [*([] if ratio is None else [self.speed(ratio, 1.1)]), self.frame()]
+            self.now_ns += self.config.period_ns
+
+    def periods(self, count: int, *, lost: tuple[int, ...] = (), damaged: tuple[int, ...] = ()):
+        """(time, frames) of so many periods; the frames of some are lost or damaged."""
+        for k in range(count):
+            frame = self.frame(damaged=k in damaged)
+            yield self.now_ns, [] if k in lost else [frame]
+            self.now_ns += self.config.period_ns

@@ -1,0 +1,46 @@
+"""Compilers: which one is taken, and what is reported of one that is missing or complains."""
+
+import importlib.util
+import shutil
+import subprocess
+
+import pytest
+
+from contract.errors import LibraryError
+from ecu.in_c.compiler import compile_c, compiler_version, host_compiler
+
+
+@pytest.fixture
+def nothing_installed(monkeypatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.delenv("CC", raising=False)
+
+
+@pytest.fixture
+def compiler(monkeypatch) -> list[str]:
+    monkeypatch.delenv("CC", raising=False)
+    return host_compiler()
+
+
+@pytest.mark.usefixtures("nothing_installed")
+def test_the_environment_comes_first_and_without_any_the_error_names_the_remedy(monkeypatch):
+    monkeypatch.setenv("CC", "ccache gcc-14")
+    assert host_compiler() == ["ccache", "gcc-14"]
+    monkeypatch.setenv("CC", "  ")
+    with pytest.raises(LibraryError, match="no C compiler: install gcc or clang"):
+        host_compiler()
+
+
+def test_a_program_is_compiled_and_runs_and_a_complaint_is_quoted(tmp_path, compiler):
+    contents = {
+        "main.c": b'#include "answer.h"\nint main(void) { return ANSWER; }\n',
+        "answer.h": b"#define ANSWER 42\n",
+    }
+    compile_c(contents, tmp_path / "program", compiler=compiler, flags=("-O1",))
+    assert subprocess.run([tmp_path / "program"], check=False).returncode == 42
+    assert compiler_version(compiler)
+    with pytest.raises(LibraryError, match="error"):
+        compile_c({"a.c": b"int main(void) { return x; }"}, tmp_path / "a", compiler=compiler, flags=())
+    with pytest.raises(LibraryError, match="/nowhere/gcc: No such file"):
+        compile_c({}, tmp_path / "a", compiler=["/nowhere/gcc"], flags=())

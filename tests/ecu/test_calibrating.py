@@ -1,0 +1,171 @@
+"""Other weights, bounds and delay in flight: from one control period to the next, as a whole, and never wider."""
+
+import struct
+from dataclasses import replace
+from itertools import cycle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from can_bridge.calibration.segment import Page, Segment
+from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
+from can_bridge.wire.messages import Mode
+from contract.config.controller import CostWeights, MpcConfig
+from contract.config.operating_point import OperatingPoint
+from contract.config.plant import FlowConfig
+from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig
+from contract.controller.calibration import NAMES, Calibration, CalibrationLimits
+from contract.controller.interface import TERMS
+from contract.errors import ConfigError
+from ecu.calibrating import limits_of, release_calibration
+from ecu.ecu import Ecu
+from tests.each import each
+from tests.ecu.conftest import HORIZON, RecordingController, make_bundle, numbered
+from tests.examples import examples
+
+SCALE = OperatingPoint().flow_rate_scale
+QUANTUM = FLOW_RESOLUTION_M2_PER_S / SCALE
+LIMIT, STEP = FlowConfig().action_limit, EcuConfig().command_step
+
+
+def calibration_of(bench, **changes) -> Calibration:
+    own = release_calibration(bench.bundle, bench.config)
+    weights = {name: changes.pop(name) for name in TERMS if name in changes}
+    return replace(own, weights=replace(own.weights, **weights), **changes)
+
+
+def calibrate(bench, **changes) -> None:
+    bench.ecu.calibrate(calibration_of(bench, **changes))
+
+
+@each("delay, plan_ahead", [(0, True), (2, False)])
+def test_the_releases_own_values_change_no_bit(bench_of, delay, plan_ahead):
+    """Also where the calibration is rounded to float32, as over the bus: 0.075 and 0.1 are no float32."""
+    settings = {"delay_steps": delay, "plan_ahead": plan_ahead}
+    plain, other = (bench_of(numbered(), **settings) for _ in range(2))
+    for k in range(30):
+        frames = [bench.pressure((0.1 * k, -0.02 * k, 0.3, 0.4)) for bench in (plain, other)]
+        if k % 3 == 0:
+            other.ecu.calibrate(Calibration.unpack(calibration_of(other).pack()))
+        now_ns = plain.now_ns
+        assert plain.ecu.step(now_ns, frames[:1]) == other.ecu.step(now_ns, frames[1:])
+        plain.now_ns = other.now_ns = now_ns + plain.config.period_ns
+    assert plain.ecu.state == other.ecu.state
+    assert plain.ecu.trace.mode is Mode.CONTROL
+
+
+def test_weights_and_limit_are_those_of_the_period_in_the_order_of_the_controllers_input(bench_of):
+    given: list[tuple[float, ...]] = []
+
+    class Weighed(RecordingController):
+        def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None):
+            given.append((*weights.tolist(), limit))
+            return super().control_step(window, plan, free)
+
+    bench = bench_of(Weighed())
+    bench.into_control()
+    own = (*bench.bundle.manifest.mpc.weights.as_tuple(), LIMIT)
+    wanted = (*(float(k) for k in range(1, len(TERMS) + 1)), 0.5 * LIMIT)
+    calibrate(bench, **dict(zip((*TERMS, "action_limit"), wanted, strict=True)))
+    bench.good(2)
+    np.testing.assert_allclose(given, [own, *[wanted] * 2], rtol=1e-7)
+
+
+bounds = st.fixed_dictionaries(
+    {"action_limit": st.floats(0.05 * LIMIT, LIMIT), "command_step": st.floats(0.05 * STEP, STEP)}
+).map(lambda item: {name: max(value, 0.0501 * LIMIT) for name, value in item.items()})
+
+
+@examples(40)
+@given(
+    changes=st.lists(st.tuples(st.integers(1, 4), bounds), min_size=1, max_size=6),
+    wanted=st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=20),
+    lost=st.sets(st.integers(0, 25)),
+)
+def test_no_command_is_ever_beyond_the_bounds_in_force(bench_of, changes, wanted, lost):
+    plan, bench = cycle(wanted), bench_of()
+    bench.controller.plan = lambda i: next(plan)
+    sent, number = bench.into_control().flow_m2_per_s / SCALE, 0
+    for periods, values in changes:
+        calibrate(bench, **values)
+        limit, step = (np.float32(values[name]) for name in ("action_limit", "command_step"))
+        for _ in range(periods):
+            command = bench.step() if number in lost else bench.step(bench.pressure())
+            number += 1
+            action = command.flow_m2_per_s / SCALE
+            assert abs(action) <= limit + 1e-9
+            assert command.enable or action == 0.0
+            # The range has the last word over the step, and shutting is never slowed down.
+            reached = np.clip(sent, -limit, limit)
+            assert not command.enable or abs(action - reached) <= step + QUANTUM
+            sent = action
+
+
+@each(
+    "changes, message",
+    [
+        ({"action_limit": 1.001 * LIMIT}, "action_limit = 0.075075: must be in 0.00375..0.075"),
+        ({"action_limit": -LIMIT}, "action_limit = -0.075"),
+        ({"command_step": 1.001 * STEP}, "command_step"),
+        ({"command_step": 0.0}, "command_step = 0"),
+        ({"delay_steps": HORIZON}, "delay_steps = 5: must be in 0..4"),
+        ({"lift": 1001.0}, "lift = 1001: must be in 0..1000"),
+        ({"lift": float("nan")}, "lift"),
+    ],
+)
+def test_values_out_of_the_limits_are_refused_and_change_nothing(bench_of, changes, message):
+    bench = bench_of()
+    before = bench.ecu.state, bench.ecu.calibration
+    with pytest.raises(ConfigError, match=message):
+        calibrate(bench, **changes)
+    assert (bench.ecu.state, bench.ecu.calibration) == before
+
+
+@examples(50)
+@given(data=st.data(), limit=st.sampled_from([0.075, 0.07, 0.1]), step=st.floats(1e-4, 0.2))
+def test_what_the_segment_takes_the_ecu_takes(data, limit, step):
+    """Also at the limits, which are no float32: a set that came over the bus never stops the control."""
+    config = Config(flow=FlowConfig(action_limit=limit), ecu=EcuConfig(command_step=step))
+    made = make_bundle(action_limit=limit)
+    segment = Segment(release_calibration(made, config), limits_of(made, config))
+    ecu = Ecu(made, RecordingController(), config)
+    rows = zip(segment.limits.least.values, segment.limits.greatest.values, strict=True)
+    *values, delay_steps = (data.draw(st.one_of(st.sampled_from(row), st.floats(*row))) for row in rows)
+    wanted = struct.pack("<10fI", *values, int(delay_steps))
+    segment.set(Calibration.unpack(wanted))
+    ecu.calibrate(segment.in_force)
+    assert ecu.state.memory.sizes[-1] == int(delay_steps) + config.ecu.plan_ahead
+    assert segment.read(Page.WORKING, 0, 44) == wanted
+
+
+def test_limits_are_the_vehicles_and_a_release_may_weigh_more(bundle_of):
+    config = Config(ecu=EcuConfig(command_step=0.04, plan_ahead=True))
+    limits = limits_of(bundle_of(mpc=MpcConfig(horizon=HORIZON, weights=CostWeights(smoothness=5000.0))), config)
+    greatest = dict(zip(NAMES, limits.greatest.values, strict=True))
+    assert (greatest["command_step"], greatest["action_limit"]) == (0.04, LIMIT)
+    assert (greatest["smoothness"], greatest["lift"]) == (5000.0, 1000.0)
+    assert greatest["delay_steps"] == HORIZON - 2  # planning ahead settles one more
+
+
+def test_the_gate_holds_the_vehicles_bounds_though_the_limits_fail(bench_of, monkeypatch):
+    bench = bench_of(RecordingController(lambda i: 1.0))
+    bench.into_control()
+    monkeypatch.setattr(CalibrationLimits, "check", lambda limits, calibration: None)
+    calibrate(bench, action_limit=1.2 * LIMIT, command_step=1.2 * LIMIT)
+    assert [command.flow_m2_per_s <= LIMIT * SCALE for command in bench.good(3)] == [True] * 3
+
+
+def test_a_state_goes_with_its_calibration(bench_of):
+    bench = bench_of(numbered())
+    bench.into_control()
+    state = bench.ecu.state
+    calibrate(bench, delay_steps=2)
+    with pytest.raises(ValueError, match="calibration"):
+        bench.ecu.restore(state)
+    fresh = Ecu(bench.bundle, numbered(), bench.config)
+    fresh.calibrate(calibration_of(bench, delay_steps=2))
+    fresh.restore(bench.ecu.state)
+    assert fresh.state == bench.ecu.state

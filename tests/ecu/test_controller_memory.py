@@ -1,0 +1,138 @@
+import copy
+import pickle
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contract.controller.interface import ControllerError, ControlStep
+from ecu.controller_memory import ControllerMemory
+from ecu.delay_line import DelayLine
+from tests.each import each
+
+
+def memory_of(length: int, *, sensors=1, horizon=4, delay=0) -> ControllerMemory:
+    return ControllerMemory.empty(length=length, sensors=sensors, horizon=horizon, delay=delay)
+
+
+def after(memory: ControllerMemory, cp: list[float], action: float) -> ControllerMemory:
+    """With this row."""
+    return replace(memory, under_way=DelayLine((action,))).observed(np.array(cp))
+
+
+def silent(memory: ControllerMemory, action: float, *, longest_gap: int) -> ControllerMemory:
+    return replace(memory, under_way=DelayLine((action,))).bridged(longest_gap)
+
+
+def test_a_short_gap_repeats_the_pressures_with_the_action_of_its_own():
+    memory = silent(memory_of(2), 0.5, longest_gap=2)  # nothing to repeat
+    assert memory.rows == 0
+    memory = silent(after(memory, [7.0], 0.1), 0.2, longest_gap=2)
+    np.testing.assert_array_equal(memory.window, [[7.0, 0.1], [7.0, 0.2]])
+    assert memory.is_full
+
+
+class Answering:
+    """A controller that returns what it is given, or raises it."""
+
+    def __init__(self, answer: object) -> None:
+        self.answer = answer
+
+    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
+        if isinstance(self.answer, BaseException):
+            raise self.answer
+        return cast(ControlStep, self.answer)
+
+
+def answer_of(**changes: Any) -> ControlStep:
+    sound: dict[str, Any] = {"plan": np.zeros(4), "forces": np.zeros((4, 2)), "terms": np.zeros(8), "cost": 0.0}
+    return ControlStep(**{**sound, **changes})
+
+
+NO_ANSWERS = [
+    *(ValueError("x"), MemoryError(), RecursionError(), None, "plan", np.zeros(4)),
+    *(answer_of(plan=plan) for plan in (None, [0.0] * 4, np.zeros(()), np.zeros(3), np.zeros(5), np.zeros((4, 2)))),
+    *(answer_of(plan=np.zeros(4, dtype=kind)) for kind in (object, "U3", bool, complex, "datetime64[s]")),
+    *(answer_of(forces=forces) for forces in (None, np.zeros(4), np.zeros((2, 4)), np.zeros((5, 2)))),
+    answer_of(plan=np.array([0.0, None, 0.0, 0.0])),
+    answer_of(forces=np.full((4, 2), "x", dtype=object)),
+]
+"""What a controller does that keeps nothing of its interface."""
+
+
+@each("answer", NO_ANSWERS)
+def test_whatever_else_a_controller_does_is_an_error_of_the_controller(answer):
+    memory = after(memory_of(1), [1.0], 0.0)
+    with pytest.raises(ControllerError, match="the controller"):
+        memory.planned(Answering(answer))
+
+
+@each("copied", [lambda memory: memory, copy.deepcopy, lambda m: pickle.loads(pickle.dumps(m))])
+def test_no_array_can_be_written_and_equal_means_equal_in_every_part(recording_controller, copied):
+    memory = after(after(memory_of(2), [1.0], 0.1), [2.0], 0.2)
+    assert copied(memory) == memory != "memory"
+    for step in map(copied, [memory_of(2), memory, memory.bridged(1), memory.planned(recording_controller())[0]]):
+        for array in (step.window, step.plan):
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = 1.0
+    changes: dict[str, Any] = {"window": memory.window + 1.0, "rows": 1, "gap": 1, "plan": memory.plan + 1.0}
+    for name, value in {**changes, "under_way": DelayLine((0.3,))}.items():
+        assert replace(memory, **{name: value}) != memory, name
+
+
+@given(
+    actions=st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=12),
+    length=st.integers(1, 6),
+    before=st.integers(0, 4),
+    after=st.integers(0, 4),
+)
+def test_another_delay_is_as_if_it_had_always_been_that(actions, length, before, after):
+    """All of it where the delay became shorter; where it became longer, but for what is from before the window."""
+    memories = [memory_of(length, delay=delay) for delay in (before, after)]
+    for k, action in enumerate(actions):
+        memories = [memory.observed(np.array([float(k)])).commanded(action) for memory in memories]
+    changed, always = memories[0].with_delay(after), memories[1]
+    assert changed.sizes == always.sizes
+    assert changed.rows == always.rows
+    known = slice(max(0, after - before), None)
+    np.testing.assert_array_equal(changed.window[known], always.window[known])
+    np.testing.assert_array_equal(changed.window[:, :-1], always.window[:, :-1])
+    if after <= before + length:
+        assert changed.under_way == always.under_way
+
+
+@each(
+    "before, after, plan",
+    [
+        (1, 0, [0.2, 0.3, 0.4, 0.4]),
+        (0, 2, [0.1, 0.1, 0.1, 0.2]),
+        (1, 2, [0.1, 0.1, 0.2, 0.3]),
+        (2, 2, [0.1, 0.2, 0.3, 0.4]),
+    ],
+)
+def test_with_another_delay_the_next_planned_action_is_the_same(before, after, plan):
+    memory = replace(memory_of(1, delay=before), plan=np.array([0.1, 0.2, 0.3, 0.4]))
+    changed = memory.with_delay(after)
+    np.testing.assert_array_equal(changed.plan, plan)
+    if max(before, after) + 1 < len(plan):
+        # What is sent next is settled periods into the shifted plan.
+        assert changed.plan[after + 1] == memory.plan[before + 1]
+
+
+def test_where_no_row_has_come_another_delay_writes_none():
+    memory = memory_of(3, delay=2).commanded(0.1).commanded(0.2).commanded(0.3)
+    changed = memory.observed(np.array([5.0])).commanded(0.4).with_delay(0)
+    np.testing.assert_array_equal(changed.window, [[0.0, 0.0], [0.0, 0.0], [5.0, 0.3]])
+    assert changed.under_way.values == (0.4,)
+
+
+@given(st.lists(st.floats(allow_nan=False), max_size=20), st.integers(0, 5))
+def test_what_goes_into_the_delay_line_comes_out_so_many_periods_later(values, delay):
+    line, sent = DelayLine.filled(delay, 0.5), [0.5] * (delay + 1)
+    for value in values:
+        line = line.pushed(value)
+        sent.append(value)
+        assert (line.newest, line.in_force, line.pending) == (value, sent[-delay - 1], tuple(sent[len(sent) - delay :]))

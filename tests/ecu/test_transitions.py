@@ -1,0 +1,131 @@
+"""Every row of the table is driven by inputs, from each state that it names, and within the periods that it states."""
+
+from dataclasses import replace
+from functools import cache
+from itertools import product
+from typing import NamedTuple
+
+from can_bridge.wire.messages import Reason
+from contract.config.vehicle import EcuConfig
+from ecu import fail_safe
+from ecu.fail_safe import ALWAYS, TRANSITIONS, FailSafe, OperatingMode, PeriodInputs, Transition
+from tests.each import each
+
+SHORT_HOLD = EcuConfig(hold_periods=1, decay_periods=1, rearm_frames=3, loss_window=4, loss_limit=4)
+LONG_HOLD = EcuConfig(hold_periods=3, decay_periods=3, rearm_frames=3, loss_window=4, loss_limit=3)
+"""One in which misses in a row latch first, and one in which it is their number."""
+OTHERS = [
+    EcuConfig(hold_periods=hold, decay_periods=decay, rearm_frames=1, loss_window=4, loss_limit=limit)
+    for hold, decay, limit in ((0, 0, 4), (0, 2, 4), (1, 0, 4), (3, 3, 1))
+]
+"""Without hold, without decay, without either, and with the first loss one too many."""
+
+INPUTS = [
+    PeriodInputs(
+        usable=usable,
+        enable_request=request,
+        unusable_because=because,
+        window_full=full,
+        fault=fault,
+        updating=updating,
+    )
+    for (usable, request), because, full, (fault, updating) in product(
+        [(True, True), (True, False), (False, None), (False, True), (False, False)],
+        [Reason.STREAM_LOST, Reason.STREAM_INVALID],
+        [True, False],
+        [(None, False), (Reason.CLOCK, False), (Reason.CLOCK, True), (None, True)],
+    )
+    if not (usable and because is Reason.STREAM_INVALID)
+]
+GOOD, LOW, LOST = (
+    PeriodInputs(usable=usable, enable_request=request, unusable_because=Reason.STREAM_LOST, window_full=True)
+    for usable, request in ((True, True), (True, False), (False, None))
+)
+
+
+class Step(NamedTuple):
+    """One period of all that can happen."""
+
+    config: EcuConfig
+    before: FailSafe
+    inputs: PeriodInputs
+    row: Transition
+    after: FailSafe
+
+
+@cache
+def happened() -> list[Step]:
+    """All that can happen from power-on on. Long counts are cut off."""
+    taken, steps = [], []
+    original = fail_safe.taken
+
+    def watched(mode, period):
+        taken.append(original(mode, period))
+        return taken[-1]
+
+    fail_safe.taken = watched
+    try:
+        for config in (SHORT_HOLD, LONG_HOLD, *OTHERS):
+            new, seen = [FailSafe()], set()
+            while new:
+                before = new.pop()
+                for inputs in INPUTS:
+                    after = before.next(inputs, config)
+                    steps.append(Step(config, before, inputs, taken[-1], after))
+                    key = replace(after, misses=min(after.misses, 7), good=min(after.good, 3), reason=Reason.NONE)
+                    if key not in seen:
+                        seen.add(key)
+                        new.append(after)
+    finally:
+        fail_safe.taken = original
+    return steps
+
+
+def test_every_row_is_reached_from_each_of_its_states_and_leads_where_it_says():
+    """And at once, where it states no count: the period before was in order, or there was none with pressures."""
+    for row in TRANSITIONS:
+        mine = [step for step in happened() if step.row is row]
+        assert {step.before.mode for step in mine} == row.start, row
+        assert {step.after.mode for step in mine} == {row.to}, row
+        first = [step.before for step in mine if step.before.lost == 0]
+        at_once = any(before.misses == 0 or before.mode is OperatingMode.INIT for before in first)
+        assert at_once or row.within != "1", row
+    assert {step.before.mode for step in happened()} == set(OperatingMode)
+
+
+def test_the_first_row_that_holds_is_the_one_that_is_taken():
+    """The order of the table, looked through once more without the index that the code uses."""
+    for mode in OperatingMode:
+        assert [row.when for row in TRANSITIONS if mode in row.start][-1] is ALWAYS, mode
+    for config, before, inputs, row, after in happened():
+        request = before.enable_request if inputs.enable_request is None else inputs.enable_request
+        rises = request and not before.enable_request
+        period = fail_safe.Period(
+            inputs, request, rises, after.misses, after.good, after.lost.bit_count(), config, before.reason
+        )
+        assert row is next(item for item in TRANSITIONS if before.mode in item.start and item.when.holds(period))
+
+
+STATED = {
+    # Pressures are lost from now on; or, with a fault latched, come in order, and the request falls and rises.
+    "hold_periods + 1": (OperatingMode.DECAY, SHORT_HOLD, [LOST] * 9),
+    "hold_periods + decay_periods + 1": (OperatingMode.FAULT, SHORT_HOLD, [LOST] * 9),
+    "loss_limit": (OperatingMode.FAULT, LONG_HOLD, [LOST] * 9),
+    "rearm_frames": (OperatingMode.CONTROL, SHORT_HOLD, [LOW, LOW, GOOD]),
+}
+"""By formula: the state that is led to, with which settings, and what comes."""
+
+
+@each("formula", sorted({row.within for row in TRANSITIONS} - {"1"}))
+def test_a_row_with_a_count_reacts_in_exactly_the_periods_that_it_states(formula):
+    mode, config, events = STATED[formula]
+    state = FailSafe(mode=OperatingMode.CONTROL, good=9)
+    if formula == "rearm_frames":
+        for _ in range(4):
+            state = state.next(LOST, config)
+        assert state.mode is OperatingMode.FAULT
+    modes = []
+    for inputs in events:
+        state = state.next(inputs, config)
+        modes.append(state.mode)
+    assert modes.index(mode) + 1 == eval(formula, {}, vars(config))
