@@ -82,22 +82,13 @@ def loops(path: Path) -> str:
             row["kind"],
             "none claimed" if row["reduction_percent"] is None else f"{row['reduction_percent']:.2f} %",
             row["abs_Cl_controlled"],
-            f"{row['periods_in_control']} of {row['periods_requested']}",
             *(None if row["ecu"][name] is None else f"{row['ecu'][name]:.2f}" for name in _MODELLED),
             f"{row['largest_command_difference']:.2g}",
         )
         for row in found["figures"]
     ]
     core = next(row for row in found["figures"] if row["kind"] == "mcu")
-    times = ("modelled ms, median", "most")
-    heads = (
-        "ECU",
-        "less drag",
-        "mean abs Cl",
-        "periods in control",
-        *times,
-        "largest difference of a command from C's",
-    )
+    heads = ("ECU", "less drag", "mean abs Cl", "modelled ms", "most", "largest difference of a command from C's")
     frames = f"{core['differing_frames']} of {core['frames_compared']} frames"
     states = f"{core['differing_states']} of {core['steps_compared']} states"
     return f"""{table(heads, rows)}
