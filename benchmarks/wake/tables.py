@@ -69,12 +69,9 @@ def _adjoint(results: Path) -> str:
 
 def _live(results: Path) -> str:
     heads = (
-        "refinement", "grid, time step", "cells a slot", "ms a control period", "wall Cd", "std Cl", "Strouhal",
-        "reduction under control, %", "mean abs Cl",
+        "refinement", "grid, time step", "ms a control period", "wall Cd", "reduction under control, %", "mean abs Cl",
     )  # fmt: skip
-    names = (
-        "refinement", "case", "slot_cells", "period_ms", "Cd", "Cl_std", "St", "reduction_percent", "abs_Cl_controlled",
-    )  # fmt: skip
+    names = ("refinement", "case", "period_ms", "Cd", "reduction_percent", "abs_Cl_controlled")
     return table(heads, [tuple(row[name] for name in names) for row in read(results / "live_speed.json")["figures"]])
 
 
