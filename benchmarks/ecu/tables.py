@@ -1,18 +1,11 @@
 """The tables of the ECU: its sensor check, its twin in C, the loop with each."""
 
-from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Final
 
 from benchmarks.common.markdown import read, table
-from can_bridge.wire.messages import Reason
 
-_WATCHED: Final = (
-    *("delay_4_uncompensated", "delay_8_uncompensated", "delay_12_uncompensated", "swapped", "frames_lost_0.2"),
-    *("reynolds_300", "reynolds_1000", "gust", "wrong_body", "jets_stuck"),
-)
-"""Scenarios of the campaign in which control may not help, and the least useful ones beside them."""
 _MODELLED: Final = ("modelled_ms", "modelled_ms_max")
 
 
@@ -24,35 +17,7 @@ def tables(results: Path) -> dict[str, str]:
         "sensor_check_faults": faults(figures["faults"]),
         "ecu_c": twin(results / "ecu_c.json"),
         "ecu_loop": loops(results / "ecu_loop.json"),
-        "monitor": monitor(results / "campaign.json"),
     }
-
-
-def monitor(path: Path) -> str:
-    """What the campaign's scenarios come to in which control may not help, and useful ones beside them."""
-    found = read(path)
-    controlled = found["facts"]["controlled"]
-    rows = [
-        (
-            row["name"],
-            f"{row['reduction_percent']:.1f}",
-            f"{row['abs_Cl']:.2f}",
-            f"{row['abs_Cl_uncontrolled']:.2f}",
-            *_shut(row, controlled),
-        )
-        for row in found["figures"]
-        if row["name"] in _WATCHED
-    ]
-    heads = ("scenario", "less drag, %", "mean abs Cl", "without control", "in control, t_c", "shut by")
-    return table(heads, rows)
-
-
-def _shut(row: Mapping[str, Any], controlled: float) -> tuple[str | None, str | None]:
-    """How long a scenario was in control, and why no longer, if a fault latched or control was tested."""
-    reasons = row["not_in_control_reasons"]
-    if not (row["latches"] or Reason.NOT_HELPING.name in reasons):
-        return None, None
-    return f"{row['in_control_percent'] / 100.0 * controlled:.0f}", max(reasons, key=reasons.get)
 
 
 def twin(path: Path) -> str:
