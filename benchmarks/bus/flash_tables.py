@@ -14,6 +14,9 @@ _LOST: Final = {
     "reflash_failed": "cases in which flashing again did not end confirmed",
 }
 
+_LONG_MS: Final = 3.0
+"""Pieces of flashing that take less than this, in modelled ms, have no row: no period is near its end for them."""
+
 
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker."""
@@ -73,7 +76,7 @@ def pieces(found: dict[str, Any]) -> str:
     """What diagnosis takes from control on the emulated board."""
     of, facts = found["figures"], found["facts"]
     clocks = next(iter(of.values()))
-    rows = [(what, *(f"{ms:.2f}" for ms in at.values())) for what, at in of.items()]
+    rows = [(what, *(f"{ms:.2f}" for ms in at.values())) for what, at in of.items() if max(at.values()) > _LONG_MS]
     release = f"{facts['bundle']} ({facts['digest'][:12]})"
     return f"""{table(("longest, modelled ms", *clocks), rows)}
 

@@ -122,9 +122,15 @@ def bus_faults(results: Path) -> str:
         figures = read(results / f"{file}.json")["figures"]
         held = f"{figures['periods_in_control']} of {figures['periods_requested']}"
         fault = figures["fault"]
-        latched = "no" if fault is None else f"{fault['reason']}, {fault['after_enable']} periods after the request"
-        rows.append((name, figures["reduction_percent"], figures["abs_Cl_controlled"], held, latched))
-    return table(("pressures", "less drag, %", "mean abs Cl", "periods in control", "latched"), rows)
+        rows.append(
+            (
+                name,
+                figures["reduction_percent"],
+                figures["abs_Cl_controlled"],
+                held if fault is None else f"{held}, {fault['reason']}",
+            )
+        )
+    return table(("pressures", "less drag, %", "mean abs Cl", "periods in control"), rows)
 
 
 def _names(waits: dict[str, float]) -> list[str]:

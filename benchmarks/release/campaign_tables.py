@@ -9,20 +9,16 @@ from benchmarks.common.markdown import read, table
 from firmware_sim.campaign import paper
 
 FILE: Final = "campaign.json"
-PARTS: Final = ("monitor_linear",)
-"""Campaigns of some scenarios: the names of their tables and of their files."""
 MISSING: Final = "Not measured yet: the command above writes the file that this table is made of."
 
 
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker; a note in its place while there is no campaign among the results."""
     path = results / FILE
-    files = {name: results / f"{name}.json" for name in PARTS}
-    disturbed = {name: campaign(read(file)) if file.is_file() else MISSING for name, file in files.items()}
     if not path.is_file():
-        return {"campaign": MISSING, "campaign_paper": MISSING, **disturbed}
+        return {"campaign": MISSING, "campaign_paper": MISSING}
     found = read(path)
-    return {"campaign": campaign(found), "campaign_paper": beside_the_paper(found["figures"]), **disturbed}
+    return {"campaign": campaign(found), "campaign_paper": beside_the_paper(found["figures"])}
 
 
 def campaign(found: Mapping[str, Any]) -> str:

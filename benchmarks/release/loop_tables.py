@@ -28,23 +28,26 @@ def drive(results: Path) -> str:
     rows = [
         (
             row["name"],
-            row["reduction_percent"],
-            f"{row['reduction_least']:.1f} .. {row['reduction_most']:.1f}",
-            row["net_reduction_percent"],
-            *(f"{row[name]:.0f}" for name in ("drag_kJ_per_km_without", "drag_kJ_per_km", "jets_kJ_per_km")),
+            f"{row['reduction_percent']:.1f} ({row['reduction_least']:.1f} to {row['reduction_most']:.1f})",
+            f"{row['net_reduction_percent']:.1f}",
             *(f"{row[name]:.2f}" for name in ("abs_Cl", "abs_Cl_without")),
-            f"{row['in_control_percent']:.0f}",
-            _latched(row["trouble"]),
+            f"{row['in_control_percent']:.0f} {_latched(row['trouble'])}".strip(),
         )
         for row in found["figures"]
     ]
-    heads = ("drive", "less drag, %", "by start", "less net, %", "kJ a km without", "with", "of the jets")
-    shown = table((*heads, "mean abs Cl", "without", "in control, %", "latched (starts)"), rows)
-    return f"""{shown}
+    heads = (
+        "drive",
+        "less drag, % (starts)",
+        "less net, %",
+        "mean abs Cl",
+        "without",
+        "in control, % (latched, starts)",
+    )
+    return f"""{table(heads, rows)}
 
 Measured on {found["date"]}: {facts["bundle"]} ({facts["digest"][:12]}), mesh {facts["mesh"]:g}, medians of
 {facts["phases"]} starts in one shedding cycle, {facts["lead_in"]:g} t_c of the design speed without control, then the
-drive, of which the first {facts["settle"]:g} t_c do not count. Energies are per metre of height."""
+drive, of which the first {facts["settle"]:g} t_c do not count."""
 
 
 def _latched(troubles: list[str]) -> str:

@@ -45,12 +45,12 @@ def _steps(results: Path) -> str:
                 row["ns_per_cell_and_step"],
                 row["floor_sweeps_ns"],
                 row["floor_transforms_ns"],
-                *(f"{100 * row['shares'][label]:.0f}" for label in ("convection, diffusion, walls", "Poisson")),
+                f"{100 * row['shares']['Poisson']:.0f}",
             )
         )
     heads = (
         "cells", "CPU s per t_c", "at full amplitude", "ns a cell and step", "floor: memory", "floor: transforms",
-        "convection, diffusion, walls, %", "Poisson, %",
+        "Poisson, %",
     )  # fmt: skip
     return table(heads, rows)
 
@@ -58,23 +58,20 @@ def _steps(results: Path) -> str:
 def _adjoint(results: Path) -> str:
     names = (
         "precision", "cells", "gradient_error", "forward_ms", "recording_ratio", "periods_ratio",
-        "gradient_periods_per_s", "memory_mb", "drag",
+        "gradient_periods_per_s", "memory_mb",
     )  # fmt: skip
     heads = (
         "precision", "cells", "error of the gradient", "forward, ms", "recorded, in forward periods", "back",
-        "gradient periods a second", "MB kept", "Cd without jets",
+        "gradient periods a second", "MB kept",
     )  # fmt: skip
     return table(heads, [tuple(row[name] for name in names) for row in read(results / "adjoint.json")["figures"]])
 
 
 def _live(results: Path) -> str:
     heads = (
-        "refinement", "grid, time step", "cells a slot", "ms a control period", "wall Cd", "std Cl", "Strouhal",
-        "reduction under control, %", "mean abs Cl",
+        "refinement", "grid, time step", "ms a control period", "wall Cd", "reduction under control, %", "mean abs Cl",
     )  # fmt: skip
-    names = (
-        "refinement", "case", "slot_cells", "period_ms", "Cd", "Cl_std", "St", "reduction_percent", "abs_Cl_controlled",
-    )  # fmt: skip
+    names = ("refinement", "case", "period_ms", "Cd", "reduction_percent", "abs_Cl_controlled")
     return table(heads, [tuple(row[name] for name in names) for row in read(results / "live_speed.json")["figures"]])
 
 

@@ -14,9 +14,9 @@ LARGEST_DATA_BITRATE: Final = 8_000_000
 
 _CAN_FD: Final = standard("SAE J2284-4", "CAN FD in vehicles, 500 kbit/s with data at 2 Mbit/s")
 _DELAY: Final = within(0, 10_000, "more outlast any horizon")
-_GATE: Final = "explanation/command-gate.md"
-_LIES: Final = "explanation/sensors-that-lie.md"
-_HELPS: Final = "explanation/when-control-does-not-help.md"
+_GATE: Final = "explanation/what-shuts-the-jets.md#the-command-gate"
+_LIES: Final = "explanation/what-shuts-the-jets.md#sensors-that-lie"
+_HELPS: Final = "explanation/what-shuts-the-jets.md#control-that-does-not-help"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +115,7 @@ class SensorCheckConfig(
     source=ours("above what sound sensors reach", page=_LIES),
 ):
     """When the ECU no longer believes a pressure sensor. Levels are ratios of variances; what sound sensors reach is
-    over the whole shipped recording (docs/explanation/sensors-that-lie.md)."""
+    over the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("a liar costs most of the gain", page=_LIES)] = True
     """Check the pressures against each other, with the bundle's estimator, and go on without a sensor that lies."""
@@ -142,7 +142,7 @@ class BenefitCheckConfig(
     section="ecu.benefit_check",
     source=ours("between useful and harmful control", page=_HELPS),
 ):
-    """When the ECU no longer believes that control helps (docs/explanation/when-control-does-not-help.md)."""
+    """When the ECU no longer believes that control helps (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("off its design a controller can raise drag", page=_HELPS)] = True
     """Compare the base pressure under control with that before, and shut the jets where control does not help."""
