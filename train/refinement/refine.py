@@ -188,14 +188,15 @@ def _tasks(
         effort, lift = stream.goal.prices()
         is_fixed = settings.slowest == settings.fastest or number % AT_DESIGN == 0
         speed = 1.0 if is_fixed else _next_speed(stream, settings, rng)
+        speeds = np.linspace(stream.speed, speed, periods + 1)
         tasks.append(
             Task(
                 number=number,
                 feedback=run.feedback,
                 stream=stream,
                 price=Price(lift=lift, motion=settings.motion_price, effort=effort),
-                readings=_readings(settings, deviations, periods, rng),
-                speeds=np.linspace(stream.speed, speed, periods + 1),
+                readings=_readings(settings, deviations, speeds[:-1], rng),
+                speeds=speeds,
                 action_limit=stream.goal.share_of_limit() * run.feedback.limit,
             )
         )
@@ -209,8 +210,9 @@ def _next_goal(settings: RefineConfig, rng: np.random.Generator) -> Goal:
     return Goal(*np.where(others, drawn, own).tolist()) if settings.goals else own
 
 
-def _readings(settings: RefineConfig, deviations: Array, periods: int, rng: np.random.Generator) -> Readings:
-    """What a stretch's sensors, speed and frames do wrong."""
+def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.random.Generator) -> Readings:
+    """Draw what the sensors, the speed and the frames of a stretch do wrong; `speeds` (n,) are the flow's own."""
+    periods = len(speeds)
     # Squares of uniform draws make little noise frequent.
     scale = settings.sensor_noise * rng.random() ** 2
     noise = scale * deviations * rng.standard_normal((periods, len(deviations)))
@@ -219,7 +221,8 @@ def _readings(settings: RefineConfig, deviations: Array, periods: int, rng: np.r
     told, share = rng.uniform(-1.0, 1.0) * (rng.random() > SOUND), rng.random() * (rng.random() > SOUND)
     return Readings(
         noise=noise,
-        told=np.full(periods, 1.0 + settings.speed_error * told),
+        # As the ECU does: a speed beyond the range is taken for its end.
+        told=np.clip((1.0 + settings.speed_error * told) * speeds, settings.slowest, settings.fastest) / speeds,
         lost=rng.random(periods) < settings.loss * share,
     )
 

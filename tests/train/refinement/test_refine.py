@@ -1,6 +1,6 @@
 """Training through a flow: its gradient against differences, what it learns, and a stop that costs nothing."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,7 @@ from train.refinement.feedback import Feedback
 from train.refinement.pipeline import SPEEDS_AT_REST, resting_by_speed
 from train.refinement.predictor import RIDGE, check_pairs, predictor
 from train.refinement.refine import Refined, refine
-from train.refinement.stretches import side_by_side
+from train.refinement.stretches import Done, Task, done, side_by_side
 from train.refinement.windows import ROUNDED, Price, Readings, Stream, differentiate
 
 MEMORY, LIMIT = 6, 0.075
@@ -152,6 +152,18 @@ def test_stretches_side_by_side_are_those_one_after_the_other():
     assert len(alone.stretches) == 3
     for one, other in zip(shared.feedback.parameters(), alone.feedback.parameters(), strict=True):
         np.testing.assert_array_equal(one.detach().numpy(), other.detach().numpy())
+
+
+def test_a_speed_that_lies_is_told_within_the_range_so_that_a_streams_rows_reach_back_far_enough():
+    settings = replace(SETTINGS, updates=8, shortest=8, longest=8, slowest=0.95, fastest=1.05, speed_error=0.3)
+    flow, told = Oscillator(), list[float]()
+
+    def watched(tasks: Sequence[Task]) -> list[Done]:
+        told.extend(value for task in tasks for value in task.readings.told * task.speeds[:-1])
+        return [done(task, flow) for task in tasks]
+
+    refine(feedback, flow, [START] * 2, settings, np.full(4, 0.1), seed=3, side_by_side=watched)
+    assert (min(told), max(told)) == pytest.approx((0.95, 1.05))
 
 
 def test_the_predictor_finds_a_linear_system_and_needs_stretches_longer_than_its_memory():
