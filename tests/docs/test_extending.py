@@ -1,9 +1,7 @@
 """The code of pages and examples for methods, plants and faults of one's own does what they promise, as it stands."""
 
 import re
-import sys
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -19,62 +17,45 @@ from contract.recording.dataset import UNITS, Dataset, Episode, write
 from contract.release.bundle import load
 from contract.sensors import TRUCK
 from contract.shipped import BUNDLE
+from examples import own_selection
 from examples.own_faults import EveryNth, WithSensors, clipped, third_lost
+from examples.own_plant import OscillatorPlant
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from train.samples.rows import Rows
 
-DOCS = Path(__file__).parents[2] / "docs"
+PAGE = Path(__file__).parents[2] / "docs/how-to/add-a-plant.md"
 SHORT = Spans(lead_in=8.0, controlled=4.0, settle=0.0, averages=False)
 """t_c: the window of 32 control periods fills meanwhile."""
 
 
-def blocks(page: str) -> list[str]:
-    text = (DOCS / page).read_text(encoding="utf-8")
-    return re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-
-
-def module(name: str, *code: str) -> ModuleType:
-    made = ModuleType(name)
-    for text in code:
-        exec(compile(text, name, "exec"), made.__dict__)
-    return made
-
-
-@pytest.fixture(scope="module")
-def plant() -> ModuleType:
-    return module("my_plant", blocks("how-to/add-a-plant.md")[0])
-
-
 def test_a_selection_finds_the_sensors_that_the_forces_are_made_of():
     """Drag is sensor 70, side force sensors 12 and 33; the others are noise, and one is a copy of 12."""
-    (code,) = blocks("how-to/add-a-sensor-selection.md")
     draws = np.random.default_rng(1).standard_normal((500, 91)).astype(np.float32)
     draws[:, 40] = draws[:, 12]
     forces = np.column_stack([3.0 * draws[:, 70], 2.0 * draws[:, 12] + draws[:, 33]])
     inputs = torch.from_numpy(draws)
     rows = Rows(inputs=inputs, actions=inputs[:, 90], forces=torch.from_numpy(forces), lengths=(500,))
-    first, second, third = module("my_selection", code).select_by_forces(rows, 3)
+    first, second, third = own_selection.select_by_forces(rows, 3)
     assert first == 70
     assert second in (12, 40)
     assert third == 33
 
 
 def test_its_script_prints_names_that_train_takes(tmp_path, capsys):
-    (code,) = blocks("how-to/add-a-sensor-selection.md")
     rng = np.random.default_rng(2)
     series = {name: rng.normal(size=(60, len(TRUCK)) if name == "Cp" else 60) for name in UNITS}
     series["t"], series["action"] = 0.2 * np.arange(60.0), 0.01 * np.sin(np.arange(60.0))
     episode = Episode(name="one", role="train", series=series, initial_action=0.0, provenance={})
     write(tmp_path / "my.h5", Dataset(episodes=(episode,)))
-    module("my_selection", code).main(str(tmp_path / "my.h5"), 4)
+    own_selection.main(str(tmp_path / "my.h5"), 4)
     assert len(TRUCK.indices(capsys.readouterr().out.strip().split(","))) == 4
 
 
-def test_the_oscillator_sheds_at_its_own_frequency_without_jets(plant):
+def test_the_oscillator_sheds_at_its_own_frequency_without_jets():
     """Limit cycle: abs(z) = 1 within the error of the Euler step, 25 control periods to a cycle."""
     config = load_config()
-    oscillator = plant.OscillatorPlant(config.flow)
+    oscillator = OscillatorPlant(config.flow)
     samples = []
     for _ in range(100):
         oscillator.advance_to(config.flow.substeps)
@@ -85,10 +66,10 @@ def test_the_oscillator_sheds_at_its_own_frequency_without_jets(plant):
     np.testing.assert_allclose(np.diff(rises), 25, atol=1)
 
 
-def test_the_shipped_controller_drives_it_over_the_bus(plant, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "my_plant", plant)
+def test_the_shipped_controller_drives_it_over_the_bus(capsys):
+    (block,) = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     names: dict[str, Any] = {}
-    exec(compile(blocks("how-to/add-a-plant.md")[1], "page", "exec"), names)
+    exec(compile(block, "page", "exec"), names)
     log = names["log"]
     assert log.bus.lost == log.bus.rejected == 0
     assert set(log.series["mode"][70:]) == {log.series["mode"][-1]}
@@ -96,14 +77,14 @@ def test_the_shipped_controller_drives_it_over_the_bus(plant, monkeypatch, capsy
     assert "sent=" in capsys.readouterr().out
 
 
-def test_every_third_frame_is_lost_at_a_port_and_in_a_run(plant):
+def test_every_third_frame_is_lost_at_a_port_and_in_a_run():
     bus = SimulatedBus(BusConfig())
     port = wrap(bus.port("vehicle"), [EveryNth(n=3)], clock=lambda: bus.now_ns, seed=1)
     for number in range(7):
         port.send(Frame(frame_id=number, data=b""))
     assert [injector.acted for injector in port.injectors] == [2]
     config = load_config()
-    oscillator = plant.OscillatorPlant(config.flow)
+    oscillator = OscillatorPlant(config.flow)
     wide = Spans(lead_in=8.0, controlled=28.0, settle=0.0, averages=False)
     log = Simulation(load(BUNDLE), config, spans=wide, disturbances=third_lost(3.0)).run(oscillator)
     (injected,) = log.metadata.faults
@@ -111,8 +92,8 @@ def test_every_third_frame_is_lost_at_a_port_and_in_a_run(plant):
     assert (injected.text, injected.acted) == ("vehicle:every_nth:n=3", 20)
 
 
-def test_clipped_sensors_are_what_the_controller_reads(plant):
+def test_clipped_sensors_are_what_the_controller_reads():
     config = load_config()
-    faulty = WithSensors(plant.OscillatorPlant(config.flow), clipped(0.25))
+    faulty = WithSensors(OscillatorPlant(config.flow), clipped(0.25))
     log = Simulation(load(BUNDLE), config, spans=SHORT).run(faulty)
     assert np.abs(log.series["wall_Cp"]).max() == pytest.approx(0.25)
