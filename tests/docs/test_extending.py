@@ -1,8 +1,6 @@
 """The code of pages and examples for methods, plants and faults of one's own does what they promise, as it stands."""
 
-import re
 import sys
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -22,16 +20,11 @@ from contract.shipped import BUNDLE
 from examples.own_faults import EveryNth, WithSensors, clipped, third_lost
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
+from tests.docs.blocks.pages import python
 from train.samples.rows import Rows
 
-DOCS = Path(__file__).parents[2] / "docs"
 SHORT = Spans(lead_in=8.0, controlled=4.0, settle=0.0, averages=False)
 """t_c: the window of 32 control periods fills meanwhile."""
-
-
-def blocks(page: str) -> list[str]:
-    text = (DOCS / page).read_text(encoding="utf-8")
-    return re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
 def module(name: str, *code: str) -> ModuleType:
@@ -43,12 +36,12 @@ def module(name: str, *code: str) -> ModuleType:
 
 @pytest.fixture(scope="module")
 def plant() -> ModuleType:
-    return module("my_plant", blocks("how-to/add-a-plant.md")[0])
+    return module("my_plant", python("how-to/add-a-plant.md")[0])
 
 
 def test_a_selection_finds_the_sensors_that_the_forces_are_made_of():
     """Drag is sensor 70, side force sensors 12 and 33; the others are noise, and one is a copy of 12."""
-    (code,) = blocks("how-to/add-a-sensor-selection.md")
+    (code,) = python("how-to/add-a-sensor-selection.md")
     draws = np.random.default_rng(1).standard_normal((500, 91)).astype(np.float32)
     draws[:, 40] = draws[:, 12]
     forces = np.column_stack([3.0 * draws[:, 70], 2.0 * draws[:, 12] + draws[:, 33]])
@@ -61,7 +54,7 @@ def test_a_selection_finds_the_sensors_that_the_forces_are_made_of():
 
 
 def test_its_script_prints_names_that_train_takes(tmp_path, capsys):
-    (code,) = blocks("how-to/add-a-sensor-selection.md")
+    (code,) = python("how-to/add-a-sensor-selection.md")
     rng = np.random.default_rng(2)
     series = {name: rng.normal(size=(60, len(TRUCK)) if name == "Cp" else 60) for name in UNITS}
     series["t"], series["action"] = 0.2 * np.arange(60.0), 0.01 * np.sin(np.arange(60.0))
@@ -88,7 +81,7 @@ def test_the_oscillator_sheds_at_its_own_frequency_without_jets(plant):
 def test_the_shipped_controller_drives_it_over_the_bus(plant, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "my_plant", plant)
     names: dict[str, Any] = {}
-    exec(compile(blocks("how-to/add-a-plant.md")[1], "page", "exec"), names)
+    exec(compile(python("how-to/add-a-plant.md")[1], "page", "exec"), names)
     log = names["log"]
     assert log.bus.lost == log.bus.rejected == 0
     assert set(log.series["mode"][70:]) == {log.series["mode"][-1]}
