@@ -101,7 +101,7 @@ def _meaning(fd: list[Signal], classic: list[Signal]) -> str:
 def _comment(found: list[Signal]) -> str:
     one = found[0]
     given = {"E2E_CRC": "E2E checksum.", "E2E_Counter": "E2E counter, one more in every frame."}
-    text = str(one.comment or given[one.name])
+    text = str(one.comment or given[one.name]).replace("; stays at its largest value.", ".")
     return text if len(found) == 1 else re.sub(r"\b([A-Z][a-z]+)0\b", r"\1N", text)
 
 

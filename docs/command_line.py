@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Final, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Final, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import typer
 
@@ -38,9 +38,21 @@ def _commands(name: str, command: Any) -> Iterator[tuple[str, Any]]:
             yield from _commands(f"{name} {word}", one)
 
 
+class _Option(NamedTuple):
+    """An argument or an option, without its default, as a line of the page has it."""
+
+    name: str
+    bounds: str
+    help: str
+
+    def line(self, default: str = "") -> str:
+        facts = ", ".join(filter(None, (default, self.bounds)))
+        return f"- `{self.name}`{facts and f' ({facts})'}: {self.help}"
+
+
 def common_options() -> str:
     """The options that several commands have with the same words, one a line."""
-    return "\n".join(sorted(_common()))
+    return "\n".join(sorted(one.line() for one in _common()))
 
 
 def sections() -> str:
@@ -56,9 +68,9 @@ def sections() -> str:
 
 
 @cache
-def _common() -> Collection[str]:
-    counts = Counter(line for command in commands().values() for line, _ in _options(command) if "`-" in line)
-    return {line for line, count in counts.items() if count > 1}
+def _common() -> Collection[_Option]:
+    counts = Counter(one for command in commands().values() for one, _ in _options(command) if one.name[0] == "-")
+    return {one for one, count in counts.items() if count > 1}
 
 
 def _sections(name: str, command: Any) -> Iterator[str]:
@@ -67,17 +79,14 @@ def _sections(name: str, command: Any) -> Iterator[str]:
         yield f"### stillwake {name}\n\n{_marked(command.help)}"
     for words, one in _commands(name, command):
         yield f"{'###' if group is None else '####'} stillwake {words}\n\n{_marked(_explained(one))}"
-        options = list(_options(one))
-        yield "\n".join(
-            f"{line}{default and f' Default {default}.'}" for line, default in options if line not in _common()
+        yield "\n".join(option.line(default) for option, default in _options(one) if option not in _common())
+        shared = (
+            f"`{option.name.split()[0]}`{default and f' ({default})'}"
+            for option, default in _options(one)
+            if option in _common()
         )
-        names = (
-            f"{line.split()[1].strip('`:,')}` {default and f'({default})'}"
-            for line, default in options
-            if line in _common()
-        )
-        if shared := ", ".join(f"`{name}".strip() for name in names):
-            yield f"Also {shared}."
+        if names := ", ".join(shared):
+            yield f"Also {names}."
 
 
 def _explained(command: Any) -> str:
@@ -88,14 +97,14 @@ def _explained(command: Any) -> str:
     return "\n\n".join([f"{first} More: {', '.join(pages)}." if pages else first, *stated])
 
 
-def _options(command: Any) -> Iterator[tuple[str, str]]:
-    """A line on every argument and option, and its default, which that does not have."""
+def _options(command: Any) -> Iterator[tuple[_Option, str]]:
+    """Every argument and option, and its default."""
     types = get_type_hints(command.callback)
     for one in command.params:
         takes = _takes(one, types[one.name])
         least = "" if one.min is None else f"{one.min:g}"
-        bounds = f" ({least}..{one.max:g})" if one.max is not None else least and f" (≥{least})"
-        yield f"- `{_name(one)}{takes and ' '}{takes}`{bounds}: {_marked(_help(one))}", _default(one)
+        bounds = f"{least}..{one.max:g}" if one.max is not None else least and f"≥{least}"
+        yield _Option(f"{_name(one)}{takes and ' '}{takes}", bounds, _marked(_help(one))), _default(one)
 
 
 def _help(parameter: Any) -> str:

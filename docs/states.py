@@ -77,21 +77,20 @@ LINES: Final = (
 
 
 def states() -> str:
-    """A row for each state."""
-    rows = (
-        (mode.name, mode.on_wire.name, "may run" if mode in DRIVES_JETS else "shut", text)
+    """A line for each state."""
+    return "\n".join(
+        f"- {mode.name} ({mode.on_wire.name}, jets {'may run' if mode in DRIVES_JETS else 'shut'}): {text}"
         for mode, text in _meanings().items()
     )
-    return table(("state", "on the wire", "jets", "what it is"), rows)
 
 
 def transitions() -> str:
     """A numbered row for each transition of the table that runs."""
     rows = (
-        (str(number), _names(row.start), row.when.text, row.to.name, row.reason.text, _formula(row.within))
+        (f"{number}: {_names(row.start)}", f"{row.when.text}{_within(row.within)}", f"{row.to.name}: {row.reason.text}")
         for number, row in enumerate(TRANSITIONS, start=1)
     )
-    return table(("row", "from", "when", "to", "Reason on the wire", "within periods"), rows)
+    return table(("row: from", "when", "to: Reason on the wire"), rows)
 
 
 def _names(start: frozenset[OperatingMode]) -> str:
@@ -100,11 +99,10 @@ def _names(start: frozenset[OperatingMode]) -> str:
     return f"all but {', '.join(others)}" if len(others) <= _FEW < len(names) else ", ".join(names)
 
 
-def _formula(within: str) -> str:
-    """Settings as code; nothing where the same period reacts."""
-    if within == "1":
-        return ""
-    return " ".join(f"`{word}`" if word.isidentifier() else word for word in within.split())
+def _within(periods: str) -> str:
+    """For how many periods, settings as code; nothing where the same period reacts."""
+    words = (f"`{word}`" if word.isidentifier() else word for word in periods.split())
+    return "" if periods == "1" else f"; for {' '.join(words)} periods"
 
 
 def _meanings() -> dict[OperatingMode, str]:

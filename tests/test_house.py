@@ -15,7 +15,7 @@ MOST_MODULES = 15
 MOST_LINES = {"source": 64_400, "benchmarks": 4_810, "tests": 52_560}
 """Of Python; a ratchet, lowered with every line that goes."""
 
-MOST_WORDS = 88_000
+MOST_WORDS = 83_300
 """Of the documents, as wc counts them, with what is made in them."""
 
 

@@ -97,9 +97,9 @@ def test_every_setting_has_a_line_with_default_release_unit_bounds_source_and_me
 def test_every_kind_of_disturbance_has_a_row_with_its_parameters():
     page = (ROOT / "docs" / "reference" / "disturbances.md").read_text(encoding="utf-8")
     elsewhere, of_the_bus = page.partition("## Faults of the bus")[::2]
-    rows = {re.split(r"\W", row[3:])[0]: row for row in elsewhere.splitlines() if row.startswith("| `")}
+    rows = {re.split(r"\W", row[3:])[0]: row for row in elsewhere.splitlines() if row.startswith("- `")}
     assert sorted(rows) == sorted(KINDS)
-    assert set(re.findall(r"^\| `(\w+)", of_the_bus, re.MULTILINE)) == BUS_FAULTS.keys()
+    assert set(re.findall(r"^- `(\w+)", of_the_bus, re.MULTILINE)) == BUS_FAULTS.keys()
     for name, kind in KINDS.items():
         # The only node that a reset or a clock can be of need not be named.
         unnamed = {"start_s", "end_s"} | ({"node"} if name in ("reset", "clock") else set())
@@ -110,7 +110,7 @@ def test_every_kind_of_disturbance_has_a_row_with_its_parameters():
 
 def test_the_picture_of_states_is_up_to_date_with_every_state_and_transition():
     assert states.PICTURE.read_text(encoding="utf-8") == states.draw(), "docs/states.svg is stale: run `make generated`"
-    meanings = re.findall(r"^\| ([A-Z]+) \| [A-Z]+ \| (?:shut|may run) \| \S.*\|$", states.states(), flags=re.MULTILINE)
+    meanings = re.findall(r"^- ([A-Z]+) \([A-Z]+, jets (?:shut|may run)\): \S", states.states(), flags=re.MULTILINE)
     assert meanings == [mode.name for mode in OperatingMode]
     texts = [item.text or "" for item in ElementTree.fromstring(states.draw()).iter("{http://www.w3.org/2000/svg}text")]
     assert {*texts} >= {mode.name for mode in OperatingMode}
