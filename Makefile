@@ -137,14 +137,10 @@ tables: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks tables
 	$(BIN)/python -m benchmarks pictures
 
-# All that the documents take from files: tables, pictures, rooms, settings, commands, CAN messages.
+# What the committed documents take from files: tables, pictures, rooms, states. What else is made, `docs` fills in.
 generated: tables
-	$(BIN)/python docs/rooms.py
-	$(BIN)/python docs/settings.py
-	$(BIN)/python docs/command_line.py
-	$(BIN)/python docs/can_messages.py
-	$(BIN)/python docs/states.py
-	$(BIN)/python docs/diagnosis.py
+	$(BIN)/python -m docs.rooms
+	$(BIN)/python -m docs.states
 
 # These pages as a site, with search and the API; warnings are errors. `test` reads and links them all and writes none.
 docs: $(VENV)/dev.stamp

@@ -1,7 +1,10 @@
-"""Write `docs/reference/can-messages.md` from `contract/stillwake.dbc`: `make generated`."""
+"""The tables of `docs/reference/can-messages.md`, from `contract/stillwake.dbc`: one set of messages, and what differs
+in the others."""
 
-import sys
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
+from itertools import groupby
 from pathlib import Path
 from typing import Final
 
@@ -9,96 +12,102 @@ from cantools.database import Database
 from cantools.database.can import Message
 from cantools.database.can.signal import Signal
 
-from can_bridge.wire.message_sets import SETS, MessageSet
+from can_bridge.wire.message_sets import CLASSIC, FD, SECURED, SETS
+from docs.table import table
 
-ROOT: Final = Path(__file__).resolve().parents[1]
-DBC: Final = ROOT / "contract" / "stillwake.dbc"
-PAGE: Final = ROOT / "docs" / "reference" / "can-messages.md"
-
-_HEAD: Final = """# CAN messages
-
-For ECU and validation engineers who read or write the bus. `make generated` writes this page from
-[stillwake.dbc](../../contract/stillwake.dbc), which defines everything on it; open that file in your own tool.
-A bus carries one of the three sets: `bus.frames` chooses CAN FD or classic CAN, `bus.key` the authenticated form of
-CAN FD. Identifiers differ between the sets, so a node of another set is seen and not misread. Those of diagnosis and
-calibration are not in the file: they are [settings](diagnosis.md#identifiers-on-the-bus), and never one of these.
-
-{comment}
-
-Bits are given as start and length; the start is the least significant bit of a little-endian signal, and the most
-significant one where the table has big-endian. Every message is sent once in a control period,
-20 ms for the default vehicle.
-The E2E data ID is not sent, it is mixed into the CRC; profile 2 takes it for all 16 entries of its list.
-[Protection](../explanation/protection.md) explains what the header and the authentication code are good for."""
+DBC: Final = Path(__file__).resolve().parents[1] / "contract" / "stillwake.dbc"
+_HEADER: Final = ("E2E_CRC", "E2E_Counter")
+_TRAILER: Final = ("Freshness", "MAC")
 
 
-def page() -> str:
-    """The whole page: the sets, then every message."""
+@cache
+def _messages() -> tuple[tuple[Message, ...], ...]:
+    """The messages of CAN FD, classic CAN and authenticated CAN FD, each with its twins of the other sets."""
     dbc = Database()
     dbc.add_dbc_string(DBC.read_text(encoding="utf-8"))
-    parts = [_HEAD.format(comment=_comment())]
-    for messages in SETS:
-        parts.append(f"\n## {messages.name[0].upper() + messages.name[1:]}\n")
-        parts.append(_set_table(dbc, messages))
-        parts += [_message(dbc.get_message_by_name(spec.name)) for spec in messages.specs]
-    parts += ["\n## Tables\n", *map(_value_table, ("Mode", "Reason"), (dbc, dbc))]
-    return "\n".join(parts) + "\n"
+    sets = (dbc.get_message_by_name(spec.name) for one in (FD, CLASSIC, SECURED) for spec in one.specs)
+    in_order = list(sets)
+    count = len(in_order) // len(SETS)
+    return tuple(tuple(in_order[number::count]) for number in range(count))
 
 
-def _comment() -> str:
-    # cantools keeps the comments of nodes, messages and signals, but not the file's own.
-    text = DBC.read_text(encoding="utf-8")
-    begin = text.index('CM_ "') + len('CM_ "')
-    return text[begin : text.index('";', begin)]
+def sets() -> str:
+    """A row for each message: its name, identifier, length and E2E data ID in each set."""
+    heads = ("CAN FD: id, bytes, data ID", "classic CAN", "authenticated CAN FD", "from")
+    return table(heads, ((*map(_identity, twins), ", ".join(twins[0].senders)) for twins in _messages()))
 
 
-def _set_table(dbc: Database, messages: MessageSet) -> str:
-    lines = ["| id | message | bytes | frame | from | cycle | E2E profile, data ID |", "|---|---|---|---|---|---|---|"]
-    for spec in messages.specs:
-        message = dbc.get_message_by_name(spec.name)
-        kind = "CAN FD, 2 rates" if message.is_fd else "classic"
-        attributes = {} if message.dbc is None else message.dbc.attributes
-        profile, data_id = (attributes[name].value for name in ("E2EProfile", "E2EDataID"))
-        lines.append(
-            f"| {message.frame_id:#x} | {message.name} | {message.length} | {kind} | {', '.join(message.senders)} "
-            f"| {message.cycle_time} ms | {profile}, {data_id:#x} |"
-        )
-    return "\n".join(lines)
+def _identity(message: Message) -> str:
+    data_id = message.dbc.attributes["E2EDataID"].value if message.dbc else 0
+    return f"`{message.name}` {message.frame_id:#x}, {message.length}, {data_id:#x}"
 
 
-def _message(message: Message) -> str:
-    lines = [
-        f"\n### {message.name}\n",
-        f"{message.comment}\n",
-        "| signal | bits | type | one step | range | meaning |",
-        "|---|---|---|---|---|---|",
-    ]
-    return "\n".join([*lines, *map(_signal, message.signals)])
+def signals() -> str:
+    """A section for each message with its signals in CAN FD and classic CAN, and where the authenticated form ends."""
+    parts = [table(("signal", "CAN FD", "classic CAN", "meaning"), _rows(_messages()[0], _HEADER))]
+    for twins in _messages():
+        names = [signal.name for signal in twins[0].signals if signal.name not in _HEADER]
+        parts.append(f"## {twins[0].name}\n\n{twins[0].comment}")
+        parts.append(table(("signal", "CAN FD", "classic CAN", "meaning"), _rows(twins, names)))
+    return "\n\n".join(parts)
 
 
-def _signal(signal: Signal) -> str:
-    order = "" if signal.byte_order == "little_endian" else ", big-endian"
-    kind = f"{'int' if signal.is_signed else 'uint'}{signal.length}"
-    unit = f" {signal.unit}" if signal.unit else ""
-    step = f"{signal.scale:g}{unit}" if unit or signal.scale != 1 else ""
-    table = signal.name in ("Mode", "State", "Reason")
-    limits = "table" if table else f"{signal.minimum} .. {signal.maximum}"
-    meaning = (
-        signal.comment
-        or {"E2E_CRC": "E2E checksum.", "E2E_Counter": "E2E counter, one more in every frame."}[signal.name]
-    )
-    return f"| `{signal.name}` | {signal.start}, {signal.length}{order} | {kind} | {step} | {limits} | {meaning} |"
+def trailers() -> str:
+    """Where freshness value and authentication code begin in each message that has them."""
+    found = [[twins[2].get_signal_by_name(name) for name in _TRAILER] for twins in _messages()]
+    means = (f"`{one.name}` ({_type(one)}): {one.comment}" for one in found[0])
+    rows = ((twins[2].name, *(str(one.start) for one in pair)) for twins, pair in zip(_messages(), found, strict=True))
+    return "\n\n".join((table(("message", *_TRAILER), rows), *means))
 
 
-def _value_table(name: str, dbc: Database) -> str:
-    message, signal = {"Mode": ("JetCommand", "Mode"), "Reason": ("EcuStatus", "Reason")}[name]
-    choices: Mapping[int, object] = dbc.get_message_by_name(message).get_signal_by_name(signal).choices or {}
-    rows = [f"| {value} | {text} |" for value, text in sorted(choices.items())]
-    return "\n".join(
-        [f"`{name}`{' (also `State`)' if name == 'Mode' else ''}\n", "| value | name |", "|---|---|", *rows, ""]
-    )
+def values() -> str:
+    """The numbers of modes and reasons, in words."""
+    places = {"Mode": _messages()[2][0], "Reason": _messages()[3][0]}
+    return "\n\n".join(f"`{name}`: {_choices(one.get_signal_by_name(name))}." for name, one in places.items())
 
 
-if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
-    sys.stdout.write(f"wrote {PAGE}\n")
+def _choices(signal: Signal) -> str:
+    return ", ".join(f"{value} {text}" for value, text in sorted((signal.choices or {}).items()))
+
+
+def _rows(twins: tuple[Message, ...], names: Iterable[str]) -> Iterable[tuple[str, ...]]:
+    """Rows of signals; those whose names differ in their number alone have one."""
+    for _, group in groupby(names, key=lambda name: name.rstrip("0123456789")):
+        same = list(group)
+        fd, classic = ([one for one in message.signals if one.name in same] for message in twins[:2])
+        name = f"`{same[0]}`" if len(same) == 1 else f"`{same[0]}` to `{same[-1]}`"
+        yield name, _place(fd), _place(classic) if classic else "none", _meaning(fd, classic)
+
+
+def _place(found: list[Signal]) -> str:
+    """First bits, type, and what one step is worth."""
+    one = found[0]
+    step = f", {one.scale:g} {one.unit or ''}".rstrip() if one.unit or one.scale != 1 else ""
+    return f"{'/'.join(str(signal.start) for signal in found)}, {_type(one)}{step}"
+
+
+def _type(one: Signal) -> str:
+    order = "" if one.byte_order == "little_endian" else ", big-endian"
+    return f"{'int' if one.is_signed else 'uint'}{one.length}{order}"
+
+
+def _meaning(fd: list[Signal], classic: list[Signal]) -> str:
+    """The comment in the DBC, and what the classic one has besides."""
+    text, other = (_comment(found) for found in (fd, classic or fd))
+    added = [part for part in re.split(r"(?<=[.;,]) ", other) if part.rstrip(".;,") not in text]
+    return f"{text} Classic: {' '.join(added)}" if added else text
+
+
+def _comment(found: list[Signal]) -> str:
+    one = found[0]
+    given = {"E2E_CRC": "E2E checksum.", "E2E_Counter": "E2E counter, one more in every frame."}
+    text = str(one.comment or given[one.name]).replace("; stays at its largest value.", ".")
+    return text if len(found) == 1 else re.sub(r"\b([A-Z][a-z]+)0\b", r"\1N", text)
+
+
+PARTS: Final[Mapping[str, Callable[[], str]]] = {
+    "message_sets": sets,
+    "signals": signals,
+    "trailers": trailers,
+    "signal_values": values,
+}

@@ -1,52 +1,29 @@
-"""Write `docs/reference/command-line.md` from the commands and their help: `make generated`."""
+"""The commands, and what `docs/reference/command-line.md` has of them, from their help."""
 
 import re
-import sys
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Final, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Final, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import typer
 
-from stillwake.__main__ import EPILOG, PANELS, app
-
-ROOT: Final = Path(__file__).resolve().parents[1]
-PAGE: Final = ROOT / "docs" / "reference" / "command-line.md"
+from stillwake.__main__ import PANELS, app
 
 WORDS: Final = {Path: "PATH", str: "TEXT", float: "NUMBER", int: "INTEGER"}
 """What an option takes that has no word of its own."""
 
+_STATED: Final = re.compile(r"\bstatus\b|\bEnds with\b|^stillwake ")
+"""In a paragraph that the page has: exit statuses, and calls to copy."""
 _CODE: Final = re.compile(r"(`[^`]*`)")
 _CALL: Final = re.compile(r"stillwake .*[^.]$")
 _PAGE: Final = re.compile(r"\bdocs/([\w-]+)/([\w-]+)\.md")
 _WORD: Final = re.compile(r"(?<!\S)((?:--set )?[^\s(`]*=[^\s,;)]*[^\s,;).:]|--[a-z][\w-]*)")
 
-_HEAD: Final = f"""# Command line
 
-For everyone who types a command: every verb of `stillwake` with its arguments, its options and their defaults. At the
-end of this page you can write the call that you need. In a terminal `--help` after any of them prints the same.
-`make generated` writes this page from `stillwake/commands/`.
-
-{EPILOG}
-
-Exit status 0 is success, 1 an error that one line on standard error names, and 2 a call that the command line does not
-understand. Others stand with the command that has them. `--set` takes the names in
-[settings](settings.md)."""
-
-
-def page() -> str:
-    """The whole page: a section for every panel of the help, in it one for every command."""
-    root: Any = typer.main.get_command(app)
-    parts = [_HEAD]
-    for panel in PANELS:
-        parts.append(f"\n## {panel}")
-        for name, command in root.commands.items():
-            if command.rich_help_panel == panel:
-                parts += _sections(name, command)
-    return "\n".join(parts) + "\n"
-
-
+@cache
 def commands() -> dict[str, Any]:
     """Every command by its words after `stillwake`; a group is not one."""
     return dict(_commands("", typer.main.get_command(app)))
@@ -61,57 +38,106 @@ def _commands(name: str, command: Any) -> Iterator[tuple[str, Any]]:
             yield from _commands(f"{name} {word}", one)
 
 
+class _Option(NamedTuple):
+    """An argument or an option, without its default, as a line of the page has it."""
+
+    name: str
+    bounds: str
+    help: str
+
+    def line(self, default: str = "") -> str:
+        facts = ", ".join(filter(None, (default, self.bounds)))
+        return f"- `{self.name}`{facts and f' ({facts})'}: {self.help}"
+
+
+def common_options() -> str:
+    """The options that several commands have with the same words, one a line."""
+    return "\n".join(sorted(one.line() for one in _common()))
+
+
+def sections() -> str:
+    """A section for every panel of the help, in it one for every command."""
+    root: Any = typer.main.get_command(app)
+    parts = []
+    for panel in PANELS:
+        parts.append(f"## {panel}")
+        for name, command in root.commands.items():
+            if command.rich_help_panel == panel:
+                parts += _sections(name, command)
+    return "\n\n".join(parts)
+
+
+@cache
+def _common() -> Collection[_Option]:
+    counts = Counter(one for command in commands().values() for one, _ in _options(command) if one.name[0] == "-")
+    return {one for one, count in counts.items() if count > 1}
+
+
 def _sections(name: str, command: Any) -> Iterator[str]:
     group = getattr(command, "commands", None)
     if group is not None:
-        yield f"\n### stillwake {name}\n\n{_marked(command.help)}"
+        yield f"### stillwake {name}\n\n{_marked(command.help)}"
     for words, one in _commands(name, command):
-        yield f"\n{'###' if group is None else '####'} stillwake {words}\n\n{_marked(one.help)}\n"
-        yield f"Usage: `{_usage(words, one)}`\n"
-        yield "| argument or option | takes | default | meaning |\n|---|---|---|---|"
-        types = get_type_hints(one.callback)
-        yield from (_row(parameter, types[parameter.name]) for parameter in one.params)
+        yield f"{'###' if group is None else '####'} stillwake {words}\n\n{_marked(_explained(one))}"
+        yield "\n".join(option.line(default) for option, default in _options(one) if option not in _common())
+        shared = (
+            f"`{option.name.split()[0]}`{default and f' ({default})'}"
+            for option, default in _options(one)
+            if option in _common()
+        )
+        if names := ", ".join(shared):
+            yield f"Also {names}."
 
 
-def _usage(words: str, command: Any) -> str:
-    arguments = [one for one in command.params if one.param_type_name == "argument"]
-    marks = [f"{_word(one)}..." if one.nargs == -1 else _word(one) for one in arguments]
-    shown = [mark if one.required else f"[{mark}]" for mark, one in zip(marks, arguments, strict=True)]
-    return " ".join([f"stillwake {words} [OPTIONS]", *shown])
+def _explained(command: Any) -> str:
+    """The first paragraph of the help, exit statuses and calls; of the others the pages that they lead to."""
+    first, *others = command.help.split("\n\n")
+    stated = [text for text in others if _STATED.search(text)]
+    pages = sorted({found[0] for text in others if text not in stated for found in _PAGE.finditer(text)})
+    return "\n\n".join([f"{first} More: {', '.join(pages)}." if pages else first, *stated])
 
 
-def _word(argument: Any) -> str:
-    return str(argument.metavar or argument.name.upper())
+def _options(command: Any) -> Iterator[tuple[_Option, str]]:
+    """Every argument and option, and its default."""
+    types = get_type_hints(command.callback)
+    for one in command.params:
+        takes = _takes(one, types[one.name])
+        least = "" if one.min is None else f"{one.min:g}"
+        bounds = f"{least}..{one.max:g}" if one.max is not None else least and f"≥{least}"
+        yield _Option(f"{_name(one)}{takes and ' '}{takes}", bounds, _marked(_help(one))), _default(one)
 
 
-def _row(parameter: Any, kind: Any) -> str:
-    is_argument = parameter.param_type_name == "argument"
-    name = _word(parameter) if is_argument else ", ".join([*parameter.opts, *parameter.secondary_opts])
-    takes = "" if getattr(parameter, "is_flag", False) else _takes(parameter, kind)
-    cells = (f"`{name}`", takes, _default(parameter), _marked(parameter.help or ""))
-    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+def _help(parameter: Any) -> str:
+    """A parameter's help; the page has not what stands above it in a terminal."""
+    return (parameter.help or "").replace("see above", "see `--help`")
+
+
+def _name(parameter: Any) -> str:
+    if parameter.param_type_name == "option":
+        return "`, `".join([*parameter.opts, *parameter.secondary_opts])
+    word = f"{parameter.metavar or parameter.name.upper()}{'...' * (parameter.nargs == -1)}"
+    return word if parameter.required else f"[{word}]"
 
 
 def _takes(parameter: Any, kind: Any) -> str:
+    """What stands behind an option's name; nothing behind an argument or a flag."""
+    if parameter.param_type_name == "argument" or getattr(parameter, "is_flag", False):
+        return ""
     if get_origin(kind) in (Union, UnionType):
         (kind,) = (one for one in get_args(kind) if one is not NoneType)
     if get_origin(kind) in (list, tuple):
         kind = get_args(kind)[0]
     if get_origin(kind) is Literal:
-        return " or ".join(f"`{one}`" for one in get_args(kind))
-    ends = (("at least", parameter.min), ("at most", parameter.max))
-    bounds = [f"{sign} {bound:g}" for sign, bound in ends if bound is not None]
-    return ", ".join(
-        [f"`{parameter.metavar or WORDS[kind]}`", *bounds, *(["repeatable"] if parameter.multiple else [])]
-    )
+        return "|".join(get_args(kind))
+    return str(parameter.metavar or WORDS[kind])
 
 
 def _default(parameter: Any) -> str:
     if parameter.required:
-        return "required"
-    if parameter.default in (None, False, []) or parameter.default == ():
+        return "required" if parameter.param_type_name == "option" else ""
+    if parameter.default in (None, False, [], "") or parameter.default == ():
         return ""
-    return f"`{parameter.default:g}`" if isinstance(parameter.default, float) else f"`{parameter.default}`"
+    return f"{parameter.default:g}" if isinstance(parameter.default, float) else str(parameter.default)
 
 
 def _marked(text: str) -> str:
@@ -129,6 +155,4 @@ def _marked_piece(piece: str) -> str:
     return _WORD.sub(r"`\1`", linked)
 
 
-if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
-    sys.stdout.write(f"wrote {PAGE}\n")
+PARTS: Final[Mapping[str, Callable[[], str]]] = {"common_options": common_options, "commands": sections}

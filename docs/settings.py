@@ -1,66 +1,59 @@
-"""Write `docs/reference/settings.md` from the tree of settings: `make generated`.
-
-What `stillwake config` prints comes from the same list (`contract.config.listing`).
-"""
+"""The lists of `docs/reference/settings.md`, from the tree of settings, as `stillwake config` prints it."""
 
 import os
-import sys
-from operator import attrgetter
-from pathlib import Path
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping
 from typing import Final
 
-from contract.config.listing import Setting, sections, shown
+from contract.config.listing import Section, Setting, sections, shown
 from contract.config.loading import load_config
 from contract.config.sources import Source
-from contract.config.tree import Config
 
-ROOT: Final = Path(__file__).resolve().parents[1]
-PAGE: Final = ROOT / "docs" / "reference" / "settings.md"
-
-_HEAD: Final = """# Settings
-
-For everyone who sets something: every setting of the tree, by the name that `--set NAME=VALUE` and a TOML file
-(`--set FILE.toml`) use. `stillwake config` prints the values that hold for a call, and where each comes from;
-`stillwake config --toml` prints a file to start from. A default is the paper's number where the paper has one, and
-its source names the place: a section, table, equation or appendix. "Ours" is what the paper does not give, with the
-reason or the page that has it. The release's value is given where it differs; [training](../how-to/train.md),
-[the weights of the cost](equations.md#the-weights-of-the-cost) and
-[smaller networks](../explanation/studies.md#smaller-networks) have its reasons. Lengths are in W, times in t_c, actions
-a = jet flow rate in U_inf W. A number without a unit is a ratio, or counts what its name says. A value outside its
-bounds is refused by name.
-`make generated` writes this page from `contract/config/`."""
+_SIGNS: Final = {"at least ": "≥", "positive": "", "non-negative": "≥0", "in ": ""}
+"""How the beginning of a bound is written on the page; positive is what is not written."""
+_LONGEST: Final = 6
+"""Words of a bound on the page; the meaning of the section states a longer one."""
 
 
-def page() -> str:
-    """The whole page: a table for every section."""
-    parts = [_HEAD]
-    for section in sections(load_config()):
-        parts.append(f"\n## {section.name}\n\n{section.meaning} Defined in `{_home(section.name)}`.\n")
-        parts.append(
-            "| setting | default | release | unit | bounds | source | meaning |\n|---|---|---|---|---|---|---|"
-        )
-        parts += map(_row, section.settings)
-    return "\n".join(parts) + "\n"
+def lists() -> str:
+    """A heading and a list for every section of settings."""
+    return "\n\n".join(map(_section, sections(load_config())))
 
 
-def _home(section: str) -> str:
-    """Full name of the class that defines a section."""
-    kind = type(attrgetter(section)(Config()))
-    return f"{kind.__module__}.{kind.__qualname__}"
+def _section(section: Section) -> str:
+    common, count = Counter(_source(one.source) for one in section.settings).most_common(1)[0]
+    origin = f" Source: {common}." if count > 1 and common not in section.meaning else ""
+    lines = "\n".join(_line(one, common) for one in section.settings)
+    return f"## {section.name}\n\n{section.meaning}{origin}\n\n{lines}"
 
 
-def _row(one: Setting) -> str:
-    release = shown(one.value) if one.is_changed else ""
-    cells = (f"`{one.name}`", shown(one.paper), release, one.unit, one.bounds, _source(one.source), one.meaning)
-    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+def _line(one: Setting, common: str) -> str:
+    """One setting; the source is in it unless the section or the meaning has it."""
+    unit = f" {one.unit}" if one.unit else ""
+    bounds = _bounds(one)
+    allowed = f" ({bounds})" if bounds else ""
+    release = f", release {shown(one.value)}" if one.is_changed else ""
+    source = _source(one.source)
+    meaning = one.meaning if source == common or source in one.meaning else f"{one.meaning} ({source})"
+    return f"- `{one.name}` {shown(one.paper)}{unit}{allowed}{release}{meaning and ': '}{meaning.strip()}"
+
+
+def _bounds(one: Setting) -> str:
+    """A bound without its reason, which the refusal of a value has; "" for positive numbers, and for text."""
+    bounds = one.bounds.partition(":")[0].partition(", for ")[0]
+    if not bounds and isinstance(one.value, int) and not isinstance(one.value, bool):
+        return "with others"
+    sign = next((sign for sign in _SIGNS if bounds.startswith(sign)), "")
+    short = re.sub(f"^{sign}", _SIGNS.get(sign, ""), bounds)
+    return "" if short == "≥1" or len(short.split()) > _LONGEST else short
 
 
 def _source(source: Source) -> str:
-    """Where a default comes from; the reason leads to the page that explains it."""
-    note = f"[{source.note}]({os.path.relpath(source.page, PAGE.parent.name)})" if source.page else source.note
-    return f"{source.name}: {note}" if note else source.name
+    """Who gives a default; the page that explains it takes the place of the reason."""
+    if source.page:
+        return f"[{source.name}]({os.path.relpath(source.page, 'reference')})"
+    return f"{source.name}, {source.note}" if source.kind == "ours" else source.name
 
 
-if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
-    sys.stdout.write(f"wrote {PAGE}\n")
+PARTS: Final[Mapping[str, Callable[[], str]]] = {"settings": lists}

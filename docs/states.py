@@ -1,4 +1,4 @@
-"""Write `docs/reference/states.md` and draw `docs/states.svg` from the ECU's table of transitions: `make generated`.
+"""The tables of `docs/reference/states.md` from the ECU's table of transitions, and its picture: `make generated`.
 
 Boxes and lines have their places here; the numbers on the lines are those of the table's rows. A transition without a
 line, or a line without a transition, is an error.
@@ -7,17 +7,16 @@ line, or a line without a transition, is an error.
 import ast
 import inspect
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Mapping
 from html import escape
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from contract.config.vehicle import EcuConfig
-from ecu.fail_safe import DRIVES_JETS, INVALID, TRANSITIONS, OperatingMode
+from docs.table import table
+from ecu.fail_safe import DRIVES_JETS, TRANSITIONS, OperatingMode
 
-ROOT: Final = Path(__file__).resolve().parents[1]
-PAGE: Final = ROOT / "docs" / "reference" / "states.md"
-PICTURE: Final = ROOT / "docs" / "states.svg"
+PICTURE: Final = Path(__file__).with_name("states.svg")
 
 WIDTH, HEIGHT = 1000, 600
 INK, LINE = "#17202b", "#5b6b7d"
@@ -44,6 +43,8 @@ GROUPS: Final = (
 UNWANTED, WANTED = "INIT STANDBY ARMED", "WARMUP CONTROL HOLD DECAY"
 CHOICE: Final = (560, 245)
 """Middle of the diamond, which is no state: where ARMED and what stands under a request are led on."""
+_FEW: Final = 3
+"""States."""
 
 
 class Line(NamedTuple):
@@ -74,78 +75,34 @@ LINES: Final = (
     Line("FAULT", "CONTROL", ((564, 533), (968, 533), (968, 118), (874, 118)), (760, 533)),
 )
 
-_HEAD: Final = """# States of the ECU
 
-For ECU and validation engineers: what the ECU does in each control period, and what leads from one state to another.
-`make generated` writes this page and its picture from the table in
-[fail_safe.py](../../ecu/fail_safe.py), which is what runs.
-
-![the states, and by which rows of the table they are left](../states.svg)
-
-Numbers are rows of the table below. The diamond is no state: a request that rises, and in each later period the request
-that stands, is led on from there by whether the window is full and pressures came.
-
-## States
-
-| state | on the wire | jets | what it is |
-|---|---|---|---|"""
-
-_TABLE: Final = """
-## Transitions
-
-The rows are looked at in this order, once a control period, and the first one that starts at the present state and
-whose condition holds is taken. A fault of the ECU's own that shows in the course of the period, such as a controller
-without an answer, takes its row in the same period. With 1 in the last column the reaction is in the JetCommand of the
-period that has the cause; otherwise the cause has to last for so many. Names in code style are settings of the section
-`ecu`. The request is the last one heard of the vehicle; at power-on and when a fault begins it is taken to stand, so
-that it must be seen low before a rise counts. With `ecu.plan_ahead` the jets follow a command in the period after, so
-one period later than the column states.
-
-| row | from | when | to | Reason on the wire | within periods |
-|---|---|---|---|---|---|"""
-
-_LOSSES: Final = """
-## How many losses are borne
-
-Control of this kind is (m, k)-firm: so many of any k periods in a row may be missed. With the settings as they are, up
-to **{borne} of any {window} periods** may have no usable pressures, and no more than **{row} in a row**: the first
-{hold} with the last command held, the others with the command halved each time. One more, of either, and the jets are
-shut in that period and the fault latches. Periods count from the one in which the request rises. Lost, corrupted,
-repeated, stale and invalid pressures are all the same in this; a stream with more than `bus.e2e.max_errors` wrong CRCs
-among the latest `bus.e2e.window` periods is not to be trusted and shuts the jets without hold or decay (row {invalid}).
-"""
-
-
-def page() -> str:
-    """The whole page."""
-    config = EcuConfig()
-    modes = [
-        f"| {mode.name} | {mode.on_wire.name} | {'may run' if mode in DRIVES_JETS else 'shut'} | {text} |"
+def states() -> str:
+    """A line for each state."""
+    return "\n".join(
+        f"- {mode.name} ({mode.on_wire.name}, jets {'may run' if mode in DRIVES_JETS else 'shut'}): {text}"
         for mode, text in _meanings().items()
-    ]
-    rows = [
-        f"| {number} | {', '.join(_names(row.start))} | {row.when.text} | {row.to.name} | {row.reason.text} "
-        f"| {_formula(row.within)} |"
-        for number, row in enumerate(TRANSITIONS, start=1)
-    ]
-    losses = _LOSSES.format(
-        borne=config.loss_limit - 1,
-        window=config.loss_window,
-        row=config.hold_periods + config.decay_periods,
-        hold=config.hold_periods,
-        invalid=next(number for number, row in enumerate(TRANSITIONS, start=1) if row.when is INVALID),
     )
-    return "\n".join([_HEAD, *modes, _TABLE, *rows, losses])
 
 
-def _names(states: Iterable[OperatingMode]) -> list[str]:
-    """In the order in which they are defined."""
-    found = set(states)
-    return [mode.name for mode in OperatingMode if mode in found]
+def transitions() -> str:
+    """A numbered row for each transition of the table that runs."""
+    rows = (
+        (f"{number}: {_names(row.start)}", f"{row.when.text}{_within(row.within)}", f"{row.to.name}: {row.reason.text}")
+        for number, row in enumerate(TRANSITIONS, start=1)
+    )
+    return table(("row: from", "when", "to: Reason on the wire"), rows)
 
 
-def _formula(within: str) -> str:
-    return " ".join(f"`{word}`" if word.isidentifier() else word for word in within.split())
+def _names(start: frozenset[OperatingMode]) -> str:
+    """States in the order in which they are defined; where few are missing, those."""
+    names, others = ([mode.name for mode in OperatingMode if (mode in start) is inside] for inside in (True, False))
+    return f"all but {', '.join(others)}" if len(others) <= _FEW < len(names) else ", ".join(names)
+
+
+def _within(periods: str) -> str:
+    """For how many periods, settings as code; nothing where the same period reacts."""
+    words = (f"`{word}`" if word.isidentifier() else word for word in periods.split())
+    return "" if periods == "1" else f"; for {' '.join(words)} periods"
 
 
 def _meanings() -> dict[OperatingMode, str]:
@@ -244,7 +201,14 @@ def _text(x: int, y: int, text: str, size: float, *, anchor: str = "middle", wei
     return f'<text x="{x}" y="{y}" {style}>{escape(text)}</text>'
 
 
+_CONFIG: Final = EcuConfig()
+STATED: Final = (
+    f"**{_CONFIG.loss_limit - 1} of any {_CONFIG.loss_window} periods**",
+    f"**{_CONFIG.hold_periods + _CONFIG.decay_periods} in a row**",
+)
+"""Numbers in the text of the page, as it has them: a test compares the two."""
+PARTS: Final[Mapping[str, Callable[[], str]]] = {"states": states, "transitions": transitions}
+
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
     PICTURE.write_text(draw(), encoding="utf-8")
-    sys.stdout.write(f"wrote {PAGE} and {PICTURE}\n")
+    sys.stdout.write(f"wrote {PICTURE}\n")

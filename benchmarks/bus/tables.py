@@ -107,7 +107,7 @@ def bus_runs(results: Path) -> str:
                 figures["reduction_percent"],
                 figures["abs_Cl_controlled"],
                 f"{100 * on_bus['load']:.1f}",
-                " / ".join(f"{waits.get(message, 0.0):.2f}" for message in _names(waits)),
+                "/".join(f"{waits.get(message, 0.0):.2f}" for message in _names(waits)),
                 f"{on_bus['error_frames']}",
             )
         )

@@ -21,8 +21,8 @@ def tables(results: Path) -> dict[str, str]:
     return {"campaign": campaign(found), "campaign_paper": beside_the_paper(found["figures"])}
 
 
-def campaign(found: Mapping[str, Any]) -> str:
-    """The matrix, a row a scenario; what is done is not repeated where only a number or a sensor differs."""
+def campaign(found: Mapping[str, Any], *, told: bool = False) -> str:
+    """The matrix, a row a scenario; where it is told what is done, not again if only a number or a sensor differs."""
     rows: list[Sequence[object]] = []
     kind = ""
     for row in found["figures"]:
@@ -30,21 +30,21 @@ def campaign(found: Mapping[str, Any]) -> str:
         rows.append(
             (
                 row["name"],
-                "" if kind == before else row["sentence"],
+                *(["" if kind == before else row["sentence"]] * told),
                 row["use"] if row["safe"] else f"**UNSAFE**, {row['use']}",
                 _spread(row, "reduction_percent", ".1f"),
                 _number(row["abs_Cl"], ".2f"),
-                _number(row["in_control_percent"], ".0f"),
-                row["latches"] or "",
+                _in_control(row),
             )
         )
-    heads = ("scenario", "what is done", "use", "less drag, %", "mean abs Cl", "in control, %", "latched")
+    heads = ("scenario", *(["what is done"] * told), "use", "less drag, %", "mean abs Cl", "in control, % (latched)")
     facts, figures = found["facts"], found["figures"]
     safe = sum(row["safe"] for row in figures)
     return f"""{table(heads, rows)}
 
 Measured on {found["date"]} with {facts["bundle_name"]} from {facts["phases"]} starting phases: means, and the least and
-the most of the phases. {facts["controlled"]:g} t_c with control, averages over the last
+the most of the phases. In control all of the time where nothing stands; in brackets the starts in which a fault
+latched. {facts["controlled"]:g} t_c with control, averages over the last
 {facts["controlled"] - facts["settle"]:g}. {safe} of {len(figures)} scenarios are safe."""
 
 
@@ -72,9 +72,15 @@ def beside_the_paper(figures: Sequence[Mapping[str, Any]]) -> str:
     return table(heads, rows)
 
 
+def _in_control(row: Mapping[str, Any]) -> str:
+    """Share of the periods, "" for all of them, and the number of starts in which a fault latched."""
+    share = _number(row["in_control_percent"], ".0f")
+    return f"{share} ({row['latches']})" if row["latches"] else "" if share == "100" else share
+
+
 def _spread(row: Mapping[str, Any], name: str, style: str) -> str:
     mean, least, most = (_number(row[f"{name}{ending}"], style) for ending in ("", "_min", "_max"))
-    return mean if least == most else f"{mean} ({least} to {most})"
+    return mean if least == most else f"{mean} ({least}..{most})"
 
 
 def _number(value: float | None, style: str) -> str:

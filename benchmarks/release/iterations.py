@@ -31,8 +31,8 @@ from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT
 from contract.release import bundle as bundles
 from contract.results import versions
 from contract.shipped import BUNDLE
-from firmware_sim.bench.simulation import Simulation
 from ecu.calibrating import release_calibration
+from firmware_sim.bench.simulation import Simulation
 from firmware_sim.runs.statistics import NoAverages, averages
 from wake.truck.state import load_state
 from wake.truck.truck_wake import TruckWake

@@ -64,7 +64,7 @@ def release_loop(results: Path) -> str:
     rows = [
         (f"mean of {len(figures['phases'])} starts", *(spread[name]["mean"] for name in _NAMES)),
         ("95 % confidence of the mean, +-", *(spread[name]["half_width_95"] for name in _NAMES)),
-        ("least .. most", *(f"{spread[name]['least']:.4g} .. {spread[name]['most']:.4g}" for name in _NAMES)),
+        ("least..most", *(f"{spread[name]['least']:.4g}..{spread[name]['most']:.4g}" for name in _NAMES)),
     ]
     before, under = (spread[f"Cd_net_{name}"]["mean"] for name in ("uncontrolled", "controlled"))
     return f"""Measured on {found["date"]}: {facts["bundle"]}, {facts["lead_in"]:g} t_c without and

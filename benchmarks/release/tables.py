@@ -31,7 +31,7 @@ def release_forecasts(results: Path) -> str:
             *(
                 cell
                 for name in ("drag", "lift")
-                for cell in (row[name]["mean"], f"{row[name]['p10']:.4f} to {row[name]['p90']:.4f}")
+                for cell in (row[name]["mean"], f"{row[name]['p10']:.4f}..{row[name]['p90']:.4f}")
             ),
         )
         for row in figures["forecast"]

@@ -14,6 +14,7 @@ from typing import Any, Final
 from sphinx.application import Sphinx
 from sphinx.config import Config
 
+from docs.made import PLACE, whole
 from docs.site.navigation import Group, sections
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -119,8 +120,10 @@ def place_in_gallery(name: str) -> tuple[int, str]:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Write the pages as soon as the configuration is read; keep the list of pages on every page short."""
+    """Write the pages as soon as the configuration is read, fill those of `docs.made`; keep the list of pages short."""
     app.connect("config-inited", _write)
+    app.connect("env-get-outdated", _with_parts)
+    app.connect("source-read", _fill)
     app.connect("html-page-context", _collapse, priority=400)  # before the theme, which asks for all of the list
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
@@ -131,6 +134,17 @@ def _write(app: Sphinx, config: Config) -> None:
     for stale in {*GENERATED.rglob("*.markdown")} - made.keys():
         stale.unlink()
     write(made)
+
+
+def _with_parts(app: Sphinx, env: object, added: set[str], changed: set[str], removed: set[str]) -> list[str]:
+    """Pages that are read every time: what is made in them may have changed where their text has not."""
+    del app, env, added, changed, removed
+    return [docname(path) for path in DOCS.rglob("*.md") if PLACE.search(path.read_text(encoding="utf-8"))]
+
+
+def _fill(app: Sphinx, name: str, source: list[str]) -> None:
+    del app, name
+    source[0] = whole(source[0])
 
 
 def _collapse(app: Sphinx, page: str, template: str, context: dict[str, Any], tree: object) -> None:

@@ -11,7 +11,7 @@ from stillwake.console.own_rooms import ROOMS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "reference" / "errors.md").read_text(encoding="utf-8")
-QUOTED = re.findall(r"^\| `([^`]+)` \| (?!---)", PAGE, flags=re.MULTILINE)
+QUOTED = re.findall(r"^- `([^`]+)`: ", PAGE, flags=re.MULTILINE)
 GAP = "\0"
 """Stands for what a message fills in."""
 

@@ -1,6 +1,5 @@
 """The Python examples of the pages run as they stand."""
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +12,12 @@ from contract.config.vehicle import BusConfig
 from contract.recording.importing.forces import read_forces
 from contract.release import bundle
 from contract.shipped import BUNDLE
-
-ROOT = Path(__file__).parents[2]
-
-
-def python_blocks(page: str) -> list[str]:
-    text = (ROOT / page).read_text(encoding="utf-8")
-    return re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+from tests.docs.blocks.pages import python
 
 
 def test_the_loop_around_the_onnx_graph_commands_within_the_limit():
     """Zero until the window of 32 is full; then actions that differ and keep the shipped bundle's limit of 0.075."""
-    (code,) = python_blocks("docs/how-to/use-the-onnx-graph.md")
+    (code,) = python("how-to/use-the-onnx-graph.md")
     assert '"runs/bundle"' in code
     commanded: list[float] = []
 
@@ -41,7 +34,7 @@ def test_the_loop_around_the_onnx_graph_commands_within_the_limit():
 
 def test_the_conversion_of_a_rig_s_numbers_gives_coefficients(tmp_path, monkeypatch):
     """The same signals in seconds, pascals and newtons, at W = 0.1 m, 20 m/s, 1.2 kg/m3 and a span of 0.4 m."""
-    (code,) = python_blocks("docs/how-to/use-your-own-data.md")
+    (code,) = python("how-to/use-your-own-data.md")
     monkeypatch.chdir(tmp_path)
     step = np.arange(400)
     names = [f"p{k}" for k in range(1, 9)]
@@ -64,7 +57,7 @@ def test_the_conversion_of_a_rig_s_numbers_gives_coefficients(tmp_path, monkeypa
 
 
 def test_forces_on_the_bus_become_a_table_on_the_log_s_clock(tmp_path, monkeypatch):
-    (code,) = python_blocks("docs/how-to/train-from-a-can-log.md")
+    (code,) = python("how-to/train-from-a-can-log.md")
     monkeypatch.chdir(tmp_path)
     signals = '\n SG_ Drag : 0|16@1- (0.001,0) [0|0] "" X\n SG_ Side : 16|16@1- (0.001,0) [0|0] "" X\n'
     Path("balance.dbc").write_text(f'VERSION ""\nBU_: X\nBO_ 416 Balance: 4 X{signals}', encoding="utf-8")
@@ -84,7 +77,7 @@ def test_forces_on_the_bus_become_a_table_on_the_log_s_clock(tmp_path, monkeypat
 
 def test_a_node_in_real_time_counts_its_power_cycles(tmp_path, monkeypatch):
     """Run twice: the frames of the second power cycle are fresher than any of the first."""
-    (code,) = python_blocks("docs/explanation/protection.md")
+    (code,) = python("explanation/protection.md")
     monkeypatch.chdir(tmp_path)
     write_key(Path("bus.key"), bytes(range(1, 17)))
     release, config = bundle.load(BUNDLE), Config(bus=BusConfig(key="bus.key"))

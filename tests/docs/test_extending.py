@@ -1,7 +1,5 @@
 """The code of pages and examples for methods, plants and faults of one's own does what they promise, as it stands."""
 
-import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,9 +20,9 @@ from examples.own_faults import EveryNth, WithSensors, clipped, third_lost
 from examples.own_plant import OscillatorPlant
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
+from tests.docs.blocks.pages import python
 from train.samples.rows import Rows
 
-PAGE = Path(__file__).parents[2] / "docs/how-to/add-a-plant.md"
 SHORT = Spans(lead_in=8.0, controlled=4.0, settle=0.0, averages=False)
 """t_c: the window of 32 control periods fills meanwhile."""
 
@@ -67,9 +65,8 @@ def test_the_oscillator_sheds_at_its_own_frequency_without_jets():
 
 
 def test_the_shipped_controller_drives_it_over_the_bus(capsys):
-    (block,) = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     names: dict[str, Any] = {}
-    exec(compile(block, "page", "exec"), names)
+    exec(compile(python("how-to/add-a-plant.md")[0], "page", "exec"), names)
     log = names["log"]
     assert log.bus.lost == log.bus.rejected == 0
     assert set(log.series["mode"][70:]) == {log.series["mode"][-1]}

@@ -16,8 +16,9 @@ import typer
 import benchmarks.__main__ as door
 import stillwake.__main__ as command_line
 from contract.config.loading import load_config
-from contract.config.vehicle import BusConfig
-from firmware_sim.bench.run_faults import check_faults, parse_node_fault
+from contract.config.tree import Config
+from docs.made import whole
+from firmware_sim.bench.disturbances import Disturbances
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
@@ -39,15 +40,22 @@ def _id(page: Path) -> str:
     return str(page.relative_to(ROOT))
 
 
+@cache
+def _text(page: Path) -> str:
+    """A page as the site has it, with what is made in its places."""
+    return whole(page.read_text(encoding="utf-8"))
+
+
+@cache
 def _anchors(page: Path) -> set[str]:
     """Anchors of a page's headings, as GitHub makes them."""
-    heads = re.findall(r"^#+ (.+)$", _CODE.sub("", page.read_text(encoding="utf-8")), re.MULTILINE)
+    heads = re.findall(r"^#+ (.+)$", _CODE.sub("", _text(page)), re.MULTILINE)
     return {re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads}
 
 
 def _commands(page: Path) -> Iterator[list[str]]:
     """Command lines in indented blocks and in running text, one list of words each, without comments."""
-    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    text = _text(page).replace("\\\n", " ")
     blocks = re.findall(r"^    ((?:stillwake|python -m benchmarks|make)\b.*)$", text, re.MULTILINE)
     inline = re.findall(r"`((?:stillwake|python\s-m\sbenchmarks|make)\s[^`]+)`", text)
     for line in (*blocks, *inline):
@@ -57,7 +65,7 @@ def _commands(page: Path) -> Iterator[list[str]]:
 
 def test_links_resolve():
     for page in PAGES:
-        for link in _LINK.findall(_CODE.sub("", page.read_text(encoding="utf-8"))):
+        for link in _LINK.findall(_CODE.sub("", _text(page))):
             if "://" in link:
                 continue
             path, _, anchor = link.partition("#")
@@ -68,14 +76,14 @@ def test_links_resolve():
 
 def test_named_files_exist():
     for page in NOW:
-        for name in _FILE.findall(page.read_text(encoding="utf-8")):
+        for name in _FILE.findall(_text(page)):
             if name.split("/")[0] in _OWN and "NAME" not in name:
                 assert list(ROOT.glob(name)), f"{_id(page)}: no {name}"
 
 
 def test_named_modules_and_what_they_define_exist():
     for page in NOW:
-        for name in _NAME.findall(page.read_text(encoding="utf-8")):
+        for name in _NAME.findall(_text(page)):
             path, parts = ROOT, name.split(".")
             while parts and (path / parts[0]).is_dir():
                 path /= parts.pop(0)
@@ -117,7 +125,7 @@ def test_the_installs_carry_what_the_project_declares():
 
 def test_every_page_is_in_the_index():
     index = ROOT / "docs" / "README.md"
-    linked = {(index.parent / link.partition("#")[0]).resolve() for link in _LINK.findall(index.read_text())}
+    linked = {(index.parent / link.partition("#")[0]).resolve() for link in _LINK.findall(_text(index))}
     assert linked >= {page for page in PAGES if page.is_relative_to(index.parent) and page != index}
 
 
@@ -154,9 +162,8 @@ def _found(words: list[str]) -> tuple[set[str], list[str]]:
     return {name for parameter in command.params for name in parameter.opts}, rest
 
 
-def test_faults_in_examples_can_be_put_on_the_bus_of_a_run():
-    form = re.compile(r"--disturb ((?:vehicle|ecu):\S+)")
-    texts = [text for page in NOW for text in form.findall(page.read_text(encoding="utf-8"))]
-    assert len(texts) >= 3
+def test_disturbances_in_examples_can_be_put_into_a_run():
+    texts = {text for page in NOW for text in re.findall(r"--disturb ([^\s`]+=[^\s`]+)", _text(page))}
+    assert len(texts) > 8
     for text in texts:
-        check_faults([parse_node_fault(text)], BusConfig(), duration_s=12.5)
+        Disturbances.parse([text]).check(Config(), ("upper_39", "lower_39", "base_0", "base_9"), duration_s=12.5)

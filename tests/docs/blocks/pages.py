@@ -88,6 +88,11 @@ def blocks() -> list[Block]:
     return [block for path in files for block in _of(path)]
 
 
+def python(page: str) -> list[str]:
+    """The blocks of Python of one page of `docs/`."""
+    return [block.text for block in _of(ROOT / "docs" / page) if block.language == "python"]
+
+
 def _of(path: Path) -> Iterator[Block]:
     page = path.relative_to(ROOT).as_posix()
     for token in MarkdownIt().parse(path.read_text(encoding="utf-8")):
