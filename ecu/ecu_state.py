@@ -11,8 +11,7 @@ from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.command_gate import Intervention
 from can_bridge.e2e.receiver import Check, ReceiverState
 from can_bridge.e2e.sender import SenderState
-from can_bridge.secoc.freshness import Freshness
-from can_bridge.secoc.receiver import VerifierState
+from can_bridge.secoc.securing import Freshness, VerifierState
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus, Mode, Reason
 from contract.arrays import Array
 from ecu.benefit_check import BenefitCheckState

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from can_bridge.bus.rejection import Rejection
+from can_bridge.bus.interface import Rejection
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import SETS, MessageSet
 from can_bridge.wire.message_specs import MessageSpec

@@ -11,8 +11,7 @@ from typing import Final
 
 from can_bridge.calibration import xcp
 from can_bridge.calibration.segment import ADDRESS, Page, Segment
-from can_bridge.calibration.xcp import MAX_CTO, Command, Denied, Error
-from can_bridge.calibration.xcp_access import Access, WrongKey, XcpAccess
+from can_bridge.calibration.xcp import MAX_CTO, Access, Command, Denied, Error, WrongKey, XcpAccess
 from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError
 

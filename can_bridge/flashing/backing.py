@@ -8,6 +8,17 @@ from collections.abc import Generator, Mapping
 from enum import IntEnum
 from typing import Final, Protocol, TypeVar, cast
 
+from contract.errors import BusError
+
+
+class MediumError(BusError):
+    """The memory failed at `address`."""
+
+    def __init__(self, message: str, address: int) -> None:
+        super().__init__(message)
+        self.address = address
+
+
 T = TypeVar("T")
 
 Work = Generator[None, None, T]

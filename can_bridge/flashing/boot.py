@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 
-from can_bridge.flashing.backing import Slot, at_once
+from can_bridge.flashing.backing import MediumError, Slot, at_once
 from can_bridge.flashing.checking import Release
-from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.remembered import Remembered
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict

@@ -1,15 +1,15 @@
 """What outlives a loss of power besides the images: state, key list, calibrations and faults, over their records."""
 
 import hashlib
-from collections.abc import Collection
+import struct
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Final
 
-from can_bridge.flashing import calibrations, state
+from can_bridge.flashing import state
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Backing, Kind, Slot, Work
+from can_bridge.flashing.backing import Backing, Kind, MediumError, Slot, Work
 from can_bridge.flashing.checking import Check, Fits, Release, Rules
-from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.state import MOST_ATTEMPTS, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError
@@ -94,7 +94,7 @@ class Remembered:
         if blob is not None:
             kept[digest] = blob
         try:
-            record = calibrations.encode(kept)
+            record = encode_calibrations(kept)
         except ValueError as error:
             raise ConfigError(str(error)) from error
         self.backing.keep(Kind.CALIBRATION, record)
@@ -128,6 +128,43 @@ def _key_list(record: bytes, root: PublicKey) -> KeyList | None:
 
 def _calibrations(record: bytes) -> dict[str, bytes]:
     try:
-        return calibrations.decode(record)
+        return decode_calibrations(record)
     except ValueError:
         return {}
+
+
+MAX_CALIBRATION: Final = 1024
+"""Bytes of one."""
+_MAGIC: Final = b"SWC1"
+_HEAD: Final = struct.Struct(">4sB")
+_ENTRY: Final = struct.Struct(">32sH")
+
+
+def encode_calibrations(kept: Mapping[str, bytes]) -> bytes:
+    """The record of calibrations by digest; raises ValueError for one that is too long."""
+    parts = [_HEAD.pack(_MAGIC, len(kept))]
+    for digest, blob in sorted(kept.items()):
+        if len(blob) > MAX_CALIBRATION:
+            raise ValueError(f"calibration of {digest[:8]}: {len(blob)} bytes, must be at most {MAX_CALIBRATION}")
+        parts.append(_ENTRY.pack(bytes.fromhex(digest), len(blob)) + blob)
+    return b"".join(parts)
+
+
+def decode_calibrations(raw: bytes) -> dict[str, bytes]:
+    """Calibrations by digest; raises ValueError if the record is damaged."""
+    kept = {}
+    try:
+        magic, count = _HEAD.unpack_from(raw)
+        at = _HEAD.size
+        for _ in range(count):
+            digest, length = _ENTRY.unpack_from(raw, at)
+            at += _ENTRY.size
+            if length > MAX_CALIBRATION:
+                raise ValueError(f"calibration of {length} bytes: must have at most {MAX_CALIBRATION}")
+            kept[digest.hex()] = raw[at : at + length]
+            at += length
+    except struct.error as error:
+        raise ValueError(f"calibrations: {len(raw)} bytes, of which the last are missing") from error
+    if magic != _MAGIC or at != len(raw):
+        raise ValueError(f"calibrations: {len(raw)} bytes, {at} used, must begin with {_MAGIC.decode()}")
+    return kept

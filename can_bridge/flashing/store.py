@@ -15,10 +15,9 @@ import hashlib
 from dataclasses import replace
 from typing import Final
 
-from can_bridge.flashing.backing import Backing, Kind, Slot, Work, at_once
+from can_bridge.flashing.backing import Backing, Kind, MediumError, Slot, Work, at_once
 from can_bridge.flashing.boot import Boot, boot
 from can_bridge.flashing.checking import Check, Fits, check
-from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.remembered import PIECE, Remembered
 from can_bridge.flashing.state import TRIAL_BOOTS, Phase, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict

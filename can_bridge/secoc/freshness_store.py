@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from can_bridge.secoc.freshness import LARGEST, LARGEST_HALF
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.node import Authentication
+from can_bridge.secoc.securing import LARGEST, LARGEST_HALF
 from contract.atomic import replacing
 from contract.errors import BusError
 

@@ -4,10 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.key import Key, read_key
-from can_bridge.secoc.receiver import VerifierState
-from can_bridge.secoc.securing import secure
+from can_bridge.secoc.securing import Freshness, VerifierState, secure
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import MessageSpec

@@ -1,11 +1,14 @@
 """What an ECU reports of itself over UDS."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from can_bridge.flashing import report
 from can_bridge.flashing.report import Report
 from can_bridge.tester.asking import Asking
+from can_bridge.tester.messages import WrongReleaseError
 from can_bridge.uds.services import Did
+from contract.release.checks import Bundle, dbc_sha256
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,3 +50,35 @@ def read_store(asking: Asking) -> Report:
 
 def _text(asking: Asking, did: Did) -> str:
     return asking.read(did).decode(errors="backslashreplace")
+
+
+def check_fits(release: Bundle, length: int, facts: EcuFacts) -> None:
+    """Raises WrongReleaseError for the first thing that does not fit.
+
+    Args:
+        release: of this version's DBC, as every bundle that was loaded.
+        length: of its image, bytes.
+    """
+    for line in _misfits(release, length, facts):
+        raise WrongReleaseError(f"bundle {release.manifest.name} {line}; nothing was written")
+
+
+def _misfits(release: Bundle, length: int, facts: EcuFacts) -> Iterator[str]:
+    manifest = release.manifest
+    period_ns = manifest.operating_point.period_ns(manifest.control_period)
+    least = facts.store.least_security_version
+    if release.signer is None:
+        yield "is not signed, and an ECU takes signed ones alone: `stillwake bundle sign` signs it"
+    if manifest.hardware not in (None, facts.hardware):
+        yield f"is for hardware {manifest.hardware}, the ECU is {facts.hardware}"
+    if facts.dbc_sha256 != dbc_sha256():
+        yield (
+            f"is for the stillwake.dbc {dbc_sha256()[:12]}, the ECU has {facts.dbc_sha256[:12]} (stillwake "
+            f"{facts.software_version}): `stillwake bundle renew` of that version makes one"
+        )
+    if period_ns != facts.period_ns:
+        yield f"has a control period of {period_ns / 1e6:g} ms, the ECU one of {facts.period_ns / 1e6:g} ms"
+    if manifest.security_version < least:
+        yield f"has security version {manifest.security_version}, the ECU takes {least} or greater"
+    if length > facts.capacity:
+        yield f"has {length} bytes, the ECU has room for {facts.capacity}"

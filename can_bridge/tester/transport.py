@@ -16,11 +16,46 @@ from udsoncan.exceptions import TimeoutException
 
 import isotp
 from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.tester.matching import answers
-from can_bridge.uds.services import MAX_REQUEST
+from can_bridge.uds.fault_codes import CODE_BYTES
+from can_bridge.uds.fault_memory import Report
+from can_bridge.uds.services import MAX_REQUEST, Service
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
+
+NEGATIVE: Final = 0x7F
+POSITIVE: Final = 0x40
+"""Added to a service's identifier in its response."""
+
+_SAME: Final = {
+    Service.SESSION: slice(1, 2),
+    Service.RESET: slice(1, 2),
+    Service.REPORT_FAULTS: slice(1, 2),
+    Service.READ: slice(1, 3),
+    Service.SECURITY: slice(1, 2),
+    Service.COMMUNICATION: slice(1, 2),
+    Service.WRITE: slice(1, 3),
+    Service.ROUTINE: slice(1, 4),
+    Service.TRANSFER: slice(1, 2),
+    Service.TESTER_PRESENT: slice(1, 2),
+    Service.FAULT_SETTING: slice(1, 2),
+}
+"""Bytes that a positive response repeats of its request: sub-function, identifier or block counter."""
+_OF_ONE_CODE: Final = frozenset({Report.SNAPSHOT, Report.EXTENDED})
+"""Reports of faults that repeat the code, too."""
+
+
+def answers(request: bytes, response: bytes) -> bool:
+    """Whether a response can be to this request."""
+    if not request or not response:
+        return False
+    if response[0] == NEGATIVE:
+        return len(response) >= 3 and response[1] == request[0]
+    same = _SAME.get(Service(request[0])) if request[0] in Service.__members__.values() else None
+    if request[0] == Service.REPORT_FAULTS and request[1] in _OF_ONE_CODE:
+        same = slice(1, 2 + CODE_BYTES)
+    return response[0] == request[0] + POSITIVE and (same is None or request[same] == response[same])
+
 
 PADDING: Final = 0xCC
 SEND_S: Final = 10.0

@@ -12,7 +12,7 @@ from typing import Final
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import GOOD, Check, ReceiverState, receive
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.receiver import VerifierState, verified
+from can_bridge.secoc.securing import VerifierState, verified
 from can_bridge.tools.signals import Decoded, decode
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import E2eConfig

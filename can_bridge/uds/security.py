@@ -1,4 +1,7 @@
-"""Security access (ISO 14229-1, service 0x27): seeds, keys, wrong attempts and the delay after them.
+"""Security access (ISO 14229-1, service 0x27): the shared secret, seeds, keys, wrong attempts and the delay after them.
+
+Each security level has a key of its own, AES-CMAC of the shared key over a label and the level's number, so that an
+answer for one level is none for another. The answer to a seed is AES-CMAC of the level's key over the seed.
 
 A seed is good for one answer. An attempt is counted, in memory that outlives a reset, before the answer is looked at:
 cutting the supply at the right moment gains no attempt. After `MAX_ATTEMPTS` wrong ones in a row no seed is given for
@@ -7,12 +10,40 @@ cutting the supply at the right moment gains no attempt. After `MAX_ATTEMPTS` wr
 
 from collections.abc import Callable
 from hmac import compare_digest
-from typing import Final, Protocol
+from pathlib import Path
+from typing import Final, Protocol, Self
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.uds.access_key import SEED_LENGTH, AccessKey
-from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Nrc
+from can_bridge.secoc.key import Key, read_key
+from can_bridge.uds.services import Nrc, Refused
+
+SEED_LENGTH: Final = 16
+ANSWER_LENGTH: Final = 16
+"""Bytes of a seed, and of the key that the tester sends for it."""
+LABEL: Final = b"stillwake access"
+"""What a level's key is made over, with the level's number."""
+
+
+class AccessKey:
+    """A 128-bit key for security access, ready for use. Raises ValueError as `Key` does."""
+
+    def __init__(self, secret: bytes) -> None:
+        self._take(Key(secret))
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """From a file as `stillwake keygen --secret` writes it; raises KeyFileError as `read_key` does."""
+        made = cls.__new__(cls)
+        made._take(read_key(path))
+        return made
+
+    def answer(self, level: Level, seed: bytes) -> bytes:
+        """What unlocks this level after this seed."""
+        return self._levels[level].cmac(seed)
+
+    def _take(self, key: Key) -> None:
+        self._levels = {level: Key(key.cmac(LABEL + bytes([level]))) for level in Level}
+
 
 MAX_ATTEMPTS: Final = 3
 DELAY_NS: Final = 10_000_000_000

@@ -9,15 +9,11 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.uds.access_key import ANSWER_LENGTH, AccessKey
 from can_bridge.uds.diagnostics import Diagnostics, Long
 from can_bridge.uds.fault_codes import CODE_BYTES
-from can_bridge.uds.fault_memory import FaultMemory
-from can_bridge.uds.fault_reports import LENGTHS, Report, cleared, report
-from can_bridge.uds.job import Job, negative
+from can_bridge.uds.fault_memory import LENGTHS, FaultMemory, Report, cleared, report
 from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Permission
-from can_bridge.uds.refused import Refused
-from can_bridge.uds.security import SecurityAccess
+from can_bridge.uds.security import ANSWER_LENGTH, AccessKey, SecurityAccess
 from can_bridge.uds.services import (
     LONGEST_ANSWER,
     MAX_BLOCK,
@@ -25,12 +21,12 @@ from can_bridge.uds.services import (
     UNSENT_TO_ALL,
     Did,
     Nrc,
+    Refused,
     Routine,
     Service,
     Session,
 )
-from can_bridge.uds.sessions import SessionTimer, timing_record
-from can_bridge.uds.transfer import Transfer
+from can_bridge.uds.under_way import Job, SessionTimer, Transfer, negative, timing_record
 
 MAX_DIDS: Final = 16
 """Identifiers that one request may read."""

@@ -83,7 +83,7 @@ UNSENT_TO_ALL: Final = frozenset(
 
 
 class Routine(IntEnum):
-    """RoutineControl identifiers, all started by sub-function 1. Results are in `can_bridge.uds.programming`."""
+    """RoutineControl identifiers, all started by sub-function 1. Results are in `can_bridge.uds.ecu_services`."""
 
     PRECONDITIONS = 0x0203
     """Whether the ECU may be programmed now; refused with CONDITIONS_NOT_CORRECT if not."""
@@ -128,3 +128,11 @@ class Did(IntEnum):
     """Least and greatest allowed value of each, then the release's own: three calibrations, packed."""
     CALIBRATION_STORED = 0xFD12
     """1: store the one in force; 0: back to the release's own. Read: whether one is stored (1)."""
+
+
+class Refused(Exception):  # noqa: N818  (a negative response is an answer, no error)
+    """The request is answered by this code."""
+
+    def __init__(self, code: Nrc, why: str = "") -> None:
+        super().__init__(why or code.name)
+        self.code = code

@@ -8,7 +8,7 @@ from typing import Any, Final
 from can_bridge.flashing.access_level import Level
 from can_bridge.isotp import endpoint
 from can_bridge.uds import fault_codes, fault_memory, security, server, services
-from can_bridge.uds.fault_reports import Report
+from can_bridge.uds.fault_memory import Report
 from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
 from contract.config.vehicle import BusConfig
 from contract.release.checks import dbc_sha256

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from can_bridge.bus.faults.content import FlipBits, StuckAt
 from can_bridge.bus.faults.fault import Around, Fault, FaultyBus, wrap
+from can_bridge.bus.faults.frame_faults import FlipBits, StuckAt
 from can_bridge.bus.faults.node_faults import Babble, Disconnect
 from can_bridge.bus.faults.text import parse_fault
 from can_bridge.bus.interface import Bus

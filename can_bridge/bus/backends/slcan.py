@@ -15,7 +15,7 @@ from typing import Final
 import can
 from can.interfaces.slcan import slcanBus
 
-from can_bridge.bus.rejection import Rejection, UnusableReceptionError
+from can_bridge.bus.interface import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import FD_LENGTHS
 
 _LINE: Final = re.compile(rb"(?:([tdbr])[0-7][0-9A-Fa-f]{2}|([TDBRx])[01][0-9A-Fa-f]{7})([0-9A-Fa-f])([0-9A-Fa-f]*)")

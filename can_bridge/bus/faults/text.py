@@ -14,9 +14,8 @@ from dataclasses import MISSING, fields
 from math import inf
 from typing import Any, Final, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-from can_bridge.bus.faults.content import FlipBits, StuckAt
 from can_bridge.bus.faults.fault import Fault, Instant, Span
-from can_bridge.bus.faults.loss_and_lateness import BurstLoss, Delay, Drop, Duplicate, Reorder
+from can_bridge.bus.faults.frame_faults import BurstLoss, Delay, Drop, Duplicate, FlipBits, Reorder, StuckAt
 from can_bridge.bus.faults.node_faults import Babble, ClockDrift, Disconnect, SlowConsumer
 from contract.errors import ConfigError
 

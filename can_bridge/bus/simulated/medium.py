@@ -1,6 +1,6 @@
 """A CAN bus in virtual time: arbitration, exact frame lengths, errors and fault confinement; no clock, no thread.
 
-Every node holds a port with a queue (`can_bridge.bus.simulated.transmit_queue`) and a controller's error counters
+Every node holds a port with a queue (`can_bridge.bus.simulated.port`) and a controller's error counters
 (`can_bridge.bus.simulated.fault_confinement`). When the bus is free, the heads of all queues that have one compete,
 and the smallest identifier wins. Its frame takes as long as its bits (`can_bridge.wire.frame_bits`), the intermission
 of three bits included. At the end of frame, before the intermission, the other nodes have it, stamped with that time,
@@ -27,8 +27,7 @@ from typing import Final, NamedTuple
 from can_bridge.bus.interface import BusState
 from can_bridge.bus.simulated.attempt import Outcome, Sender, Verdict, resolve
 from can_bridge.bus.simulated.fault_confinement import RECESSIVE_BITS
-from can_bridge.bus.simulated.port import Recovery, SimulatedPort
-from can_bridge.bus.simulated.transmit_queue import Queued
+from can_bridge.bus.simulated.port import Queued, Recovery, SimulatedPort
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import bits_ns, frame_ns, sent_bits
 from contract.config.vehicle import BusConfig

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.bus.conversion import frame_of, to_message
-from can_bridge.bus.rejection import Rejection
+from can_bridge.bus.interface import Rejection
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 
 ODD = st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from(["", "1", "x"])

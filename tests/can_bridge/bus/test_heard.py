@@ -1,7 +1,7 @@
 """The lines that are printed when nothing usable comes, at either node."""
 
 from can_bridge.bus.heard import Heard, Silence, line
-from can_bridge.bus.rejection import Rejection
+from can_bridge.bus.interface import Rejection
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import CLASSIC, FD, SECURED, MessageSet
 from tests.each import each

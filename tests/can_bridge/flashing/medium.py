@@ -1,6 +1,6 @@
 """How the memories of the tests fail."""
 
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import MediumError
 
 
 class UnreadableError(MediumError):

@@ -4,8 +4,7 @@ import random
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from can_bridge.flashing.backing import MAX_RECORD, Kind, Slot, Work
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import MAX_RECORD, Kind, MediumError, Slot, Work
 from tests.can_bridge.flashing.medium import PowerCut, UnreadableError
 
 CLEAR_PIECES = 3

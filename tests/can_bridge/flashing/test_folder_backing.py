@@ -4,9 +4,8 @@ import os
 
 import pytest
 
-from can_bridge.flashing.backing import Kind, Slot
+from can_bridge.flashing.backing import Kind, MediumError, Slot
 from can_bridge.flashing.folder_backing import FolderBacking
-from can_bridge.flashing.medium import MediumError
 
 
 def test_it_outlives_the_process(tmp_path):

@@ -5,8 +5,7 @@ import hashlib
 import pytest
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Slot, at_once
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import MediumError, Slot, at_once
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.store import OutOfOrderError, Store
 from can_bridge.flashing.verdicts import Verdict

@@ -4,9 +4,8 @@ import os
 import pytest
 
 from can_bridge.secoc import freshness_store
-from can_bridge.secoc.freshness import LARGEST_HALF, Freshness
 from can_bridge.secoc.freshness_store import FreshnessStore
-from can_bridge.secoc.receiver import verified
+from can_bridge.secoc.securing import LARGEST_HALF, Freshness, verified
 from can_bridge.wire.message_specs import PRESSURE_SECURED
 from contract.errors import BusError, StillwakeError
 from tests.refused import refused

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.receiver import VerifierState, verified
+from can_bridge.secoc.securing import VerifierState, verified
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND_SECURED, PRESSURE, PRESSURE_SECURED
 from tests.can_bridge.secoc.conftest import SECRET

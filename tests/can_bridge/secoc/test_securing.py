@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.e2e import profile5
-from can_bridge.secoc.freshness import LARGEST_HALF, Freshness
-from can_bridge.secoc.securing import secure, verify
+from can_bridge.secoc.securing import LARGEST_HALF, Freshness, secure, verify
 from can_bridge.wire.frame import FD_LENGTHS, Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE_SECURED, SPECS
 from tests.can_bridge.secoc.conftest import SECRET

@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.tester.blocks import STEP, BlockLength
+from can_bridge.tester.transfer import STEP, BlockLength
 from can_bridge.uds.services import MAX_BLOCK
 from tests.examples import examples
 

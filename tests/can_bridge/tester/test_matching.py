@@ -1,4 +1,4 @@
-from can_bridge.tester.matching import answers
+from can_bridge.tester.transport import answers
 
 CASES = """
 3602aa 7602 yes

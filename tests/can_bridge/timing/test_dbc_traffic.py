@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from can_bridge.timing.dbc_traffic import read_traffic
+from can_bridge.timing.background import read_traffic
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 from tests.refused import refused

@@ -2,8 +2,7 @@
 
 import pytest
 
-from can_bridge.tools.encode import encode
-from can_bridge.tools.signals import PROTECTION, decode
+from can_bridge.tools.signals import PROTECTION, decode, encode
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS
 from contract.errors import BusError

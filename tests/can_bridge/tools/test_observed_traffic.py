@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import Check
-from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.securing import secure
+from can_bridge.secoc.securing import Freshness, secure
 from can_bridge.tools.observed_traffic import RATE_OVER, SILENT_AFTER, Mac, Traffic
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE_SECURED, SPECS, MessageSpec

@@ -4,7 +4,7 @@ from cryptography.hazmat.primitives.cmac import CMAC
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.secoc.key import write_key
-from can_bridge.uds.access_key import AccessKey
+from can_bridge.uds.security import AccessKey
 from tests.can_bridge.uds.scripted_ecu import SECRET
 
 SEED = bytes(range(16))

@@ -7,13 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import MediumError
 from can_bridge.uds.fault_codes import CODES, SNAPSHOT_BYTES, in_letters
-from can_bridge.uds.fault_memory import AGED_CYCLES, FaultMemory
-from can_bridge.uds.fault_reports import Report
-from can_bridge.uds.refused import Refused
+from can_bridge.uds.fault_memory import AGED_CYCLES, FaultMemory, Report
 from can_bridge.uds.server import UdsServer
-from can_bridge.uds.services import Nrc, Session
+from can_bridge.uds.services import Nrc, Refused, Session
 from can_bridge.wire.messages import Mode, Reason
 from tests.can_bridge.uds.scripted_ecu import Bench, S, ScriptedEcu
 from tests.examples import examples

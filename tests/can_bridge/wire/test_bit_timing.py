@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.wire.bit_timing import worst_case_bits, worst_case_ns
 from can_bridge.wire.frame import FD_LENGTHS, Frame
+from can_bridge.wire.frame_bits import worst_case_bits, worst_case_ns
 
 
 def test_classic_bound_is_the_published_one():

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.wire.bit_timing import worst_case_bits
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 from can_bridge.wire.frame_bits import (
     bits_ns,
@@ -17,6 +16,7 @@ from can_bridge.wire.frame_bits import (
     is_arbitration_stuff_bit,
     sent_bits,
     stuffed,
+    worst_case_bits,
 )
 
 REPEATED = st.sampled_from([b"\x00", b"\xff", b"\x0f", b"\xf0", b"\x1e", b"\xe1", b"\x78", b"\x87"])

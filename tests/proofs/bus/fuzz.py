@@ -12,8 +12,8 @@ from can.interfaces.udp_multicast.utils import pack_message
 from benchmarks.common.command_line import track
 from can_bridge.bus.conversion import to_message
 from can_bridge.e2e.sender import E2eSender
-from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.node import secured
+from can_bridge.secoc.securing import Freshness
 from can_bridge.wire.frame import Frame
 from tests.proofs.bus.garbage import any_datagram, any_line, any_message
 from tests.proofs.bus.receive_path import KEY, MESSAGES, ReceivePath

@@ -12,9 +12,8 @@ from functools import cache
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from can_bridge.flashing.backing import Slot
+from can_bridge.flashing.backing import MediumError, Slot
 from can_bridge.flashing.boot import BootReason
-from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.state import TRIAL_BOOTS, Phase
 from can_bridge.tester.sequence import End, Flashed, Step
 from contract.errors import StillwakeError

@@ -12,10 +12,8 @@ from pathlib import Path
 from random import Random
 from typing import Final, Self
 
-from can_bridge.flashing.backing import Backing
-from can_bridge.flashing.folder_backing import FolderBacking
-from can_bridge.flashing.folder_files import FolderFiles
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import Backing, MediumError
+from can_bridge.flashing.folder_backing import FolderBacking, FolderFiles
 
 CAPACITY: Final = 256 * 1024
 

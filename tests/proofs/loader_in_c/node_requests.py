@@ -7,7 +7,7 @@ from typing import Final
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.uds.fault_codes import CODES
-from can_bridge.uds.fault_reports import LENGTHS, Report
+from can_bridge.uds.fault_memory import LENGTHS, Report
 from can_bridge.uds.services import MAX_BLOCK, Did, Routine, Service, Session
 from contract.controller.calibration import PACKED_BYTES
 from tests.can_bridge.flashing.store_ecu import KEY

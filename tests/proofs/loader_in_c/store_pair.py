@@ -10,8 +10,7 @@ from typing import Any, Final
 
 from can_bridge.flashing import checking, report, state
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import MAX_RECORD, Kind, Slot, Work, at_once
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import MAX_RECORD, Kind, MediumError, Slot, Work, at_once
 from can_bridge.flashing.store import OutOfOrderError, Store
 from contract.errors import ConfigError, KeyFileError
 from contract.release.signing import public_key

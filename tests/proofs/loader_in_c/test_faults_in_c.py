@@ -7,8 +7,7 @@ from zlib import crc32
 
 import pytest
 
-from can_bridge.flashing.backing import Kind
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import Kind, MediumError
 from can_bridge.uds.fault_codes import CODES, SNAPSHOT_BYTES
 from can_bridge.uds.fault_memory import AGED_CYCLES
 from can_bridge.wire.frame import Frame

@@ -18,7 +18,7 @@ from can_bridge.flashing.state import Phase
 from can_bridge.flashing.store import Store
 from can_bridge.isotp import control_info
 from can_bridge.uds import security
-from can_bridge.uds.programming import Programming
+from can_bridge.uds.ecu_services import Programming
 from can_bridge.uds.security import SecurityAccess
 from can_bridge.uds.services import Session
 from can_bridge.wire.frame import Frame

@@ -1,6 +1,6 @@
 """With the numbers of `linux/can/error.h`, written here as the header has them."""
 
-from can_bridge.bus.backends.error_frames import health_after, lost_frames
+from can_bridge.bus.backends.python_can import health_after, lost_frames
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 
 TX_TIMEOUT, LOSTARB, CRTL, PROT, ACK = 0x001, 0x002, 0x004, 0x008, 0x020

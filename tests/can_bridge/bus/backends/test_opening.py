@@ -5,7 +5,7 @@ import sys
 import can
 import pytest
 
-from can_bridge.bus.backends.opening import open_backend
+from can_bridge.bus.backends.connection import open_backend
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.slcan import SlcanBus
 from can_bridge.wire.frame import Frame

@@ -8,12 +8,10 @@ from typing import Any
 import can
 import pytest
 
-from can_bridge.bus.backends.connection import GARBAGE_LIMIT
-from can_bridge.bus.backends.opening import QUEUE_SIZE
+from can_bridge.bus.backends.connection import GARBAGE_LIMIT, QUEUE_SIZE
 from can_bridge.bus.backends.python_can import RECEPTION_LIMIT, PythonCanBus
 from can_bridge.bus.conversion import to_message
-from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
-from can_bridge.bus.rejection import Rejection, UnusableReceptionError
+from can_bridge.bus.interface import HEALTHY, BusHealth, BusState, Rejection, UnusableReceptionError
 from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 from tests.refused import refused

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.slcan import LINE_LIMIT, SlcanBus, why_refused
-from can_bridge.bus.rejection import Rejection
+from can_bridge.bus.interface import Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError

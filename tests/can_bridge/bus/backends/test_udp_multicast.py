@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.udp_multicast import RECEIVE_QUEUE, parse_datagram
 from can_bridge.bus.conversion import to_message
-from can_bridge.bus.rejection import Rejection
+from can_bridge.bus.interface import Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError

@@ -4,8 +4,7 @@ from dataclasses import replace
 from itertools import product
 from typing import Literal
 
-from can_bridge.bus.faults.content import FlipBits, StuckAt, payload_bits
-from can_bridge.bus.faults.wire_errors import WireErrors
+from can_bridge.bus.faults.frame_faults import FlipBits, StuckAt, WireErrors, payload_bits
 from can_bridge.e2e import profile5
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.sender import E2eSender, SenderState, protected_frame

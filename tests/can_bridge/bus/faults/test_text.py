@@ -2,12 +2,10 @@
 
 from dataclasses import MISSING, fields
 
-from can_bridge.bus.faults.content import FlipBits
 from can_bridge.bus.faults.fault import Fault, FrameFault, SidedFault
-from can_bridge.bus.faults.loss_and_lateness import BurstLoss, Delay, Drop
+from can_bridge.bus.faults.frame_faults import BurstLoss, Delay, Drop, FlipBits, WireErrors
 from can_bridge.bus.faults.node_faults import Babble, ClockDrift, Disconnect
 from can_bridge.bus.faults.text import KINDS, parse_fault, text_of
-from can_bridge.bus.faults.wire_errors import WireErrors
 from contract.errors import ConfigError
 from tests.refused import refused
 

@@ -8,11 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.bus.faults.content import FlipBits
 from can_bridge.bus.faults.fault import Around, Arrivals, Fault, wrap
-from can_bridge.bus.faults.loss_and_lateness import Delay, Drop, Duplicate
+from can_bridge.bus.faults.frame_faults import Delay, Drop, Duplicate, FlipBits, WireErrors
 from can_bridge.bus.faults.text import parse_fault
-from can_bridge.bus.faults.wire_errors import WireErrors
 from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
 from can_bridge.wire.frame import Frame
 from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, Link, number_of, numbered, numbers, simulated_link

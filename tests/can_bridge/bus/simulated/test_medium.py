@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
-from can_bridge.wire.bit_timing import worst_case_ns
 from can_bridge.wire.frame import Frame
+from can_bridge.wire.frame_bits import worst_case_ns
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 from tests.examples import examples

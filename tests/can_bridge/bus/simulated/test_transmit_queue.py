@@ -3,10 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.bus.simulated.transmit_queue import Queued, TransmitQueue
-from can_bridge.wire.frame import Frame
+from can_bridge.bus.simulated.port import Queued, TransmitQueue
+from can_bridge.wire.frame import Frame, priority
 from can_bridge.wire.frame_bits import sent_bits
-from can_bridge.wire.priority import priority
 
 
 @st.composite

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from can_bridge.calibration.segment import Page, Segment
-from can_bridge.calibration.service import DIDS, CalibrationService
-from can_bridge.flashing.medium import MediumError
-from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Did, Nrc
+from can_bridge.flashing.backing import MediumError
+from can_bridge.uds.calibration_service import DIDS, CalibrationService
+from can_bridge.uds.services import Did, Nrc, Refused
 from tests.can_bridge.calibration.conftest import LIMITS
 from tests.can_bridge.calibration.conftest import REFERENCE as OWN
 

@@ -7,13 +7,11 @@ and hostile requests in `tests/proofs/loader_in_c`.
 import pytest
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Kind
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import Kind, MediumError
 from can_bridge.flashing.state import Phase
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.diagnostics import Long
-from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Nrc
+from can_bridge.uds.services import Nrc, Refused
 from tests.can_bridge.flashing.releases import RELEASE, SECOND, image, keys, name_of, phases, provisioned
 from tests.can_bridge.flashing.store_ecu import KEY, FlashingSteps, StoreEcu
 from tests.can_bridge.uds.scripted_ecu import MS, refused, talk
