@@ -19,10 +19,20 @@ from can_bridge.isotp.endpoint import KEPT
 from can_bridge.uds import services
 from can_bridge.uds.fault_codes import CODES, SNAPSHOT_FORMATS, Snapshot, in_letters
 from can_bridge.uds.fault_memory import AGED_CYCLES, AVAILABLE, Status
-from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Permission
 from can_bridge.uds.security import ANSWER_LENGTH, DELAY_NS, LABEL, MAX_ATTEMPTS, SEED_LENGTH
 from can_bridge.uds.server import MAX_DIDS
-from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
+from can_bridge.uds.services import (
+    LEVELS,
+    ROUTINES,
+    SERVICES,
+    WRITABLE,
+    Did,
+    Nrc,
+    Permission,
+    Routine,
+    Service,
+    Session,
+)
 from contract.config.diagnosis import DiagnosisConfig
 from contract.config.vehicle import BusConfig
 from contract.controller.calibration import PACKED_BYTES

@@ -15,7 +15,7 @@ from can_bridge.isotp.settings import IsoTpSettings
 from can_bridge.wire.frame import Frame
 
 
-class Reception:
+class _Reception:
     """At most one message on the way.
 
     Attributes:
@@ -98,7 +98,7 @@ class _State(Enum):
     SENDING = auto()
 
 
-class Transmission:
+class _Transmission:
     """At most one message under way.
 
     Attributes:
@@ -229,8 +229,8 @@ class Endpoint:
 
     def __init__(self, settings: IsoTpSettings) -> None:
         self._settings = settings
-        self._reception = Reception(settings)
-        self._transmission = Transmission(settings)
+        self._reception = _Reception(settings)
+        self._transmission = _Transmission(settings)
         self._answer: FlowStatus | None = None
         self._received = deque[bytes]()
         self._to_send = deque[bytes]()

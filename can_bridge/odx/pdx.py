@@ -12,8 +12,22 @@ from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.fault_codes import CODES, J2012_FORMAT, Snapshot, in_letters
 from can_bridge.uds.fault_memory import AVAILABLE, Report
-from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Permission
-from can_bridge.uds.services import P2_EXTENDED_MS, P2_MS, S3_MS, Did, Nrc, Routine, Service, Session
+from can_bridge.uds.services import (
+    LEVELS,
+    P2_EXTENDED_MS,
+    P2_MS,
+    POSITIVE,
+    ROUTINES,
+    S3_MS,
+    SERVICES,
+    WRITABLE,
+    Did,
+    Nrc,
+    Permission,
+    Routine,
+    Service,
+    Session,
+)
 from can_bridge.wire.messages import SENSORS, Mode, Reason
 from contract.config.diagnosis import CanId
 from contract.config.vehicle import BusConfig
@@ -183,7 +197,6 @@ def _reports() -> Iterator[tuple[Report, tuple[str, ...], tuple[str, ...]]]:
     yield Report.SUPPORTED, (), (available, faults)
 
 
-_POSITIVE: Final = 0x40
 _SNAPSHOT_TYPES: Final = {
     Snapshot.TIME_MS: ("u32",),
     Snapshot.MODE_BEFORE: ("mode",),
@@ -216,7 +229,7 @@ def _filling(bus: BusConfig, because: Mapping[Reason, str]) -> dict[str, object]
         "structures": "".join(_structures()),
         "services": "".join(service(one.name, one.service.name, _states(one)) for one in every),
         "requests": "".join(message("REQUEST", one.name, (*_head(one), *one.request)) for one in every),
-        "answers": "".join(message("POS-RESPONSE", one.name, (*_head(one, _POSITIVE), *one.answer)) for one in every),
+        "answers": "".join(message("POS-RESPONSE", one.name, (*_head(one, POSITIVE), *one.answer)) for one in every),
         "refusal": constant("sid", 0x7F) + repeated("service") + value("code", "nrc"),
         "charts": chart("session_chart", "SESSION", map(_session, Session))
         + chart("level_chart", "SECURITY", ["level_locked", *map(_level, Level)]),

@@ -18,14 +18,10 @@ import isotp
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.uds.fault_codes import CODE_BYTES
 from can_bridge.uds.fault_memory import Report
-from can_bridge.uds.services import MAX_REQUEST, Service
+from can_bridge.uds.services import MAX_REQUEST, NEGATIVE, POSITIVE, Service
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
-
-NEGATIVE: Final = 0x7F
-POSITIVE: Final = 0x40
-"""Added to a service's identifier in its response."""
 
 _SAME: Final = {
     Service.SESSION: slice(1, 2),

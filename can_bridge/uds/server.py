@@ -12,15 +12,19 @@ from can_bridge.flashing.access_level import Level
 from can_bridge.uds.diagnostics import Diagnostics, Long
 from can_bridge.uds.fault_codes import CODE_BYTES
 from can_bridge.uds.fault_memory import LENGTHS, FaultMemory, Report, cleared, report
-from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Permission
 from can_bridge.uds.security import ANSWER_LENGTH, AccessKey, SecurityAccess
 from can_bridge.uds.services import (
+    LEVELS,
     LONGEST_ANSWER,
     MAX_BLOCK,
     MAX_REQUEST,
+    ROUTINES,
+    SERVICES,
     UNSENT_TO_ALL,
+    WRITABLE,
     Did,
     Nrc,
+    Permission,
     Refused,
     Routine,
     Service,

@@ -4,11 +4,15 @@ from collections.abc import Collection
 from typing import Final
 
 from can_bridge.uds.diagnostics import Long
-from can_bridge.uds.services import P2_EXTENDED_MS, P2_MS, S3_MS, Nrc, Refused, Session
+from can_bridge.uds.services import NEGATIVE, P2_EXTENDED_MS, P2_MS, POSITIVE, S3_MS, Nrc, Refused, Session
 
 _MS: Final = 1_000_000
 _S3_NS: Final = S3_MS * _MS
 _P2_EXTENDED_UNIT_MS: Final = 10
+_FIRST_NS: Final = P2_MS * _MS // 2
+_NEXT_NS: Final = P2_EXTENDED_MS * _MS // 2
+"""Times after which a tester hears that its request takes longer: half the limits, which are for the last moment on
+the bus."""
 
 
 class SessionTimer:
@@ -34,17 +38,9 @@ def timing_record() -> bytes:
     return P2_MS.to_bytes(2, "big") + (P2_EXTENDED_MS // _P2_EXTENDED_UNIT_MS).to_bytes(2, "big")
 
 
-_MS: Final = 1_000_000
-_FIRST_NS: Final = P2_MS * _MS // 2
-_NEXT_NS: Final = P2_EXTENDED_MS * _MS // 2
-"""Half the limits, which are for the last moment on the bus."""
-_POSITIVE: Final = 0x40
-_NEGATIVE: Final = 0x7F
-
-
 def negative(service: int, code: Nrc) -> bytes:
     """A negative response."""
-    return bytes([_NEGATIVE, service, code])
+    return bytes([NEGATIVE, service, code])
 
 
 class Job:
@@ -73,7 +69,7 @@ class Job:
         except StopIteration as end:
             self.is_done = True
             if not self._is_quiet:
-                sent.append(bytes([self.service + _POSITIVE]) + end.value)
+                sent.append(bytes([self.service + POSITIVE]) + end.value)
         except Refused as refusal:
             self.is_done = True
             if refusal.code not in self._passed_over:

@@ -7,11 +7,12 @@ finds errors on the wire, and the frame is sent again: they cost time and raise 
 import heapq
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import count
 from math import log1p
 from random import Random
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
-from can_bridge.bus.faults.fault import NS, Change, FrameFault, Injector, Probability, SidedFault, Span
+from can_bridge.bus.faults.fault import NS, Change, FrameFault, Injector, Probability, Receive, Send, SidedFault, Span
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import frame_bits
@@ -91,41 +92,12 @@ class Duplicate(SidedFault, section="duplicate"):
         return lambda frame: [frame] * (1 + self.copies) if random.random() < self.probability else [frame]
 
 
-class _Delaying(Injector["Delay"]):
-    def __init__(self, *given: Any) -> None:
-        super().__init__(*given)
-        self._waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
-        self._serial = 0
-        self._last_due_ns = 0
-
-    def receive_all(self) -> list[Frame]:
-        """What is due, in the order of the times at which it became so."""
-        now_ns = self._clock()
-        for arrived_ns, frame in self._arrivals.of(self._bus.receive_all(), now_ns):
-            due_ns = arrived_ns
-            if self._fault.concerns(frame):
-                if self._fault.is_active(arrived_ns):
-                    due_ns += round((self._fault.delay_s + self._random.random() * self._fault.jitter_s) * NS)
-                # A queue: no frame overtakes another, the frames after the fault's end included.
-                due_ns = self._last_due_ns = max(due_ns, self._last_due_ns)
-            self.acted += due_ns > arrived_ns
-            self._serial += 1
-            stamp_ns = frame.timestamp_ns + (due_ns - arrived_ns if self._fault.restamp else 0)
-            heapq.heappush(self._waiting, (due_ns, self._serial, replace(frame, timestamp_ns=stamp_ns)))
-        due: list[Frame] = []
-        while self._waiting and self._waiting[0][0] <= now_ns:
-            due.append(heapq.heappop(self._waiting)[2])
-        return due
-
-
 @dataclass(frozen=True, kw_only=True)
 class Delay(FrameFault, section="delay"):
     """Frames wait in a queue, in their order, and are received once their time has come. `acted` counts the late.
 
     The delay counts from the arrival (`can_bridge.bus.faults.fault.Arrivals`).
     """
-
-    injector = _Delaying
 
     delay_s: NonNegative[float]
     """At least."""
@@ -135,33 +107,30 @@ class Delay(FrameFault, section="delay"):
     """The frame waits ahead of where its time stamp is made, as in a gateway, so that the stamp is late, too.
     Otherwise it waits behind it, in a queue of the receiver, and the stamp shows it."""
 
+    def acting(self, port: Injector) -> tuple[Send, Receive]:
+        """See `Fault.acting`: what is due is received, in the order of the times at which it became so."""
+        waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
+        serial, last_due_ns = count(), 0
 
-class _Reordering(Injector["Reorder"]):
-    def __init__(self, *given: Any) -> None:
-        super().__init__(*given)
-        self._kept: list[Frame] = []
+        def receive() -> list[Frame]:
+            nonlocal last_due_ns
+            now_ns = port.clock()
+            for arrived_ns, frame in port.arrived(now_ns):
+                due_ns = arrived_ns
+                if self.concerns(frame):
+                    if self.is_active(arrived_ns):
+                        due_ns += round((self.delay_s + port.random.random() * self.jitter_s) * NS)
+                    # A queue: no frame overtakes another, the frames after the fault's end included.
+                    due_ns = last_due_ns = max(due_ns, last_due_ns)
+                port.acted += due_ns > arrived_ns
+                stamp_ns = frame.timestamp_ns + (due_ns - arrived_ns if self.restamp else 0)
+                heapq.heappush(waiting, (due_ns, next(serial), replace(frame, timestamp_ns=stamp_ns)))
+            due: list[Frame] = []
+            while waiting and waiting[0][0] <= now_ns:
+                due.append(heapq.heappop(waiting)[2])
+            return due
 
-    def receive_all(self) -> list[Frame]:
-        """Whole windows, shuffled; frames that the fault does not concern at once."""
-        now_ns = self._clock()
-        frames: list[Frame] = []
-        for arrived_ns, frame in self._arrivals.of(self._bus.receive_all(), now_ns):
-            if not self._fault.concerns(frame):
-                frames.append(frame)
-            elif not self._fault.is_active(arrived_ns):
-                frames += [*self._shuffled(), frame]
-            else:
-                self._kept.append(frame)
-                if len(self._kept) == self._fault.window:
-                    frames += self._shuffled()
-        return frames if self._fault.is_active(now_ns) else [*frames, *self._shuffled()]
-
-    def _shuffled(self) -> list[Frame]:
-        kept, self._kept = self._kept, []
-        order = list(range(len(kept)))
-        self._random.shuffle(order)
-        self.acted += sum(place != index for place, index in enumerate(order))
-        return [kept[index] for index in order]
+        return port.beneath.send, receive
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,9 +140,35 @@ class Reorder(FrameFault, section="reorder"):
     No frame moves by `window` places or more. What is kept when the span ends is received at the next look.
     """
 
-    injector = _Reordering
-
     window: Annotated[int, at_least(1)] = 2
+
+    def acting(self, port: Injector) -> tuple[Send, Receive]:
+        """See `Fault.acting`: whole windows are received, shuffled; frames that it does not concern at once."""
+        kept: list[Frame] = []
+
+        def shuffled() -> list[Frame]:
+            order = list(range(len(kept)))
+            port.random.shuffle(order)
+            port.acted += sum(place != index for place, index in enumerate(order))
+            frames = [kept[index] for index in order]
+            kept.clear()
+            return frames
+
+        def receive() -> list[Frame]:
+            now_ns = port.clock()
+            frames: list[Frame] = []
+            for arrived_ns, frame in port.arrived(now_ns):
+                if not self.concerns(frame):
+                    frames.append(frame)
+                elif not self.is_active(arrived_ns):
+                    frames += [*shuffled(), frame]
+                else:
+                    kept.append(frame)
+                    if len(kept) == self.window:
+                        frames += shuffled()
+            return frames if self.is_active(now_ns) else [*frames, *shuffled()]
+
+        return port.beneath.send, receive
 
 
 _SPECS: Final = {spec.frame_id: spec for spec in SPECS}

@@ -4,8 +4,7 @@ from itertools import product
 
 import pytest
 
-from can_bridge.e2e import profile5
-from can_bridge.e2e.profiles import profile_of
+from can_bridge.e2e.profiles import PROFILE_5, profile_of
 from can_bridge.e2e.receiver import Check, E2eReceiver, StreamState, receive
 from can_bridge.e2e.sender import E2eSender, SenderState
 from can_bridge.wire.frame import Frame
@@ -59,7 +58,7 @@ def test_frame_that_fails_is_an_error_and_changes_no_counter():
         corrupt(1),
         replace(good(1), data=good(1).data[:8]),
         replace(good(1), data=b""),
-        replace(good(1), data=profile5.protect(bytes(16), data_id=JET_COMMAND.data_id, counter=1)),
+        replace(good(1), data=PROFILE_5.protect(bytes(16), data_id=JET_COMMAND.data_id, counter=1)),
     ]:
         made = receiver()
         made.tick([good(7)])

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.e2e import profile5
+from can_bridge.e2e.profiles import PROFILE_5
 from can_bridge.secoc.securing import LARGEST_HALF, Freshness, secure, verify
 from can_bridge.wire.frame import FD_LENGTHS, Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE_SECURED, SPECS
@@ -22,7 +22,7 @@ def test_layout_and_mac_are_openssls(genuine):
         frame = genuine(spec, trip=0x01020304, count=0x05060708)
         length = {"PressureSecured": 32, "EcuStatusSecured": 48}.get(spec.name, 24)
         zeros = 8 if spec.name == "EcuStatusSecured" else 0
-        content = profile5.protect(bytes([0x5A] * spec.protected), data_id=spec.data_id, counter=0x08)
+        content = PROFILE_5.protect(bytes([0x5A] * spec.protected), data_id=spec.data_id, counter=0x08)
         covered = content + bytes(zeros) + bytes.fromhex("0102030405060708")
         answer = subprocess.run(
             ["openssl", "mac", "-cipher", "AES-128-CBC", "-macopt", f"hexkey:{SECRET.hex()}", "CMAC"],

@@ -23,9 +23,8 @@ from can_bridge.tester.messages import (
     RefusedError,
 )
 from can_bridge.tester.sequence import End, Flashed, Options, Step
-from can_bridge.uds.permissions import SERVICES
 from can_bridge.uds.security import AccessKey
-from can_bridge.uds.services import Nrc, Refused, Routine, Service, Session
+from can_bridge.uds.services import SERVICES, Nrc, Refused, Routine, Service, Session
 from tests.can_bridge.flashing.releases import BLOCK, SECOND, STRANGER, flash, image, phases
 from tests.can_bridge.tester.ecu_to_flash import EcuToFlash
 from tests.can_bridge.tester.line import Line, flash_over
