@@ -15,7 +15,7 @@ from can_bridge.calibration.segment import ADDRESS
 from can_bridge.calibration.xcp_slave import IDLE_NS
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.isotp.endpoint import KEPT
+from can_bridge.isotp.endpoint import KEPT_PLACES
 from can_bridge.uds import services
 from can_bridge.uds.fault_codes import CODES, SNAPSHOT_FORMATS, Snapshot, in_letters
 from can_bridge.uds.fault_memory import AGED_CYCLES, AVAILABLE, Status
@@ -178,7 +178,7 @@ slowly its frames follow each other on the bus; a request whose next frame is ov
                 _wrapped(f"""The ECU works on one request at a time. Another one that comes before the
 answer is ready, or before one of more than {services.BESIDE} bytes is on the bus as a
 whole, is refused with `21` and not carried out; of a flood, what comes behind
-{_ISOTP.queue - KEPT} answers that wait is lost. An answer with several identifiers has at
+{_ISOTP.queue - KEPT_PLACES} answers that wait is lost. An answer with several identifiers has at
 most {services.LONGEST_ANSWER} bytes, which is what the ECU in C has room for."""),
                 "## Services",
                 _table(

@@ -59,7 +59,7 @@ class Command(IntEnum):
     COPY_CAL_PAGE = 0xE4
 
 
-SHORTEST: Final = {
+SHORTEST_COMMAND: Final = {
     Command.CONNECT: 2,
     Command.GET_ID: 2,
     Command.SET_REQUEST: 2,
@@ -108,15 +108,15 @@ class Denied(Exception):  # noqa: N818  (an error packet is an answer, no error)
         self.code = code
 
 
-SEED_LENGTH: Final = 12
+XCP_SEED_LENGTH: Final = 12
 """Bytes: two pieces. pyxcp's own unlocking fetches no third one (0.29), and no seed of UDS, which has 16 bytes, can be
 had answered through XCP."""
-KEY_LENGTH: Final = 16
+XCP_KEY_LENGTH: Final = 16
 """Bytes of the answer: an AES-CMAC."""
 _PIECE: Final = MAX_CTO - 2
 
 
-class Access(Protocol):
+class AnswersSeeds(Protocol):
     """What knows the secret: `can_bridge.uds.security.AccessKey`."""
 
     def answer(self, level: Level, seed: bytes) -> bytes:
@@ -130,7 +130,7 @@ class WrongKey(Exception):  # noqa: N818  (an answer of the tool's, no error of 
 class XcpAccess:
     """Whether the resource is unlocked, and how far a tool is on the way there."""
 
-    def __init__(self, access: Access, random_bytes: Callable[[int], bytes]) -> None:
+    def __init__(self, access: AnswersSeeds, random_bytes: Callable[[int], bytes]) -> None:
         self._access = access
         self._random_bytes = random_bytes
         self.lock()
@@ -154,7 +154,7 @@ class XcpAccess:
                 raise Denied(Error.OUT_OF_RANGE)
             if self.is_unlocked:
                 return bytes([0])
-            self._seed = self._unsent = self._random_bytes(SEED_LENGTH)
+            self._seed = self._unsent = self._random_bytes(XCP_SEED_LENGTH)
         elif mode != 1:
             raise Denied(Error.OUT_OF_RANGE)
         elif not self._unsent:
@@ -166,14 +166,14 @@ class XcpAccess:
     def unlock(self, left: int, data: bytes) -> None:
         """The next bytes of the key, of which `left` are to come, these included. Raises Denied if no whole seed was
         fetched, or a piece is missing; WrongKey if it is; another try needs another seed."""
-        if not self._seed or self._unsent or left != KEY_LENGTH - len(self._key):
+        if not self._seed or self._unsent or left != XCP_KEY_LENGTH - len(self._key):
             self._forget()
             raise Denied(Error.SEQUENCE)
         piece = data[: min(left, _PIECE)]
         if len(piece) < min(left, _PIECE):
             raise Denied(Error.CMD_SYNTAX)
         self._key += piece
-        if len(self._key) == KEY_LENGTH:
+        if len(self._key) == XCP_KEY_LENGTH:
             right = compare_digest(self._access.answer(Level.CALIBRATION, self._seed), self._key)
             self._forget()
             if not right:

@@ -7,7 +7,7 @@ from enum import Enum, auto
 from can_bridge.flashing.backing import MediumError, Slot, at_once
 from can_bridge.flashing.checking import Release
 from can_bridge.flashing.remembered import Remembered
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.verdicts import Verdict
 
 
@@ -75,7 +75,7 @@ def _boot_trial(remembered: Remembered, slot: Slot, verdicts: dict[Slot, Verdict
             verdicts[slot], bundle = at_once(remembered.judged(slot))
             if bundle is not None:
                 return Boot(slot=slot, bundle=bundle, verdicts=verdicts, reason=BootReason.TRIAL, boots_left=left)
-        remembered.keep_slot(slot, replace(standing, phase=Phase.BAD, boots_left=0))
+        remembered.keep_slot(slot, replace(standing, phase=SlotPhase.BAD, boots_left=0))
     except MediumError:
         # A trial that cannot be counted would never end, so the image does not run.
         verdicts.setdefault(slot, Verdict.UNREADABLE)
@@ -90,7 +90,7 @@ def _boot_confirmed(remembered: Remembered, is_reverted: bool, verdicts: dict[Sl
     """
     active = remembered.state.active
     for slot in () if active is None else (active, active.other):
-        if remembered.state.slots[slot].phase != Phase.CONFIRMED:
+        if remembered.state.slots[slot].phase != SlotPhase.CONFIRMED:
             continue
         verdicts[slot], bundle = at_once(remembered.judged(slot))
         if bundle is not None:

@@ -72,7 +72,7 @@ def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
     return Verdict.GOOD, bundle
 
 
-Check = Callable[[bytes, Rules], tuple[Verdict, Release | None]]
+ImageCheck = Callable[[bytes, Rules], tuple[Verdict, Release | None]]
 """As `check`, of another kind of image."""
 
 

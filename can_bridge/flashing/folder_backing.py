@@ -1,7 +1,7 @@
 """The store's place in a folder, for an ECU with a file system: a file for each record and each slot.
 
 A record is replaced by a temporary file that is synchronised before it takes the name, and the folder after it. Slots
-are appended to; a checkpoint (`Kind.STATE`) synchronises what was appended before it is written itself.
+are appended to; a checkpoint (`RecordKind.STATE`) synchronises what was appended before it is written itself.
 """
 
 import errno
@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from can_bridge.flashing.backing import MAX_RECORD, Kind, MediumError, Slot, Work
+from can_bridge.flashing.backing import MAX_RECORD, Long, MediumError, RecordKind, Slot
 
 
 class FolderFiles:
@@ -140,17 +140,17 @@ class FolderBacking:
         """Bytes that a slot holds."""
         return self._capacity
 
-    def records(self) -> Mapping[Kind, bytes]:
+    def records(self) -> Mapping[RecordKind, bytes]:
         """The record of each kind whose file is whole."""
-        found = {kind: self._record(kind) for kind in Kind}
+        found = {kind: self._record(kind) for kind in RecordKind}
         return {kind: record for kind, record in found.items() if record is not None}
 
-    def keep(self, kind: Kind, record: bytes) -> None:
-        """Replace a record; a checkpoint (`Kind.STATE`) synchronises the slots first. Raises ValueError if the record
-        is too long; MediumError if the disk is full, or refuses."""
+    def keep(self, kind: RecordKind, record: bytes) -> None:
+        """Replace a record; a checkpoint (`RecordKind.STATE`) synchronises the slots first. Raises ValueError if the
+        record is too long; MediumError if the disk is full, or refuses."""
         if len(record) > MAX_RECORD:
             raise ValueError(f"record of {len(record)} bytes: must have at most {MAX_RECORD}")
-        if kind == Kind.STATE:
+        if kind == RecordKind.STATE:
             for slot in sorted(self._unsynced):
                 self._files.sync(_slot_file(slot))
                 self._files.sync_folder()
@@ -160,7 +160,7 @@ class FolderBacking:
         self._files.rename(_TEMPORARY, _record_file(kind))
         self._files.sync_folder()
 
-    def clear(self, slot: Slot, behind: int = 0) -> Work[None]:
+    def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
         """Empty a slot's file; `begin_again` asks for no part of one."""
         assert behind == 0
         self._written.pop(slot, None)
@@ -199,7 +199,7 @@ class FolderBacking:
             raise MediumError(f"slot {slot.name}: nothing was written at byte {offset + len(found)}", offset)
         return found
 
-    def _record(self, kind: Kind) -> bytes | None:
+    def _record(self, kind: RecordKind) -> bytes | None:
         raw = self._files.read(_record_file(kind))
         if raw is None or len(raw) < _HEADER.size:
             return None
@@ -208,7 +208,7 @@ class FolderBacking:
         return record if (magic, length, crc) == (_MAGIC, len(record), zlib.crc32(record)) else None
 
 
-def _record_file(kind: Kind) -> str:
+def _record_file(kind: RecordKind) -> str:
     return f"{kind.name.lower()}.record"
 
 

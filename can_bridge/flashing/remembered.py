@@ -8,8 +8,8 @@ from typing import Final
 
 from can_bridge.flashing import state
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Backing, Kind, MediumError, Slot, Work
-from can_bridge.flashing.checking import Check, Fits, Release, Rules
+from can_bridge.flashing.backing import Backing, Long, MediumError, RecordKind, Slot
+from can_bridge.flashing.checking import Fits, ImageCheck, Release, Rules
 from can_bridge.flashing.state import MOST_ATTEMPTS, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError
@@ -24,28 +24,28 @@ PIECE: Final = 4096
 class Remembered:
     """The records of a backing; what is missing or damaged counts as never kept. Arguments as of `Store`."""
 
-    def __init__(self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits, check: Check) -> None:
+    def __init__(self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits, check: ImageCheck) -> None:
         self.backing = backing
         self._root = root
         self._hardware = hardware
         self._fits = fits
         self._check = check
         records = backing.records()
-        self.state = _state(records.get(Kind.STATE, b""))
-        self.keys = _key_list(records.get(Kind.KEYS, b""), root)
-        self._calibrations = _calibrations(records.get(Kind.CALIBRATION, b""))
-        self.faults = records.get(Kind.FAULTS, b"")
+        self.state = _state(records.get(RecordKind.STATE, b""))
+        self.keys = _key_list(records.get(RecordKind.KEYS, b""), root)
+        self._calibrations = _calibrations(records.get(RecordKind.CALIBRATION, b""))
+        self.faults = records.get(RecordKind.FAULTS, b"")
 
     def keep(self, changed: StoreState) -> None:
         """Raises MediumError if it cannot be kept; nothing has changed then."""
-        self.backing.keep(Kind.STATE, state.encode(changed))
+        self.backing.keep(RecordKind.STATE, state.encode(changed))
         self.state = changed
 
     def keep_slot(self, slot: Slot, changed: SlotState) -> None:
         """As `keep`, of one slot."""
         self.keep(self.state.with_slot(slot, changed))
 
-    def judged(self, slot: Slot) -> Work[tuple[Verdict, Release | None]]:
+    def judged(self, slot: Slot) -> Long[tuple[Verdict, Release | None]]:
         """Read a whole image from the memory and make every check."""
         standing = self.state.slots[slot]
         image = bytearray()
@@ -80,7 +80,7 @@ class Remembered:
                         f"key list: lacks key {signer.fingerprint}, which signed the confirmed release; confirm one by "
                         "another key first"
                     )
-        self.backing.keep(Kind.KEYS, raw)
+        self.backing.keep(RecordKind.KEYS, raw)
         self.keys = listed
 
     def calibration(self, digest: str) -> bytes | None:
@@ -97,12 +97,12 @@ class Remembered:
             record = encode_calibrations(kept)
         except ValueError as error:
             raise ConfigError(str(error)) from error
-        self.backing.keep(Kind.CALIBRATION, record)
+        self.backing.keep(RecordKind.CALIBRATION, record)
         self._calibrations = kept
 
     def keep_faults(self, record: bytes) -> None:
         """Keep the fault memory's record; raises MediumError if it cannot be kept."""
-        self.backing.keep(Kind.FAULTS, record)
+        self.backing.keep(RecordKind.FAULTS, record)
         self.faults = record
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:

@@ -10,7 +10,7 @@ from enum import Enum, auto
 from typing import Final
 
 from can_bridge.isotp import control_info
-from can_bridge.isotp.control_info import SEQUENCE_NUMBERS, Consecutive, First, Flow, FlowStatus, Single
+from can_bridge.isotp.control_info import SEQUENCE_NUMBERS, Consecutive, First, FlowControl, FlowStatus, Single
 from can_bridge.isotp.settings import IsoTpSettings
 from can_bridge.wire.frame import Frame
 
@@ -138,7 +138,7 @@ class _Transmission:
         if self._state is _State.WAITING and now_ns > self._deadline_ns:
             self._abort()
 
-    def flow(self, now_ns: int, part: Flow) -> None:
+    def flow(self, now_ns: int, part: FlowControl) -> None:
         """The receiver's answer; ignored while none is due."""
         if self._state is not _State.WAITING:
             return
@@ -198,7 +198,7 @@ class _Transmission:
         self._message = b""
 
 
-KEPT: Final = 2
+KEPT_PLACES: Final = 2
 """Places in the queue of messages to be sent for those of a request that is worked on: that it takes longer, and its
 answer."""
 
@@ -264,8 +264,8 @@ class Endpoint:
 
     @property
     def is_full(self) -> bool:
-        """Whether so many messages wait that only `KEPT` more find a place."""
-        return len(self._to_send) + KEPT >= self._settings.queue
+        """Whether so many messages wait that only `KEPT_PLACES` more find a place."""
+        return len(self._to_send) + KEPT_PLACES >= self._settings.queue
 
     def receive(self, now_ns: int, frame: Frame) -> None:
         """Take a frame from the bus; frames for others are ignored."""
@@ -285,7 +285,7 @@ class Endpoint:
             self._reception.abort()
             if len(part.data) <= self._settings.max_message:
                 self._keep(part.data)
-        elif isinstance(part, Flow):
+        elif isinstance(part, FlowControl):
             self._transmission.flow(now_ns, part)
 
     def send(self, message: bytes) -> bool:

@@ -12,7 +12,7 @@ import can
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_EXTENDED_ID
 from can_bridge.wire.message_specs import SPECS
 
-HEADER: Final = "header"
+HEADER_LINE: Final = "header"
 COMMENT: Final = "comment"
 REQUEST: Final = "transmit request"
 """A node has asked for a frame to be sent: the frame itself is another entry, or never came."""
@@ -24,7 +24,7 @@ IDS: Final = {spec.name: spec.frame_id for spec in SPECS}
 """Identifiers of our messages, by the names that a log written with our DBC has for them."""
 FD_IDS: Final = frozenset(spec.frame_id for spec in SPECS if spec.is_fd)
 
-FD, BRS, ESI = 1, 2, 4
+FD_FRAME, BRS, ESI = 1, 2, 4
 """Of a frame: it is one of CAN FD, it switched the bit rate, its sender was error passive."""
 PROTOCOL, NO_ACK = 0x8, 0x20
 _CLASSES: Final = ("transmit timeout", "arbitration lost", "controller", "protocol", "transceiver")
@@ -39,7 +39,7 @@ SinceEpoch = Callable[[datetime], float]
 """From a start that a file has in local time, without its zone, to s since the epoch."""
 
 
-class Event(NamedTuple):
+class LogEvent(NamedTuple):
     """One or more lines, or objects of a binary file, that are no frame, by what they are."""
 
     name: str
@@ -50,7 +50,7 @@ class CutOffError(Exception):
     """The end of a file is missing; the message says by what that shows."""
 
 
-Entry = can.Message | Event
+Entry = can.Message | LogEvent
 Ident = tuple[int, bool]
 """An identifier, and whether it has 29 bits."""
 
@@ -72,7 +72,7 @@ def frame(
     """A data frame, or without data a remote frame of a length. Raises ValueError for an identifier that is none.
 
     Args:
-        fd: bits of `FD`, `BRS` and `ESI`; 0 for classic CAN.
+        fd: bits of `FD_FRAME`, `BRS` and `ESI`; 0 for classic CAN.
     """
     if not 0 <= ident[0] <= MAX_EXTENDED_ID:
         raise ValueError(f"identifier {ident[0]:X}, must have at most 29 bits")
@@ -81,7 +81,7 @@ def frame(
         arbitration_id=ident[0],
         is_extended_id=ident[1],
         is_remote_frame=data is None,
-        is_fd=bool(fd & FD),
+        is_fd=bool(fd & FD_FRAME),
         is_rx=is_rx,
         bitrate_switch=bool(fd & BRS),
         error_state_indicator=bool(fd & ESI),

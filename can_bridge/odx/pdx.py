@@ -11,7 +11,7 @@ from xml.sax.saxutils import escape
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.fault_codes import CODES, J2012_FORMAT, Snapshot, in_letters
-from can_bridge.uds.fault_memory import AVAILABLE, Report
+from can_bridge.uds.fault_memory import AVAILABLE, FaultReport
 from can_bridge.uds.services import (
     LEVELS,
     P2_EXTENDED_MS,
@@ -187,14 +187,14 @@ def described() -> Iterator[Described]:
         yield one(name, Service.FAULT_SETTING, number)
 
 
-def _reports() -> Iterator[tuple[Report, tuple[str, ...], tuple[str, ...]]]:
+def _reports() -> Iterator[tuple[FaultReport, tuple[str, ...], tuple[str, ...]]]:
     mask, available, faults = value("mask", "u8"), constant("available", AVAILABLE), value("faults", "faults")
-    yield Report.COUNT, (mask,), (available, constant("form", J2012_FORMAT), value("count", "u16"))
-    yield Report.BY_STATUS, (mask,), (available, faults)
+    yield FaultReport.COUNT, (mask,), (available, constant("form", J2012_FORMAT), value("count", "u16"))
+    yield FaultReport.BY_STATUS, (mask,), (available, faults)
     code, record = (value("code", "code"), value("status", "u8")), (value("code", "code"), value("record", "u8"))
-    yield Report.SNAPSHOT, record, (*code, value("snapshots", "snapshots"))
-    yield Report.EXTENDED, record, (*code, value("records", "extendeds"))
-    yield Report.SUPPORTED, (), (available, faults)
+    yield FaultReport.SNAPSHOT, record, (*code, value("snapshots", "snapshots"))
+    yield FaultReport.EXTENDED, record, (*code, value("records", "extendeds"))
+    yield FaultReport.SUPPORTED, (), (available, faults)
 
 
 _SNAPSHOT_TYPES: Final = {

@@ -19,7 +19,7 @@ from can_bridge.wire.message_specs import FRESHNESS_LENGTH, MAC_LENGTH, MessageS
 
 LARGEST_HALF: Final = 0xFFFFFFFF
 """The largest number of a power cycle, and of a frame in one."""
-LARGEST: Final = 0xFFFFFFFFFFFFFFFF
+LARGEST_FRESHNESS: Final = 0xFFFFFFFFFFFFFFFF
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ P2_S: Final = 1.0
 """To wait for a first answer: the ECU's 50 ms, and what adapters and a busy bus add."""
 P2_EXTENDED_S: Final = 6.0
 """To wait after a response-pending."""
-LONGEST_S: Final = 60.0
+LONGEST_PENDING_S: Final = 60.0
 """Seconds of response-pending or busy in a row, after which an ECU counts as gone."""
 TIMES: Final = 5
 """That a request is sent before there is no answer to it."""
@@ -206,7 +206,7 @@ class Asking:
             except exceptions.NegativeResponseException as error:
                 self._has_answered = True
                 code = int(error.response.code or 0)
-                if code != BUSY or self._clock() - self._began > LONGEST_S:
+                if code != BUSY or self._clock() - self._began > LONGEST_PENDING_S:
                     raise RefusedError(step, code) from None
                 sent -= 1
                 self._sleep(BUSY_WAIT_S)
@@ -222,7 +222,7 @@ class Asking:
     def _pending(self) -> None:
         from udsoncan.exceptions import TimeoutException
 
-        if self._clock() - self._began > LONGEST_S:
+        if self._clock() - self._began > LONGEST_PENDING_S:
             raise TimeoutException
 
 

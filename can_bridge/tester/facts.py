@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from can_bridge.flashing import report
-from can_bridge.flashing.report import Report
+from can_bridge.flashing.report import StoreReport
 from can_bridge.tester.asking import Asking
 from can_bridge.tester.messages import WrongReleaseError
 from can_bridge.uds.services import Did
@@ -27,7 +27,7 @@ class EcuFacts:
     dbc_sha256: str
     period_ns: int
     capacity: int
-    store: Report
+    store: StoreReport
 
 
 def read_facts(asking: Asking) -> EcuFacts:
@@ -43,7 +43,7 @@ def read_facts(asking: Asking) -> EcuFacts:
     )
 
 
-def read_store(asking: Asking) -> Report:
+def read_store(asking: Asking) -> StoreReport:
     """What its slots hold; raises BusError for a damaged report."""
     return report.decode(asking.read(Did.STORE))
 

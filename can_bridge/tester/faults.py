@@ -7,7 +7,7 @@ from typing import Any
 
 from can_bridge.tester.asking import Asking
 from can_bridge.tester.messages import NotNowError, RefusedError
-from can_bridge.uds.fault_codes import REASONS, Snapshot
+from can_bridge.uds.fault_codes import REASON_BY_CODE, Snapshot
 from can_bridge.uds.fault_memory import Status
 from can_bridge.uds.services import Nrc
 from can_bridge.wire.messages import Mode, Reason
@@ -57,7 +57,7 @@ def clear(asking: Asking) -> None:
 
 def _read_one(asking: Asking, code: int, status: int) -> StoredFault:
     try:
-        reason = REASONS[code]
+        reason = REASON_BY_CODE[code]
         snapshots = asking.faults("get_dtc_snapshot_by_dtc_number", code)[0].snapshots
         extended = asking.faults("get_dtc_extended_data_by_dtc_number", code, data_size=1)[0].extended_data
         kept: dict[int, Any] = {int(one.did): one.data for one in snapshots}

@@ -17,7 +17,7 @@ from can_bridge.tester.messages import ImageRefusedError, LostError, NoAnswerErr
 from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
 from contract.errors import FlashError
 
-STEP: Final = 32
+BLOCK_STEP: Final = 32
 """Blocks begin at multiples of this, a word of flash memory."""
 _HEADER: Final = 2
 _IN_A_ROW: Final = 16
@@ -28,16 +28,16 @@ class BlockLength:
     """The length of one image's blocks, over all attempts to transfer it."""
 
     def __init__(self) -> None:
-        self._longest = self._limit = (MAX_BLOCK - _HEADER) // STEP * STEP
+        self._longest = self._limit = (MAX_BLOCK - _HEADER) // BLOCK_STEP * BLOCK_STEP
         self._good = 0
 
     def allow(self, longest_request: int) -> None:
         """What the ECU takes in one request, in bytes."""
-        self._limit = max(STEP, (min(longest_request, MAX_BLOCK) - _HEADER) // STEP * STEP)
+        self._limit = max(BLOCK_STEP, (min(longest_request, MAX_BLOCK) - _HEADER) // BLOCK_STEP * BLOCK_STEP)
 
     def next_from(self, offset: int) -> int:
         """Bytes of a block that begins at this offset of the image."""
-        return min(self._longest, self._limit) - offset % STEP
+        return min(self._longest, self._limit) - offset % BLOCK_STEP
 
     def arrived(self) -> None:
         """A block did at once."""
@@ -49,10 +49,10 @@ class BlockLength:
     def lost(self) -> None:
         """A block was, or its answer."""
         self._good = 0
-        self._longest = max(STEP, self._longest // 2 // STEP * STEP)
+        self._longest = max(BLOCK_STEP, self._longest // 2 // BLOCK_STEP * BLOCK_STEP)
 
 
-Progress = Callable[[int, int], None]
+OnProgress = Callable[[int, int], None]
 """Called with the bytes that the ECU has, and those of the image."""
 
 STALLS: Final = 5
@@ -62,7 +62,7 @@ TRIES: Final = 3
 SESSION_ENDED: Final = frozenset(
     {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.SECURITY_ACCESS_DENIED}
 )
-START_S: Final = 15.0
+STARTING_S: Final = 15.0
 """To wait for an ECU that may be starting."""
 
 _AGAIN: Final = SESSION_ENDED | frozenset(
@@ -98,7 +98,7 @@ class Transferred:
 class Transfer:
     """One image's way into an ECU."""
 
-    def __init__(self, asking: Asking, image: bytes, progress: Progress) -> None:
+    def __init__(self, asking: Asking, image: bytes, progress: OnProgress) -> None:
         self._asking = asking
         self._image = image
         self._progress = progress
@@ -178,7 +178,7 @@ class Transfer:
 
     def _wait_for(self, failure: FlashError) -> None:
         try:
-            self._asking.wait_until_there(START_S, "answer")
+            self._asking.wait_until_there(STARTING_S, "answer")
         except NoAnswerError:
             raise failure from None
 

@@ -17,7 +17,7 @@ from udsoncan.exceptions import TimeoutException
 import isotp
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.uds.fault_codes import CODE_BYTES
-from can_bridge.uds.fault_memory import Report
+from can_bridge.uds.fault_memory import FaultReport
 from can_bridge.uds.services import MAX_REQUEST, NEGATIVE, POSITIVE, Service
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
@@ -37,7 +37,7 @@ _SAME: Final = {
     Service.FAULT_SETTING: slice(1, 2),
 }
 """Bytes that a positive response repeats of its request: sub-function, identifier or block counter."""
-_OF_ONE_CODE: Final = frozenset({Report.SNAPSHOT, Report.EXTENDED})
+_OF_ONE_CODE: Final = frozenset({FaultReport.SNAPSHOT, FaultReport.EXTENDED})
 """Reports of faults that repeat the code, too."""
 
 

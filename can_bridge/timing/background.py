@@ -27,7 +27,7 @@ _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Traffic:
+class BackgroundTraffic:
     """What other nodes send.
 
     Attributes:
@@ -39,7 +39,7 @@ class Traffic:
     left_out: tuple[str, ...] = ()
 
 
-def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: int) -> Traffic:
+def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: int) -> BackgroundTraffic:
     """The messages of a file at their cycle times (`GenMsgCycleTime` in a DBC), their phases drawn from the seed.
 
     Left out are messages without a cycle time, those that no CAN frame of ours can carry, and stillwake's own, which a
@@ -81,7 +81,7 @@ def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: in
     for one, other in pairwise(messages):
         if one.priority == other.priority:
             raise BusError(f"{path}: {one.name} and {other.name} have one identifier, {one.frame_id:#x}")
-    return Traffic(messages=tuple(messages), left_out=tuple(left_out))
+    return BackgroundTraffic(messages=tuple(messages), left_out=tuple(left_out))
 
 
 def _why_not(message: "Message", database: "Database") -> str | None:
@@ -127,7 +127,7 @@ _IDS: Final = range(0x010, 0x700)
 """Identifiers of made-up messages: below lies network management of high priority, above diagnostics."""
 
 
-def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int]) -> Traffic:
+def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int]) -> BackgroundTraffic:
     """What other nodes send; nothing where no background is set. Raises ConfigError for a share that no set of messages
     fills; BusError for a file that cannot be read, or that does not go with this bus.
 
@@ -137,7 +137,7 @@ def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int])
     """
     if config.dbc:
         return read_traffic(Path(config.dbc), bus, taken, seed=config.seed)
-    return Traffic(messages=made_up(config.load, bus, taken, seed=config.seed) if config.load else ())
+    return BackgroundTraffic(messages=made_up(config.load, bus, taken, seed=config.seed) if config.load else ())
 
 
 def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -> tuple[PeriodicMessage, ...]:

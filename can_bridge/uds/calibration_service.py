@@ -8,9 +8,8 @@ from collections.abc import Callable
 from typing import Final
 
 from can_bridge.calibration.segment import Page, Segment
-from can_bridge.flashing.backing import MediumError
+from can_bridge.flashing.backing import Long, MediumError
 from can_bridge.flashing.store import OutOfOrderError
-from can_bridge.uds.diagnostics import Long
 from can_bridge.uds.services import Did, Nrc, Refused
 from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError

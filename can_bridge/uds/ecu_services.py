@@ -10,13 +10,12 @@ from itertools import repeat
 from typing import Final
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import MediumError
+from can_bridge.flashing.backing import Long, MediumError
 from can_bridge.flashing.report import encode, report_of
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import OutOfOrderError, Store
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.calibration_service import DIDS, CalibrationService
-from can_bridge.uds.diagnostics import Long
 from can_bridge.uds.services import Did, Nrc, Refused, Routine, Session
 from contract.errors import ConfigError, KeyFileError, StillwakeError
 
@@ -193,7 +192,7 @@ class EcuServices:
 
     def _confirm(self) -> None:
         running = self._store.running
-        if running is not None and self._store.state.slots[running].phase == Phase.TRIAL:
+        if running is not None and self._store.state.slots[running].phase == SlotPhase.TRIAL:
             if not self._has_passed:
                 raise Refused(Nrc.SEQUENCE_ERROR, "the release on trial did not pass its self-test since this boot")
             self._store.confirm()

@@ -19,7 +19,7 @@ from enum import IntEnum, IntFlag
 from typing import Final
 
 from can_bridge.flashing.backing import MediumError
-from can_bridge.uds.fault_codes import CODE_BYTES, CODES, J2012_FORMAT, REASONS, SNAPSHOT_BYTES, SNAPSHOT_FORMATS
+from can_bridge.uds.fault_codes import CODE_BYTES, CODES, J2012_FORMAT, REASON_BY_CODE, SNAPSHOT_BYTES, SNAPSHOT_FORMATS
 from can_bridge.uds.services import Nrc, Refused
 from can_bridge.wire.messages import Reason
 
@@ -49,7 +49,7 @@ _UNTESTED: Final = _S.NOT_COMPLETED_SINCE_CLEAR | _S.NOT_COMPLETED_THIS_CYCLE
 
 
 @dataclass(frozen=True)
-class Fault:
+class KeptFault:
     """What is remembered of one code.
 
     Attributes:
@@ -61,16 +61,16 @@ class Fault:
     age: int = 0
     snapshot: bytes = b""
 
-    def failed(self, snapshot: bytes) -> "Fault":
+    def failed(self, snapshot: bytes) -> "KeptFault":
         """After a test that failed."""
         is_first = not self.status & _S.FAILED_THIS_CYCLE
-        return Fault((self.status | _AT_FAILURE) & ~_UNTESTED, 0, snapshot if is_first else self.snapshot)
+        return KeptFault((self.status | _AT_FAILURE) & ~_UNTESTED, 0, snapshot if is_first else self.snapshot)
 
-    def passed(self) -> "Fault":
+    def passed(self) -> "KeptFault":
         """After a test that passed."""
-        return Fault(self.status & ~(_S.TEST_FAILED | _UNTESTED), self.age, self.snapshot)
+        return KeptFault(self.status & ~(_S.TEST_FAILED | _UNTESTED), self.age, self.snapshot)
 
-    def next_cycle(self) -> "Fault":
+    def next_cycle(self) -> "KeptFault":
         """After the next power-on."""
         status, age, snapshot = self.status, self.age, self.snapshot
         if not status & (_S.FAILED_THIS_CYCLE | _S.NOT_COMPLETED_THIS_CYCLE):
@@ -79,7 +79,7 @@ class Fault:
             if age >= AGED_CYCLES:
                 status, age, snapshot = status & ~_S.CONFIRMED, 0, b""
         status = status & ~(_S.TEST_FAILED | _S.FAILED_THIS_CYCLE) | _S.NOT_COMPLETED_THIS_CYCLE
-        return Fault(status, age, snapshot)
+        return KeptFault(status, age, snapshot)
 
     def packed(self) -> bytes:
         """For the record: without what the next power-on changes in any case."""
@@ -139,7 +139,7 @@ class FaultMemory:
         """Forget faults; raises Refused while nothing may be written, or where the memory fails."""
         if (code := self._refusal()) is not None:
             raise Refused(code)
-        self.faults |= dict.fromkeys(reasons, Fault())
+        self.faults |= dict.fromkeys(reasons, KeptFault())
         try:
             self._keep_if_different()
         except MediumError as error:
@@ -151,21 +151,21 @@ class FaultMemory:
             self._kept = record
 
 
-def encode(faults: Mapping[Reason, Fault]) -> bytes:
+def encode(faults: Mapping[Reason, KeptFault]) -> bytes:
     """The record."""
     raw = _MAGIC + b"".join(faults[reason].packed() for reason in CODES)
     return raw + _CRC.pack(zlib.crc32(raw))
 
 
-def decode(record: bytes) -> dict[Reason, Fault]:
+def decode(record: bytes) -> dict[Reason, KeptFault]:
     """The faults in a record, none in one that is damaged or that no ECU writes."""
     body, crc = record[len(_MAGIC) : -_CRC.size], record[-_CRC.size :]
     is_whole = record[: len(_MAGIC)] == _MAGIC and crc == _CRC.pack(zlib.crc32(record[: -_CRC.size]))
     if not is_whole or len(body) != _FAULT.size * len(CODES):
-        return {reason: Fault() for reason in CODES}
+        return {reason: KeptFault() for reason in CODES}
     rows = _FAULT.iter_unpack(body)
     return {
-        reason: Fault(Status(status & AVAILABLE), age, snapshot if has_one else b"")
+        reason: KeptFault(Status(status & AVAILABLE), age, snapshot if has_one else b"")
         for reason, (status, age, has_one, snapshot) in zip(CODES, rows, strict=True)
     }
 
@@ -176,7 +176,7 @@ RECORD: Final = 0x01
 _ALL_RECORDS: Final = 0xFF
 
 
-class Report(IntEnum):
+class FaultReport(IntEnum):
     """Sub-functions of service 0x19."""
 
     COUNT = 0x01
@@ -186,21 +186,27 @@ class Report(IntEnum):
     SUPPORTED = 0x0A
 
 
-LENGTHS: Final = {Report.COUNT: 1, Report.BY_STATUS: 1, Report.SNAPSHOT: 4, Report.EXTENDED: 4, Report.SUPPORTED: 0}
+LENGTHS: Final = {
+    FaultReport.COUNT: 1,
+    FaultReport.BY_STATUS: 1,
+    FaultReport.SNAPSHOT: 4,
+    FaultReport.EXTENDED: 4,
+    FaultReport.SUPPORTED: 0,
+}
 """Bytes behind the sub-function."""
 
 
-def report(memory: FaultMemory, kind: Report, option: bytes) -> bytes:
+def report(memory: FaultMemory, kind: FaultReport, option: bytes) -> bytes:
     """What follows the sub-function in the answer; raises Refused for an unknown code or record."""
-    if kind in (Report.SNAPSHOT, Report.EXTENDED):
-        return _record(memory, kind, REASONS.get(int.from_bytes(option[:CODE_BYTES], "big")), option[-1])
+    if kind in (FaultReport.SNAPSHOT, FaultReport.EXTENDED):
+        return _record(memory, kind, REASON_BY_CODE.get(int.from_bytes(option[:CODE_BYTES], "big")), option[-1])
     mask = option[0] & AVAILABLE if option else None
     found = [
         CODES[reason].to_bytes(CODE_BYTES, "big") + bytes([fault.status])
         for reason, fault in memory.faults.items()
         if mask is None or fault.status & mask
     ]
-    if kind is Report.COUNT:
+    if kind is FaultReport.COUNT:
         return bytes([AVAILABLE, J2012_FORMAT]) + len(found).to_bytes(2, "big")
     return bytes([AVAILABLE]) + b"".join(found)
 
@@ -209,12 +215,12 @@ def cleared(group: int) -> Collection[Reason]:
     """Which faults a group of codes names: all, or one; raises Refused for others."""
     if group == ALL_GROUPS:
         return CODES.keys()
-    if group not in REASONS:
+    if group not in REASON_BY_CODE:
         raise Refused(Nrc.OUT_OF_RANGE)
-    return (REASONS[group],)
+    return (REASON_BY_CODE[group],)
 
 
-def _record(memory: FaultMemory, kind: Report, reason: Reason | None, number: int) -> bytes:
+def _record(memory: FaultMemory, kind: FaultReport, reason: Reason | None, number: int) -> bytes:
     if reason is None or number not in (RECORD, _ALL_RECORDS):
         raise Refused(Nrc.OUT_OF_RANGE)
     fault = memory.faults[reason]
@@ -222,7 +228,7 @@ def _record(memory: FaultMemory, kind: Report, reason: Reason | None, number: in
     if not fault.snapshot:
         return answer
     answer += bytes([RECORD])
-    if kind is Report.EXTENDED:
+    if kind is FaultReport.EXTENDED:
         return answer + bytes([fault.age])
     answer += bytes([len(SNAPSHOT_FORMATS)])
     at = 0

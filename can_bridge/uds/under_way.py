@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from typing import Final
 
-from can_bridge.uds.diagnostics import Long
+from can_bridge.flashing.backing import Long
 from can_bridge.uds.services import NEGATIVE, P2_EXTENDED_MS, P2_MS, POSITIVE, S3_MS, Nrc, Refused, Session
 
 _MS: Final = 1_000_000
@@ -77,7 +77,7 @@ class Job:
         return sent
 
 
-class Transfer:
+class Download:
     """A download that was asked for.
 
     Args:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from cantools.database import Database
 
-from can_bridge.bus.faults.text import KINDS as BUS_FAULTS
+from can_bridge.bus.faults.text import BUS_FAULTS
 from can_bridge.calibration.xcp import Command
 from can_bridge.uds.services import Did, Nrc, Routine, Service
 from contract.config.loading import load_config, to_tree

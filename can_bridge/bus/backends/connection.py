@@ -115,7 +115,7 @@ _UNREADABLE: Final = (ValueError, IndexError, struct.error)
 """What the parsers of backends raise on what they were sent."""
 
 
-class Connection(NeverCopied):
+class OpenBus(NeverCopied):
     """Holds an open python-can bus. Use as a context manager, or `close` it."""
 
     INSTEAD: ClassVar = "it is open on this process alone; open another one"

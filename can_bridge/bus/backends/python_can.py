@@ -16,7 +16,7 @@ from typing import Final, Self
 
 import can
 
-from can_bridge.bus.backends.connection import QUEUE_SIZE, SETTLE_S, Connection, open_backend
+from can_bridge.bus.backends.connection import QUEUE_SIZE, SETTLE_S, OpenBus, open_backend
 from can_bridge.bus.conversion import frame_of, to_message
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState, Rejection
 from can_bridge.wire.frame import Frame
@@ -100,7 +100,7 @@ RECEPTION_LIMIT: Final = 4 * QUEUE_SIZE
 _IS_FD: Final = {CanId(spec.frame_id): spec.is_fd for spec in SPECS}
 
 
-class PythonCanBus(Connection):
+class PythonCanBus(OpenBus):
     """One node's connection. Use as a context manager, or `close` it.
 
     One thread may send while another receives. `received` counts receptions so far: `accepted` ones and the sum of

@@ -13,7 +13,7 @@ from contract.config.rules import NonNegative, Rule, Settings, require
 
 T = TypeVar("T", int, float)
 
-Clock = Callable[[], int]
+NowNs = Callable[[], int]
 """The time in ns since the start of the run: a simulated bus's time, or a monotonic clock's less what it began with."""
 
 Probability = Annotated[T, Rule(wording="in [0, 1]", holds=lambda value: 0 <= value <= 1)]
@@ -24,7 +24,7 @@ Send = Callable[[Frame], None]
 Receive = Callable[[], list[Frame]]
 
 
-class Around:
+class WrappedBus:
     """Passes everything on to the bus beneath."""
 
     def __init__(self, beneath: Bus) -> None:
@@ -44,7 +44,7 @@ class Around:
         return HEALTHY if health is None else health()
 
 
-class Arrivals:
+class FrameArrivals:
     """Tells when frames arrived: at their time stamp, if that lies between the node's last two looks at the bus, as it
     does where stamps and looks have one clock; otherwise at the look that found them. Never before the frame ahead.
     """
@@ -87,7 +87,7 @@ class Instant(Span, section="instant"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fault(Span, ABC, section="fault"):
+class BusFault(Span, ABC, section="fault"):
     """What acts in a span on one port."""
 
     @abstractmethod
@@ -95,10 +95,10 @@ class Fault(Span, ABC, section="fault"):
         """How the port sends and receives with this fault, from its power-on; `port.acted` is to be counted."""
 
 
-class Injector(Around):
+class Injector(WrappedBus):
     """A port with one fault. `acted` counts how often the fault did something; each fault defines what it counts."""
 
-    def __init__(self, bus: Bus, fault: "Fault", clock: Clock, random: Random) -> None:
+    def __init__(self, bus: Bus, fault: "BusFault", clock: NowNs, random: Random) -> None:
         """Put a fault around a bus.
 
         Args:
@@ -108,7 +108,7 @@ class Injector(Around):
         super().__init__(bus)
         self.beneath, self.clock, self.random = bus, clock, random
         self.acted = 0
-        self._arrivals = Arrivals()
+        self._arrivals = FrameArrivals()
         self._send, self._receive = fault.acting(self)
 
     def arrived(self, now_ns: int) -> list[tuple[int, Frame]]:
@@ -125,7 +125,7 @@ class Injector(Around):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameFault(Fault, section="frame_fault"):
+class FrameFault(BusFault, section="frame_fault"):
     """A fault of single frames."""
 
     frame_ids: tuple[int, ...] = ()
@@ -148,7 +148,7 @@ class SidedFault(FrameFault, section="sided_fault"):
         """What a frame turns into; all draws come from `random`."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `Fault.acting`: what the frames of the one side turn into that were sent or arrived in the span. `acted`
+        """See `BusFault.acting`: frames of the one side that were sent or arrived in the span turn into others. `acted`
         counts those that came out otherwise than they went in."""
         change = self.change(port.random)
 
@@ -169,7 +169,7 @@ class SidedFault(FrameFault, section="sided_fault"):
         return (send, port.beneath.receive_all) if self.at == "send" else (port.beneath.send, receive)
 
 
-class FaultyBus(Around):
+class FaultyBus(WrappedBus):
     """A port with faults; made by `wrap`. `injectors` has one for each fault, in the order of the faults; read `acted`
     there."""
 
@@ -178,7 +178,7 @@ class FaultyBus(Around):
         self.injectors = tuple(injectors)
 
 
-def wrap(bus: Bus, faults: Sequence[Fault], clock: Clock, *, seed: int = 0, first: int = 0) -> FaultyBus:
+def wrap(bus: Bus, faults: Sequence[BusFault], clock: NowNs, *, seed: int = 0, first: int = 0) -> FaultyBus:
     """The port with these faults around it.
 
     Args:

@@ -4,17 +4,17 @@ from collections import deque
 from dataclasses import dataclass, replace
 from typing import Annotated, Final, Literal
 
-from can_bridge.bus.faults.fault import NS, Fault, Injector, Receive, Send
+from can_bridge.bus.faults.fault import NS, BusFault, Injector, Receive, Send
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_FRAME_ID, Frame
 from contract.config.rules import AtLeastOne, Finite, NonNegative, Positive, Rule, require
 from contract.errors import BusError
 
-MOST_AT_ONCE: Final = 1000
+MOST_BABBLED: Final = 1000
 """Frames in one call: more than the deepest transmit queue here takes, and a bound on what a long pause leads to."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Disconnect(Fault, section="disconnect"):
+class Disconnect(BusFault, section="disconnect"):
     """The node sends and receives nothing. `acted` counts the frames lost in both directions.
 
     What would have arrived in the span never comes; what a device that is gone had received before comes after it.
@@ -25,7 +25,7 @@ class Disconnect(Fault, section="disconnect"):
     pulled out, makes every call raise BusError."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `Fault.acting`; both raise BusError while the device is gone."""
+        """See `BusFault.acting`; both raise BusError while the device is gone."""
         kept: list[Frame] = []
 
         def send(frame: Frame) -> None:
@@ -54,7 +54,7 @@ class Disconnect(Fault, section="disconnect"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SlowConsumer(Fault, section="slow_consumer"):
+class SlowConsumer(BusFault, section="slow_consumer"):
     """The node takes few frames at a time from a short queue. `acted` counts the frames lost to a full queue.
 
     A full queue keeps what it has and loses the newest, as python-can's buses and CAN controllers in FIFO mode do. When
@@ -66,7 +66,7 @@ class SlowConsumer(Fault, section="slow_consumer"):
     """Frames that it holds."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `Fault.acting`: the oldest frames of the queue are received."""
+        """See `BusFault.acting`: the oldest frames of the queue are received."""
         waiting = deque[Frame]()
 
         def receive() -> list[Frame]:
@@ -84,7 +84,7 @@ class SlowConsumer(Fault, section="slow_consumer"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClockDrift(Fault, section="clock_drift"):
+class ClockDrift(BusFault, section="clock_drift"):
     """A clock that runs fast or slow, or is wrong by a constant; right again when the span ends, with a jump.
 
     As a fault of a bus it stamps what the node receives. A whole node whose clock drifts also reads its time through
@@ -99,7 +99,7 @@ class ClockDrift(Fault, section="clock_drift"):
     """By which it is ahead, at the start of the span."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `Fault.acting`: frames get stamps of the drifting clock; their own are taken for the true time."""
+        """See `BusFault.acting`: frames get stamps of the drifting clock; their own are taken for the true time."""
 
         def receive() -> list[Frame]:
             received = port.beneath.receive_all()
@@ -118,7 +118,7 @@ class ClockDrift(Fault, section="clock_drift"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Babble(Fault, section="babble"):
+class Babble(BusFault, section="babble"):
     """The node sends frames of random content in addition to its own. `acted` counts those that the bus took.
 
     They are handed over at the node's next call, ahead of its own frame, as many as the rate makes due since the call
@@ -140,7 +140,7 @@ class Babble(Fault, section="babble"):
         require(self.length in lengths, self, "length", f"one of {', '.join(map(str, lengths))}")
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `Fault.acting`: each call sends first what is due."""
+        """See `BusFault.acting`: each call sends first what is due."""
         since_ns, due = round(self.start_s * NS), 0.0
 
         def babble() -> None:
@@ -148,7 +148,7 @@ class Babble(Fault, section="babble"):
             now_ns = port.clock()
             if not self.is_active(now_ns):
                 return
-            due = min(MOST_AT_ONCE, due + (now_ns - since_ns) * self.rate_hz / NS)
+            due = min(MOST_BABBLED, due + (now_ns - since_ns) * self.rate_hz / NS)
             since_ns = now_ns
             while due >= 1.0:
                 data = port.random.randbytes(self.length)

@@ -94,7 +94,7 @@ def _bring_release(
     bundle: Path, trust: str | None, bus: BusConfig, access: Path | None, *, dry_run: bool, confirm: bool
 ) -> None:
     from can_bridge.tester.facts import check_fits
-    from can_bridge.tester.sequence import Options
+    from can_bridge.tester.sequence import FlashOptions
     from can_bridge.tester.sequence import flash as flash_ecu
     from can_bridge.tester.transport import open_client
     from can_bridge.uds.security import AccessKey
@@ -129,7 +129,7 @@ def _bring_release(
             client,
             image,
             key=None if key is None else key.answer,
-            options=Options(dry_run=dry_run, confirm=confirm),
+            options=FlashOptions(dry_run=dry_run, confirm=confirm),
             judge=judge,
             progress=shown.progress,
             on_step=shown.on_step,

@@ -4,10 +4,9 @@ from collections.abc import Callable, Iterator
 from hashlib import sha256
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Backing
+from can_bridge.flashing.backing import Backing, Long
 from can_bridge.flashing.boot import Boot
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.diagnostics import Long
 from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer

@@ -6,7 +6,7 @@ import pytest
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import MediumError, Slot, at_once
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import OutOfOrderError, Store
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError
@@ -63,12 +63,12 @@ def test_what_cannot_be_gone_on_with_begins_at_the_start(monkeypatch):
     # One that failed a check.
     wrong = image(key=STRANGER)
     assert flash(store, wrong) == Verdict.UNKNOWN_KEY
-    assert phases(store) == [Phase.CONFIRMED, Phase.BAD]
+    assert phases(store) == [SlotPhase.CONFIRMED, SlotPhase.BAD]
     assert transfer(store, wrong) == 0
     # An announcement that ends halfway.
     next(store.announce(len(ONE), hashlib.sha256(ONE).digest()))
     assert store.received is None
-    assert phases(booted(backing.after_power_on())[0]) == [Phase.CONFIRMED, Phase.EMPTY]
+    assert phases(booted(backing.after_power_on())[0]) == [SlotPhase.CONFIRMED, SlotPhase.EMPTY]
 
     def fails(self: PlainBacking, slot: Slot, length: int) -> None:
         raise MediumError("worn out", length)
@@ -92,7 +92,7 @@ def test_what_arrives_must_be_what_was_announced():
     assert backing.calls == calls
     at_once(store.announce(len(TWO), SHA256))
     store.append(TWO[:-1])
-    assert (at_once(store.finish()), phases(store)) == (Verdict.INCOMPLETE, [Phase.CONFIRMED, Phase.FILLING])
+    assert (at_once(store.finish()), phases(store)) == (Verdict.INCOMPLETE, [SlotPhase.CONFIRMED, SlotPhase.FILLING])
     store.append(b"\0" if TWO[-1] else b"\1")
     with pytest.raises(OutOfOrderError, match="must end at the announced"):
         store.append(b"x")

@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.tester.transfer import STEP, BlockLength
+from can_bridge.tester.transfer import BLOCK_STEP, BlockLength
 from can_bridge.uds.services import MAX_BLOCK
 from tests.examples import examples
 
@@ -19,9 +19,9 @@ def test_blocks_fit_a_request_and_end_at_words(limit: int, fates: list[bool], of
         (length.arrived if fate else length.lost)()
     for offset in offsets:
         bytes_ = length.next_from(offset)
-        assert 1 <= bytes_ <= max(STEP, limit - 2)
+        assert 1 <= bytes_ <= max(BLOCK_STEP, limit - 2)
         assert bytes_ <= MAX_BLOCK - 2
-        assert (offset + bytes_) % STEP == 0
+        assert (offset + bytes_) % BLOCK_STEP == 0
 
 
 def test_they_shrink_to_a_word_and_grow_back() -> None:
@@ -29,7 +29,7 @@ def test_they_shrink_to_a_word_and_grow_back() -> None:
     longest = length.next_from(0)
     for _ in range(10):
         length.lost()
-    assert length.next_from(0) == STEP
+    assert length.next_from(0) == BLOCK_STEP
     for _ in range(1000):
         length.arrived()
     assert length.next_from(0) == longest

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.uds.diagnostics import Long
+from can_bridge.flashing.backing import Long
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Did, Nrc, Refused, Routine, Session

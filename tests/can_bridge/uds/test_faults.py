@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from can_bridge.flashing.backing import MediumError
 from can_bridge.uds.fault_codes import CODES, SNAPSHOT_BYTES, in_letters
-from can_bridge.uds.fault_memory import AGED_CYCLES, FaultMemory, Report
+from can_bridge.uds.fault_memory import AGED_CYCLES, FaultMemory, FaultReport
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Nrc, Refused, Session
 from can_bridge.wire.messages import Mode, Reason
@@ -163,7 +163,7 @@ def test_the_answers(bench):
         19 01 08 > 59 01 7F 00 00 00
         """
     )
-    answer = bench.ask(0x19, Report.SUPPORTED)
+    answer = bench.ask(0x19, FaultReport.SUPPORTED)
     assert answer is not None and len(answer) == 3 + 4 * len(CODES)
     memory.note(LOST)
     memory.refusal = Nrc.CONDITIONS_NOT_CORRECT

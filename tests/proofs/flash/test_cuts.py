@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from can_bridge.flashing.remembered import Remembered
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import Store
 from contract.errors import StillwakeError
 from tests.proofs.flash import cuts, proof
@@ -61,11 +61,11 @@ def test_planted_defects_are_found(monkeypatch, operations):
         self._remembered.keep(dataclasses.replace(self.state, least_security_version=2))
 
     def uncounted(self, slot, changed):
-        if not (changed.phase is Phase.TRIAL and changed.boots_left < self.state.slots[slot].boots_left):
+        if not (changed.phase is SlotPhase.TRIAL and changed.boots_left < self.state.slots[slot].boots_left):
             keep_slot(self, slot, changed)
 
     def forgetful(self, slot, changed):
-        if changed.phase is Phase.FILLING and changed.received < changed.length:
+        if changed.phase is SlotPhase.FILLING and changed.received < changed.length:
             self.state = self.state.with_slot(slot, changed)
         else:
             keep_slot(self, slot, changed)
