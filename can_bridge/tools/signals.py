@@ -28,7 +28,7 @@ from can_bridge.wire.network_file import load_network
 from contract.errors import BusError
 
 if TYPE_CHECKING:
-    from cantools.database.can.signal import SignalValue as DbcSignal
+    from cantools.database.can.signal import Signal
 
 PROTECTION: Final = frozenset({"E2E_CRC", "E2E_Counter", "Freshness", "MAC"})
 """Signals that only show whether to trust the others."""
@@ -196,7 +196,7 @@ def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
     return spec, data[: spec.protected]
 
 
-def _value(text: str, signal: "DbcSignal", value: str) -> float | str:
+def _value(text: str, signal: "Signal", value: str) -> float | str:
     """A name as it is, or the number."""
     names = [str(one) for one in (signal.choices or {}).values()]
     if value in names:

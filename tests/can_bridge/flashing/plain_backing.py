@@ -5,7 +5,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from can_bridge.flashing.backing import MAX_RECORD, Long, MediumError, RecordKind, Slot
-from tests.can_bridge.flashing.medium import PowerCut, UnreadableError
+
+
+class UnreadableError(MediumError):
+    """What a cut left half written: on a chip, a bus fault."""
+
+
+class PowerCut(BaseException):
+    """Raised by a memory that plays a loss of supply; what was under way is torn, and no handler may go on."""
+
 
 CLEAR_PIECES = 3
 

@@ -12,8 +12,7 @@ from can_bridge.flashing.store import OutOfOrderError
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError
 from contract.release.signing import public_key
-from tests.can_bridge.flashing.medium import PowerCut
-from tests.can_bridge.flashing.plain_backing import PlainBacking
+from tests.can_bridge.flashing.plain_backing import PlainBacking, PowerCut
 from tests.can_bridge.flashing.releases import (
     STRANGER,
     booted,

@@ -15,8 +15,7 @@ from can_bridge.flashing.remembered import Remembered
 from can_bridge.flashing.state import TRIAL_BOOTS, SlotPhase, SlotState, StoreState
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
-from tests.can_bridge.flashing.medium import PowerCut
-from tests.can_bridge.flashing.plain_backing import PlainBacking
+from tests.can_bridge.flashing.plain_backing import PlainBacking, PowerCut
 from tests.can_bridge.flashing.releases import booted, flash, image, keys, name_of, provisioned, store_on, transfer
 
 VERSIONS = {"one": 1, "two": 2, "three": 3}

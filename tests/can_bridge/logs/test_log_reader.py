@@ -8,7 +8,9 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
+from can_bridge.logs.frame_log import recording
 from can_bridge.logs.log_reader import CanLog
+from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 from tests.can_bridge.can_messages import can_messages
 from tests.can_bridge.logs.log_texts import EPOCH_S, RESOLUTION_S, identity, write
@@ -142,3 +144,12 @@ def test_other_files_are_refused_by_name(tmp_path):
     ):
         with refused(BusError, words):
             list(CanLog(tmp_path / name))
+
+
+def test_candump_text_is_exactly_this(tmp_path):
+    with recording(tmp_path / "frames.log") as append:
+        append(Frame(frame_id=0x120, data=bytes(range(16)), timestamp_ns=20_000_000))
+        append(Frame(frame_id=0x7E0, data=b"\x02\x10\x03", timestamp_ns=20_123_000, is_fd=False))
+    assert (tmp_path / "frames.log").read_text() == (
+        "(0.020000) vcan0 120##1000102030405060708090A0B0C0D0E0F R\n(0.020123) vcan0 7E0#021003 R\n"
+    )

@@ -69,7 +69,7 @@ def test_a_damaged_file_is_refused_and_kept(tmp_path, key):
         *('"trip": -1, "heard": {}', '"trip": true, "heard": {}', '"trip": 1.5, "heard": {}', '"trip": 1, "heard": []'),
         *('"trip": 1, "heard": {"x": 1}', '"trip": 1, "heard": {"290": 18446744073709551616}'),
     ]
-    bodies = [f'{{"schema": "{freshness_store.SCHEMA}", {each}}}' for each in fields]
+    bodies = [f'{{"schema": "{freshness_store.FRESHNESS_SCHEMA}", {each}}}' for each in fields]
     other = '{"schema": "stillwake-freshness/2", "trip": 1, "heard": {}}'
     for content in ("", "null", "[]", "{}", other, *bodies, "[" * 100_000, "\udcff"):
         path = tmp_path / "node"

@@ -11,7 +11,7 @@ from can_bridge.tester.sequence import Flashed, flash
 from can_bridge.tester.transport import answers
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer
-from tests.can_bridge.flashing.medium import PowerCut
+from tests.can_bridge.flashing.plain_backing import PowerCut
 from tests.can_bridge.flashing.store_ecu import KEY
 from tests.can_bridge.tester.direct_connection import DirectConnection
 

@@ -14,7 +14,7 @@ from can_bridge.flashing.backing import MAX_RECORD, Long, MediumError, RecordKin
 from can_bridge.flashing.store import OutOfOrderError, Store
 from contract.errors import ConfigError, KeyFileError
 from contract.release.signing import public_key
-from tests.can_bridge.flashing.medium import PowerCut
+from tests.can_bridge.flashing.plain_backing import PowerCut
 from tests.can_bridge.flashing.releases import ROOT
 from tests.proofs.loader_in_c.store_library import (
     GOOD,

@@ -18,7 +18,7 @@ from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import Store
 from can_bridge.isotp import control_info
 from can_bridge.uds import security
-from can_bridge.uds.ecu_services import Programming
+from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.security import SecurityAccess
 from can_bridge.uds.services import Session
 from can_bridge.wire.frame import Frame
@@ -55,7 +55,7 @@ PLANTED_IN_PYTHON = (
     (Remembered, "take_keys", lambda self, raw, needed: self.backing.keep(RecordKind.KEYS, raw)),
     (remembered, "Rules", lambda rules=Rules, **given: rules(**{**given, "least_security_version": 0})),
     (Store, "_writable_slot", lambda self: self.state.active or Slot.A),
-    (Programming, "_confirm", confirm_without_a_trial),
+    (EcuServices, "_confirm", confirm_without_a_trial),
 )
 """Owner, name, and what stands there instead: defects of the Python ECU, which the one in C does not have."""
 
