@@ -79,7 +79,8 @@ class Silence:
         self._is_told = False
 
     def look(self, usable: int, heard: Heard, rejected: Mapping[Rejection, int]) -> None:
-        """At what came since the last look: messages that could be used and receptions rejected so far, and frames."""
+        """Look at what came since the last look: messages that could be used and receptions rejected so far, and
+        frames."""
         if usable > self._usable:
             if self._is_told:
                 self._report(f"usable {self._wanted.name} frames come")

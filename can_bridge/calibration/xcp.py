@@ -141,7 +141,7 @@ class XcpAccess:
         return 0 if self.is_unlocked else CAL_PAG
 
     def lock(self) -> None:
-        """At the beginning and at the end of a connection."""
+        """Lock the resource, at the beginning and at the end of a connection."""
         self.is_unlocked = False
         self._forget()
 

@@ -16,9 +16,9 @@ from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError
 
 A2L_NAME: Final = b"stillwake"
-"""Of the A2L file, without its ending."""
+"""The name of the A2L file, without its ending."""
 IDLE_NS: Final = 600_000_000_000
-"""After so long without a command an open connection ends, and what was unlocked is locked."""
+"""The time without a command after which an open connection ends, and what was unlocked is locked."""
 _ALWAYS_ACCESSIBLE: Final = 0x0F
 _WRITABLE: Final = 0x30
 """Properties of a page: the control and the tool may read it whatever the other does, and the tool may write it."""

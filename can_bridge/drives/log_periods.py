@@ -1,4 +1,4 @@
-"""From numbered pressures and the commands that answer them to one row a control period.
+"""Rows, one a control period, of numbered pressures and the commands that answer them.
 
 Row k has the pressures of frame k and the action commanded for them: the first command that echoes frame k's counter.
 Commands that rest on an older frame, because the ECU held or shut the jets when one was missing, belong to the period
@@ -27,7 +27,7 @@ _UNKNOWN_LAG: Final = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Scales:
-    """From the wire's units to those of a data set.
+    """The way from the wire's units to those of a data set.
 
     Attributes:
         period: control period in W / U_inf.

@@ -80,9 +80,9 @@ class Backing(Protocol):
         ...
 
     def begin_again(self, slot: Slot, length: int) -> int:
-        """After power-on, go on behind the first `length` bytes of a slot; what was written behind them is void. Raises
-        MediumError if it must be cleared as a whole. Returns `length`; or less, where the memory must first be cleared
-        behind that many bytes."""
+        """Go on, after power-on, behind the first `length` bytes of a slot; what was written behind them is void.
+        Raises MediumError if it must be cleared as a whole. Returns `length`; or less, where the memory must first be
+        cleared behind that many bytes."""
         ...
 
     def append(self, slot: Slot, data: bytes) -> None:

@@ -42,7 +42,7 @@ class Remembered:
         self.state = changed
 
     def keep_slot(self, slot: Slot, changed: SlotState) -> None:
-        """As `keep`, of one slot."""
+        """Keep the state of one slot, as `keep` does."""
         self.keep(self.state.with_slot(slot, changed))
 
     def judged(self, slot: Slot) -> Long[tuple[Verdict, Release | None]]:
@@ -66,7 +66,7 @@ class Remembered:
         return self._check(bytes(image), rules)
 
     def take_keys(self, raw: bytes, needed: Collection[Slot]) -> None:
-        """As `Store.take_keys`; `needed` are the slots whose keys must stay."""
+        """See `Store.take_keys`; `needed` are the slots whose keys must stay."""
         listed = key_list.decode(raw, self._root)
         if self.keys is not None:
             if listed.version <= self.keys.version:
@@ -88,7 +88,7 @@ class Remembered:
         return self._calibrations.get(digest)
 
     def keep_calibration(self, digest: str, blob: bytes | None) -> None:
-        """As `Store.keep_calibration`, for the release with this digest; those of releases that are gone go too."""
+        """See `Store.keep_calibration`, for the release with this digest; those of releases that are gone go too."""
         here = {slot.digest for slot in self.state.slots} - {digest}
         kept = {digest: kept for digest, kept in self._calibrations.items() if digest in here}
         if blob is not None:

@@ -86,7 +86,7 @@ class StoreReport:
 
 
 def report_of(store: Store) -> StoreReport:
-    """As the store stands now."""
+    """The report of the store as it stands now."""
     state, boot = store.state, store.last_boot
     verdicts = {} if boot is None else boot.verdicts
     first, second = (

@@ -25,7 +25,7 @@ from contract.release.manifest import FIRST_SECURITY_VERSION, LARGEST_SECURITY_V
 TRIAL_BOOTS: Final = 3
 """Boots of an activated image without a confirmation, before the store goes back to the confirmed one."""
 MOST_ATTEMPTS: Final = 255
-"""To which failed attempts are counted."""
+"""The number to which failed attempts are counted."""
 
 _MAGIC: Final = b"SWS1"
 _SLOT: Final = struct.Struct(">BBIII32s32s32sH")
@@ -116,7 +116,7 @@ class StoreState:
         return trial if trial is not None and self.slots[trial].boots_left > 0 else self.active
 
     def with_slot(self, slot: Slot, state: SlotState, **others: Any) -> "StoreState":
-        """With another state of a slot, and other values of the rest."""
+        """The state with another one of a slot, and other values of the rest."""
         a, b = self.slots
         return replace(self, slots=(state, b) if slot == Slot.A else (a, state), **others)
 

@@ -88,7 +88,7 @@ class Store:
 
     @property
     def state(self) -> StoreState:
-        """As it is kept."""
+        """The state that is kept."""
         return self._remembered.state
 
     @property

@@ -133,5 +133,6 @@ def flow(status: FlowStatus, *, block_size: int = 0, separation_code: int = 0) -
 
 
 def padded(data: bytes) -> bytes:
-    """With `PADDING` up to the next length that a frame can have, and to 8 bytes at least; for at most 64 bytes."""
+    """The data with `PADDING` up to the next length that a frame can have, and to 8 bytes at least; for at most 64
+    bytes."""
     return data.ljust(FRAME_LENGTHS[bisect_left(FRAME_LENGTHS, len(data))], bytes([PADDING]))

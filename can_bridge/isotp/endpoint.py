@@ -16,7 +16,7 @@ from can_bridge.wire.frame import Frame
 
 
 class _Reception:
-    """At most one message on the way.
+    """The receiving of at most one message.
 
     Attributes:
         aborted: messages that were begun and not ended.
@@ -94,12 +94,12 @@ class _State(Enum):
     READY = auto()
     """Nothing of the message was sent yet."""
     WAITING = auto()
-    """For flow control."""
+    """The receiver has not answered with flow control."""
     SENDING = auto()
 
 
 class _Transmission:
-    """At most one message under way.
+    """The sending of at most one message.
 
     Attributes:
         aborted: messages that were begun and not ended.

@@ -242,7 +242,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
 
 
 def _event(word: str, text: str) -> LogEvent:
-    """By its first word; variables and signals, whose first words are their own names, by their marks."""
+    """An event by its first word; variables and signals, whose first words are their own names, by their marks."""
     if "GMGroup:" in text:
         return LogEvent("marker")
     if ":=" in text:

@@ -17,7 +17,7 @@ COMMENT: Final = "comment"
 REQUEST: Final = "transmit request"
 """A node has asked for a frame to be sent: the frame itself is another entry, or never came."""
 NOT_OURS: Final = "frame by a name that is not ours"
-"""Of a log with names in place of identifiers."""
+"""The name of such a frame in a log with names in place of identifiers."""
 XL: Final = "CAN XL frame"
 
 IDS: Final = {spec.name: spec.frame_id for spec in SPECS}
@@ -25,7 +25,7 @@ IDS: Final = {spec.name: spec.frame_id for spec in SPECS}
 FD_IDS: Final = frozenset(spec.frame_id for spec in SPECS if spec.is_fd)
 
 FD_FRAME, BRS, ESI = 1, 2, 4
-"""Of a frame: it is one of CAN FD, it switched the bit rate, its sender was error passive."""
+"""Bits of a frame: it is one of CAN FD, it switched the bit rate, its sender was error passive."""
 PROTOCOL, NO_ACK = 0x8, 0x20
 _CLASSES: Final = ("transmit timeout", "arbitration lost", "controller", "protocol", "transceiver")
 ERROR_CLASSES: Final = (*_CLASSES, "no acknowledgement", "bus off", "bus error", "restarted", "error counters")
@@ -36,7 +36,7 @@ _BYTE: Final = {16: re.compile("[0-9A-Fa-f]{2}"), 10: re.compile("[0-9]{1,3}")}
 Binary = BinaryIO | GzipFile
 """An open file, packed or not."""
 SinceEpoch = Callable[[datetime], float]
-"""From a start that a file has in local time, without its zone, to s since the epoch."""
+"""Makes s since the epoch of a start that a file has in local time, without its zone."""
 
 
 class LogEvent(NamedTuple):
@@ -140,7 +140,7 @@ class Lines:
 
 
 def _encoding(head: bytes) -> str:
-    """By the mark of the byte order, or by the zeros between the characters of UTF-16."""
+    """The encoding, by the mark of the byte order or by the zeros between the characters of UTF-16."""
     if head[:3] == b"\xef\xbb\xbf":
         return "utf-8-sig"
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):

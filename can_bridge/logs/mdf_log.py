@@ -29,7 +29,7 @@ _DATA, _ERROR, _REMOTE = "CAN_DataFrame", "CAN_ErrorFrame", "CAN_RemoteFrame"
 _NAMES: Final = {"CAN_OverloadFrame": "overload frame"}
 _EXTENDED: Final = 0x80000000
 _ERROR_TYPES: Final = {**dict.fromkeys((1, 2, 3, 4), PROTOCOL), 5: NO_ACK}
-"""From the standard's types (bit, form, stuff, CRC, acknowledgement) to Linux' classes."""
+"""Linux' classes, by the standard's types (bit, form, stuff, CRC, acknowledgement)."""
 
 
 class Records:

@@ -28,10 +28,10 @@ from can_bridge.wire.frame import FD_LENGTHS
 from contract.printable import quoted
 
 _COLUMNS: Final = {"1.0": "NOIL", "1.1": "NOTIL", "1.2": "NOBTIL", "1.3": "NOBTIRL"}
-"""In front of the data: number, time, bus, type or direction, identifier, reserved, length code."""
+"""The columns in front of the data: number, time, bus, type or direction, identifier, reserved, length code."""
 _DAY_ZERO: Final = datetime(1899, 12, 30)
 _WARNING: Final = "FFFFFFFF"
-"""In place of an identifier."""
+"""A warning has this in place of an identifier."""
 _STATUS: Final = "hardware status"
 _EVENTS: Final = {
     "ST": _STATUS,

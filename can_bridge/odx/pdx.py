@@ -118,7 +118,7 @@ DID_TYPES: Final[Mapping[Did, str]] = {
     Did.CALIBRATION_LIMITS: "calibration_limits",
     Did.CALIBRATION_STORED: "u8",
 }
-"""Of each identifier as it is read. All but the key list are written in the same form."""
+"""The type of each identifier as it is read. All but the key list are written in the same form."""
 _OPTIONS: Final = {Routine.ERASE: (value("length", "u32"), value("sha256", "bytes_32"))}
 _STATUSES: Final = {Routine.ERASE: (value("offset", "u32"),), Routine.CHECK: (value("verdict", "verdict"),)}
 

@@ -37,8 +37,8 @@ class Authentication:
 
 
 def authentication_in_virtual_time(config: BusConfig) -> Authentication | None:
-    """By these settings: None without a key. Both nodes are in their first power cycle, and no file is written. Raises
-    KeyFileError as `read_key`."""
+    """The node's part by these settings: None without a key. Both nodes are in their first power cycle, and no file is
+    written. Raises KeyFileError as `read_key`."""
     return Authentication(key=read_key(Path(config.key))) if config.key else None
 
 

@@ -42,7 +42,7 @@ class Freshness:
 
     @property
     def value(self) -> int:
-        """As it is sent: 64 bits, the trip in the upper half."""
+        """The number that is sent: 64 bits, the trip in the upper half."""
         return self.trip << 32 | self.count
 
     def next(self) -> Self:

@@ -39,11 +39,11 @@ if TYPE_CHECKING:
     from udsoncan.client import Client
 
 RESTART_S: Final = 30.0
-"""To wait for an ECU to come back from a reset."""
+"""The wait for an ECU to come back from a reset."""
 THERE_S: Final = 3.0
-"""To wait for the first answer."""
+"""The wait for the first answer."""
 RESET_S: Final = 0.5
-"""From the answer to a reset until the ECU is gone."""
+"""The time from the answer to a reset until the ECU is gone."""
 RESETS: Final = 3
 """That are asked for before an ECU counts as one that does not start the new release."""
 
@@ -287,7 +287,7 @@ class _Flashing:
         return read_store(self._asking)
 
     def _go_back(self) -> StoreReport:
-        """From a trial to the confirmed release."""
+        """Go back from a trial to the confirmed release."""
         enter_programming(self._asking)
         in_programming(self._asking, Routine.REVERT)
         reset_and_wait(self._asking)

@@ -63,7 +63,7 @@ SESSION_ENDED: Final = frozenset(
     {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.SECURITY_ACCESS_DENIED}
 )
 STARTING_S: Final = 15.0
-"""To wait for an ECU that may be starting."""
+"""The wait for an ECU that may be starting."""
 
 _AGAIN: Final = SESSION_ENDED | frozenset(
     {
@@ -106,7 +106,8 @@ class Transfer:
         self._received = 0
 
     def run(self) -> Transferred:
-        """Until the ECU has the image and its verdict is good; it is in the programming session then, and unlocked.
+        """Go on until the ECU has the image and its verdict is good; it is in the programming session then, and
+        unlocked.
 
         Raises:
             ImageRefusedError: the verdict is not.

@@ -1,4 +1,5 @@
-"""From a CAN bus to udsoncan: ISO-TP by can-isotp over the buses of `can_bridge.bus`. Needs the extra `flash`.
+"""A connection of udsoncan to a CAN bus: ISO-TP by can-isotp over the buses of `can_bridge.bus`. Needs the extra
+`flash`.
 
 There is no thread here: frames are taken off the bus while a request is sent and while its answer is waited for, as
 nothing comes unasked. Responses that answer another request, because they are late or doubled, are dropped.
@@ -55,9 +56,10 @@ def answers(request: bytes, response: bytes) -> bool:
 
 PADDING: Final = 0xCC
 SEND_S: Final = 10.0
-"""For all frames of a request: 4 kB take 0.3 s on classic CAN at 500 kbit/s, and more next to other traffic."""
+"""The time for all frames of a request: 4 kB take 0.3 s on classic CAN at 500 kbit/s, and more next to other
+traffic."""
 FRAME_S: Final = 1.0
-"""For one frame: the queue of a CAN controller may be full for as long as others send."""
+"""The time for one frame: the queue of a CAN controller may be full for as long as others send."""
 _TURN_S: Final = 0.02
 FLOW_CONTROL_MS: Final = 1000
 """N_Bs and N_Cr (ISO 15765-2)."""

@@ -98,7 +98,7 @@ def _why_not(message: "Message", database: "Database") -> str | None:
 
 
 def _switches_rate(message: "Message", database: "Database") -> bool:
-    """By the attribute `CANFD_BRS` or its default, if the file has it."""
+    """Whether it does, by the attribute `CANFD_BRS` or its default, if the file has it."""
     if message.dbc is None or database.dbc is None:
         return True
     given = message.dbc.attributes.get("CANFD_BRS")

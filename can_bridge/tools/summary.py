@@ -71,7 +71,7 @@ class Summary:
 
     @property
     def span_s(self) -> float:
-        """From the earliest to the latest frame; 0 without any."""
+        """The time from the earliest to the latest frame; 0 without any."""
         return 0.0 if self.first_s is None or self.last_s is None else self.last_s - self.first_s
 
     @property
@@ -85,7 +85,7 @@ class Summary:
         return max(self.loads.values(), default=None)
 
     def figures(self) -> dict[str, Any]:
-        """For `--json`: rates in 1/s, times in s."""
+        """Figures for `--json`: rates in 1/s, times in s."""
         return {
             "frames": self.frames,
             "remote_frames": self.remote,

@@ -42,7 +42,7 @@ class CalibrationService:
         self._kept, self._keep, self._refusal = kept, keep, refusal
 
     def restore(self) -> ConfigError | None:
-        """After power-on: the stored values in force. Returns why they are not, if some are stored."""
+        """Put the stored values in force, after power-on. Returns why they are not, if some are stored."""
         raw = self._kept()
         if raw is None:
             return None

@@ -62,7 +62,7 @@ SNAPSHOT_FORMATS: Final[Mapping[Snapshot, str]] = {
     Snapshot.OVERRUNS: ">H",
     Snapshot.PRESSURES_CP: f">{SENSORS}f",
 }
-"""In the order in which they are kept."""
+"""Their forms, in the order in which they are kept."""
 SNAPSHOT_BYTES: Final = sum(struct.calcsize(form) for form in SNAPSHOT_FORMATS.values())
 
 

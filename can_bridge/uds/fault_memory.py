@@ -62,16 +62,16 @@ class KeptFault:
     snapshot: bytes = b""
 
     def failed(self, snapshot: bytes) -> "KeptFault":
-        """After a test that failed."""
+        """The fault after a test that failed."""
         is_first = not self.status & _S.FAILED_THIS_CYCLE
         return KeptFault((self.status | _AT_FAILURE) & ~_UNTESTED, 0, snapshot if is_first else self.snapshot)
 
     def passed(self) -> "KeptFault":
-        """After a test that passed."""
+        """The fault after a test that passed."""
         return KeptFault(self.status & ~(_S.TEST_FAILED | _UNTESTED), self.age, self.snapshot)
 
     def next_cycle(self) -> "KeptFault":
-        """After the next power-on."""
+        """The fault after the next power-on."""
         status, age, snapshot = self.status, self.age, self.snapshot
         if not status & (_S.FAILED_THIS_CYCLE | _S.NOT_COMPLETED_THIS_CYCLE):
             status &= ~_S.PENDING
@@ -82,7 +82,7 @@ class KeptFault:
         return KeptFault(status, age, snapshot)
 
     def packed(self) -> bytes:
-        """For the record: without what the next power-on changes in any case."""
+        """The bytes for the record, without what the next power-on changes in any case."""
         status = self.status & ~_S.TEST_FAILED
         if not status & (_S.PENDING | _S.CONFIRMED):
             status |= _S.NOT_COMPLETED_THIS_CYCLE
@@ -90,7 +90,7 @@ class KeptFault:
 
 
 class FaultMemory:
-    """From one power-on to the next. `note` may be called by another thread than everything else.
+    """The memory from one power-on to the next. `note` may be called by another thread than everything else.
 
     Args:
         record: as kept before; one that is damaged counts as none.

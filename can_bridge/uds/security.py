@@ -32,7 +32,7 @@ class AccessKey:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """From a file as `stillwake keygen --secret` writes it; raises KeyFileError as `read_key` does."""
+        """Read a key from a file as `stillwake keygen --secret` writes it; raises KeyFileError as `read_key` does."""
         made = cls.__new__(cls)
         made._take(read_key(path))
         return made
@@ -81,7 +81,7 @@ class SecurityAccess:
                 self._closed_until_ns[level] = now_ns + DELAY_NS
 
     def lock(self) -> None:
-        """At the end of a session."""
+        """Lock all levels, at the end of a session."""
         self.unlocked = self._asked = None
 
     def seed(self, now_ns: int, level: Level) -> bytes:

@@ -61,7 +61,7 @@ _SUB_FUNCTIONS: Final[Mapping[int, frozenset[int]]] = {
     Service.TESTER_PRESENT: frozenset({0}),
     Service.FAULT_SETTING: frozenset({_FAULTS_ON, _FAULTS_OFF}),
 }
-"""Of the services that have one: their first byte, without the bit that suppresses the answer."""
+"""The first byte of the services that have a sub-function, without the bit that suppresses the answer."""
 _DIDS: Final[frozenset[int]] = frozenset(Did)
 
 

@@ -9,9 +9,9 @@ from can_bridge.flashing.access_level import Level
 from contract.controller.calibration import PACKED_BYTES
 
 P2_MS: Final = 50
-"""Until the first answer to a request, at most."""
+"""The most until the first answer to a request."""
 P2_EXTENDED_MS: Final = 5000
-"""After a response-pending, at most."""
+"""The most after a response-pending."""
 S3_MS: Final = 5000
 """Without any request after which a session ends by itself."""
 MAX_REQUEST: Final = 4095
@@ -125,7 +125,7 @@ class Did(IntEnum):
     STORE = 0xFD01
     """What the slots hold: `can_bridge.flashing.report`."""
     KEY_LIST = 0xFD02
-    """To be written: a signed key list. Read: its version (4)."""
+    """A signed key list, to be written. Read: its version (4)."""
     CAPACITY = 0xFD03
     """Bytes of the greatest image (4)."""
     PERIOD_NS = 0xFD04

@@ -147,14 +147,14 @@ def _stuff_positions(bits: str) -> list[int]:
 
 
 def _identifier_bits(frame: Frame) -> str:
-    """From the start of frame to the bit before RTR or RRS."""
+    """The bits from the start of frame to the one before RTR or RRS."""
     if frame.is_extended:
         return "0" + _to_bits(frame.frame_id >> 18, 11) + "11" + _to_bits(frame.frame_id & 0x3FFFF, 18)
     return "0" + _to_bits(frame.frame_id, 11)
 
 
 def _classic_head(frame: Frame) -> str:
-    """From the start of frame to DLC; RTR, IDE and r0, or RTR, r1 and r0, stand before that."""
+    """The bits from the start of frame to DLC; RTR, IDE and r0, or RTR, r1 and r0, stand before that."""
     return _identifier_bits(frame) + "000" + _to_bits(len(frame.data), 4)
 
 

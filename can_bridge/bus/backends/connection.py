@@ -19,7 +19,7 @@ SETTLE_S: Final = 2.0
 """What a serial adapter is given to start after its port was opened; many reset then."""
 
 OWN_CONFIGURATION: Final = "python-can"
-"""In place of an interface: the one that python-can's configuration names (can.conf, environment)."""
+"""The interface's name that stands for the one that python-can's configuration names (can.conf, environment)."""
 
 _SAMPLE_POINT: Final = 80.0
 """Percent, for both bit rates, where this adapter sets the bit timing."""

@@ -33,7 +33,7 @@ LINE_LIMIT: Final = 256
 _CHUNK: Final = 4096
 
 OPENING_TIMEOUT_S: Final = 2.0
-"""For commands, which python-can sends without a time limit."""
+"""The time limit of commands, to which python-can gives none."""
 
 
 def why_refused(line: bytes) -> Rejection | None:

@@ -67,7 +67,7 @@ class FrameArrivals:
 
 @dataclass(frozen=True, kw_only=True)
 class Span(Settings, section="span"):
-    """From start_s until before end_s of the clock; raises ConfigError for a parameter out of its bounds."""
+    """A span from start_s until before end_s of the clock; raises ConfigError for a parameter out of its bounds."""
 
     start_s: NonNegative[float] = 0.0
     end_s: float = inf

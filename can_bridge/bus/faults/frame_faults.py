@@ -100,9 +100,9 @@ class Delay(FrameFault, section="delay"):
     """
 
     delay_s: NonNegative[float]
-    """At least."""
+    """The least delay."""
     jitter_s: NonNegative[float] = 0.0
-    """At most so much more, uniformly distributed."""
+    """The most that is added, uniformly distributed."""
     restamp: bool = True
     """The frame waits ahead of where its time stamp is made, as in a gateway, so that the stamp is late, too.
     Otherwise it waits behind it, in a queue of the receiver, and the stamp shows it."""
@@ -265,7 +265,8 @@ class WireErrors(Span, section="wire_errors"):
     """Identifiers of the frames that it concerns; empty for all."""
 
     def hook(self, seed: int) -> Callable[[Frame, str, int], int | None]:
-        """For `corrupts` or `mishears` of a `can_bridge.bus.simulated.SimulatedBus`; each needs one of its own."""
+        """A function for `corrupts` or `mishears` of a `can_bridge.bus.simulated.SimulatedBus`; each needs one of its
+        own."""
         random = Random(f"{seed} {self.section}")
         rate = self.bit_error_rate
 

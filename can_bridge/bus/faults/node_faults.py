@@ -96,7 +96,7 @@ class ClockDrift(BusFault, section="clock_drift"):
     """Parts per million by which it is fast. A crystal is within some 100; CAN's resynchronisation bears 15,800 at
     most (Bosch, CAN specification 2.0, oscillator tolerance)."""
     offset_s: Finite[float] = 0.0
-    """By which it is ahead, at the start of the span."""
+    """The time by which it is ahead at the start of the span."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
         """See `BusFault.acting`: frames get stamps of the drifting clock; their own are taken for the true time."""

@@ -59,7 +59,7 @@ class FaultConfinement:
 
     @property
     def health(self) -> BusHealth:
-        """As the node's software reads it."""
+        """The health that the node's software reads."""
         return BusHealth(state=self.state, tx_errors=self.tx_errors, rx_errors=self.rx_errors, bus_off=self.times_off)
 
     def receive_error(self) -> "FaultConfinement":

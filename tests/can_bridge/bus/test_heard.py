@@ -13,7 +13,7 @@ from tests.each import each
 
 
 def line_for(messages: MessageSet, ids: dict[int, int], **rejected: int) -> str:
-    """With frames of these identifiers and lengths, fifty each."""
+    """The line for frames of these identifiers and lengths, fifty each."""
     heard = Heard()
     for frame_id, length in ids.items():
         heard.add([Frame(frame_id=frame_id, data=bytes(length), is_fd=messages is not CLASSIC)] * 50)

@@ -141,7 +141,7 @@ def test_extended_identifier_of_the_same_number_is_another_message():
 
 
 def test_secured_message_is_checked_up_to_its_authentication():
-    """In full length only; what stands behind the protected part is not E2E's."""
+    """A secured message is checked in full length only; what stands behind the protected part is not E2E's."""
     sound = frame(3, PRESSURE_SECURED)
     made = E2eReceiver(PRESSURE_SECURED, CONFIG)
     cut = Frame(frame_id=sound.frame_id, data=sound.data[: PRESSURE_SECURED.protected])

@@ -30,7 +30,7 @@ class Memory:
 
 
 class PlainBacking:
-    """From one power-on to the next.
+    """A memory from one power-on to the next.
 
     Args:
         memory: of earlier lives.

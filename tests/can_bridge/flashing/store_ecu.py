@@ -37,7 +37,7 @@ class Counted:
 
 
 class StoreEcu:
-    """From power-on to power-on.
+    """The ECU from one power-on to the next.
 
     Args:
         backing: opens the memory.

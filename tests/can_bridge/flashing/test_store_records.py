@@ -117,7 +117,7 @@ def test_nothing_is_written_between_going_back_and_the_reset():
 
 
 def trying_a_second_key(**changes: int) -> tuple[PlainBacking, Store]:
-    """With key list 2, a release by the second key on trial."""
+    """An ECU with key list 2, and a release by the second key on trial."""
     backing = provisioned()
     store, _ = booted(backing)
     store.take_keys(keys(2, RELEASE, SECOND))

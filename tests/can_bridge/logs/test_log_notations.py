@@ -222,7 +222,7 @@ def test_peaks_traces_of_every_version_are_read(tmp_path):
 
 
 def blf(objects: list[tuple[int, bytes]], *, packed: bool = True) -> bytes:
-    """After Vector's binlog_objects.h: a header, and objects with stamps of 1 ms, 2 ms, ... in one container."""
+    """A BLF after Vector's binlog_objects.h: a header, and objects with stamps of 1 ms, 2 ms, ... in one container."""
     inside = b""
     for k, (kind, body) in enumerate(objects, 1):
         head = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 32 + len(body), kind, 2, 0, 0, 1_000_000 * k)

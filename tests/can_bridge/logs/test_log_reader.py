@@ -25,7 +25,7 @@ error_frames = st.builds(can.Message, is_error_frame=st.just(True))
 
 @st.composite
 def logs(draw: st.DrawFn) -> list[can.Message]:
-    """In the order of time, with gaps of a microsecond to an hour."""
+    """Frames in the order of time, with gaps of a microsecond to an hour."""
     log = draw(st.lists(can_messages() | error_frames, min_size=1, max_size=12))
     t = EPOCH_S + draw(st.integers(0, 10**6)) / 1e6
     for message in log:

@@ -254,7 +254,7 @@ def test_a_block_refused_once_begins_the_transfer_again() -> None:
 
 
 def test_tester_present_keeps_the_session_of_the_announced_timing(line: Line) -> None:
-    """By another implementation of ISO 14229."""
+    """Another implementation of ISO 14229 asks."""
     config: Any = {"request_timeout": 10, "p2_timeout": 0.05, "p2_star_timeout": 5, "use_server_timing": True}
     with Client(line, config=config) as client:
         answer = client.change_session(Session.EXTENDED)

@@ -155,7 +155,7 @@ CASES = """
 
 
 def test_a_response_is_matched_by_what_it_repeats():
-    """By the layout of ISO 14229-1's positive and negative responses."""
+    """The layout of ISO 14229-1's positive and negative responses."""
     for case in CASES.split("\n")[1:-1]:
         request, response, is_answer = case.split()
         assert answers(bytes.fromhex(request), bytes.fromhex(response)) is (is_answer == "yes"), case

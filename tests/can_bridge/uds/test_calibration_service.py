@@ -13,7 +13,7 @@ from tests.can_bridge.calibration.conftest import LIMITS
 from tests.can_bridge.calibration.conftest import REFERENCE as OWN
 
 WIRE = struct.Struct("<10fI")
-"""As a tool reads it that knows nothing of us."""
+"""The layout as a tool reads it that knows nothing of us."""
 
 
 class Kept:

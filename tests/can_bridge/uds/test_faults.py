@@ -61,7 +61,7 @@ def test_every_reason_that_is_a_fault_has_a_code_of_its_own():
 
 
 def test_statuses_over_operation_cycles():
-    """By the bits of ISO 14229-1, table D.1."""
+    """The status by the bits of ISO 14229-1, table D.1."""
     memory = Memory()
     assert memory.status() == 0x50
     memory.note(None)

@@ -144,7 +144,7 @@ SEED = bytes(range(16))
 
 
 def cmac(key: bytes, message: bytes) -> bytes:
-    """By the library; `tests/can_bridge/secoc/test_key.py` has the published answers of our own."""
+    """The answer by the library; `tests/can_bridge/secoc/test_key.py` has the published answers of our own."""
     made = CMAC(AES(key))
     made.update(message)
     return made.finalize()

@@ -117,7 +117,7 @@ class ReceivePath:
 
 
 class _FedDatagrams:
-    """In place of python-can's socket."""
+    """A stand-in for python-can's socket."""
 
     def __init__(self) -> None:
         self.waiting: deque[tuple[bytes, tuple[str, int], float]] = deque()
@@ -142,7 +142,7 @@ class _FedUdpBus(UdpMulticastBus):
 
 
 class _FedPort:
-    """In place of pyserial's port."""
+    """A stand-in for pyserial's port."""
 
     is_open = True
 

@@ -42,7 +42,7 @@ class FolderPlace(FolderFiles):
         return FolderBacking(Path("unused"), files=self, capacity=CAPACITY)
 
     def branch(self, at: Callable[[int], bool], on_cut: OnCut | None) -> None:
-        """From now on, branch before every operation whose number `at` picks; None: no more."""
+        """Branch, from now on, before every operation whose number `at` picks; None: no more."""
         self._at, self._on_cut = at, on_cut
 
     def twin(self) -> Self:

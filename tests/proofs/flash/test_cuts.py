@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def operations() -> int:
-    """Of the whole sequence."""
+    """Calls of the whole sequence."""
     return walk(0, lambda number: False).operations
 
 
@@ -52,7 +52,7 @@ def kinds_found(picked: range) -> set[str]:
 
 @pytest.mark.proofs  # repeats the cuts for each defect
 def test_planted_defects_are_found(monkeypatch, operations):
-    """Of the store's own defects those that only the whole sequence shows; `test_store_cuts` has the others."""
+    """Those of the store's own defects that only the whole sequence shows; `test_store_cuts` has the others."""
     end, all_along = range(operations - 40, operations), range(0, operations, 5)
     activate, keep_slot = Store.activate, Remembered.keep_slot
 

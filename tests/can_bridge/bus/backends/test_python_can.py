@@ -92,7 +92,7 @@ def message(arbitration_id: Any, data: bytes = b"", **fields: Any) -> can.Messag
 
 
 class CausedError(can.CanOperationError):
-    """As python-can wraps what went wrong."""
+    """An error as python-can wraps what went wrong."""
 
     def __init__(self, cause: Exception) -> None:
         super().__init__("could not unpack received message")
@@ -115,7 +115,7 @@ REFUSED: dict[Rejection, list[can.Message | Exception]] = {
     # Our CAN FD message as a classic one, and the reverse.
     Rejection.WRONG_FORMAT: [message(0x120, bytes(8)), message(0x121, bytes(8), is_fd=True)],
 }
-"""As the backends of python-can are known to give them."""
+"""Messages as the backends of python-can are known to give them."""
 
 
 def test_what_is_refused_is_counted_by_reason_and_what_follows_is_received():

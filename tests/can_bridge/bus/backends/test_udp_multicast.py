@@ -102,7 +102,7 @@ def test_what_the_kernel_had_to_drop_is_counted(pair):
 
 
 def test_group_stays_on_this_machine_and_others_are_not_heard(pair):
-    """By default Linux hands a socket the datagrams of all groups that anyone on the machine has joined."""
+    """Linux hands a socket, by default, the datagrams of all groups that anyone on the machine has joined."""
     one, other = pair
     multicast, option = other._bus._multicast, (socket.SOL_SOCKET, socket.SO_RCVBUF)
     assert multicast.hop_limit == 0

@@ -75,7 +75,7 @@ def frames(draw) -> Frame:
 
 @given(one=frames(), other=frames())
 def test_the_smaller_priority_is_the_one_whose_bits_win(one, other):
-    """At the first bit in which two frames with stuff bits differ, the dominant one, 0, prevails."""
+    """The dominant one, 0, prevails at the first bit in which two frames with stuff bits differ."""
     if priority(one) != priority(other):
         assert (priority(one) < priority(other)) == (sent_bits(one).stuffed < sent_bits(other).stuffed)
     else:

@@ -20,7 +20,7 @@ from tests.refused import refused
 
 FD_RATES = BusConfig(nominal_bitrate=500_000, data_bitrate=2_000_000)
 BIT_NS = 2000
-"""At 500 kbit/s."""
+"""The length of a bit at 500 kbit/s."""
 INTERMISSION_NS = 3 * BIT_NS
 
 
