@@ -18,7 +18,7 @@ from stillwake.parts.conversation import asking
 
 if TYPE_CHECKING:
     from can_bridge.flashing.report import StoreReport
-    from can_bridge.tester.faults import StoredFault
+    from can_bridge.tester.facts import StoredFault
 
 _FACTS: Final = {
     "serial_number": "serial number",
@@ -81,13 +81,12 @@ def _print_ecu(facts: "dict[str, str | int]", store: "StoreReport", **rows: str)
 
 def _asked(config: Config, *, clear: bool) -> "tuple[dict[str, str | int], StoreReport, list[StoredFault]]":
     """What the ECU on a bus reports; then its faults are cleared, if that is wanted."""
-    from can_bridge.tester import faults as remembered
-    from can_bridge.tester.facts import read_facts
+    from can_bridge.tester.facts import clear_faults, read_facts, read_faults
 
     with asking(config.bus) as ecu:
-        facts, found = read_facts(ecu), remembered.read(ecu)
+        facts, found = read_facts(ecu), read_faults(ecu)
         if clear:
-            remembered.clear(ecu)
+            clear_faults(ecu)
     names = ("serial_number", "hardware", "software_version", "dbc_sha256", "period_ns", "capacity")
     return {name: getattr(facts, name) for name in names}, facts.store, found
 
