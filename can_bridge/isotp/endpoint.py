@@ -5,7 +5,6 @@ over the wire leads to a message, to an answer or to nothing, never to an except
 """
 
 from collections import deque
-from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
@@ -203,28 +202,13 @@ KEPT_PLACES: Final = 2
 answer."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Losses:
-    """Messages that did not arrive, since the start.
-
-    Attributes:
-        aborted_receptions: begun by the other end and not ended, or replaced by a new message.
-        aborted_transmissions: begun by us and not ended.
-        dropped_received: whole, with no room left for them because those before were not taken.
-        dropped_sent: not begun, because too many wait already.
-    """
-
-    aborted_receptions: int = 0
-    aborted_transmissions: int = 0
-    dropped_received: int = 0
-    dropped_sent: int = 0
-
-
 class Endpoint:
     """Messages of 1 to 4095 bytes, one at a time in each direction.
 
     Attributes:
         is_held: what came last is still worked on, and there is no room for another one of several frames.
+        dropped_received: whole messages for which there was no room because those before were not taken.
+        dropped_sent: messages not begun, because too many waited already.
     """
 
     def __init__(self, settings: IsoTpSettings) -> None:
@@ -234,18 +218,18 @@ class Endpoint:
         self._answer: FlowStatus | None = None
         self._received = deque[bytes]()
         self._to_send = deque[bytes]()
-        self._dropped_received = 0
-        self._dropped_sent = 0
+        self.dropped_received = self.dropped_sent = 0
         self.is_held = False
 
     @property
-    def losses(self) -> Losses:
-        return Losses(
-            aborted_receptions=self._reception.aborted,
-            aborted_transmissions=self._transmission.aborted,
-            dropped_received=self._dropped_received,
-            dropped_sent=self._dropped_sent,
-        )
+    def aborted_receptions(self) -> int:
+        """Messages begun by the other end and not ended, or replaced by a new message."""
+        return self._reception.aborted
+
+    @property
+    def aborted_transmissions(self) -> int:
+        """Messages begun by us and not ended."""
+        return self._transmission.aborted
 
     @property
     def is_receiving(self) -> bool:
@@ -294,7 +278,7 @@ class Endpoint:
         if not 0 < len(message) <= control_info.MAX_MESSAGE:
             raise ValueError(f"message of {len(message)} bytes: must have 1..{control_info.MAX_MESSAGE}")
         if len(self._to_send) == self._settings.queue:
-            self._dropped_sent += 1
+            self.dropped_sent += 1
             return False
         self._to_send.append(bytes(message))
         return True
@@ -331,7 +315,7 @@ class Endpoint:
 
     def _keep(self, message: bytes) -> None:
         if len(self._received) == self._settings.queue:
-            self._dropped_received += 1
+            self.dropped_received += 1
         else:
             self._received.append(message)
 

@@ -11,15 +11,19 @@ cutting the supply at the right moment gains no attempt. After `MAX_ATTEMPTS` wr
 from collections.abc import Callable
 from hmac import compare_digest
 from pathlib import Path
-from typing import Final, Protocol, Self
+from typing import Final, Self
 
 from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import MOST_ATTEMPTS
 from can_bridge.secoc.key import Key, read_key
+from can_bridge.uds.diagnostics import Diagnostics
 from can_bridge.uds.services import Nrc, Refused
 
 SEED_LENGTH: Final = 16
 ANSWER_LENGTH: Final = 16
 """Bytes of a seed, and of the key that the tester sends for it."""
+MAX_ATTEMPTS: Final = 3
+DELAY_NS: Final = 10_000_000_000
 LABEL: Final = b"stillwake access"
 """What a level's key is made over, with the level's number."""
 
@@ -45,28 +49,15 @@ class AccessKey:
         self._levels = {level: Key(key.cmac(LABEL + bytes([level]))) for level in Level}
 
 
-MAX_ATTEMPTS: Final = 3
-DELAY_NS: Final = 10_000_000_000
-MOST_COUNTED: Final = 255
-
-
-class Attempts(Protocol):
-    """The counts that outlive a reset."""
-
-    def failed_attempts(self, level: Level) -> int: ...
-
-    def keep_failed_attempts(self, level: Level, count: int) -> None: ...
-
-
 class SecurityAccess:
     """Which level is unlocked, and how the next one becomes so.
 
     Args:
         random_bytes: gives so many unpredictable bytes.
-        attempts: may refuse with the code to answer by.
+        attempts: keeps the counts over resets; may refuse with the code to answer by.
     """
 
-    def __init__(self, key: AccessKey, random_bytes: Callable[[int], bytes], attempts: Attempts) -> None:
+    def __init__(self, key: AccessKey, random_bytes: Callable[[int], bytes], attempts: Diagnostics) -> None:
         self._key = key
         self._random_bytes = random_bytes
         self._attempts = attempts
@@ -103,7 +94,7 @@ class SecurityAccess:
         if self._asked is None or self._asked[0] is not level:
             raise Refused(Nrc.SEQUENCE_ERROR)
         (_, seed), self._asked = self._asked, None
-        count = min(self._attempts.failed_attempts(level) + 1, MOST_COUNTED)
+        count = min(self._attempts.failed_attempts(level) + 1, MOST_ATTEMPTS)
         self._attempts.keep_failed_attempts(level, count)
         if not compare_digest(self._key.answer(level, seed), answer):
             if count < MAX_ATTEMPTS:
