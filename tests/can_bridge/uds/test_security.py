@@ -5,8 +5,9 @@ from cryptography.hazmat.primitives.ciphers.algorithms import AES
 from cryptography.hazmat.primitives.cmac import CMAC
 
 from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.state import MOST_ATTEMPTS
 from can_bridge.secoc.key import write_key
-from can_bridge.uds.security import MOST_COUNTED, AccessKey
+from can_bridge.uds.security import AccessKey
 from can_bridge.uds.services import Nrc, Session
 from tests.can_bridge.uds.scripted_ecu import MS, SECRET, Bench, S, ScriptedEcu, refused
 
@@ -106,7 +107,7 @@ def test_attempts_before_power_on_count():
     assert bench.ask(0x27, 1) == refused(0x27, Nrc.DELAY_NOT_EXPIRED)
     keep_alive(bench, 10 * S)
     bench.unlock()
-    for before, after in ((2, 3), (MOST_COUNTED, MOST_COUNTED)):
+    for before, after in ((2, 3), (MOST_ATTEMPTS, MOST_ATTEMPTS)):
         ecu.attempts[Level.PROGRAMMING] = before
         bench = Bench(ecu)
         bench.ask(0x10, Session.PROGRAMMING)
