@@ -74,7 +74,7 @@ class GateLimits:
         )
 
     def narrowed(self, other: Self) -> Self:
-        """With the narrower of both ranges and the smaller of both steps; the times stay."""
+        """The limits with the narrower of both ranges and the smaller of both steps; the times stay."""
         return replace(
             self,
             flow_m2_per_s=min(self.flow_m2_per_s, other.flow_m2_per_s),

@@ -12,15 +12,24 @@ from can_bridge.calibration.segment import ADDRESS
 from can_bridge.calibration.xcp_slave import IDLE_NS
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.isotp.endpoint import KEPT
+from can_bridge.isotp.endpoint import KEPT_PLACES
 from can_bridge.uds import services
-from can_bridge.uds.access_key import ANSWER_LENGTH, LABEL, SEED_LENGTH
 from can_bridge.uds.fault_codes import CODES, SNAPSHOT_FORMATS, Snapshot, in_letters
 from can_bridge.uds.fault_memory import AGED_CYCLES, AVAILABLE, Status
-from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Permission
-from can_bridge.uds.security import DELAY_NS, MAX_ATTEMPTS
+from can_bridge.uds.security import ANSWER_LENGTH, DELAY_NS, LABEL, MAX_ATTEMPTS, SEED_LENGTH
 from can_bridge.uds.server import MAX_DIDS
-from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
+from can_bridge.uds.services import (
+    LEVELS,
+    ROUTINES,
+    SERVICES,
+    WRITABLE,
+    Did,
+    Nrc,
+    Permission,
+    Routine,
+    Service,
+    Session,
+)
 from contract.config.diagnosis import DiagnosisConfig
 from contract.config.vehicle import BusConfig
 from contract.controller.calibration import PACKED_BYTES
@@ -140,7 +149,7 @@ STATED: Final = (
     f"ends {services.S3_MS / 1000:g} s after",
     f"overdue by {_ISOTP.n_cr_ns / 1e9:g} s",
     f"more than {services.BESIDE} bytes",
-    f"behind {_ISOTP.queue - KEPT} answers",
+    f"behind {_ISOTP.queue - KEPT_PLACES} answers",
     f"at most {services.LONGEST_ANSWER} bytes",
     f"seed has {SEED_LENGTH} random bytes, the answer {ANSWER_LENGTH}:",
     f'"{LABEL.decode()}" and the level\'s number, {Level.PROGRAMMING} or {Level.CALIBRATION},',

@@ -9,10 +9,9 @@ from typing import Self, TypedDict
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.command_gate import Intervention
-from can_bridge.e2e.receiver import Check, ReceiverState
+from can_bridge.e2e.receiver import FrameCheck, ReceiverState
 from can_bridge.e2e.sender import SenderState
-from can_bridge.secoc.freshness import Freshness
-from can_bridge.secoc.receiver import VerifierState
+from can_bridge.secoc.securing import Freshness, VerifierState
 from can_bridge.wire.messages import BUS_OFF_LIMIT, COUNT_LIMIT, ERROR_LIMIT, EcuStatus, Mode, Reason
 from contract.arrays import Array
 from ecu.benefit_check import BenefitCheckState
@@ -99,8 +98,8 @@ class EcuState:
             reason=self.fail_safe.reason,
             overruns=min(self.overruns, COUNT_LIMIT),
             missed=min(self.missed, COUNT_LIMIT),
-            crc_errors=min(self.pressures.count(Check.ERROR), COUNT_LIMIT),
-            refused=min(sum(map(self.pressures.count, (Check.REPEATED, Check.WRONG_SEQUENCE))), COUNT_LIMIT),
+            crc_errors=min(self.pressures.count(FrameCheck.ERROR), COUNT_LIMIT),
+            refused=min(sum(map(self.pressures.count, (FrameCheck.REPEATED, FrameCheck.WRONG_SEQUENCE))), COUNT_LIMIT),
             not_authentic=min(self.verifier.refused, COUNT_LIMIT),
             bus_off=min(self.health.bus_off, BUS_OFF_LIMIT),
             tx_errors=min(self.health.tx_errors, ERROR_LIMIT),

@@ -12,7 +12,7 @@ import numpy as np
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import ReceiverState, Reception, StreamState, receive
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.receiver import VerifierState, verified
+from can_bridge.secoc.securing import VerifierState, verified
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import Message
 from can_bridge.wire.messages import Pressure, Reason

@@ -11,7 +11,7 @@ from typing import Final
 
 from can_bridge.e2e.receiver import ReceiverState, receive
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.receiver import VerifierState, verified
+from can_bridge.secoc.securing import VerifierState, verified
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import Message
 from can_bridge.wire.messages import VehicleSpeed

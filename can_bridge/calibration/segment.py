@@ -38,7 +38,7 @@ class Segment:
 
     @property
     def working(self) -> Calibration:
-        """Of the working page."""
+        """The values of the working page."""
         return self._working
 
     @property
@@ -106,7 +106,7 @@ class Segment:
         self._begun = b""
 
     def take(self) -> Calibration | None:
-        """For the beginning of a control period: the values in force, once, if others were before.
+        """Take the values in force at the beginning of a control period, once, if others were before.
 
         May be called by another thread than the one that writes: a set is replaced as a whole.
         """

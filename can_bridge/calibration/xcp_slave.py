@@ -11,15 +11,14 @@ from typing import Final
 
 from can_bridge.calibration import xcp
 from can_bridge.calibration.segment import ADDRESS, Page, Segment
-from can_bridge.calibration.xcp import MAX_CTO, Command, Denied, Error
-from can_bridge.calibration.xcp_access import Access, WrongKey, XcpAccess
+from can_bridge.calibration.xcp import MAX_CTO, AnswersSeeds, Command, Denied, Error, WrongKey, XcpAccess
 from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError
 
 A2L_NAME: Final = b"stillwake"
-"""Of the A2L file, without its ending."""
+"""The name of the A2L file, without its ending."""
 IDLE_NS: Final = 600_000_000_000
-"""After so long without a command an open connection ends, and what was unlocked is locked."""
+"""The time without a command after which an open connection ends, and what was unlocked is locked."""
 _ALWAYS_ACCESSIBLE: Final = 0x0F
 _WRITABLE: Final = 0x30
 """Properties of a page: the control and the tool may read it whatever the other does, and the tool may write it."""
@@ -28,7 +27,7 @@ _WRITABLE: Final = 0x30
 class XcpSlave:
     """One connection at a time. `random_bytes` gives so many unpredictable bytes."""
 
-    def __init__(self, segment: Segment, access: Access, random_bytes: Callable[[int], bytes]) -> None:
+    def __init__(self, segment: Segment, access: AnswersSeeds, random_bytes: Callable[[int], bytes]) -> None:
         self._segment = segment
         self._access = XcpAccess(access, random_bytes)
         self._is_connected = False
@@ -59,7 +58,9 @@ class XcpSlave:
             return []
         if data[0] == Command.CONNECT:
             self._last_ns = now_ns
-            return [self._connect()] if len(data) >= xcp.SHORTEST[Command.CONNECT] else [_error(Error.CMD_SYNTAX)]
+            return (
+                [self._connect()] if len(data) >= xcp.SHORTEST_COMMAND[Command.CONNECT] else [_error(Error.CMD_SYNTAX)]
+            )
         if not self._is_connected:
             return []
         self._last_ns = now_ns
@@ -76,7 +77,7 @@ class XcpSlave:
             command = Command(data[0])
         except ValueError:
             raise Denied(Error.CMD_UNKNOWN) from None
-        if len(data) < xcp.SHORTEST.get(command, 1):
+        if len(data) < xcp.SHORTEST_COMMAND.get(command, 1):
             raise Denied(Error.CMD_SYNTAX)
         if command in xcp.PROTECTED and not self._access.is_unlocked:
             raise Denied(Error.ACCESS_LOCKED)

@@ -1,1 +1,1 @@
-"""From the log of a drive to series on the grid of control periods."""
+"""Reading the log of a drive as series on the grid of control periods."""

@@ -34,7 +34,7 @@ class CountedFrame:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Stretch:
+class FrameStretch:
     """Frames of one sender between two of its starts, in the order of `index`: control periods from the first, (n,)."""
 
     index: Index
@@ -45,9 +45,9 @@ class Stretch:
         """The time of each frame's reception in s, (n,)."""
         return np.array([frame.time_s for frame in self.frames])
 
-    def between(self, a: int, b: int) -> "Stretch":
+    def between(self, a: int, b: int) -> "FrameStretch":
         """Its frames from place a to b, counted from the first of them."""
-        return Stretch(index=self.index[a:b] - self.index[a], frames=self.frames[a:b])
+        return FrameStretch(index=self.index[a:b] - self.index[a], frames=self.frames[a:b])
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -71,7 +71,7 @@ def without_repeats(frames: Sequence[CountedFrame], within_s: float) -> list[Cou
     return kept
 
 
-def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> tuple[list[Stretch], int, int]:
+def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> tuple[list[FrameStretch], int, int]:
     """The stretches of one message in the order of time; how many frames were there already; and how many were out of
     place: their counters fit neither what was before nor what came behind.
 
@@ -85,10 +85,10 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
     parts = _parts(once, period_s, modulus)
     # What lies around a frame that is out of place may be one stretch.
     fitting = [frame for part in parts if len(part) > 1 for _, frame in part] or once
-    stretches: list[Stretch] = []
+    stretches: list[FrameStretch] = []
     for part in _parts(fitting, period_s, modulus):
         numbers, places = np.unique([k for k, _ in part], return_index=True)
-        whole = Stretch(index=numbers - numbers[0], frames=tuple(part[k][1] for k in places.tolist()))
+        whole = FrameStretch(index=numbers - numbers[0], frames=tuple(part[k][1] for k in places.tolist()))
         stretches += _cut_at_jumps(whole, period_s)
     return stretches, len(frames) - len(once) + len(fitting) - sum(map(len, stretches)), len(once) - len(fitting)
 
@@ -113,7 +113,7 @@ def _parts(frames: Sequence[CountedFrame], period_s: float, modulus: int) -> lis
     return parts
 
 
-def _cut_at_jumps(stretch: Stretch, period_s: float) -> list[Stretch]:
+def _cut_at_jumps(stretch: FrameStretch, period_s: float) -> list[FrameStretch]:
     """The stretch, cut where times shift for good although each frame was within the slack of the one before."""
     late = stretch.time_s - period_s * stretch.index
     cuts, after = [0], 0

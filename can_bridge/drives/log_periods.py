@@ -1,4 +1,4 @@
-"""From numbered pressures and the commands that answer them to one row a control period.
+"""Rows, one a control period, of numbered pressures and the commands that answer them.
 
 Row k has the pressures of frame k and the action commanded for them: the first command that echoes frame k's counter.
 Commands that rest on an older frame, because the ECU held or shut the jets when one was missing, belong to the period
@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from can_bridge.drives.counted_frames import CountedFrame, Stretch
+from can_bridge.drives.counted_frames import CountedFrame, FrameStretch
 from can_bridge.wire.message_sets import MessageSet
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import SENSORS, Mode
@@ -27,7 +27,7 @@ _UNKNOWN_LAG: Final = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Scales:
-    """From the wire's units to those of a data set.
+    """The way from the wire's units to those of a data set.
 
     Attributes:
         period: control period in W / U_inf.
@@ -63,7 +63,7 @@ class Samples(NamedTuple):
     stale: int
 
 
-class Clock(NamedTuple):
+class SenderClock(NamedTuple):
     """Where the sender's periods lie on the log's clock.
 
     Attributes:
@@ -77,7 +77,7 @@ class Clock(NamedTuple):
     jitter_s: float
 
 
-def samples_of(stretch: Stretch, messages: MessageSet, period_s: float) -> Samples:
+def samples_of(stretch: FrameStretch, messages: MessageSet, period_s: float) -> Samples:
     """The frames' contents; what cannot be parsed is NaN."""
     parsed = [messages.pressure.parse(frame.data) for frame in stretch.frames]
     pressure = np.array([(np.nan,) * SENSORS if one is None else one.pressure_pa for one in parsed])
@@ -88,7 +88,7 @@ def samples_of(stretch: Stretch, messages: MessageSet, period_s: float) -> Sampl
     return Samples(pressure, stretch.time_s - np.where(fresh, age_s, 0.0), int((~fresh).sum()))
 
 
-def clock_of(stretch: Stretch, sampled_s: Array, period_s: float | None = None) -> Clock:
+def clock_of(stretch: FrameStretch, sampled_s: Array, period_s: float | None = None) -> SenderClock:
     """The line through the times of sampling, (n,), by medians, so that single late frames do not move it.
     `period_s` is the sender's, if it is known better than from this stretch."""
     index = stretch.index.astype(np.float64)
@@ -98,15 +98,15 @@ def clock_of(stretch: Stretch, sampled_s: Array, period_s: float | None = None) 
         period_s = float(np.median((sampled_s[half:] - sampled_s[:-half]) / (index[half:] - index[:-half])))
     late = sampled_s - period_s * index
     start = float(np.median(late))
-    return Clock(start, period_s, float(np.abs(late - start).max()))
+    return SenderClock(start, period_s, float(np.abs(late - start).max()))
 
 
 def table_of(
-    stretch: Stretch,
+    stretch: FrameStretch,
     pressure_pa: Array,
     commands: Sequence[CountedFrame],
     messages: MessageSet,
-    clock: Clock,
+    clock: SenderClock,
     modulus: int,
 ) -> Array:
     """The four pressures in Pa and the jets' flow in m2/s, (n + 1, 5), one row a period from the one before the

@@ -7,13 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from can_bridge.drives.log_periods import Clock
+from can_bridge.drives.log_periods import SenderClock
 from can_bridge.drives.vehicle_speed import Travel
 from can_bridge.wire.messages import SENSORS
 from contract.arrays import Array, Mask
 from contract.errors import DatasetError
 
-SHORTEST: Final = 16
+SHORTEST_PIECE: Final = 16
 """Rows of a piece: fewer show neither the sender's clock nor anything to a model."""
 _SAME: Final = 1e-6
 """Control periods by which a row may lie outside a piece: rounding."""
@@ -73,7 +73,7 @@ class Cutter:
                 f"the pressures' counter and the log's clock part {at}: the sender began again, or a clock was set"
             )
 
-    def add(self, table: Array, clock: Clock, moves: Mask) -> None:
+    def add(self, table: Array, clock: SenderClock, moves: Mask) -> None:
         """Cut one stretch into pieces; `table` is as `table_of` makes it, without values in rows in which the vehicle
         does not move, or no one knows."""
         present = np.isfinite(table)
@@ -119,7 +119,7 @@ class Cutter:
             groups = [(f"valid pressure {self._sensors[i]}", [i]) for i in sensors]
         return [*groups, ("command", [SENSORS])]
 
-    def _keep(self, table: Array, a: int, b: int, clock: Clock) -> None:
+    def _keep(self, table: Array, a: int, b: int, clock: SenderClock) -> None:
         """One piece of the rows at places a to b, its gaps filled."""
         # A gap of one column may end at a cut of another: without a neighbour there is no line to fill on. And the
         # action in force before the first row must be known, or have been 0, where the jets are shut in that row.
@@ -127,7 +127,7 @@ class Cutter:
         action = table[:, -1]
         begins = whole[np.isfinite(action[whole - 1]) | (action[whole] == 0.0)]
         count = int(whole[-1]) + 1 - int(begins[0]) if len(begins) else 0
-        if count < SHORTEST:
+        if count < SHORTEST_PIECE:
             self._note(f"a piece of {count} rows {self._at(clock, a)} is left out: too short")
             return
         begin = int(begins[0])
@@ -156,7 +156,7 @@ class Cutter:
     def _note(self, line: str) -> None:
         self.lines.append(f"{self._path}: {line}")
 
-    def _at(self, clock: Clock, place: int) -> str:
+    def _at(self, clock: SenderClock, place: int) -> str:
         return f"at {max(0.0, clock.start_s + clock.period_s * (place - 1) - self._begin_s):.3f} s"
 
 

@@ -17,8 +17,8 @@ import numpy as np
 
 from can_bridge.drives.counted_frames import number, usual_interval, without_repeats
 from can_bridge.drives.log_frames import Verify, frames_of
-from can_bridge.drives.log_periods import Clock, Scales, clock_of, coefficients_of, samples_of, table_of
-from can_bridge.drives.log_pieces import SHORTEST, Cutter, Piece, resampled
+from can_bridge.drives.log_periods import Scales, SenderClock, clock_of, coefficients_of, samples_of, table_of
+from can_bridge.drives.log_pieces import SHORTEST_PIECE, Cutter, Piece, resampled
 from can_bridge.drives.vehicle_speed import Travel, VehicleSpeeds, vehicle_speeds
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.message_sets import MessageSet
@@ -135,7 +135,7 @@ def series_of(
     # The sender's period on the log's clock, by the longest stretch; the control period where that is too short.
     period_s = nominal_s
     longest = max(range(len(stretches)), key=lambda i: len(stretches[i]))
-    if len(stretches[longest]) >= SHORTEST:
+    if len(stretches[longest]) >= SHORTEST_PIECE:
         clock = clock_of(stretches[longest], samples[longest].sampled_s)
         if speeds is None:
             _check_drift(path, clock, len(stretches[longest]), scales)
@@ -164,8 +164,8 @@ def series_of(
     if not cutter.pieces:
         dead = [name for name, valid in zip(sensors, cutter.ever_valid, strict=True) if not valid]
         raise DatasetError(
-            f"{path}: no part of it has {SHORTEST} control periods in a row with valid pressures and commands; it has "
-            f"{len(log.pressures)} pressures and {len(log.commands)} commands"
+            f"{path}: no part of it has {SHORTEST_PIECE} control periods in a row with valid pressures and commands; "
+            f"it has {len(log.pressures)} pressures and {len(log.commands)} commands"
             + (f", and {without_speed} rows without the speed of a moving vehicle" if without_speed else "")
             + (f", and {', '.join(dead)} valid in none" if dead else "")
         )
@@ -235,7 +235,7 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
 
 
 def _air(
-    speeds: VehicleSpeeds | None, clock: Clock, rows: int, nominal_s: float, scales: Scales
+    speeds: VehicleSpeeds | None, clock: SenderClock, rows: int, nominal_s: float, scales: Scales
 ) -> tuple[Array, Array]:
     """Speed and density at the rows of a table, the first of which is before the stretch; a speed is NaN where none is
     known, or the vehicle stands."""
@@ -260,7 +260,7 @@ def _check_period(path: Path, interval_s: float, scales: Scales) -> None:
         )
 
 
-def _check_drift(path: Path, clock: Clock, rows: int, scales: Scales) -> None:
+def _check_drift(path: Path, clock: SenderClock, rows: int, scales: Scales) -> None:
     drift = clock.period_s / scales.period_s - 1.0
     # Jitter of one end against the other shows as drift, the less the longer the log is.
     if abs(drift) > _DRIFT + clock.jitter_s / (scales.period_s * rows / 2):

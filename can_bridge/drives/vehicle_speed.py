@@ -20,7 +20,7 @@ _SHORTEST_S: Final = 0.1
 _STARTS: Final = 10
 """Speeds at the beginning of a log that may be wrong."""
 _SLOWEST: Final = 1e-3
-"""In m/s: a vehicle that stands gets no further, but the distance still rises."""
+"""The least speed in m/s: a vehicle that stands gets no further, but the distance still rises."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,7 +71,7 @@ class Travel:
 
     @classmethod
     def steady(cls, start_s: float, convective_time: float) -> "Travel":
-        """At one speed, from a start on."""
+        """The way at one speed, from a start on."""
         return cls(time_s=np.array([start_s, start_s + convective_time]), way=np.array([0.0, 1.0]))
 
     def at(self, time_s: Array) -> Array:

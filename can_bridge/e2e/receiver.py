@@ -1,7 +1,7 @@
 """The receiving end of a protected message: is this frame new, and is the stream to be trusted?
 
 Two layers, as in AUTOSAR (PRS_E2EProtocol, "E2E profile check" and "E2E state machine"): each frame gets a
-`Check` from its CRC and counter, and a window of the latest checks drives the `StreamState`:
+`FrameCheck` from its CRC and counter, and a window of the latest checks drives the `StreamState`:
 
 - NODATA until a frame passes its CRC, then INIT, with that check alone in the window;
 - INIT and INVALID become VALID with `min_ok` good checks and at most `max_errors` bad ones in the window;
@@ -32,7 +32,7 @@ from can_bridge.wire.message_specs import MessageSpec
 from contract.config.vehicle import E2eConfig
 
 
-class Check(Enum):
+class FrameCheck(Enum):
     """What was found on one look at the stream; the values count from zero."""
 
     OK = 0
@@ -53,8 +53,8 @@ class StreamState(Enum):
     INVALID = auto()
 
 
-GOOD: Final = (Check.OK, Check.OK_SOME_LOST)
-_REJECTED: Final = (Check.REPEATED, Check.WRONG_SEQUENCE, Check.ERROR)
+GOOD: Final = (FrameCheck.OK, FrameCheck.OK_SOME_LOST)
+_REJECTED: Final = (FrameCheck.REPEATED, FrameCheck.WRONG_SEQUENCE, FrameCheck.ERROR)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +67,7 @@ class Reception:
     """
 
     stream: StreamState
-    checks: tuple[Check, ...]
+    checks: tuple[FrameCheck, ...]
     accepted: Frame | None
 
     @property
@@ -88,10 +88,10 @@ class ReceiverState:
 
     stream: StreamState = StreamState.NODATA
     last_counter: int | None = None
-    window: tuple[Check, ...] = ()
-    counts: tuple[int, ...] = (0,) * len(Check)
+    window: tuple[FrameCheck, ...] = ()
+    counts: tuple[int, ...] = (0,) * len(FrameCheck)
 
-    def count(self, check: Check) -> int:
+    def count(self, check: FrameCheck) -> int:
         """How often this check came out."""
         return self.counts[check.value]
 
@@ -111,7 +111,7 @@ def receive(
             message is looked at up to its authentication, which is `can_bridge.secoc`'s.
         config: when its stream is to be trusted.
     """
-    checks: list[Check] = []
+    checks: list[FrameCheck] = []
     accepted: Frame | None = None
     last_counter = state.last_counter
     for frame in frames:
@@ -121,7 +121,7 @@ def receive(
         checks.append(check)
         if check in GOOD:
             accepted = frame
-    verdicts = tuple(checks) or (Check.NO_NEW_DATA,)
+    verdicts = tuple(checks) or (FrameCheck.NO_NEW_DATA,)
     counts = list(state.counts)
     for check in verdicts:
         counts[check.value] += 1
@@ -145,38 +145,48 @@ class E2eReceiver:
         return reception
 
 
-def _of_period(found: tuple[Check, ...]) -> Check:
+def _of_period(found: tuple[FrameCheck, ...]) -> FrameCheck:
     """The one check that stands for all of a period's."""
-    for check in (Check.ERROR, Check.OK, Check.OK_SOME_LOST, Check.WRONG_SEQUENCE, Check.REPEATED):
+    for check in (
+        FrameCheck.ERROR,
+        FrameCheck.OK,
+        FrameCheck.OK_SOME_LOST,
+        FrameCheck.WRONG_SEQUENCE,
+        FrameCheck.REPEATED,
+    ):
         if check in found:
             return check
-    return Check.NO_NEW_DATA
+    return FrameCheck.NO_NEW_DATA
 
 
-def _checked(data: bytes, last_counter: int | None, *, spec: MessageSpec, max_delta: int) -> tuple[Check, int | None]:
+def _checked(
+    data: bytes, last_counter: int | None, *, spec: MessageSpec, max_delta: int
+) -> tuple[FrameCheck, int | None]:
     """The check of one frame, and the counter to compare the next one with."""
     profile = profile_of(spec)
     if len(data) != spec.length or not profile.check(data[: spec.protected], data_id=spec.data_id):
-        return Check.ERROR, last_counter
+        return FrameCheck.ERROR, last_counter
     counter = profile.counter_of(data)
     # The first frame has nothing to be compared with.
     delta = 1 if last_counter is None else (counter - last_counter) % profile.counter_period
     if delta == 0:
-        return Check.REPEATED, counter
+        return FrameCheck.REPEATED, counter
     if delta == 1:
-        return Check.OK, counter
-    return Check.OK_SOME_LOST if delta <= max_delta else Check.WRONG_SEQUENCE, counter
+        return FrameCheck.OK, counter
+    return FrameCheck.OK_SOME_LOST if delta <= max_delta else FrameCheck.WRONG_SEQUENCE, counter
 
 
-def _advanced(state: ReceiverState, period: Check, config: E2eConfig) -> tuple[StreamState, tuple[Check, ...]]:
+def _advanced(
+    state: ReceiverState, period: FrameCheck, config: E2eConfig
+) -> tuple[StreamState, tuple[FrameCheck, ...]]:
     """The stream and its window after one period's check."""
     if state.stream is StreamState.NODATA:
-        if period in (Check.ERROR, Check.NO_NEW_DATA):
+        if period in (FrameCheck.ERROR, FrameCheck.NO_NEW_DATA):
             return StreamState.NODATA, ()
         return StreamState.INIT, (period,)
     window = (*state.window, period)[-config.window :]
     good = sum(map(window.count, GOOD))
-    too_many_errors = window.count(Check.ERROR) > config.max_errors
+    too_many_errors = window.count(FrameCheck.ERROR) > config.max_errors
     if state.stream is StreamState.VALID:
         return StreamState.INVALID if too_many_errors or good == 0 else StreamState.VALID, window
     if not too_many_errors and good >= config.min_ok:

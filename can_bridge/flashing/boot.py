@@ -2,41 +2,36 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from enum import Enum, auto
+from enum import Enum
+from typing import Self
 
-from can_bridge.flashing.backing import Slot, at_once
+from can_bridge.flashing.backing import MediumError, Slot, at_once
 from can_bridge.flashing.checking import Release
-from can_bridge.flashing.medium import MediumError
 from can_bridge.flashing.remembered import Remembered
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.verdicts import Verdict
 
 
 class BootReason(Enum):
-    """Why this image was booted."""
+    """Why this image was booted. `in_words` is for people."""
 
-    CONFIRMED = auto()
-    TRIAL = auto()
+    in_words: str
+
+    def __new__(cls, value: int, in_words: str = "") -> Self:
+        """Make a member of its byte and its words."""
+        made = object.__new__(cls)
+        made._value_, made.in_words = value, in_words
+        return made
+
+    CONFIRMED = 1, "confirmed"
+    TRIAL = 2, "on trial"
     """An activated image, which waits for its confirmation."""
-    REVERTED = auto()
+    REVERTED = 3, "confirmed; the release on trial was given up"
     """The confirmed image, because the one on trial failed a check or was not confirmed in time."""
-    FALLBACK = auto()
+    FALLBACK = 4, "the one before; the confirmed release is not in order"
     """The release before the confirmed one, because that failed a check."""
-    NO_RELEASE = auto()
+    NO_RELEASE = 5, "no release is in order"
     """No image is in order: the jets stay shut, and a release can be flashed."""
-
-    @property
-    def in_words(self) -> str:
-        return _WORDS[self]
-
-
-_WORDS = {
-    BootReason.CONFIRMED: "confirmed",
-    BootReason.TRIAL: "on trial",
-    BootReason.REVERTED: "confirmed; the release on trial was given up",
-    BootReason.FALLBACK: "the one before; the confirmed release is not in order",
-    BootReason.NO_RELEASE: "no release is in order",
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +71,7 @@ def _boot_trial(remembered: Remembered, slot: Slot, verdicts: dict[Slot, Verdict
             verdicts[slot], bundle = at_once(remembered.judged(slot))
             if bundle is not None:
                 return Boot(slot=slot, bundle=bundle, verdicts=verdicts, reason=BootReason.TRIAL, boots_left=left)
-        remembered.keep_slot(slot, replace(standing, phase=Phase.BAD, boots_left=0))
+        remembered.keep_slot(slot, replace(standing, phase=SlotPhase.BAD, boots_left=0))
     except MediumError:
         # A trial that cannot be counted would never end, so the image does not run.
         verdicts.setdefault(slot, Verdict.UNREADABLE)
@@ -91,7 +86,7 @@ def _boot_confirmed(remembered: Remembered, is_reverted: bool, verdicts: dict[Sl
     """
     active = remembered.state.active
     for slot in () if active is None else (active, active.other):
-        if remembered.state.slots[slot].phase != Phase.CONFIRMED:
+        if remembered.state.slots[slot].phase != SlotPhase.CONFIRMED:
             continue
         verdicts[slot], bundle = at_once(remembered.judged(slot))
         if bundle is not None:

@@ -72,14 +72,14 @@ def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
     return Verdict.GOOD, bundle
 
 
-Check = Callable[[bytes, Rules], tuple[Verdict, Release | None]]
-"""As `check`, of another kind of image."""
+ImageCheck = Callable[[bytes, Rules], tuple[Verdict, Release | None]]
+"""A check such as `check`, of another kind of image."""
 
 
 def judge_image(
     image: bytes, rules: Rules, *, layout: bytes, opens: Callable[[bytes], bool] = lambda payload: True
 ) -> tuple[Verdict, ControllerImage | None]:
-    """As `check`, of a controller image.
+    """Check a controller image, as `check` does a bundle's.
 
     Args:
         layout: names this ECU's build.

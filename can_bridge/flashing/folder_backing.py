@@ -1,18 +1,115 @@
 """The store's place in a folder, for an ECU with a file system: a file for each record and each slot.
 
 A record is replaced by a temporary file that is synchronised before it takes the name, and the folder after it. Slots
-are appended to; a checkpoint (`Kind.STATE`) synchronises what was appended before it is written itself.
+are appended to; a checkpoint (`RecordKind.STATE`) synchronises what was appended before it is written itself.
 """
 
+import errno
+import os
+import stat
 import struct
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from can_bridge.flashing.backing import MAX_RECORD, Kind, Slot, Work
-from can_bridge.flashing.folder_files import FolderFiles
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import MAX_RECORD, Long, MediumError, RecordKind, Slot
+
+
+class FolderFiles:
+    """Files in one folder, by their names; every method raises MediumError if the system refuses."""
+
+    def __init__(self, folder: Path) -> None:
+        """Make the folder if it is not there."""
+        self._folder = folder
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise _failed(folder, error) from error
+
+    def read(self, name: str, offset: int = 0, length: int | None = None) -> bytes | None:
+        """Bytes of a file, fewer where it ends; None if there is no such file."""
+        try:
+            with os.fdopen(open_regular(self._folder / name, os.O_RDONLY), "rb") as file:
+                file.seek(offset)
+                return file.read() if length is None else file.read(length)
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise _failed(self._folder / name, error) from error
+
+    def size(self, name: str) -> int:
+        """Bytes of a file; 0 if there is no such file."""
+        try:
+            return (self._folder / name).stat().st_size
+        except FileNotFoundError:
+            return 0
+        except OSError as error:
+            raise _failed(self._folder / name, error) from error
+
+    def append(self, name: str, data: bytes) -> None:
+        """Write behind the end of a file, made if it is not there."""
+        self._write(name, os.O_WRONLY | os.O_CREAT | os.O_APPEND, data)
+
+    def replace(self, name: str, data: bytes) -> None:
+        """Write a file from its beginning; what it had is gone."""
+        self._write(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, data)
+
+    def truncate(self, name: str, length: int) -> None:
+        """Cut a file off behind its first bytes."""
+        try:
+            os.truncate(self._folder / name, length)
+        except OSError as error:
+            raise _failed(self._folder / name, error) from error
+
+    def rename(self, old: str, new: str) -> None:
+        """Give a file another's name; the other one is gone."""
+        try:
+            (self._folder / old).replace(self._folder / new)
+        except OSError as error:
+            raise _failed(self._folder / old, error) from error
+
+    def sync(self, name: str) -> None:
+        """Return when the file's content is on the disk."""
+        self._sync(self._folder / name)
+
+    def sync_folder(self) -> None:
+        """Return when the files' names are on the disk."""
+        self._sync(self._folder)
+
+    def _sync(self, path: Path) -> None:
+        try:
+            handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+            try:
+                os.fsync(handle)
+            finally:
+                os.close(handle)
+        except OSError as error:
+            raise _failed(path, error) from error
+
+    def _write(self, name: str, flags: int, data: bytes) -> None:
+        try:
+            with os.fdopen(open_regular(self._folder / name, flags), "wb") as file:
+                file.write(data)
+        except OSError as error:
+            raise _failed(self._folder / name, error) from error
+
+
+def open_regular(path: Path, flags: int) -> int:
+    """A handle of a regular file, which its owner alone may read if it is made; raises OSError for anything else.
+
+    To open a FIFO would wait for ever for its other end.
+    """
+    handle = os.open(path, flags | os.O_NONBLOCK, 0o600)
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise OSError(errno.EINVAL, "must be a regular file", path)
+    return handle
+
+
+def _failed(path: Path, error: OSError) -> MediumError:
+    return MediumError(f"store {path}: {error.strerror or error}", 0)
+
 
 CAPACITY: Final = 16 * 1024 * 1024
 """Bytes of a slot where nothing else is asked for: more than any release."""
@@ -43,17 +140,17 @@ class FolderBacking:
         """Bytes that a slot holds."""
         return self._capacity
 
-    def records(self) -> Mapping[Kind, bytes]:
+    def records(self) -> Mapping[RecordKind, bytes]:
         """The record of each kind whose file is whole."""
-        found = {kind: self._record(kind) for kind in Kind}
+        found = {kind: self._record(kind) for kind in RecordKind}
         return {kind: record for kind, record in found.items() if record is not None}
 
-    def keep(self, kind: Kind, record: bytes) -> None:
-        """Replace a record; a checkpoint (`Kind.STATE`) synchronises the slots first. Raises ValueError if the record
-        is too long; MediumError if the disk is full, or refuses."""
+    def keep(self, kind: RecordKind, record: bytes) -> None:
+        """Replace a record; a checkpoint (`RecordKind.STATE`) synchronises the slots first. Raises ValueError if the
+        record is too long; MediumError if the disk is full, or refuses."""
         if len(record) > MAX_RECORD:
             raise ValueError(f"record of {len(record)} bytes: must have at most {MAX_RECORD}")
-        if kind == Kind.STATE:
+        if kind == RecordKind.STATE:
             for slot in sorted(self._unsynced):
                 self._files.sync(_slot_file(slot))
                 self._files.sync_folder()
@@ -63,7 +160,7 @@ class FolderBacking:
         self._files.rename(_TEMPORARY, _record_file(kind))
         self._files.sync_folder()
 
-    def clear(self, slot: Slot, behind: int = 0) -> Work[None]:
+    def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
         """Empty a slot's file; `begin_again` asks for no part of one."""
         assert behind == 0
         self._written.pop(slot, None)
@@ -102,7 +199,7 @@ class FolderBacking:
             raise MediumError(f"slot {slot.name}: nothing was written at byte {offset + len(found)}", offset)
         return found
 
-    def _record(self, kind: Kind) -> bytes | None:
+    def _record(self, kind: RecordKind) -> bytes | None:
         raw = self._files.read(_record_file(kind))
         if raw is None or len(raw) < _HEADER.size:
             return None
@@ -111,7 +208,7 @@ class FolderBacking:
         return record if (magic, length, crc) == (_MAGIC, len(record), zlib.crc32(record)) else None
 
 
-def _record_file(kind: Kind) -> str:
+def _record_file(kind: RecordKind) -> str:
     return f"{kind.name.lower()}.record"
 
 

@@ -1,15 +1,15 @@
 """What outlives a loss of power besides the images: state, key list, calibrations and faults, over their records."""
 
 import hashlib
-from collections.abc import Collection
+import struct
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Final
 
-from can_bridge.flashing import calibrations, state
+from can_bridge.flashing import state
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Backing, Kind, Slot, Work
-from can_bridge.flashing.checking import Check, Fits, Release, Rules
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import Backing, Long, MediumError, RecordKind, Slot
+from can_bridge.flashing.checking import Fits, ImageCheck, Release, Rules
 from can_bridge.flashing.state import MOST_ATTEMPTS, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError
@@ -24,28 +24,28 @@ PIECE: Final = 4096
 class Remembered:
     """The records of a backing; what is missing or damaged counts as never kept. Arguments as of `Store`."""
 
-    def __init__(self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits, check: Check) -> None:
+    def __init__(self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits, check: ImageCheck) -> None:
         self.backing = backing
         self._root = root
         self._hardware = hardware
         self._fits = fits
         self._check = check
         records = backing.records()
-        self.state = _state(records.get(Kind.STATE, b""))
-        self.keys = _key_list(records.get(Kind.KEYS, b""), root)
-        self._calibrations = _calibrations(records.get(Kind.CALIBRATION, b""))
-        self.faults = records.get(Kind.FAULTS, b"")
+        self.state = _state(records.get(RecordKind.STATE, b""))
+        self.keys = _key_list(records.get(RecordKind.KEYS, b""), root)
+        self._calibrations = _calibrations(records.get(RecordKind.CALIBRATION, b""))
+        self.faults = records.get(RecordKind.FAULTS, b"")
 
     def keep(self, changed: StoreState) -> None:
         """Raises MediumError if it cannot be kept; nothing has changed then."""
-        self.backing.keep(Kind.STATE, state.encode(changed))
+        self.backing.keep(RecordKind.STATE, state.encode(changed))
         self.state = changed
 
     def keep_slot(self, slot: Slot, changed: SlotState) -> None:
-        """As `keep`, of one slot."""
+        """Keep the state of one slot, as `keep` does."""
         self.keep(self.state.with_slot(slot, changed))
 
-    def judged(self, slot: Slot) -> Work[tuple[Verdict, Release | None]]:
+    def judged(self, slot: Slot) -> Long[tuple[Verdict, Release | None]]:
         """Read a whole image from the memory and make every check."""
         standing = self.state.slots[slot]
         image = bytearray()
@@ -66,7 +66,7 @@ class Remembered:
         return self._check(bytes(image), rules)
 
     def take_keys(self, raw: bytes, needed: Collection[Slot]) -> None:
-        """As `Store.take_keys`; `needed` are the slots whose keys must stay."""
+        """See `Store.take_keys`; `needed` are the slots whose keys must stay."""
         listed = key_list.decode(raw, self._root)
         if self.keys is not None:
             if listed.version <= self.keys.version:
@@ -80,7 +80,7 @@ class Remembered:
                         f"key list: lacks key {signer.fingerprint}, which signed the confirmed release; confirm one by "
                         "another key first"
                     )
-        self.backing.keep(Kind.KEYS, raw)
+        self.backing.keep(RecordKind.KEYS, raw)
         self.keys = listed
 
     def calibration(self, digest: str) -> bytes | None:
@@ -88,21 +88,21 @@ class Remembered:
         return self._calibrations.get(digest)
 
     def keep_calibration(self, digest: str, blob: bytes | None) -> None:
-        """As `Store.keep_calibration`, for the release with this digest; those of releases that are gone go too."""
+        """See `Store.keep_calibration`, for the release with this digest; those of releases that are gone go too."""
         here = {slot.digest for slot in self.state.slots} - {digest}
         kept = {digest: kept for digest, kept in self._calibrations.items() if digest in here}
         if blob is not None:
             kept[digest] = blob
         try:
-            record = calibrations.encode(kept)
+            record = encode_calibrations(kept)
         except ValueError as error:
             raise ConfigError(str(error)) from error
-        self.backing.keep(Kind.CALIBRATION, record)
+        self.backing.keep(RecordKind.CALIBRATION, record)
         self._calibrations = kept
 
     def keep_faults(self, record: bytes) -> None:
         """Keep the fault memory's record; raises MediumError if it cannot be kept."""
-        self.backing.keep(Kind.FAULTS, record)
+        self.backing.keep(RecordKind.FAULTS, record)
         self.faults = record
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
@@ -128,6 +128,43 @@ def _key_list(record: bytes, root: PublicKey) -> KeyList | None:
 
 def _calibrations(record: bytes) -> dict[str, bytes]:
     try:
-        return calibrations.decode(record)
+        return decode_calibrations(record)
     except ValueError:
         return {}
+
+
+MAX_CALIBRATION: Final = 1024
+"""Bytes of one."""
+_MAGIC: Final = b"SWC1"
+_HEAD: Final = struct.Struct(">4sB")
+_ENTRY: Final = struct.Struct(">32sH")
+
+
+def encode_calibrations(kept: Mapping[str, bytes]) -> bytes:
+    """The record of calibrations by digest; raises ValueError for one that is too long."""
+    parts = [_HEAD.pack(_MAGIC, len(kept))]
+    for digest, blob in sorted(kept.items()):
+        if len(blob) > MAX_CALIBRATION:
+            raise ValueError(f"calibration of {digest[:8]}: {len(blob)} bytes, must be at most {MAX_CALIBRATION}")
+        parts.append(_ENTRY.pack(bytes.fromhex(digest), len(blob)) + blob)
+    return b"".join(parts)
+
+
+def decode_calibrations(raw: bytes) -> dict[str, bytes]:
+    """Calibrations by digest; raises ValueError if the record is damaged."""
+    kept = {}
+    try:
+        magic, count = _HEAD.unpack_from(raw)
+        at = _HEAD.size
+        for _ in range(count):
+            digest, length = _ENTRY.unpack_from(raw, at)
+            at += _ENTRY.size
+            if length > MAX_CALIBRATION:
+                raise ValueError(f"calibration of {length} bytes: must have at most {MAX_CALIBRATION}")
+            kept[digest.hex()] = raw[at : at + length]
+            at += length
+    except struct.error as error:
+        raise ValueError(f"calibrations: {len(raw)} bytes, of which the last are missing") from error
+    if magic != _MAGIC or at != len(raw):
+        raise ValueError(f"calibrations: {len(raw)} bytes, {at} used, must begin with {_MAGIC.decode()}")
+    return kept

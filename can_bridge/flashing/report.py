@@ -19,7 +19,7 @@ from typing import Any, Final
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot
 from can_bridge.flashing.boot import BootReason
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import BusError
@@ -42,7 +42,7 @@ class SlotReport:
         verdict: of the last boot; None if it did not look at this slot.
     """
 
-    phase: Phase
+    phase: SlotPhase
     name: str
     digest: str
     security_version: int
@@ -56,7 +56,7 @@ _STANDING: Final = tuple(one.name for one in fields(SlotReport) if one.name != "
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report:
+class StoreReport:
     """The store.
 
     Attributes:
@@ -85,15 +85,15 @@ class Report:
         return None if self.running is None else self.slots[self.running]
 
 
-def report_of(store: Store) -> Report:
-    """As the store stands now."""
+def report_of(store: Store) -> StoreReport:
+    """The report of the store as it stands now."""
     state, boot = store.state, store.last_boot
     verdicts = {} if boot is None else boot.verdicts
     first, second = (
         SlotReport(**{name: getattr(standing, name) for name in _STANDING}, verdict=verdicts.get(slot))
         for slot, standing in zip(Slot, state.slots, strict=True)
     )
-    return Report(
+    return StoreReport(
         slots=(first, second),
         running=store.running,
         active=state.active,
@@ -105,7 +105,7 @@ def report_of(store: Store) -> Report:
     )
 
 
-def encode(report: Report) -> bytes:
+def encode(report: StoreReport) -> bytes:
     """The identifier's value."""
     slots = (_NONE if slot is None else slot for slot in (report.running, report.active, report.next_boot))
     reason = 0 if report.reason is None else report.reason.value
@@ -119,7 +119,7 @@ def encode(report: Report) -> bytes:
     return raw
 
 
-def tree(report: Report) -> dict[str, Any]:
+def tree(report: StoreReport) -> dict[str, Any]:
     """The report as JSON has it, with all members of enumerations by their names."""
     slots = [{name: _named(value) for name, value in vars(slot).items()} for slot in report.slots]
     attempts = {level.name: count for level, count in report.failed_attempts.items()}
@@ -130,7 +130,7 @@ def _named(value: object) -> object:
     return value.name if isinstance(value, Enum) else value
 
 
-def decode(raw: bytes) -> Report:
+def decode(raw: bytes) -> StoreReport:
     """A report that came over a bus; raises BusError if it is none."""
     try:
         magic, *listed, reason, least, version, programming, calibration = _HEAD.unpack_from(raw)
@@ -141,7 +141,7 @@ def decode(raw: bytes) -> Report:
         if at != len(raw):
             raise ValueError(f"{len(raw)} bytes, must be {at}")
         running, active, next_boot = (None if slot == _NONE else Slot(slot) for slot in listed)
-        return Report(
+        return StoreReport(
             slots=(first, second),
             running=running,
             active=active,
@@ -163,7 +163,7 @@ def _slot(raw: bytes, at: int) -> tuple[SlotReport, int]:
     if len(raw) < at + size or (name and not is_name(name)):
         raise ValueError(f"name {name!r}")
     slot = SlotReport(
-        phase=Phase(phase),
+        phase=SlotPhase(phase),
         name=name,
         digest=digest.hex() if any(digest) else "",
         security_version=security_version,

@@ -25,7 +25,7 @@ from contract.release.manifest import FIRST_SECURITY_VERSION, LARGEST_SECURITY_V
 TRIAL_BOOTS: Final = 3
 """Boots of an activated image without a confirmation, before the store goes back to the confirmed one."""
 MOST_ATTEMPTS: Final = 255
-"""To which failed attempts are counted."""
+"""The number to which failed attempts are counted."""
 
 _MAGIC: Final = b"SWS1"
 _SLOT: Final = struct.Struct(">BBIII32s32s32sH")
@@ -34,7 +34,7 @@ _CRC: Final = struct.Struct(">I")
 _NO_SLOT: Final = 0xFF
 
 
-class Phase(IntEnum):
+class SlotPhase(IntEnum):
     """How far an image in a slot has come."""
 
     EMPTY = 0
@@ -65,7 +65,7 @@ class SlotState:
         boots_left: of the trial.
     """
 
-    phase: Phase = Phase.EMPTY
+    phase: SlotPhase = SlotPhase.EMPTY
     length: int = 0
     sha256: bytes = b""
     received: int = 0
@@ -80,7 +80,7 @@ class SlotState:
         return self.phase in _TRANSFERRED and (self.length, self.sha256) == (length, sha256)
 
 
-_TRANSFERRED: Final = frozenset({Phase.FILLING, Phase.CHECKED, Phase.TRIAL, Phase.CONFIRMED})
+_TRANSFERRED: Final = frozenset({SlotPhase.FILLING, SlotPhase.CHECKED, SlotPhase.TRIAL, SlotPhase.CONFIRMED})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,12 +102,12 @@ class StoreState:
     @property
     def on_trial(self) -> Slot | None:
         """The slot that is."""
-        return next((slot for slot in Slot if self.slots[slot].phase == Phase.TRIAL), None)
+        return next((slot for slot in Slot if self.slots[slot].phase == SlotPhase.TRIAL), None)
 
     @property
     def checked(self) -> Slot | None:
         """The slot that can be activated."""
-        return next((slot for slot in Slot if self.slots[slot].phase == Phase.CHECKED), None)
+        return next((slot for slot in Slot if self.slots[slot].phase == SlotPhase.CHECKED), None)
 
     @property
     def next_boot(self) -> Slot | None:
@@ -116,7 +116,7 @@ class StoreState:
         return trial if trial is not None and self.slots[trial].boots_left > 0 else self.active
 
     def with_slot(self, slot: Slot, state: SlotState, **others: Any) -> "StoreState":
-        """With another state of a slot, and other values of the rest."""
+        """The state with another one of a slot, and other values of the rest."""
         a, b = self.slots
         return replace(self, slots=(state, b) if slot == Slot.A else (a, state), **others)
 
@@ -168,9 +168,9 @@ def decode(raw: bytes) -> StoreState:
     )
     if least < FIRST_SECURITY_VERSION:
         raise ValueError(f"state: least security version {least}: must be {FIRST_SECURITY_VERSION} or more")
-    if state.active is not None and state.slots[state.active].phase != Phase.CONFIRMED:
+    if state.active is not None and state.slots[state.active].phase != SlotPhase.CONFIRMED:
         raise ValueError(f"state: slot {state.active.name} is active and not confirmed")
-    if first.phase == second.phase and first.phase in (Phase.CHECKED, Phase.TRIAL):
+    if first.phase == second.phase and first.phase in (SlotPhase.CHECKED, SlotPhase.TRIAL):
         raise ValueError(f"state: both slots are {first.phase.name}")
     return state
 
@@ -182,13 +182,13 @@ def _slot(body: bytes, at: int) -> tuple[SlotState, int]:
     if at + size > len(body):
         raise ValueError("state: ends within a name")
     name = body[at : at + size].decode()
-    is_known = phase in (Phase.CHECKED, Phase.TRIAL, Phase.CONFIRMED)
+    is_known = phase in (SlotPhase.CHECKED, SlotPhase.TRIAL, SlotPhase.CONFIRMED)
     if received > length or boots_left > TRIAL_BOOTS or security_version > LARGEST_SECURITY_VERSION:
         raise ValueError(f"state: {received} of {length} bytes, {boots_left} boots left: out of range")
     if is_known and (received != length or not is_name(name)):
-        raise ValueError(f"state: a slot is {Phase(phase).name} with {received} of {length} bytes, named {name!r}")
+        raise ValueError(f"state: a slot is {SlotPhase(phase).name} with {received} of {length} bytes, named {name!r}")
     slot = SlotState(
-        phase=Phase(phase),
+        phase=SlotPhase(phase),
         length=length,
         sha256=sha256 if length else b"",
         received=received,

@@ -15,12 +15,11 @@ import hashlib
 from dataclasses import replace
 from typing import Final
 
-from can_bridge.flashing.backing import Backing, Kind, Slot, Work, at_once
+from can_bridge.flashing.backing import Backing, Long, MediumError, RecordKind, Slot, at_once
 from can_bridge.flashing.boot import Boot, boot
-from can_bridge.flashing.checking import Check, Fits, check
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.checking import Fits, ImageCheck, check
 from can_bridge.flashing.remembered import PIECE, Remembered
-from can_bridge.flashing.state import TRIAL_BOOTS, Phase, SlotState, StoreState
+from can_bridge.flashing.state import TRIAL_BOOTS, SlotPhase, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import BusError, ConfigError
 from contract.release.key_list import KeyList
@@ -44,7 +43,9 @@ class Store:
         check: of an image: that of bundles, or `judge_image` for the images of microcontrollers.
     """
 
-    def __init__(self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits, check: Check = check) -> None:
+    def __init__(
+        self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits, check: ImageCheck = check
+    ) -> None:
         self._remembered = Remembered(backing, root=root, hardware=hardware, fits=fits, check=check)
         self._last_boot: Boot | None = None
         self._running: Slot | None = None
@@ -61,7 +62,7 @@ class Store:
         image: bytes | None,
         hardware: str,
         fits: Fits,
-        check: Check = check,
+        check: ImageCheck = check,
     ) -> "Store":
         """Fill an empty backing, at production: a key list, and an image as the confirmed one of slot A.
 
@@ -74,7 +75,7 @@ class Store:
         store = cls(backing, root=root, hardware=hardware, fits=fits, check=check)
         if store.state.active is not None:
             raise OutOfOrderError("the store has a confirmed release: it must be empty to be provisioned")
-        if backing.records().get(Kind.KEYS) != keys:
+        if backing.records().get(RecordKind.KEYS) != keys:
             store.take_keys(keys)
         if image is not None:
             at_once(store.announce(len(image), hashlib.sha256(image).digest()))
@@ -87,7 +88,7 @@ class Store:
 
     @property
     def state(self) -> StoreState:
-        """As it is kept."""
+        """The state that is kept."""
         return self._remembered.state
 
     @property
@@ -129,7 +130,7 @@ class Store:
 
     # Transfer.
 
-    def announce(self, length: int, sha256: bytes) -> Work[int]:
+    def announce(self, length: int, sha256: bytes) -> Long[int]:
         """Make room for an image. Returns the offset from which its bytes are wanted: more than 0 if an interrupted
         transfer of this very image stands there, `length` if all of it does; less than was received where the memory
         can go on only from there.
@@ -151,7 +152,7 @@ class Store:
         is_here = standing.holds(length, sha256) and not self._is_known_bad(slot)
         stays = self._stays(slot) if is_here else None
         wanted = stays or 0
-        announced = SlotState(phase=Phase.FILLING, length=length, sha256=sha256, received=wanted)
+        announced = SlotState(phase=SlotPhase.FILLING, length=length, sha256=sha256, received=wanted)
         if stays is None or stays < standing.received:
             # Until it is announced, what a cut leaves behind these bytes does not count.
             self._remembered.keep(self._without(slot).with_slot(slot, announced if stays else SlotState()))
@@ -166,7 +167,7 @@ class Store:
         if no image is announced, or these are more bytes than were; MediumError if the memory is bad: announce the
         image again."""
         slot, standing = self._transfer()
-        if standing.phase != Phase.FILLING or standing.received + len(data) > standing.length:
+        if standing.phase != SlotPhase.FILLING or standing.received + len(data) > standing.length:
             raise OutOfOrderError(
                 f"image: {len(data)} bytes behind {standing.received}: must end at the announced {standing.length}"
             )
@@ -175,8 +176,8 @@ class Store:
         self._remembered.keep_slot(slot, replace(standing, received=standing.received + len(data)))
         self._announced = slot
 
-    def finish(self) -> Work[Verdict]:
-        """Check the announced image as it lies in the memory; GOOD makes it `Phase.CHECKED`, INCOMPLETE leaves it.
+    def finish(self) -> Long[Verdict]:
+        """Check the announced image as it lies in the memory; GOOD makes it `SlotPhase.CHECKED`, INCOMPLETE leaves it.
 
         May be repeated until the image is activated. Raises OutOfOrderError if no image is announced; MediumError if
         the verdict cannot be kept.
@@ -185,11 +186,13 @@ class Store:
         if standing.received < standing.length:
             return Verdict.INCOMPLETE
         verdict, bundle = yield from self._remembered.judged(slot)
-        checked = SlotState(phase=Phase.BAD, length=standing.length, sha256=standing.sha256, received=standing.received)
+        checked = SlotState(
+            phase=SlotPhase.BAD, length=standing.length, sha256=standing.sha256, received=standing.received
+        )
         if bundle is not None:
             checked = replace(
                 checked,
-                phase=Phase.CHECKED,
+                phase=SlotPhase.CHECKED,
                 digest=bundle.digest,
                 name=bundle.name,
                 security_version=bundle.security_version,
@@ -216,7 +219,7 @@ class Store:
         if trial is not None:
             state = state.with_slot(trial, _given_up(state.slots[trial]))
         self._remembered.keep(
-            state.with_slot(slot, replace(state.slots[slot], phase=Phase.TRIAL, boots_left=TRIAL_BOOTS))
+            state.with_slot(slot, replace(state.slots[slot], phase=SlotPhase.TRIAL, boots_left=TRIAL_BOOTS))
         )
         self._announced = None
 
@@ -226,9 +229,9 @@ class Store:
         cannot be kept."""
         slot = self._running
         phase = None if slot is None else self.state.slots[slot].phase
-        if slot is None or phase not in (Phase.TRIAL, Phase.CONFIRMED):
+        if slot is None or phase not in (SlotPhase.TRIAL, SlotPhase.CONFIRMED):
             raise OutOfOrderError("no release to confirm: an activated one must run")
-        if phase == Phase.TRIAL:
+        if phase == SlotPhase.TRIAL:
             if self.keys is None or PublicKey(self.state.slots[slot].signer) not in self.keys.keys:
                 # It would not boot again, and the one before may be too old from now on.
                 raise OutOfOrderError("the release on trial is signed by a key that was taken off the list: revert it")
@@ -239,13 +242,13 @@ class Store:
         self._remembered.keep(
             self.state.with_slot(
                 slot,
-                replace(standing, phase=Phase.CONFIRMED, boots_left=0),
+                replace(standing, phase=SlotPhase.CONFIRMED, boots_left=0),
                 active=slot,
                 least_security_version=max(self.state.least_security_version, standing.security_version),
             )
         )
 
-    def revert(self) -> Work[Verdict]:
+    def revert(self) -> Long[Verdict]:
         """Go back, from the next reset on: from a trial to the confirmed release, or to the one before that. Returns
         GOOD, or why the release before may not run any more; nothing has changed then. Raises OutOfOrderError if there
         is no release before; MediumError if it cannot be kept."""
@@ -255,7 +258,7 @@ class Store:
             return Verdict.GOOD
         # By what runs: if the answer is lost, and the request comes again, it must not lead back to where it was.
         now = self._running if self._running is not None else active
-        if now is None or self.state.slots[now.other].phase != Phase.CONFIRMED:
+        if now is None or self.state.slots[now.other].phase != SlotPhase.CONFIRMED:
             raise OutOfOrderError("no release to go back to: none is on trial, and none was confirmed before")
         verdict, _ = yield from self._remembered.judged(now.other)
         if verdict == Verdict.GOOD and active != now.other:
@@ -269,7 +272,9 @@ class Store:
         confirmed release that could not boot any more: the active one, or the one that runs; MediumError if it cannot
         be kept."""
         needed = {slot for slot in (self.state.active, self._running) if slot is not None}
-        self._remembered.take_keys(raw, {slot for slot in needed if self.state.slots[slot].phase == Phase.CONFIRMED})
+        self._remembered.take_keys(
+            raw, {slot for slot in needed if self.state.slots[slot].phase == SlotPhase.CONFIRMED}
+        )
 
     def keep_calibration(self, blob: bytes | None) -> None:
         """Keep a calibration for the release that runs, or none.
@@ -288,7 +293,7 @@ class Store:
     def _writable_slot(self) -> Slot:
         """The slot that is not protected: by the release that runs, if it is confirmed, or by the confirmed one."""
         running, active = self._running, self.state.active
-        if running is None or (active is not None and self.state.slots[running].phase != Phase.CONFIRMED):
+        if running is None or (active is not None and self.state.slots[running].phase != SlotPhase.CONFIRMED):
             return Slot.A if active is None else active.other
         if active is not None and running != active and not self._is_known_bad(active):
             raise OutOfOrderError("the release before boots from the next reset on: reset the ECU first")
@@ -296,13 +301,13 @@ class Store:
 
     def _without(self, slot: Slot) -> StoreState:
         """The state with an empty slot; a confirmed release in the other one is active then."""
-        is_confirmed = self.state.slots[slot.other].phase == Phase.CONFIRMED
+        is_confirmed = self.state.slots[slot.other].phase == SlotPhase.CONFIRMED
         return self.state.with_slot(slot, SlotState(), active=slot.other if is_confirmed else None)
 
     def _is_known_bad(self, slot: Slot) -> bool:
         """Whether it was booted and failed, so that its image has to come again."""
         found = {} if self._last_boot is None else self._last_boot.verdicts
-        was_booted = self.state.slots[slot].phase in (Phase.TRIAL, Phase.CONFIRMED)
+        was_booted = self.state.slots[slot].phase in (SlotPhase.TRIAL, SlotPhase.CONFIRMED)
         return was_booted and found.get(slot, Verdict.GOOD) != Verdict.GOOD
 
     def _stays(self, slot: Slot) -> int | None:
@@ -319,4 +324,4 @@ class Store:
 
 
 def _given_up(standing: SlotState) -> SlotState:
-    return replace(standing, phase=Phase.BAD, boots_left=0)
+    return replace(standing, phase=SlotPhase.BAD, boots_left=0)

@@ -4,59 +4,40 @@ On the wire each is a byte in the answer to the routine that checks an image (`c
 """
 
 from enum import IntEnum
+from typing import Self
 
 
 class Verdict(IntEnum):
-    """The checks in the order in which they are made; the first one that fails is the verdict."""
+    """The checks in the order in which they are made; the first one that fails is the verdict. `in_words` is for
+    people."""
 
-    GOOD = 0
-    INCOMPLETE = 1
-    """Bytes of the announced image are missing."""
-    WRONG_HASH = 2
+    in_words: str
+
+    def __new__(cls, value: int, in_words: str = "") -> Self:
+        """Make a member of its byte and its words."""
+        made = int.__new__(cls, value)
+        made._value_, made.in_words = value, in_words
+        return made
+
+    GOOD = 0, "in order"
+    INCOMPLETE = 1, "bytes of the image are missing"
+    WRONG_HASH = 2, "the image is not the one that was announced: its SHA-256 differs"
     """The image is not the announced one: damaged on the way, or in the memory."""
-    DAMAGED = 3
+    DAMAGED = 3, "the image is no bundle in order"
     """No image of a bundle, or one whose manifest, files or graphs are not in order."""
-    UNSIGNED = 4
-    BAD_SIGNATURE = 5
-    UNKNOWN_KEY = 6
-    """Signed by a key that the key list does not allow."""
-    REVOKED_KEY = 7
-    """Signed by a key that the key list revokes."""
-    WRONG_DBC = 8
-    WRONG_HARDWARE = 9
-    WRONG_PERIOD = 10
-    WRONG_VEHICLE = 11
+    UNSIGNED = 4, "the bundle is not signed"
+    BAD_SIGNATURE = 5, "the bundle's signature is not good"
+    UNKNOWN_KEY = 6, "the bundle is signed by a key that this ECU does not know"
+    REVOKED_KEY = 7, "the bundle is signed by a key that was revoked"
+    WRONG_DBC = 8, "the bundle was made for another stillwake.dbc"
+    WRONG_HARDWARE = 9, "the bundle was made for other ECU hardware"
+    WRONG_PERIOD = 10, "the bundle was made for another control period"
+    WRONG_VEHICLE = 11, "the bundle was made for another vehicle"
     """Another operating point, action limit or number of sensors."""
-    TOO_OLD = 12
+    TOO_OLD = 12, "the bundle's security version is older than this ECU allows"
     """Its security version is below that of a release that was confirmed here."""
-    UNREADABLE = 13
-    """The memory does not give it back."""
-    EMPTY = 14
-    """Nothing is in the slot."""
-    WRONG_BUILD = 15
+    UNREADABLE = 13, "the memory does not give the image back"
+    EMPTY = 14, "the slot is empty"
+    WRONG_BUILD = 15, "the image was made for another build of the firmware, or has numbers that no ECU can run"
     """Its numbers are laid out for another firmware, judged right after WRONG_DBC; or its payload is too short or has a
     number that no ECU can run, judged last."""
-
-    @property
-    def in_words(self) -> str:
-        return _WORDS[self]
-
-
-_WORDS = {
-    Verdict.GOOD: "in order",
-    Verdict.INCOMPLETE: "bytes of the image are missing",
-    Verdict.WRONG_HASH: "the image is not the one that was announced: its SHA-256 differs",
-    Verdict.DAMAGED: "the image is no bundle in order",
-    Verdict.UNSIGNED: "the bundle is not signed",
-    Verdict.BAD_SIGNATURE: "the bundle's signature is not good",
-    Verdict.UNKNOWN_KEY: "the bundle is signed by a key that this ECU does not know",
-    Verdict.REVOKED_KEY: "the bundle is signed by a key that was revoked",
-    Verdict.WRONG_DBC: "the bundle was made for another stillwake.dbc",
-    Verdict.WRONG_HARDWARE: "the bundle was made for other ECU hardware",
-    Verdict.WRONG_PERIOD: "the bundle was made for another control period",
-    Verdict.WRONG_VEHICLE: "the bundle was made for another vehicle",
-    Verdict.TOO_OLD: "the bundle's security version is older than this ECU allows",
-    Verdict.UNREADABLE: "the memory does not give the image back",
-    Verdict.EMPTY: "the slot is empty",
-    Verdict.WRONG_BUILD: "the image was made for another build of the firmware, or has numbers that no ECU can run",
-}

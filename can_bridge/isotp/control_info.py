@@ -51,7 +51,7 @@ class Consecutive(NamedTuple):
     data: bytes
 
 
-class Flow(NamedTuple):
+class FlowControl(NamedTuple):
     """The receiver's answer: how many frames until the next one (0: all), and the least time between two, ns."""
 
     status: FlowStatus | None
@@ -59,7 +59,7 @@ class Flow(NamedTuple):
     separation_ns: int
 
 
-def parse(data: bytes) -> Single | First | Consecutive | Flow | None:
+def parse(data: bytes) -> Single | First | Consecutive | FlowControl | None:
     """The part that a frame has, or None for one that a receiver ignores by the standard. Never raises."""
     if not data:
         return None
@@ -72,7 +72,7 @@ def parse(data: bytes) -> Single | First | Consecutive | Flow | None:
         return Consecutive(low, data[1:])
     if kind == _FLOW and len(data) >= 3:
         status = FlowStatus(low) if low <= FlowStatus.OVERFLOW else None
-        return Flow(status, data[1], separation_ns(data[2]))
+        return FlowControl(status, data[1], separation_ns(data[2]))
     return None
 
 
@@ -133,5 +133,6 @@ def flow(status: FlowStatus, *, block_size: int = 0, separation_code: int = 0) -
 
 
 def padded(data: bytes) -> bytes:
-    """With `PADDING` up to the next length that a frame can have, and to 8 bytes at least; for at most 64 bytes."""
+    """The data with `PADDING` up to the next length that a frame can have, and to 8 bytes at least; for at most 64
+    bytes."""
     return data.ljust(FRAME_LENGTHS[bisect_left(FRAME_LENGTHS, len(data))], bytes([PADDING]))

@@ -5,36 +5,201 @@ over the wire leads to a message, to an answer or to nothing, never to an except
 """
 
 from collections import deque
-from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Final
 
 from can_bridge.isotp import control_info
-from can_bridge.isotp.control_info import Consecutive, First, Flow, FlowStatus, Single
-from can_bridge.isotp.reception import Reception
+from can_bridge.isotp.control_info import SEQUENCE_NUMBERS, Consecutive, First, FlowControl, FlowStatus, Single
 from can_bridge.isotp.settings import IsoTpSettings
-from can_bridge.isotp.transmission import Transmission
 from can_bridge.wire.frame import Frame
 
-KEPT: Final = 2
-"""Places in the queue of messages to be sent for those of a request that is worked on: that it takes longer, and its
-answer."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class Losses:
-    """Messages that did not arrive, since the start.
+class _Reception:
+    """The receiving of at most one message.
 
     Attributes:
-        aborted_receptions: begun by the other end and not ended, or replaced by a new message.
-        aborted_transmissions: begun by us and not ended.
-        dropped_received: whole, with no room left for them because those before were not taken.
-        dropped_sent: not begun, because too many wait already.
+        aborted: messages that were begun and not ended.
     """
 
-    aborted_receptions: int = 0
-    aborted_transmissions: int = 0
-    dropped_received: int = 0
-    dropped_sent: int = 0
+    def __init__(self, settings: IsoTpSettings) -> None:
+        self._settings = settings
+        self._wanted = 0
+        self._frame_length = 0
+        self._next_number = 0
+        self._left_in_block = 0
+        self._deadline_ns = 0
+        self._data = bytearray()
+        self.aborted = 0
+
+    @property
+    def is_running(self) -> bool:
+        return self._wanted > 0
+
+    def abort(self) -> None:
+        """Drop what has come of a message."""
+        if self._wanted:
+            self.aborted += 1
+            self._wanted = 0
+            self._data.clear()
+
+    def tick(self, now_ns: int) -> None:
+        """Drop a message whose next frame is overdue."""
+        if self._wanted and now_ns > self._deadline_ns:
+            self.abort()
+
+    def first(self, now_ns: int, part: First) -> FlowStatus:
+        """A message begins, and replaces one that is on the way; the result is our answer."""
+        self.abort()
+        if part.length > self._settings.max_message:
+            return FlowStatus.OVERFLOW
+        self._wanted = part.length
+        self._frame_length = part.frame_length
+        self._data += part.data
+        self._next_number = 1
+        self._left_in_block = self._settings.block_size
+        self._deadline_ns = now_ns + self._settings.n_cr_ns
+        return FlowStatus.CONTINUE
+
+    def consecutive(self, now_ns: int, part: Consecutive) -> tuple[bytes | None, FlowStatus | None]:
+        """The next piece: the message if it is whole now, and our answer if one is due."""
+        if not self._wanted:
+            return None, None
+        if part.number != self._next_number:
+            self.abort()
+            return None, None
+        missing = self._wanted - len(self._data)
+        longest = self._frame_length - 1
+        if not min(missing, longest) <= len(part.data) <= longest:
+            # Only a last frame may be shorter than the first. The next one then has the wrong number.
+            return None, None
+        self._data += part.data[:missing]
+        self._next_number = (self._next_number + 1) % SEQUENCE_NUMBERS
+        self._deadline_ns = now_ns + self._settings.n_cr_ns
+        if len(self._data) == self._wanted:
+            message = bytes(self._data)
+            self._data.clear()
+            self._wanted = 0
+            return message, None
+        if self._left_in_block:
+            self._left_in_block -= 1
+            if not self._left_in_block:
+                self._left_in_block = self._settings.block_size
+                return None, FlowStatus.CONTINUE
+        return None, None
+
+
+class _State(Enum):
+    IDLE = auto()
+    READY = auto()
+    """Nothing of the message was sent yet."""
+    WAITING = auto()
+    """The receiver has not answered with flow control."""
+    SENDING = auto()
+
+
+class _Transmission:
+    """The sending of at most one message.
+
+    Attributes:
+        aborted: messages that were begun and not ended.
+    """
+
+    def __init__(self, settings: IsoTpSettings) -> None:
+        self._settings = settings
+        self._state = _State.IDLE
+        self._message = b""
+        self._sent = 0
+        self._number = 0
+        self._block_size = 0
+        self._left_in_block = 0
+        self._separation_ns = 0
+        self._not_before_ns = 0
+        self._deadline_ns = 0
+        self._waits = 0
+        self.aborted = 0
+
+    @property
+    def is_running(self) -> bool:
+        return self._state is not _State.IDLE
+
+    @property
+    def length(self) -> int:
+        """Bytes of the message under way; 0 without one."""
+        return len(self._message)
+
+    def begin(self, message: bytes) -> None:
+        """Take a message; only while none is under way."""
+        self._message = message
+        self._state = _State.READY
+
+    def tick(self, now_ns: int) -> None:
+        """Give up a message whose flow control is overdue."""
+        if self._state is _State.WAITING and now_ns > self._deadline_ns:
+            self._abort()
+
+    def flow(self, now_ns: int, part: FlowControl) -> None:
+        """The receiver's answer; ignored while none is due."""
+        if self._state is not _State.WAITING:
+            return
+        if part.status is FlowStatus.CONTINUE:
+            self._state = _State.SENDING
+            self._left_in_block = self._block_size = part.block_size
+            self._separation_ns = part.separation_ns
+            self._not_before_ns = now_ns
+            self._waits = 0
+        elif part.status is FlowStatus.WAIT and self._waits < self._settings.max_waits:
+            self._waits += 1
+            self._deadline_ns = now_ns + self._settings.n_bs_ns
+        else:
+            self._abort()
+
+    def next_frame(self, now_ns: int) -> bytes | None:
+        """Data of the frame that may be sent now, if one may."""
+        if self._state is _State.READY:
+            return self._beginning(now_ns)
+        if self._state is not _State.SENDING or now_ns < self._not_before_ns:
+            return None
+        data = self._message[self._sent : self._sent + self._settings.frame_length - 1]
+        frame = control_info.consecutive(self._number, data)
+        self._sent += len(data)
+        self._number = (self._number + 1) % SEQUENCE_NUMBERS
+        self._not_before_ns = now_ns + self._separation_ns
+        if self._sent == len(self._message):
+            self._end()
+        elif self._left_in_block:
+            self._left_in_block -= 1
+            if not self._left_in_block:
+                self._wait(now_ns)
+        return frame
+
+    def _beginning(self, now_ns: int) -> bytes:
+        length = self._settings.frame_length
+        if len(self._message) <= control_info.capacity(length):
+            frame = control_info.single(self._message)
+            self._end()
+            return frame
+        frame = control_info.first(self._message, length)
+        self._sent, self._number = length - 2, 1
+        self._waits = 0
+        self._wait(now_ns)
+        return frame
+
+    def _wait(self, now_ns: int) -> None:
+        self._state = _State.WAITING
+        self._deadline_ns = now_ns + self._settings.n_bs_ns
+
+    def _abort(self) -> None:
+        self.aborted += 1
+        self._end()
+
+    def _end(self) -> None:
+        self._state = _State.IDLE
+        self._message = b""
+
+
+KEPT_PLACES: Final = 2
+"""Places in the queue of messages to be sent for those of a request that is worked on: that it takes longer, and its
+answer."""
 
 
 class Endpoint:
@@ -42,27 +207,29 @@ class Endpoint:
 
     Attributes:
         is_held: what came last is still worked on, and there is no room for another one of several frames.
+        dropped_received: whole messages for which there was no room because those before were not taken.
+        dropped_sent: messages not begun, because too many waited already.
     """
 
     def __init__(self, settings: IsoTpSettings) -> None:
         self._settings = settings
-        self._reception = Reception(settings)
-        self._transmission = Transmission(settings)
+        self._reception = _Reception(settings)
+        self._transmission = _Transmission(settings)
         self._answer: FlowStatus | None = None
         self._received = deque[bytes]()
         self._to_send = deque[bytes]()
-        self._dropped_received = 0
-        self._dropped_sent = 0
+        self.dropped_received = self.dropped_sent = 0
         self.is_held = False
 
     @property
-    def losses(self) -> Losses:
-        return Losses(
-            aborted_receptions=self._reception.aborted,
-            aborted_transmissions=self._transmission.aborted,
-            dropped_received=self._dropped_received,
-            dropped_sent=self._dropped_sent,
-        )
+    def aborted_receptions(self) -> int:
+        """Messages begun by the other end and not ended, or replaced by a new message."""
+        return self._reception.aborted
+
+    @property
+    def aborted_transmissions(self) -> int:
+        """Messages begun by us and not ended."""
+        return self._transmission.aborted
 
     @property
     def is_receiving(self) -> bool:
@@ -81,8 +248,8 @@ class Endpoint:
 
     @property
     def is_full(self) -> bool:
-        """Whether so many messages wait that only `KEPT` more find a place."""
-        return len(self._to_send) + KEPT >= self._settings.queue
+        """Whether so many messages wait that only `KEPT_PLACES` more find a place."""
+        return len(self._to_send) + KEPT_PLACES >= self._settings.queue
 
     def receive(self, now_ns: int, frame: Frame) -> None:
         """Take a frame from the bus; frames for others are ignored."""
@@ -102,7 +269,7 @@ class Endpoint:
             self._reception.abort()
             if len(part.data) <= self._settings.max_message:
                 self._keep(part.data)
-        elif isinstance(part, Flow):
+        elif isinstance(part, FlowControl):
             self._transmission.flow(now_ns, part)
 
     def send(self, message: bytes) -> bool:
@@ -111,7 +278,7 @@ class Endpoint:
         if not 0 < len(message) <= control_info.MAX_MESSAGE:
             raise ValueError(f"message of {len(message)} bytes: must have 1..{control_info.MAX_MESSAGE}")
         if len(self._to_send) == self._settings.queue:
-            self._dropped_sent += 1
+            self.dropped_sent += 1
             return False
         self._to_send.append(bytes(message))
         return True
@@ -148,7 +315,7 @@ class Endpoint:
 
     def _keep(self, message: bytes) -> None:
         if len(self._received) == self._settings.queue:
-            self._dropped_received += 1
+            self.dropped_received += 1
         else:
             self._received.append(message)
 

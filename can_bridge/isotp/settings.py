@@ -71,7 +71,7 @@ class IsoTpSettings:
 
 
 def classic(*, receive_id: int, send_id: int, is_extended: bool = False) -> IsoTpSettings:
-    """For a bus without CAN FD."""
+    """Settings for a bus without CAN FD."""
     return IsoTpSettings(
         receive_id=receive_id, send_id=send_id, is_extended=is_extended, frame_length=CLASSIC_LENGTH, is_fd=False
     )

@@ -15,17 +15,17 @@ from can_bridge.logs.entries import (
     BRS,
     COMMENT,
     ESI,
-    FD,
-    HEADER,
+    FD_FRAME,
+    HEADER_LINE,
     IDS,
     NOT_OURS,
     REQUEST,
     XL,
     CutOffError,
     Entry,
-    Event,
     Ident,
     Lines,
+    LogEvent,
     bytes_of,
     error_frame,
     frame,
@@ -80,21 +80,21 @@ def read_asc(lines: Lines) -> Iterator[Entry]:
         words = text.split()
         try:
             if text.startswith(("//", ";")):
-                yield Event(COMMENT)
+                yield LogEvent(COMMENT)
             elif begin := _BEGIN.match(text):
                 clock.begin(begin[1], is_relative=is_relative)
                 in_block = True
-                yield Event(HEADER)
+                yield LogEvent(HEADER_LINE)
             elif _END.match(text):
                 in_block = False
-                yield Event(HEADER)
+                yield LogEvent(HEADER_LINE)
             elif _TIME.fullmatch(words[0]) and len(words) > 1:
                 if not line.endswith("\n") and in_block:
                     break
                 has_times = True
                 time_s = clock.of(float(words[0]), is_relative=is_relative)
                 entry = _entry(time_s, words, text, base)
-                if not isinstance(entry, Event):
+                if not isinstance(entry, LogEvent):
                     clock.place(entry.timestamp, is_relative=is_relative)
                     entry.timestamp += clock.offset_s
                 yield entry
@@ -102,11 +102,11 @@ def read_asc(lines: Lines) -> Iterator[Entry]:
                 base = base if found is None else 10 if found[1].lower() == "dec" else 16
                 timestamps = _TIMESTAMPS.search(text)
                 is_relative = is_relative if timestamps is None else timestamps[1].lower() == "relative"
-                yield Event(HEADER)
+                yield LogEvent(HEADER_LINE)
             elif not has_times or "internal events logged" in text.lower() or words[0].lower() == "date":
                 if text[0] in _NUMERIC:
                     raise ValueError(f"{quoted(text, 60)} has no time in seconds, with a decimal point")
-                yield Event(HEADER)
+                yield LogEvent(HEADER_LINE)
             else:
                 raise ValueError(f"{quoted(text, 60)} is neither frame nor event")
         except ValueError as error:
@@ -193,14 +193,14 @@ def _entry(time_s: float, words: list[str], text: str, base: int) -> Entry:
             raise ValueError(f"{quoted(text, 60)} has neither Rx nor Tx behind the identifier")
         return _event(words[2], text)
     if direction == "txrq":
-        return Event(REQUEST)
+        return LogEvent(REQUEST)
     if len(words) < 5:
         raise ValueError(f"{quoted(text, 60)} ends before its length")
     found = _identifier(words[2], base)
     if found is None and (numbered := _NUMBER_OF_NAME.search(text)):
         found = int(numbered[1]), bool(numbered[2])
     if found is None:
-        return Event(NOT_OURS)
+        return LogEvent(NOT_OURS)
     is_rx = direction == "rx"
     match words[4].lower():
         case "r":
@@ -219,40 +219,40 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
     if words[4].lower() == "errorframe":
         return error_frame(time_s, channel)
     if direction == "txrq":
-        return Event(REQUEST)
+        return LogEvent(REQUEST)
     # The name behind the identifier is often left out.
     rest = words[5:] if words[5:6] and words[5] in ("0", "1") else words[6:]
     if len(rest) < 4:
         raise ValueError(f"{quoted(' '.join(words), 60)} ends before its length")
     found = _identifier(words[4], base)
     if found is None:
-        return Event(NOT_OURS)
+        return LogEvent(NOT_OURS)
     code, length, is_rx = int(rest[2], base), int(rest[3]), direction == "rx"
     trailing = rest[4 + length :]
     flags = int(trailing[_FLAGS], 16) if len(trailing) >= _TRAILING else 0
     fd = BRS * (rest[0] == "1") | ESI * (rest[1] == "1")
     # Writers that know nothing of the flags leave them 0.
     if flags & _FD_FLAG or fd & BRS or length > 8 or not (flags or (length == 8 and code > 8)):
-        fd |= FD
+        fd |= FD_FRAME
     elif flags & _REMOTE_FLAG:
         return frame(time_s, channel, found, None, dlc=length_of(code, is_fd=False), is_rx=is_rx)
-    if length != length_of(code, is_fd=bool(fd & FD)):
+    if length != length_of(code, is_fd=bool(fd & FD_FRAME)):
         raise ValueError(f"length code {code} does not stand for {length} bytes")
-    return frame(time_s, channel, found, bytes_of(rest[4:], length, base), fd=fd if fd & FD else 0, is_rx=is_rx)
+    return frame(time_s, channel, found, bytes_of(rest[4:], length, base), fd=fd if fd & FD_FRAME else 0, is_rx=is_rx)
 
 
-def _event(word: str, text: str) -> Event:
-    """By its first word; variables and signals, whose first words are their own names, by their marks."""
+def _event(word: str, text: str) -> LogEvent:
+    """An event by its first word; variables and signals, whose first words are their own names, by their marks."""
     if "GMGroup:" in text:
-        return Event("marker")
+        return LogEvent("marker")
     if ":=" in text:
-        return Event("environment variable")
+        return LogEvent("environment variable")
     if "::" in text and "=" in text and "SV:" not in text:
-        return Event("signal")
+        return LogEvent("signal")
     if not word[:1].isascii() or not (word[0].isalpha() or word[0] == "/"):
         raise ValueError(f"{quoted(text, 60)} is neither frame nor event")
     name = word.lower().rstrip(":").split(":")[0]
-    return Event(_EVENTS.get("//" if name.startswith("//") else name, word.rstrip(":")))
+    return LogEvent(_EVENTS.get("//" if name.startswith("//") else name, word.rstrip(":")))
 
 
 def _identifier(word: str, base: int) -> Ident | None:

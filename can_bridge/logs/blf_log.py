@@ -18,7 +18,7 @@ from can_bridge.logs.entries import (
     Binary,
     CutOffError,
     Entry,
-    Event,
+    LogEvent,
     SinceEpoch,
     error_frame,
     frame,
@@ -108,7 +108,7 @@ class Objects:
     def _entry(self, kind: int, one: bytes, header: int, start_ns: int) -> Entry:
         self.count += 1
         if kind not in _FRAMES:
-            return Event(_NAMES.get(kind, f"object of type {kind}"))
+            return LogEvent(_NAMES.get(kind, f"object of type {kind}"))
         flags, stamp = _STAMP.unpack_from(one, _BASE.size)
         time_s = (start_ns + stamp * (10_000 if flags == _TEN_MICROSECONDS else 1)) / 1e9
         if kind in _MESSAGES:
@@ -168,10 +168,10 @@ def _unpacked(container: bytes) -> bytes:
 
 def _frame(
     time_s: float, channel: int, frame_id: int, code: int, data: bytes, flags: int, fd: int = 0
-) -> can.Message | Event:
+) -> can.Message | LogEvent:
     """`flags` has the direction and the remote bit, `fd` those of `can_bridge.logs.entries.FD` and behind."""
     if flags & _DIRECTION == _TX_REQUEST:
-        return Event(REQUEST)
+        return LogEvent(REQUEST)
     length, is_rx = length_of(code, is_fd=bool(fd)), flags & _DIRECTION != _TX
     ident = (frame_id & ~_EXTENDED, bool(frame_id & _EXTENDED))
     if flags & _REMOTE and not fd:

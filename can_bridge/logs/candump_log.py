@@ -16,13 +16,13 @@ from can_bridge.logs.entries import (
     BRS,
     COMMENT,
     ESI,
-    FD,
+    FD_FRAME,
     XL,
     CutOffError,
     Entry,
-    Event,
     Ident,
     Lines,
+    LogEvent,
     SinceEpoch,
     bytes_of,
     check_length,
@@ -58,14 +58,14 @@ def read_candump(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
         text = _COLOUR.sub("", line).strip()
         try:
             if text.startswith(("#", "//", ";")):
-                yield Event(COMMENT)
+                yield LogEvent(COMMENT)
             elif after_error and line.startswith(("\t", " ")) and not _SCREEN.fullmatch(text):
                 # `candump -e` explains an error frame in the lines below it.
-                yield Event("description of an error frame")
+                yield LogEvent("description of an error frame")
             else:
                 entry = _entry(text, clock, is_whole=line.endswith("\n"))
                 yield entry
-                after_error = not isinstance(entry, Event) and entry.is_error_frame
+                after_error = not isinstance(entry, LogEvent) and entry.is_error_frame
         except ValueError as error:
             raise ValueError(f"line {number}: {error}") from None
     clock.check()
@@ -112,18 +112,18 @@ def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:
         if not is_whole and direction is None:
             raise CutOffError("its last line has no end, and may be the part of one")
         if body.startswith("##"):
-            return Event(XL)
+            return LogEvent(XL)
         return _logged(clock.of(time, channel), channel, _ident(digits), body, is_rx=direction not in ("T", "t"))
     if (screen := _SCREEN.fullmatch(text)) is None:
         raise ValueError(f"{quoted(text, 60)} is no line of candump")
     time, channel, direction, digits, length, code, rest = screen.groups()
     if length is not None and int(length) > FD_LENGTHS[-1]:
-        return Event(XL)
+        return LogEvent(XL)
     time_s, ident, is_rx, rest = clock.of(time, channel), _ident(digits), direction != "TX", rest or ""
     if ident[1] and ident[0] & _ERROR:
         return error_frame(time_s, channel, ident[0] & ~_ERROR)
     # {} has the length code, [8] the bytes of classic CAN, [08] those of CAN FD.
-    fd = FD if code is None and len(length) > 1 else 0
+    fd = FD_FRAME if code is None and len(length) > 1 else 0
     count = length_of(int(code, 16), is_fd=False) if length is None else check_length(int(length), is_fd=bool(fd))
     if rest.startswith("remote request"):
         return frame(time_s, channel, ident, None, dlc=count, is_rx=is_rx)
@@ -143,7 +143,7 @@ def _logged(time_s: float, channel: str, ident: Ident, body: str, *, is_rx: bool
         return frame(time_s, channel, ident, None, dlc=int(remote[1] or 0), is_rx=is_rx)
     fd = 0
     if flags := _FD.fullmatch(body):
-        fd, body = FD | BRS * (int(flags[1], 16) & 1) | ESI * (int(flags[1], 16) >> 1 & 1), flags[2]
+        fd, body = FD_FRAME | BRS * (int(flags[1], 16) & 1) | ESI * (int(flags[1], 16) >> 1 & 1), flags[2]
     if (bare := _DATA.fullmatch(body)) is None:
         raise ValueError(f"{quoted(body, 60)} is no data of a frame")
     data = bytes.fromhex(bare[1].replace(".", ""))

@@ -12,20 +12,20 @@ import can
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_EXTENDED_ID
 from can_bridge.wire.message_specs import SPECS
 
-HEADER: Final = "header"
+HEADER_LINE: Final = "header"
 COMMENT: Final = "comment"
 REQUEST: Final = "transmit request"
 """A node has asked for a frame to be sent: the frame itself is another entry, or never came."""
 NOT_OURS: Final = "frame by a name that is not ours"
-"""Of a log with names in place of identifiers."""
+"""The name of such a frame in a log with names in place of identifiers."""
 XL: Final = "CAN XL frame"
 
 IDS: Final = {spec.name: spec.frame_id for spec in SPECS}
 """Identifiers of our messages, by the names that a log written with our DBC has for them."""
 FD_IDS: Final = frozenset(spec.frame_id for spec in SPECS if spec.is_fd)
 
-FD, BRS, ESI = 1, 2, 4
-"""Of a frame: it is one of CAN FD, it switched the bit rate, its sender was error passive."""
+FD_FRAME, BRS, ESI = 1, 2, 4
+"""Bits of a frame: it is one of CAN FD, it switched the bit rate, its sender was error passive."""
 PROTOCOL, NO_ACK = 0x8, 0x20
 _CLASSES: Final = ("transmit timeout", "arbitration lost", "controller", "protocol", "transceiver")
 ERROR_CLASSES: Final = (*_CLASSES, "no acknowledgement", "bus off", "bus error", "restarted", "error counters")
@@ -36,10 +36,10 @@ _BYTE: Final = {16: re.compile("[0-9A-Fa-f]{2}"), 10: re.compile("[0-9]{1,3}")}
 Binary = BinaryIO | GzipFile
 """An open file, packed or not."""
 SinceEpoch = Callable[[datetime], float]
-"""From a start that a file has in local time, without its zone, to s since the epoch."""
+"""Makes s since the epoch of a start that a file has in local time, without its zone."""
 
 
-class Event(NamedTuple):
+class LogEvent(NamedTuple):
     """One or more lines, or objects of a binary file, that are no frame, by what they are."""
 
     name: str
@@ -50,7 +50,7 @@ class CutOffError(Exception):
     """The end of a file is missing; the message says by what that shows."""
 
 
-Entry = can.Message | Event
+Entry = can.Message | LogEvent
 Ident = tuple[int, bool]
 """An identifier, and whether it has 29 bits."""
 
@@ -72,7 +72,7 @@ def frame(
     """A data frame, or without data a remote frame of a length. Raises ValueError for an identifier that is none.
 
     Args:
-        fd: bits of `FD`, `BRS` and `ESI`; 0 for classic CAN.
+        fd: bits of `FD_FRAME`, `BRS` and `ESI`; 0 for classic CAN.
     """
     if not 0 <= ident[0] <= MAX_EXTENDED_ID:
         raise ValueError(f"identifier {ident[0]:X}, must have at most 29 bits")
@@ -81,7 +81,7 @@ def frame(
         arbitration_id=ident[0],
         is_extended_id=ident[1],
         is_remote_frame=data is None,
-        is_fd=bool(fd & FD),
+        is_fd=bool(fd & FD_FRAME),
         is_rx=is_rx,
         bitrate_switch=bool(fd & BRS),
         error_state_indicator=bool(fd & ESI),
@@ -140,7 +140,7 @@ class Lines:
 
 
 def _encoding(head: bytes) -> str:
-    """By the mark of the byte order, or by the zeros between the characters of UTF-16."""
+    """The encoding, by the mark of the byte order or by the zeros between the characters of UTF-16."""
     if head[:3] == b"\xef\xbb\xbf":
         return "utf-8-sig"
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):

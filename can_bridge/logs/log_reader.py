@@ -17,13 +17,13 @@ import can
 from can_bridge.logs.asc_log import read_asc
 from can_bridge.logs.blf_log import Objects
 from can_bridge.logs.candump_log import read_candump
-from can_bridge.logs.entries import Binary, CutOffError, Entry, Event, Lines
+from can_bridge.logs.entries import Binary, CutOffError, Entry, Lines, LogEvent
 from can_bridge.logs.mdf_log import Records
-from can_bridge.logs.table_log import COLUMNS, Rows, read_csv
+from can_bridge.logs.table_log import TABLE_COLUMNS, TableRows, read_csv
 from can_bridge.logs.trc_log import read_trc
 from contract.errors import BusError
 
-SUFFIXES: Final = (".log", ".asc", ".blf", ".trc", ".mf4", ".csv", ".db")
+LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".trc", ".mf4", ".csv", ".db")
 PACKED: Final = ".gz"
 _UNPACKED: Final = (".mf4", ".db")
 """Read by libraries that need the file itself."""
@@ -47,26 +47,26 @@ def is_log(path: Path) -> bool:
     """Whether this is a log, by its name; a CSV by its first line, which python-can's logger writes always alike."""
     suffix = suffix_of(path)
     if suffix != ".csv" or path.suffix.lower() == PACKED:
-        return suffix in SUFFIXES
+        return suffix in LOG_SUFFIXES
     try:
         with path.open("rb") as file:
-            return file.read(len(COLUMNS)) == COLUMNS.encode()
+            return file.read(len(TABLE_COLUMNS)) == TABLE_COLUMNS.encode()
     except OSError:
         return False
 
 
 def check_suffix(path: Path) -> None:
     """Refuse what no reader knows by its name. Raises BusError for another ending."""
-    if suffix_of(path) not in SUFFIXES:
+    if suffix_of(path) not in LOG_SUFFIXES:
         raise BusError(
-            f"{path}: a log must end in {', '.join(SUFFIXES)}, or one of them and {PACKED}; "
+            f"{path}: a log must end in {', '.join(LOG_SUFFIXES)}, or one of them and {PACKED}; "
             f"`python -m can.logconvert` makes one of another format"
         )
     if path.suffix.lower() == PACKED and suffix_of(path) in _UNPACKED:
         raise BusError(f"{path}: unpack it first (gunzip): {suffix_of(path)} is not read packed")
 
 
-class Log:
+class CanLog:
     """A log, to be read once, from its first message to its last. Timestamps are in s, channels as the file has them.
 
     Attributes:
@@ -100,7 +100,7 @@ class Log:
             try:
                 source, entries = self._opened(stack)
                 for entry in entries:
-                    if isinstance(entry, Event):
+                    if isinstance(entry, LogEvent):
                         self.events[entry.name] += entry.lines
                         continue
                     self.messages += 1
@@ -125,14 +125,14 @@ class Log:
             names = ", ".join(name or "one without a name" for name in sorted(self.channels)) or "none"
             raise BusError(f"{self.path}: --channel {', '.join(sorted(self._only))}: it has {names}")
 
-    def _opened(self, stack: ExitStack) -> tuple[Lines | Objects | Rows | Records, Iterator[Entry]]:
+    def _opened(self, stack: ExitStack) -> tuple[Lines | Objects | TableRows | Records, Iterator[Entry]]:
         """What counts its lines, and what they hold."""
         suffix = suffix_of(self.path)
         if suffix == ".mf4":
             records = Records(self.path)
             return records, records.read(self._since_epoch)
         if suffix == ".db":
-            rows = Rows(self.path)
+            rows = TableRows(self.path)
             return rows, rows.read()
         if self.path.suffix.lower() == PACKED:
             file: Binary = stack.enter_context(GzipFile(self.path))

@@ -13,11 +13,11 @@ import numpy as np
 from can_bridge.logs.entries import (
     BRS,
     ESI,
-    FD,
+    FD_FRAME,
     NO_ACK,
     PROTOCOL,
     Entry,
-    Event,
+    LogEvent,
     SinceEpoch,
     error_frame,
     frame,
@@ -29,7 +29,7 @@ _DATA, _ERROR, _REMOTE = "CAN_DataFrame", "CAN_ErrorFrame", "CAN_RemoteFrame"
 _NAMES: Final = {"CAN_OverloadFrame": "overload frame"}
 _EXTENDED: Final = 0x80000000
 _ERROR_TYPES: Final = {**dict.fromkeys((1, 2, 3, 4), PROTOCOL), 5: NO_ACK}
-"""From the standard's types (bit, form, stuff, CRC, acknowledgement) to Linux' classes."""
+"""Linux' classes, by the standard's types (bit, form, stuff, CRC, acknowledgement)."""
 
 
 class Records:
@@ -71,7 +71,7 @@ class Records:
                     groups.append(_frames(kind, fields, start_s))
                 elif rows:
                     name = next((name.split(".")[0] for name in names if name.lower() not in ("t", "time")), "empty")
-                    yield Event(_NAMES.get(name, f"record of {name}"), rows)
+                    yield LogEvent(_NAMES.get(name, f"record of {name}"), rows)
             yield from merge(*groups, key=lambda message: message.timestamp)
 
 
@@ -87,7 +87,7 @@ def _frames(kind: str, fields: Mapping[str, Any], start_s: float) -> Iterator[ca
         if kind == _ERROR:
             yield error_frame(time_s, channel, _ERROR_TYPES.get(of("ErrorType", row), 0))
             continue
-        frame_id, is_rx, fd = of("ID", row), not of("Dir", row), FD if of("EDL", row) else 0
+        frame_id, is_rx, fd = of("ID", row), not of("Dir", row), FD_FRAME if of("EDL", row) else 0
         is_extended = bool(of("IDE", row)) if "IDE" in columns else bool(frame_id & _EXTENDED)
         ident = (frame_id & ~_EXTENDED, is_extended)
         length = length_of(of("DLC", row), is_fd=bool(fd)) if "DLC" in columns else of("DataLength", row)

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
-from can_bridge.logs.entries import BRS, FD, FD_IDS, HEADER, Entry, Event, Lines, error_frame, frame
+from can_bridge.logs.entries import BRS, FD_FRAME, FD_IDS, HEADER_LINE, Entry, Lines, LogEvent, error_frame, frame
 from contract.printable import quoted
 
-COLUMNS: Final = "timestamp,arbitration_id,extended,remote,error,dlc,data"
+TABLE_COLUMNS: Final = "timestamp,arbitration_id,extended,remote,error,dlc,data"
 """First line of such a CSV."""
 
 
@@ -23,20 +23,20 @@ def read_csv(lines: Lines) -> Iterator[Entry]:
         text = line.strip()
         try:
             if number == 1:
-                if text != COLUMNS:
-                    raise ValueError(f"{quoted(text, 60)}: must be {COLUMNS}, as python-can's logger writes it")
-                yield Event(HEADER)
+                if text != TABLE_COLUMNS:
+                    raise ValueError(f"{quoted(text, 60)}: must be {TABLE_COLUMNS}, as python-can's logger writes it")
+                yield LogEvent(HEADER_LINE)
                 continue
             values = text.split(",")
-            if len(values) != COLUMNS.count(",") + 1:
-                raise ValueError(f"{len(values)} values, must be {COLUMNS.count(',') + 1}")
+            if len(values) != TABLE_COLUMNS.count(",") + 1:
+                raise ValueError(f"{len(values)} values, must be {TABLE_COLUMNS.count(',') + 1}")
             flags, dlc = [bool(int(value)) for value in values[2:5]], int(values[5])
             yield _entry(float(values[0]), int(values[1], 16), flags, dlc, base64.b64decode(values[6], validate=True))
         except (ValueError, binascii.Error) as error:
             raise ValueError(f"line {number}: {error}") from None
 
 
-class Rows:
+class TableRows:
     """The rows of such a database.
 
     Attributes:
@@ -50,7 +50,7 @@ class Rows:
     def read(self) -> Iterator[Entry]:
         """What they hold. Raises ValueError, by the number of a row that is none; sqlite3.Error for another file."""
         with closing(sqlite3.connect(f"file:{quote(str(self._path))}?mode=ro", uri=True)) as database:
-            columns = COLUMNS.replace("timestamp", "ts")
+            columns = TABLE_COLUMNS.replace("timestamp", "ts")
             for row in database.execute(f"SELECT {columns} FROM messages ORDER BY rowid"):
                 self.count += 1
                 try:
@@ -69,4 +69,4 @@ def _entry(time_s: float, frame_id: int, flags: list[bool], dlc: int, data: byte
     if dlc != len(data):
         raise ValueError(f"{dlc} bytes announced, {len(data)} there")
     is_fd = len(data) > 8 or (frame_id in FD_IDS and not is_extended)
-    return frame(time_s, "", (frame_id, is_extended), data, fd=FD | BRS if is_fd else 0)
+    return frame(time_s, "", (frame_id, is_extended), data, fd=FD_FRAME | BRS if is_fd else 0)

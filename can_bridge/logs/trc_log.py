@@ -11,12 +11,12 @@ from can_bridge.logs.entries import (
     BRS,
     COMMENT,
     ESI,
-    FD,
-    HEADER,
+    FD_FRAME,
+    HEADER_LINE,
     PROTOCOL,
     Entry,
-    Event,
     Lines,
+    LogEvent,
     SinceEpoch,
     bytes_of,
     check_length,
@@ -28,10 +28,10 @@ from can_bridge.wire.frame import FD_LENGTHS
 from contract.printable import quoted
 
 _COLUMNS: Final = {"1.0": "NOIL", "1.1": "NOTIL", "1.2": "NOBTIL", "1.3": "NOBTIRL"}
-"""In front of the data: number, time, bus, type or direction, identifier, reserved, length code."""
+"""The columns in front of the data: number, time, bus, type or direction, identifier, reserved, length code."""
 _DAY_ZERO: Final = datetime(1899, 12, 30)
 _WARNING: Final = "FFFFFFFF"
-"""In place of an identifier."""
+"""A warning has this in place of an identifier."""
 _STATUS: Final = "hardware status"
 _EVENTS: Final = {
     "ST": _STATUS,
@@ -40,7 +40,7 @@ _EVENTS: Final = {
     "EV": "user-defined event",
     "OV": "overload frame",
 }
-_FD: Final = {"FD": FD, "FB": FD | BRS, "FE": FD | ESI, "BI": FD | BRS | ESI}
+_FD: Final = {"FD": FD_FRAME, "FB": FD_FRAME | BRS, "FE": FD_FRAME | ESI, "BI": FD_FRAME | BRS | ESI}
 """Types of CAN FD frames."""
 
 
@@ -65,7 +65,7 @@ def read_trc(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
                     columns = value.split(",")
                     if not {"O", "I"} <= set(columns) or not {"l", "L"} & set(columns):
                         raise ValueError(f"columns {quoted(value, 60)}, must have O (time), I, and l or L (length)")
-            yield Event(HEADER if name.startswith("$") else COMMENT)
+            yield LogEvent(HEADER_LINE if name.startswith("$") else COMMENT)
         except (ValueError, OverflowError) as error:
             raise ValueError(f"line {number}: {error}") from None
 
@@ -77,7 +77,7 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
     words = text.split()
     kind = words[columns.index("T")].upper() if "T" in columns and len(words) > columns.index("T") else ""
     if kind in _EVENTS:
-        return Event(_EVENTS[kind])
+        return LogEvent(_EVENTS[kind])
     if len(words) < 3:
         raise ValueError(f"{quoted(text, 60)} ends before its length")
     time_s = start_s + float(words[columns.index("O")]) / 1e3
@@ -90,7 +90,7 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
     rest = words[len(head) :]
     frame_id = values["I"]
     if frame_id.upper() == _WARNING:
-        return Event(_STATUS)
+        return LogEvent(_STATUS)
     if rest[:1] == ["ERROR"]:
         return error_frame(time_s, channel, PROTOCOL)
     is_fd = kind in _FD

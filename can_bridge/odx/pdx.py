@@ -2,25 +2,201 @@
 
 import io
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from importlib.resources import files
 from string import Template
-from typing import Final
+from typing import Final, NamedTuple
 from xml.sax.saxutils import escape
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.odx.services import Described, described
-from can_bridge.odx.xml import chart, constant, message, named, repeated, service, texts, value
-from can_bridge.uds.fault_codes import CODES, Snapshot, in_letters
-from can_bridge.uds.permissions import SERVICES
-from can_bridge.uds.services import P2_EXTENDED_MS, P2_MS, S3_MS, Nrc, Session
+from can_bridge.uds.fault_codes import CODES, J2012_FORMAT, Snapshot, in_letters
+from can_bridge.uds.fault_memory import AVAILABLE, FaultReport
+from can_bridge.uds.services import (
+    LEVELS,
+    P2_EXTENDED_MS,
+    P2_MS,
+    POSITIVE,
+    ROUTINES,
+    S3_MS,
+    SERVICES,
+    WRITABLE,
+    Did,
+    Nrc,
+    Permission,
+    Routine,
+    Service,
+    Session,
+)
 from can_bridge.wire.messages import SENSORS, Mode, Reason
 from contract.config.diagnosis import CanId
 from contract.config.vehicle import BusConfig
 from contract.controller.calibration import NAMES
 
-_POSITIVE: Final = 0x40
+CODED: Final = (
+    '<DIAG-CODED-TYPE BASE-DATA-TYPE="A_UINT32" xsi:type="STANDARD-LENGTH-TYPE">'
+    "<BIT-LENGTH>{}</BIT-LENGTH></DIAG-CODED-TYPE>"
+)
+
+
+def named(tag: str, name: str, *parts: str, prefix: str = "") -> str:
+    """An element with a short name, whose identifier is that name behind a prefix."""
+    return f'<{tag} ID="{prefix}{name}"><SHORT-NAME>{name}</SHORT-NAME>{"".join(parts)}</{tag}>'
+
+
+def constant(name: str, value: int, bits: int = 8) -> str:
+    """A parameter that always has this value."""
+    inner = f"<SHORT-NAME>{name}</SHORT-NAME><CODED-VALUE>{value}</CODED-VALUE>{CODED.format(bits)}"
+    return f'<PARAM xsi:type="CODED-CONST">{inner}</PARAM>'
+
+
+def value(name: str, of: str) -> str:
+    """A parameter of a type."""
+    return f'<PARAM xsi:type="VALUE"><SHORT-NAME>{name}</SHORT-NAME><DOP-REF ID-REF="{of}"/></PARAM>'
+
+
+def repeated(name: str) -> str:
+    """A parameter that repeats the first byte of the request."""
+    inner = f"<SHORT-NAME>{name}</SHORT-NAME><REQUEST-BYTE-POS>0</REQUEST-BYTE-POS><BYTE-LENGTH>1</BYTE-LENGTH>"
+    return f'<PARAM xsi:type="MATCHING-REQUEST-PARAM">{inner}</PARAM>'
+
+
+def message(tag: str, name: str, parts: Iterable[str]) -> str:
+    """A structure, a request or an answer, of parameters."""
+    return named(tag, name, f"<PARAMS>{''.join(parts)}</PARAMS>", prefix=f"{tag}." if tag != "STRUCTURE" else "")
+
+
+def texts(name: str, by_number: Mapping[int, str]) -> str:
+    """A type of one byte whose values have names."""
+    scales = "".join(
+        f"<COMPU-SCALE><LOWER-LIMIT>{number}</LOWER-LIMIT><UPPER-LIMIT>{number}</UPPER-LIMIT>"
+        f"<COMPU-CONST><VT>{escape(text)}</VT></COMPU-CONST></COMPU-SCALE>"
+        for number, text in by_number.items()
+    )
+    method = f"<COMPU-INTERNAL-TO-PHYS><COMPU-SCALES>{scales}</COMPU-SCALES></COMPU-INTERNAL-TO-PHYS>"
+    return named(
+        "DATA-OBJECT-PROP",
+        name,
+        f"<COMPU-METHOD><CATEGORY>TEXTTABLE</CATEGORY>{method}</COMPU-METHOD>{CODED.format(8)}",
+        '<PHYSICAL-TYPE BASE-DATA-TYPE="A_UNICODE2STRING"/>',
+    )
+
+
+def service(name: str, semantic: str, states: Iterable[str]) -> str:
+    """A service with the request and the answer of this name, in states that it may be asked for in."""
+    needed = "".join(f'<PRE-CONDITION-STATE-REF ID-REF="{state}"/>' for state in states)
+    return (
+        f'<DIAG-SERVICE ID="service.{name}" SEMANTIC="{semantic}" ADDRESSING="PHYSICAL">'
+        f"<SHORT-NAME>{name}</SHORT-NAME><PRE-CONDITION-STATE-REFS>{needed}</PRE-CONDITION-STATE-REFS>"
+        f'<REQUEST-REF ID-REF="REQUEST.{name}"/>'
+        f'<POS-RESPONSE-REFS><POS-RESPONSE-REF ID-REF="POS-RESPONSE.{name}"/></POS-RESPONSE-REFS></DIAG-SERVICE>'
+    )
+
+
+def chart(name: str, semantic: str, states: Iterable[str]) -> str:
+    """A state chart that begins in the first of its states."""
+    first, *_ = listed = list(states)
+    inner = "".join(named("STATE", state) for state in listed)
+    return named(
+        "STATE-CHART",
+        name,
+        f'<SEMANTIC>{semantic}</SEMANTIC><START-STATE-SNREF SHORT-NAME="{first}"/><STATES>{inner}</STATES>',
+    )
+
+
+DID_TYPES: Final[Mapping[Did, str]] = {
+    Did.ACTIVE_SESSION: "session",
+    Did.SERIAL_NUMBER: "text",
+    Did.HARDWARE: "text",
+    Did.SOFTWARE_VERSION: "text",
+    Did.DBC_SHA256: "bytes_32",
+    Did.STORE: "bytes",
+    Did.KEY_LIST: "u32",
+    Did.CAPACITY: "u32",
+    Did.PERIOD_NS: "bytes_8",
+    Did.CALIBRATION: "calibration",
+    Did.CALIBRATION_LIMITS: "calibration_limits",
+    Did.CALIBRATION_STORED: "u8",
+}
+"""The type of each identifier as it is read. All but the key list are written in the same form."""
+_OPTIONS: Final = {Routine.ERASE: (value("length", "u32"), value("sha256", "bytes_32"))}
+_STATUSES: Final = {Routine.ERASE: (value("offset", "u32"),), Routine.CHECK: (value("verdict", "verdict"),)}
+
+
+class Described(NamedTuple):
+    """One service with one sub-function or identifier.
+
+    Attributes:
+        constants: numbers and their bits, behind the service's in the request, and in the answer again.
+        request, answer: parameters behind those.
+    """
+
+    name: str
+    service: Service
+    permission: Permission
+    constants: tuple[tuple[int, int], ...] = ()
+    request: tuple[str, ...] = ()
+    answer: tuple[str, ...] = ()
+
+
+def described() -> Iterator[Described]:
+    """All of them, by the tables that the server works with."""
+
+    def one(
+        name: str,
+        service: Service,
+        *numbers: int,
+        bits: int = 8,
+        at: Permission | None = None,
+        request: tuple[str, ...] = (),
+        answer: tuple[str, ...] = (),
+    ) -> Described:
+        constants = tuple((number, bits) for number in numbers)
+        return Described(name.lower(), service, at or SERVICES[service], constants, request, answer)
+
+    timing = (value("p2_ms", "u16"), value("p2_star_10_ms", "u16"))
+    for session in Session:
+        yield one(f"session_{session.name}", Service.SESSION, session, answer=timing)
+    yield one("reset_hard", Service.RESET, 1)
+    yield one("clear_faults", Service.CLEAR_FAULTS, request=(value("group", "u24"),))
+    for report, request, answer in _reports():
+        yield one(f"faults_{report.name}", Service.REPORT_FAULTS, report, request=request, answer=answer)
+    for did, of in DID_TYPES.items():
+        yield one(f"read_{did.name}", Service.READ, did, bits=16, answer=(value("value", of),))
+    for level in Level:
+        at = LEVELS[level]
+        yield one(f"seed_{level.name}", Service.SECURITY, level, at=at, answer=(value("seed", "bytes_16"),))
+        yield one(f"key_{level.name}", Service.SECURITY, level + 1, at=at, request=(value("key", "bytes_16"),))
+    for name, number in (("enable_sending", 0), ("disable_sending", 1)):
+        yield one(name, Service.COMMUNICATION, number, request=(value("kind", "u8"),))
+    for number, at in WRITABLE.items():
+        did = Did(number)
+        of = "bytes" if did is Did.KEY_LIST else DID_TYPES[did]
+        yield one(f"write_{did.name}", Service.WRITE, did, bits=16, at=at, request=(value("value", of),))
+    for number, at in ROUTINES.items():
+        routine = Routine(number)
+        both = _OPTIONS.get(routine, ()), _STATUSES.get(routine, ())
+        yield Described(f"routine_{routine.name.lower()}", Service.ROUTINE, at, ((1, 8), (routine, 16)), *both)
+    place = (constant("plain", 0x00), constant("sizes", 0x44), value("offset", "u32"), value("length", "u32"))
+    yield one("download", Service.DOWNLOAD, request=place, answer=(constant("size", 0x20), value("block", "u16")))
+    counter = value("counter", "u8")
+    yield one("transfer", Service.TRANSFER, request=(counter, value("data", "bytes")), answer=(counter,))
+    yield one("exit", Service.EXIT)
+    yield one("tester_present", Service.TESTER_PRESENT, 0)
+    for name, number in (("faults_on", 1), ("faults_off", 2)):
+        yield one(name, Service.FAULT_SETTING, number)
+
+
+def _reports() -> Iterator[tuple[FaultReport, tuple[str, ...], tuple[str, ...]]]:
+    mask, available, faults = value("mask", "u8"), constant("available", AVAILABLE), value("faults", "faults")
+    yield FaultReport.COUNT, (mask,), (available, constant("form", J2012_FORMAT), value("count", "u16"))
+    yield FaultReport.BY_STATUS, (mask,), (available, faults)
+    code, record = (value("code", "code"), value("status", "u8")), (value("code", "code"), value("record", "u8"))
+    yield FaultReport.SNAPSHOT, record, (*code, value("snapshots", "snapshots"))
+    yield FaultReport.EXTENDED, record, (*code, value("records", "extendeds"))
+    yield FaultReport.SUPPORTED, (), (available, faults)
+
+
 _SNAPSHOT_TYPES: Final = {
     Snapshot.TIME_MS: ("u32",),
     Snapshot.MODE_BEFORE: ("mode",),
@@ -53,7 +229,7 @@ def _filling(bus: BusConfig, because: Mapping[Reason, str]) -> dict[str, object]
         "structures": "".join(_structures()),
         "services": "".join(service(one.name, one.service.name, _states(one)) for one in every),
         "requests": "".join(message("REQUEST", one.name, (*_head(one), *one.request)) for one in every),
-        "answers": "".join(message("POS-RESPONSE", one.name, (*_head(one, _POSITIVE), *one.answer)) for one in every),
+        "answers": "".join(message("POS-RESPONSE", one.name, (*_head(one, POSITIVE), *one.answer)) for one in every),
         "refusal": constant("sid", 0x7F) + repeated("service") + value("code", "nrc"),
         "charts": chart("session_chart", "SESSION", map(_session, Session))
         + chart("level_chart", "SECURITY", ["level_locked", *map(_level, Level)]),

@@ -14,13 +14,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from can_bridge.secoc.freshness import LARGEST, LARGEST_HALF
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.node import Authentication
+from can_bridge.secoc.securing import LARGEST_FRESHNESS, LARGEST_HALF
 from contract.atomic import replacing
 from contract.errors import BusError
 
-SCHEMA: Final = "stillwake-freshness/1"
+FRESHNESS_SCHEMA: Final = "stillwake-freshness/1"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +88,11 @@ class FreshnessStore:
             ) from error
 
     def _keep(self, record: FreshnessRecord) -> None:
-        tree = {"schema": SCHEMA, "trip": record.trip, "heard": {str(k): v for k, v in sorted(record.heard.items())}}
+        tree = {
+            "schema": FRESHNESS_SCHEMA,
+            "trip": record.trip,
+            "heard": {str(k): v for k, v in sorted(record.heard.items())},
+        }
         try:
             with replacing(self._path) as temporary, temporary.open("w", encoding="utf-8") as file:
                 json.dump(tree, file)
@@ -107,9 +111,9 @@ class FreshnessStore:
 
 def _record_of(tree: Any) -> FreshnessRecord:
     """Raises ValueError, KeyError, TypeError or AttributeError for anything else than `_keep` writes."""
-    if tree["schema"] != SCHEMA:
-        raise ValueError(f"schema {tree['schema']!r}, must be {SCHEMA!r}")
-    heard = {int(frame_id): _whole(value, LARGEST) for frame_id, value in tree["heard"].items()}
+    if tree["schema"] != FRESHNESS_SCHEMA:
+        raise ValueError(f"schema {tree['schema']!r}, must be {FRESHNESS_SCHEMA!r}")
+    heard = {int(frame_id): _whole(value, LARGEST_FRESHNESS) for frame_id, value in tree["heard"].items()}
     return FreshnessRecord(trip=_whole(tree["trip"], LARGEST_HALF), heard=heard)
 
 

@@ -4,10 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.key import Key, read_key
-from can_bridge.secoc.receiver import VerifierState
-from can_bridge.secoc.securing import secure
+from can_bridge.secoc.securing import Freshness, VerifierState, secure
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import MessageSpec
@@ -39,8 +37,8 @@ class Authentication:
 
 
 def authentication_in_virtual_time(config: BusConfig) -> Authentication | None:
-    """By these settings: None without a key. Both nodes are in their first power cycle, and no file is written. Raises
-    KeyFileError as `read_key`."""
+    """The node's part by these settings: None without a key. Both nodes are in their first power cycle, and no file is
+    written. Raises KeyFileError as `read_key`."""
     return Authentication(key=read_key(Path(config.key))) if config.key else None
 
 

@@ -20,15 +20,15 @@ KeyOf = Callable[[Level, bytes], bytes]
 """The key that answers a seed of a security level."""
 
 P2_S: Final = 1.0
-"""To wait for a first answer: the ECU's 50 ms, and what adapters and a busy bus add."""
+"""The wait for a first answer: the ECU's 50 ms, and what adapters and a busy bus add."""
 P2_EXTENDED_S: Final = 6.0
-"""To wait after a response-pending."""
-LONGEST_S: Final = 60.0
+"""The wait after a response-pending."""
+LONGEST_PENDING_S: Final = 60.0
 """Seconds of response-pending or busy in a row, after which an ECU counts as gone."""
 TIMES: Final = 5
 """That a request is sent before there is no answer to it."""
 READ_TIMES: Final = 25
-"""As `TIMES`, for identifiers: the store's report has 150 classic frames, of which none may be lost. An ECU that has
+"""The same for identifiers: the store's report has 150 classic frames, of which none may be lost. An ECU that has
 never answered is asked `TIMES` only: it is not there."""
 BUSY: Final = 0x21
 """busyRepeatRequest (ISO 14229-1, table A.1)."""
@@ -36,7 +36,7 @@ BUSY_WAIT_S: Final = 0.1
 PRESENT_S: Final = 2.0
 """Between two messages that keep a session: of those, one may be lost within `S3_MS`."""
 DELAY_S: Final = 15.0
-"""To wait where the ECU takes no key for a while after wrong ones: its 10 s and some."""
+"""The wait where the ECU takes no key for a while after wrong ones: its 10 s and some."""
 
 
 class Asking:
@@ -206,7 +206,7 @@ class Asking:
             except exceptions.NegativeResponseException as error:
                 self._has_answered = True
                 code = int(error.response.code or 0)
-                if code != BUSY or self._clock() - self._began > LONGEST_S:
+                if code != BUSY or self._clock() - self._began > LONGEST_PENDING_S:
                     raise RefusedError(step, code) from None
                 sent -= 1
                 self._sleep(BUSY_WAIT_S)
@@ -222,7 +222,7 @@ class Asking:
     def _pending(self) -> None:
         from udsoncan.exceptions import TimeoutException
 
-        if self._clock() - self._began > LONGEST_S:
+        if self._clock() - self._began > LONGEST_PENDING_S:
             raise TimeoutException
 
 

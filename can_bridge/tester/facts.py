@@ -1,11 +1,21 @@
-"""What an ECU reports of itself over UDS."""
+"""What an ECU reports of itself over UDS, its fault memory, and whether a bundle fits it."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 from can_bridge.flashing import report
-from can_bridge.flashing.report import Report
+from can_bridge.flashing.report import StoreReport
 from can_bridge.tester.asking import Asking
-from can_bridge.uds.services import Did
+from can_bridge.tester.messages import NotNowError, RefusedError, WrongReleaseError
+from can_bridge.uds.fault_codes import REASON_BY_CODE, Snapshot
+from can_bridge.uds.fault_memory import Status
+from can_bridge.uds.services import Did, Nrc
+from can_bridge.wire.messages import Mode, Reason
+from contract.errors import FlashError
+from contract.release.checks import Bundle, dbc_sha256
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +34,7 @@ class EcuFacts:
     dbc_sha256: str
     period_ns: int
     capacity: int
-    store: Report
+    store: StoreReport
 
 
 def read_facts(asking: Asking) -> EcuFacts:
@@ -40,10 +50,99 @@ def read_facts(asking: Asking) -> EcuFacts:
     )
 
 
-def read_store(asking: Asking) -> Report:
+def read_store(asking: Asking) -> StoreReport:
     """What its slots hold; raises BusError for a damaged report."""
     return report.decode(asking.read(Did.STORE))
 
 
 def _text(asking: Asking, did: Did) -> str:
     return asking.read(did).decode(errors="backslashreplace")
+
+
+def check_fits(release: Bundle, length: int, facts: EcuFacts) -> None:
+    """Raises WrongReleaseError for the first thing that does not fit.
+
+    Args:
+        release: of this version's DBC, as every bundle that was loaded.
+        length: of its image, bytes.
+    """
+    for line in _misfits(release, length, facts):
+        raise WrongReleaseError(f"bundle {release.manifest.name} {line}; nothing was written")
+
+
+def _misfits(release: Bundle, length: int, facts: EcuFacts) -> Iterator[str]:
+    manifest = release.manifest
+    period_ns = manifest.operating_point.period_ns(manifest.control_period)
+    least = facts.store.least_security_version
+    if release.signer is None:
+        yield "is not signed, and an ECU takes signed ones alone: `stillwake bundle sign` signs it"
+    if manifest.hardware not in (None, facts.hardware):
+        yield f"is for hardware {manifest.hardware}, the ECU is {facts.hardware}"
+    if facts.dbc_sha256 != dbc_sha256():
+        yield (
+            f"is for the stillwake.dbc {dbc_sha256()[:12]}, the ECU has {facts.dbc_sha256[:12]} (stillwake "
+            f"{facts.software_version}): `stillwake bundle renew` of that version makes one"
+        )
+    if period_ns != facts.period_ns:
+        yield f"has a control period of {period_ns / 1e6:g} ms, the ECU one of {facts.period_ns / 1e6:g} ms"
+    if manifest.security_version < least:
+        yield f"has security version {manifest.security_version}, the ECU takes {least} or greater"
+    if length > facts.capacity:
+        yield f"has {length} bytes, the ECU has room for {facts.capacity}"
+
+
+_ENTERED = Status.PENDING | Status.CONFIRMED | Status.TEST_FAILED
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredFault:
+    """One code that is or was present.
+
+    Attributes:
+        code: three bytes.
+        age: operation cycles without it since it was found last.
+        time_ms, mode_before, missed, overruns, pressures_cp: of the moment in which it was found; None without.
+    """
+
+    code: int
+    reason: Reason
+    status: Status
+    age: int
+    time_ms: int | None = None
+    mode_before: Mode | None = None
+    missed: int | None = None
+    overruns: int | None = None
+    pressures_cp: tuple[float, ...] | None = None
+
+
+def read_faults(asking: Asking) -> list[StoredFault]:
+    """All codes that are pending, confirmed or present; raises FlashError for codes of another version."""
+    found = asking.faults("get_dtc_by_status_mask", int(_ENTERED))
+    return [_read_one(asking, int(dtc.id), int(dtc.status.get_byte_as_int())) for dtc in found]
+
+
+def clear_faults(asking: Asking) -> None:
+    """Forget all of them; raises NotNowError while a jet may run."""
+    try:
+        asking.clear_faults()
+    except RefusedError as refused:
+        if refused.code != Nrc.CONDITIONS_NOT_CORRECT:
+            raise
+        raise NotNowError(
+            "the ECU refused to clear its faults now: its jets are enabled; withdraw the enable request and try again"
+        ) from refused
+
+
+def _read_one(asking: Asking, code: int, status: int) -> StoredFault:
+    try:
+        reason = REASON_BY_CODE[code]
+        snapshots = asking.faults("get_dtc_snapshot_by_dtc_number", code)[0].snapshots
+        extended = asking.faults("get_dtc_extended_data_by_dtc_number", code, data_size=1)[0].extended_data
+        kept: dict[int, Any] = {int(one.did): one.data for one in snapshots}
+        moment = {each.name.lower(): kept[each][0] for each in Snapshot if kept and each is not Snapshot.PRESSURES_CP}
+        if kept:
+            moment |= {"mode_before": Mode(kept[Snapshot.MODE_BEFORE][0]), "pressures_cp": kept[Snapshot.PRESSURES_CP]}
+        age = extended[0].raw_data[0] if extended else 0
+        return StoredFault(code=code, reason=reason, status=Status(status), age=age, **moment)
+    except (KeyError, IndexError, ValueError) as error:
+        raise FlashError(f"the ECU has fault {code:06X} of another version of stillwake ({error})") from error

@@ -15,15 +15,15 @@ from enum import Enum, auto
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from can_bridge.flashing.report import Report, SlotReport
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.report import SlotReport, StoreReport
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.tester.asking import Asking, KeyOf
 from can_bridge.tester.facts import EcuFacts, read_facts, read_store
 from can_bridge.tester.messages import NoAnswerError, NotNowError, NotPassedError, RefusedError
 from can_bridge.tester.transfer import (
     SESSION_ENDED,
     TRIES,
-    Progress,
+    OnProgress,
     Transfer,
     Transferred,
     enter_programming,
@@ -38,12 +38,12 @@ from contract.release.manifest import MANIFEST, open_manifest
 if TYPE_CHECKING:
     from udsoncan.client import Client
 
-BOOT_S: Final = 30.0
-"""To wait for an ECU to come back from a reset."""
+RESTART_S: Final = 30.0
+"""The wait for an ECU to come back from a reset."""
 THERE_S: Final = 3.0
-"""To wait for the first answer."""
+"""The wait for the first answer."""
 RESET_S: Final = 0.5
-"""From the answer to a reset until the ECU is gone."""
+"""The time from the answer to a reset until the ECU is gone."""
 RESETS: Final = 3
 """That are asked for before an ECU counts as one that does not start the new release."""
 
@@ -73,7 +73,7 @@ class End(Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class FlashOptions:
     """What to leave out.
 
     Attributes:
@@ -97,7 +97,7 @@ class Flashed:
 
     end: End
     before: EcuFacts
-    after: Report
+    after: StoreReport
     transferred: Transferred | None = None
     unanswered: int = 0
     seconds: float = 0.0
@@ -108,9 +108,9 @@ def flash(
     image: bytes,
     *,
     key: KeyOf | None,
-    options: Options = Options(),
+    options: FlashOptions = FlashOptions(),
     judge: Callable[[EcuFacts], None] = lambda facts: None,
-    progress: Progress = lambda received, length: None,
+    progress: OnProgress = lambda received, length: None,
     on_step: Callable[[Step], None] = lambda step: None,
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
@@ -140,7 +140,7 @@ def reset_and_wait(asking: Asking) -> None:
             asking.reset(times=1)
         # It answers before it does it.
         asking.wait(RESET_S, keep_session=False)
-        if asking.wait_until_there(BOOT_S, "start again after the reset") is Session.DEFAULT:
+        if asking.wait_until_there(RESTART_S, "start again after the reset") is Session.DEFAULT:
             return
     raise NoAnswerError("start again after the reset")
 
@@ -150,9 +150,9 @@ class _Flashing:
         self,
         asking: Asking,
         image: bytes,
-        options: Options,
+        options: FlashOptions,
         judge: Callable[[EcuFacts], None],
-        progress: Progress,
+        progress: OnProgress,
         on_step: Callable[[Step], None],
     ) -> None:
         self._asking = asking
@@ -190,7 +190,7 @@ class _Flashing:
             asking.session(Session.DEFAULT)
             return ended(End.WOULD_FLASH)
         running = after.running_slot
-        if running is None or not self._is_ours(running) or running.phase is not Phase.TRIAL:
+        if running is None or not self._is_ours(running) or running.phase is not SlotPhase.TRIAL:
             transferred = self._bring()
         after = self._try_out()
         if not self._options.confirm:
@@ -245,12 +245,12 @@ class _Flashing:
             store = read_store(self._asking)
             if self._is_ours(store.running_slot):
                 return
-            if not any(self._is_ours(slot) and slot.phase is Phase.TRIAL for slot in store.slots):
+            if not any(self._is_ours(slot) and slot.phase is SlotPhase.TRIAL for slot in store.slots):
                 break
             enter_programming(self._asking)
         raise NotPassedError(f"the ECU did not start the new release; {_runs(store)}")
 
-    def _try_out(self) -> Report:
+    def _try_out(self) -> StoreReport:
         """Self-test of the release that runs on trial; where it does not pass, back to the one before."""
         self._on_step(Step.SELF_TEST)
         try:
@@ -266,7 +266,7 @@ class _Flashing:
             raise NotPassedError(f"the new release did not pass its self-test; {_runs(store)} again") from refused
         return read_store(self._asking)
 
-    def _confirm(self) -> Report:
+    def _confirm(self) -> StoreReport:
         """Keep the release that runs; the store afterwards."""
         for left in reversed(range(TRIES)):
             try:
@@ -281,13 +281,13 @@ class _Flashing:
                 if store.running == store.active:
                     return store
                 # Or before it: an ECU confirms what passed its self-test since it booted.
-                if running.phase is not Phase.TRIAL or not left:
+                if running.phase is not SlotPhase.TRIAL or not left:
                     raise
             self._try_out()
         return read_store(self._asking)
 
-    def _go_back(self) -> Report:
-        """From a trial to the confirmed release."""
+    def _go_back(self) -> StoreReport:
+        """Go back from a trial to the confirmed release."""
         enter_programming(self._asking)
         in_programming(self._asking, Routine.REVERT)
         reset_and_wait(self._asking)
@@ -312,6 +312,6 @@ def digest_of(image: bytes) -> str:
     return ""
 
 
-def _runs(store: Report) -> str:
+def _runs(store: StoreReport) -> str:
     running = store.running_slot
     return "no release runs" if running is None else f"{running.name} runs"

@@ -13,12 +13,46 @@ from typing import Final
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.tester.asking import Asking
-from can_bridge.tester.blocks import BlockLength
-from can_bridge.tester.messages import ImageRefusedError, LostError, NoAnswerError, RefusedError
-from can_bridge.uds.services import Nrc, Routine, Session
+from can_bridge.tester.messages import ImageRefusedError, LostError, NoAnswerError, RefusedError, WrongKeysError
+from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
 from contract.errors import FlashError
 
-Progress = Callable[[int, int], None]
+BLOCK_STEP: Final = 32
+"""Blocks begin at multiples of this, a word of flash memory."""
+_HEADER: Final = 2
+_IN_A_ROW: Final = 16
+"""Blocks that arrive at once before a longer one is tried."""
+
+
+class BlockLength:
+    """The length of one image's blocks, over all attempts to transfer it."""
+
+    def __init__(self) -> None:
+        self._longest = self._limit = (MAX_BLOCK - _HEADER) // BLOCK_STEP * BLOCK_STEP
+        self._good = 0
+
+    def allow(self, longest_request: int) -> None:
+        """What the ECU takes in one request, in bytes."""
+        self._limit = max(BLOCK_STEP, (min(longest_request, MAX_BLOCK) - _HEADER) // BLOCK_STEP * BLOCK_STEP)
+
+    def next_from(self, offset: int) -> int:
+        """Bytes of a block that begins at this offset of the image."""
+        return min(self._longest, self._limit) - offset % BLOCK_STEP
+
+    def arrived(self) -> None:
+        """A block did at once."""
+        self._good += 1
+        if self._good >= _IN_A_ROW:
+            self._good = 0
+            self._longest = min(2 * self._longest, self._limit)
+
+    def lost(self) -> None:
+        """A block was, or its answer."""
+        self._good = 0
+        self._longest = max(BLOCK_STEP, self._longest // 2 // BLOCK_STEP * BLOCK_STEP)
+
+
+OnProgress = Callable[[int, int], None]
 """Called with the bytes that the ECU has, and those of the image."""
 
 STALLS: Final = 5
@@ -28,8 +62,8 @@ TRIES: Final = 3
 SESSION_ENDED: Final = frozenset(
     {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.SECURITY_ACCESS_DENIED}
 )
-START_S: Final = 15.0
-"""To wait for an ECU that may be starting."""
+STARTING_S: Final = 15.0
+"""The wait for an ECU that may be starting."""
 
 _AGAIN: Final = SESSION_ENDED | frozenset(
     {
@@ -64,7 +98,7 @@ class Transferred:
 class Transfer:
     """One image's way into an ECU."""
 
-    def __init__(self, asking: Asking, image: bytes, progress: Progress) -> None:
+    def __init__(self, asking: Asking, image: bytes, progress: OnProgress) -> None:
         self._asking = asking
         self._image = image
         self._progress = progress
@@ -72,7 +106,8 @@ class Transfer:
         self._received = 0
 
     def run(self) -> Transferred:
-        """Until the ECU has the image and its verdict is good; it is in the programming session then, and unlocked.
+        """Go on until the ECU has the image and its verdict is good; it is in the programming session then, and
+        unlocked.
 
         Raises:
             ImageRefusedError: the verdict is not.
@@ -144,7 +179,7 @@ class Transfer:
 
     def _wait_for(self, failure: FlashError) -> None:
         try:
-            self._asking.wait_until_there(START_S, "answer")
+            self._asking.wait_until_there(STARTING_S, "answer")
         except NoAnswerError:
             raise failure from None
 
@@ -171,3 +206,26 @@ def in_programming(asking: Asking, routine: Routine) -> None:
             if refused.code not in SESSION_ENDED or not left:
                 raise
         enter_programming(asking)
+
+
+def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
+    """Replace the key list; returns the version of the one before, 0 without one, and of the new one. Raises
+    WrongKeysError if the ECU does not take it; FlashError if not now, or it does not answer."""
+    before = _version(asking)
+    enter_programming(asking)
+    try:
+        asking.write(Did.KEY_LIST, raw)
+    except RefusedError as refused:
+        if refused.code != Nrc.OUT_OF_RANGE:
+            raise
+        raise WrongKeysError(
+            f"the ECU refused the key list: it must be signed by the ECU's root key, have a version above {before}, "
+            "and keep the key that signed the confirmed release"
+        ) from refused
+    after = _version(asking)
+    asking.session(Session.DEFAULT)
+    return before, after
+
+
+def _version(asking: Asking) -> int:
+    return int.from_bytes(asking.read(Did.KEY_LIST), "big")

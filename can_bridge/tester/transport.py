@@ -1,4 +1,5 @@
-"""From a CAN bus to udsoncan: ISO-TP by can-isotp over the buses of `can_bridge.bus`. Needs the extra `flash`.
+"""A connection of udsoncan to a CAN bus: ISO-TP by can-isotp over the buses of `can_bridge.bus`. Needs the extra
+`flash`.
 
 There is no thread here: frames are taken off the bus while a request is sent and while its answer is waited for, as
 nothing comes unasked. Responses that answer another request, because they are late or doubled, are dropped.
@@ -16,17 +17,49 @@ from udsoncan.exceptions import TimeoutException
 
 import isotp
 from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.tester.matching import answers
-from can_bridge.uds.services import MAX_REQUEST
+from can_bridge.uds.fault_codes import CODE_BYTES
+from can_bridge.uds.fault_memory import FaultReport
+from can_bridge.uds.services import MAX_REQUEST, NEGATIVE, POSITIVE, Service
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
+_SAME: Final = {
+    Service.SESSION: slice(1, 2),
+    Service.RESET: slice(1, 2),
+    Service.REPORT_FAULTS: slice(1, 2),
+    Service.READ: slice(1, 3),
+    Service.SECURITY: slice(1, 2),
+    Service.COMMUNICATION: slice(1, 2),
+    Service.WRITE: slice(1, 3),
+    Service.ROUTINE: slice(1, 4),
+    Service.TRANSFER: slice(1, 2),
+    Service.TESTER_PRESENT: slice(1, 2),
+    Service.FAULT_SETTING: slice(1, 2),
+}
+"""Bytes that a positive response repeats of its request: sub-function, identifier or block counter."""
+_OF_ONE_CODE: Final = frozenset({FaultReport.SNAPSHOT, FaultReport.EXTENDED})
+"""Reports of faults that repeat the code, too."""
+
+
+def answers(request: bytes, response: bytes) -> bool:
+    """Whether a response can be to this request."""
+    if not request or not response:
+        return False
+    if response[0] == NEGATIVE:
+        return len(response) >= 3 and response[1] == request[0]
+    same = _SAME.get(Service(request[0])) if request[0] in Service.__members__.values() else None
+    if request[0] == Service.REPORT_FAULTS and request[1] in _OF_ONE_CODE:
+        same = slice(1, 2 + CODE_BYTES)
+    return response[0] == request[0] + POSITIVE and (same is None or request[same] == response[same])
+
+
 PADDING: Final = 0xCC
 SEND_S: Final = 10.0
-"""For all frames of a request: 4 kB take 0.3 s on classic CAN at 500 kbit/s, and more next to other traffic."""
+"""The time for all frames of a request: 4 kB take 0.3 s on classic CAN at 500 kbit/s, and more next to other
+traffic."""
 FRAME_S: Final = 1.0
-"""For one frame: the queue of a CAN controller may be full for as long as others send."""
+"""The time for one frame: the queue of a CAN controller may be full for as long as others send."""
 _TURN_S: Final = 0.02
 FLOW_CONTROL_MS: Final = 1000
 """N_Bs and N_Cr (ISO 15765-2)."""

@@ -6,14 +6,116 @@ a meter on the bus shows about 15 per cent less than the share.
 """
 
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from random import Random
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-from can_bridge.timing.dbc_traffic import Traffic, read_traffic
 from can_bridge.timing.periodic_message import NS_PER_MS, OUR_IDS, PeriodicMessage
+from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
+from can_bridge.wire.message_specs import SPECS
+from can_bridge.wire.network_file import load_network
 from contract.config.vehicle import BackgroundConfig, BusConfig
-from contract.errors import ConfigError
+from contract.errors import BusError, ConfigError
+
+if TYPE_CHECKING:
+    from cantools.database.can.database import Database
+    from cantools.database.can.message import Message
+
+_OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
+
+
+@dataclass(frozen=True, kw_only=True)
+class BackgroundTraffic:
+    """What other nodes send.
+
+    Attributes:
+        messages: to be sent, the highest priority first.
+        left_out: the others that a file describes, each as "name (why)".
+    """
+
+    messages: tuple[PeriodicMessage, ...]
+    left_out: tuple[str, ...] = ()
+
+
+def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: int) -> BackgroundTraffic:
+    """The messages of a file at their cycle times (`GenMsgCycleTime` in a DBC), their phases drawn from the seed.
+
+    Left out are messages without a cycle time, those that no CAN frame of ours can carry, and stillwake's own, which a
+    vehicle's whole description holds too. Raises BusError if cantools is missing; the file is missing or damaged; no
+    message can be sent; two have one identifier; or one does not go with this bus.
+
+    Args:
+        path: its ending gives its format.
+        bus: whether CAN FD is spoken.
+        taken: 11-bit identifiers that other messages may not have, besides ours.
+    """
+    database = load_network(path)
+    random = Random(seed)
+    messages: list[PeriodicMessage] = []
+    left_out: list[str] = []
+    for message in database.messages:
+        why = _why_not(message, database)
+        if why is not None:
+            left_out.append(f"{message.name} ({why})")
+            continue
+        assert message.cycle_time is not None  # or there is a reason to leave it out
+        _check(path, message, bus, taken)
+        period_ns = round(message.cycle_time * NS_PER_MS)
+        lengths = FD_LENGTHS if message.is_fd else CLASSIC_LENGTHS
+        messages.append(
+            PeriodicMessage(
+                name=message.name,
+                frame_id=message.frame_id,
+                is_extended=message.is_extended_frame,
+                is_fd=message.is_fd,
+                length=next(length for length in lengths if length >= message.length),
+                period_ns=period_ns,
+                offset_ns=random.randrange(period_ns),
+            )
+        )
+    if not messages:
+        raise BusError(f"{path}: no message to send: {'; '.join(left_out[:3]) or 'it has none'}")
+    messages.sort(key=lambda message: message.priority)
+    for one, other in pairwise(messages):
+        if one.priority == other.priority:
+            raise BusError(f"{path}: {one.name} and {other.name} have one identifier, {one.frame_id:#x}")
+    return BackgroundTraffic(messages=tuple(messages), left_out=tuple(left_out))
+
+
+def _why_not(message: "Message", database: "Database") -> str | None:
+    """Why this message cannot be sent, or None."""
+    if (message.name, message.frame_id) in _OURS:
+        return "stillwake's own"
+    if not message.cycle_time or round(message.cycle_time * NS_PER_MS) <= 0:
+        return "no cycle time"
+    if message.length > (FD_LENGTHS if message.is_fd else CLASSIC_LENGTHS)[-1]:
+        return f"{message.length} bytes: more than a frame"
+    if message.is_fd and not _switches_rate(message, database):
+        return "CAN FD without bit-rate switching"
+    return None
+
+
+def _switches_rate(message: "Message", database: "Database") -> bool:
+    """Whether it does, by the attribute `CANFD_BRS` or its default, if the file has it."""
+    if message.dbc is None or database.dbc is None:
+        return True
+    given = message.dbc.attributes.get("CANFD_BRS")
+    definition = database.dbc.attribute_definitions.get("CANFD_BRS")
+    value = given.value if given is not None else None if definition is None else definition.default_value
+    return value is None or str(value) in ("1", "")
+
+
+def _check(path: Path, message: "Message", bus: BusConfig, taken: Collection[int]) -> None:
+    if not message.is_extended_frame and (message.frame_id in OUR_IDS or message.frame_id in taken):
+        raise BusError(
+            f"{path}: {message.name} has identifier {message.frame_id:#x}, which another node sends: two must not "
+            "send one identifier"
+        )
+    if message.is_fd and bus.frames == "classic":
+        raise BusError(f"{path}: {message.name} is CAN FD, which a bus with bus.frames = classic cannot carry")
+
 
 PERIODS_MS: Final = (5, 10, 20, 50, 100, 200, 500, 1000)
 """Periods of made-up messages: the usual ones in vehicles."""
@@ -25,7 +127,7 @@ _IDS: Final = range(0x010, 0x700)
 """Identifiers of made-up messages: below lies network management of high priority, above diagnostics."""
 
 
-def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int]) -> Traffic:
+def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int]) -> BackgroundTraffic:
     """What other nodes send; nothing where no background is set. Raises ConfigError for a share that no set of messages
     fills; BusError for a file that cannot be read, or that does not go with this bus.
 
@@ -35,7 +137,7 @@ def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int])
     """
     if config.dbc:
         return read_traffic(Path(config.dbc), bus, taken, seed=config.seed)
-    return Traffic(messages=made_up(config.load, bus, taken, seed=config.seed) if config.load else ())
+    return BackgroundTraffic(messages=made_up(config.load, bus, taken, seed=config.seed) if config.load else ())
 
 
 def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -> tuple[PeriodicMessage, ...]:

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 from typing import Final
 
-from can_bridge.wire.bit_timing import worst_case_ns
-from can_bridge.wire.frame import Frame
+from can_bridge.wire.frame import Frame, Priority, priority
+from can_bridge.wire.frame_bits import worst_case_ns
 from can_bridge.wire.message_specs import SPECS
-from can_bridge.wire.priority import Priority, priority
 from contract.config.vehicle import BusConfig
 
 NS_PER_MS: Final = 10**6

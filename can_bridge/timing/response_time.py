@@ -28,7 +28,7 @@ LONGEST_BUSY_NS: Final = 60 * 10**9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Timing:
+class MessageTiming:
     """A message as the analysis sees it: the paper's C, T, D and J.
 
     Attributes:
@@ -66,7 +66,7 @@ class Response:
         return self.response_ns is not None and self.response_ns <= self.deadline_ns
 
 
-def response_times(timings: Sequence[Timing], *, bit_ns: int) -> list[Response]:
+def response_times(timings: Sequence[MessageTiming], *, bit_ns: int) -> list[Response]:
     """Response times of all messages.
 
     Args:
@@ -89,7 +89,7 @@ def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) 
         if one.priority >= other.priority:
             raise ValueError(f"{one.name} before {other.name}: messages must be in falling priority, each with its own")
     timings = [
-        Timing(
+        MessageTiming(
             frame_ns=message.worst_ns(bus),
             period_ns=message.period_ns,
             deadline_ns=message.deadline_ns or message.period_ns,
@@ -105,12 +105,12 @@ _Rhythms = dict[tuple[int, int], int]
 thousands of messages have a dozen rhythms."""
 
 
-def _with(rhythms: _Rhythms, one: Timing) -> _Rhythms:
+def _with(rhythms: _Rhythms, one: MessageTiming) -> _Rhythms:
     rhythm = one.period_ns, one.jitter_ns
     return {**rhythms, rhythm: rhythms.get(rhythm, 0) + one.frame_ns}
 
 
-def _response(own: Timing, higher: _Rhythms, blocking: int, bit_ns: int) -> Response:
+def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) -> Response:
     busy = _busy_ns(_with(higher, own), blocking)
     if busy is None:
         return Response(blocking_ns=blocking, response_ns=None, instance=0, deadline_ns=own.deadline_ns)

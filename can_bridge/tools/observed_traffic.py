@@ -10,9 +10,9 @@ from enum import Enum
 from typing import Final
 
 from can_bridge.e2e.profiles import profile_of
-from can_bridge.e2e.receiver import GOOD, Check, ReceiverState, receive
+from can_bridge.e2e.receiver import GOOD, FrameCheck, ReceiverState, receive
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.receiver import VerifierState, verified
+from can_bridge.secoc.securing import VerifierState, verified
 from can_bridge.tools.signals import Decoded, decode
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import E2eConfig
@@ -23,11 +23,11 @@ SILENT_AFTER: Final = 5.0
 """Mean intervals without a frame after which the rate counts as zero."""
 
 CHECK_TEXT: Final = {
-    Check.OK: "OK",
-    Check.OK_SOME_LOST: "some lost",
-    Check.REPEATED: "repeated",
-    Check.WRONG_SEQUENCE: "wrong sequence",
-    Check.ERROR: "CRC wrong",
+    FrameCheck.OK: "OK",
+    FrameCheck.OK_SOME_LOST: "some lost",
+    FrameCheck.REPEATED: "repeated",
+    FrameCheck.WRONG_SEQUENCE: "wrong sequence",
+    FrameCheck.ERROR: "CRC wrong",
 }
 
 
@@ -75,7 +75,7 @@ class Traffic:
         self._e2e, self._key, self.channel, self._carries = e2e, key, channel, carries
         self.count = self.first_ns = self.lost = 0
         self.recent_ns = deque[int](maxlen=RATE_OVER + 1)
-        self.check: Check | None = None
+        self.check: FrameCheck | None = None
         self.mac: Mac | None = None
         self.receiver = ReceiverState()
         self.verifier = VerifierState()
@@ -106,7 +106,7 @@ class Traffic:
         last = self.receiver.last_counter
         self.receiver, reception = receive(self.receiver, (whole,), spec=spec, config=self._e2e)
         (self.check,) = reception.checks
-        if last is not None and self.check in (*GOOD, Check.WRONG_SEQUENCE):
+        if last is not None and self.check in (*GOOD, FrameCheck.WRONG_SEQUENCE):
             profile = profile_of(spec)
             self.lost += (profile.counter_of(whole.data) - last) % profile.counter_period - 1
 

@@ -8,15 +8,14 @@ from copy import copy
 import can
 
 from can_bridge.bus import conversion
-from can_bridge.bus.backends.connection import Connection
-from can_bridge.bus.backends.opening import open_backend
-from can_bridge.bus.rejection import Rejection
+from can_bridge.bus.backends.connection import OpenBus, open_backend
+from can_bridge.bus.interface import Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import SIMULATED, BusConfig
 from contract.errors import ConfigError
 
 
-class RawBus(Connection):
+class RawBus(OpenBus):
     """One connection. Use as a context manager, or `close` it."""
 
     def receive_message(self, timeout_s: float) -> can.Message | None:

@@ -3,9 +3,12 @@
 Names and units are those of `contract/stillwake.dbc`.
 """
 
-from collections.abc import Iterator, Mapping
-from typing import Final, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
 
+import contract
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.classic_codec import STALE_NS
 from can_bridge.wire.frame import Frame
@@ -15,24 +18,30 @@ from can_bridge.wire.message_specs import (
     FRESHNESS_LENGTH,
     INT12_MAX,
     MAC_LENGTH,
+    SPECS,
     SPEED_RESOLUTION_M_PER_S,
     SPEED_UNKNOWN,
     MessageSpec,
 )
 from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Pressure, VehicleSpeed
+from can_bridge.wire.network_file import load_network
+from contract.errors import BusError
+
+if TYPE_CHECKING:
+    from cantools.database.can.signal import Signal
 
 PROTECTION: Final = frozenset({"E2E_CRC", "E2E_Counter", "Freshness", "MAC"})
 """Signals that only show whether to trust the others."""
 
 STALE_MS: Final = 70
 """The classic set's largest age: so much or more."""
-INVALID: Final = -INT12_MAX - 1
+INVALID_PA: Final = -INT12_MAX - 1
 """The classic set's pressure of a sensor whose own diagnosis failed, Pa."""
 NO_SPEED: Final = SPEED_UNKNOWN * SPEED_RESOLUTION_M_PER_S
 """The speed of a vehicle that does not know it, m/s."""
 
 
-class Signal(NamedTuple):
+class SignalValue(NamedTuple):
     """One value.
 
     Attributes:
@@ -59,7 +68,7 @@ class Decoded(NamedTuple):
     """
 
     spec: MessageSpec
-    signals: tuple[Signal, ...]
+    signals: tuple[SignalValue, ...]
 
 
 _OWN: Final[Mapping[int, Message[Pressure] | Message[VehicleSpeed] | Message[JetCommand] | Message[EcuStatus]]] = {
@@ -77,16 +86,16 @@ def decode(frame: Frame) -> Decoded | None:
     if value is None:
         return Decoded(spec, ())
     profile = profile_of(spec)
-    signals = [Signal("E2E_CRC", profile.crc_of(data)), Signal("E2E_Counter", profile.counter_of(data))]
+    signals = [SignalValue("E2E_CRC", profile.crc_of(data)), SignalValue("E2E_Counter", profile.counter_of(data))]
     signals += _signals(value, spec)
     if spec.is_secured:
         mac, freshness = data[-MAC_LENGTH:], data[-MAC_LENGTH - FRESHNESS_LENGTH : -MAC_LENGTH]
-        signals.append(Signal("Freshness", int.from_bytes(freshness, "big")))
-        signals.append(Signal("MAC", int.from_bytes(mac, "big"), text=f"0x{mac.hex()}"))
+        signals.append(SignalValue("Freshness", int.from_bytes(freshness, "big")))
+        signals.append(SignalValue("MAC", int.from_bytes(mac, "big"), text=f"0x{mac.hex()}"))
     return Decoded(spec, tuple(signals))
 
 
-def _signals(value: Pressure | VehicleSpeed | JetCommand | EcuStatus, spec: MessageSpec) -> Iterator[Signal]:
+def _signals(value: Pressure | VehicleSpeed | JetCommand | EcuStatus, spec: MessageSpec) -> Iterator[SignalValue]:
     match value:
         case Pressure():
             return _of_pressure(value) if spec.is_fd else _of_classic_pressure(value)
@@ -97,54 +106,110 @@ def _signals(value: Pressure | VehicleSpeed | JetCommand | EcuStatus, spec: Mess
     return _of_status(value, spec.is_fd)
 
 
-def _of_pressure(value: Pressure) -> Iterator[Signal]:
-    yield from (Signal(f"Valid{i}", int(valid)) for i, valid in enumerate(value.valid))
-    yield Signal("EnableRequest", int(value.enable_request))
-    yield from (Signal(f"Pressure{i}", pressure, "Pa") for i, pressure in enumerate(value.pressure_pa))
-    yield Signal("Age", value.age_ns / 1e6, "ms")
+def _of_pressure(value: Pressure) -> Iterator[SignalValue]:
+    yield from (SignalValue(f"Valid{i}", int(valid)) for i, valid in enumerate(value.valid))
+    yield SignalValue("EnableRequest", int(value.enable_request))
+    yield from (SignalValue(f"Pressure{i}", pressure, "Pa") for i, pressure in enumerate(value.pressure_pa))
+    yield SignalValue("Age", value.age_ns / 1e6, "ms")
 
 
-def _of_classic_pressure(value: Pressure) -> Iterator[Signal]:
-    yield Signal("EnableRequest", int(value.enable_request))
-    yield Signal("Age", STALE_MS if value.age_ns == STALE_NS else value.age_ns / 1e6, "ms")
+def _of_classic_pressure(value: Pressure) -> Iterator[SignalValue]:
+    yield SignalValue("EnableRequest", int(value.enable_request))
+    yield SignalValue("Age", STALE_MS if value.age_ns == STALE_NS else value.age_ns / 1e6, "ms")
     for i, (pressure, valid) in enumerate(zip(value.pressure_pa, value.valid, strict=True)):
-        yield _or_word(f"Pressure{i}", pressure if valid else None, "Pa", INVALID, "INVALID")
+        yield _or_word(f"Pressure{i}", pressure if valid else None, "Pa", INVALID_PA, "INVALID_PA")
 
 
-def _of_speed(value: VehicleSpeed) -> Iterator[Signal]:
+def _of_speed(value: VehicleSpeed) -> Iterator[SignalValue]:
     yield _or_word("AirDensity", value.density_kg_per_m3, "kg/m3", DENSITY_UNKNOWN, "NOT_KNOWN")
     yield _or_word("Speed", value.speed_m_per_s, "m/s", NO_SPEED, "NOT_AVAILABLE")
-    yield Signal("Age", value.age_ns / 1e6, "ms")
+    yield SignalValue("Age", value.age_ns / 1e6, "ms")
 
 
-def _or_word(name: str, value: float | None, unit: str, without: float, word: str) -> Signal:
+def _or_word(name: str, value: float | None, unit: str, without: float, word: str) -> SignalValue:
     """A value that may be missing: then the wire has another number for it, with a name in the table."""
-    return Signal(name, without, unit, word) if value is None else Signal(name, value, unit)
+    return SignalValue(name, without, unit, word) if value is None else SignalValue(name, value, unit)
 
 
-def _of_command(value: JetCommand) -> Iterator[Signal]:
-    yield Signal("Mode", int(value.mode), text=value.mode.name)
-    yield Signal("Enable", int(value.enable))
-    yield Signal("PressureCounterValid", int(value.pressure_counter is not None))
-    yield Signal("NextPeriod", int(value.next_period))
-    yield Signal("Flow", value.flow_m2_per_s, "m2/s")
-    yield Signal("PressureCounter", value.pressure_counter or 0)
+def _of_command(value: JetCommand) -> Iterator[SignalValue]:
+    yield SignalValue("Mode", int(value.mode), text=value.mode.name)
+    yield SignalValue("Enable", int(value.enable))
+    yield SignalValue("PressureCounterValid", int(value.pressure_counter is not None))
+    yield SignalValue("NextPeriod", int(value.next_period))
+    yield SignalValue("Flow", value.flow_m2_per_s, "m2/s")
+    yield SignalValue("PressureCounter", value.pressure_counter or 0)
 
 
-def _of_status(value: EcuStatus, is_fd: bool) -> Iterator[Signal]:
-    yield Signal("State", int(value.state), text=value.state.name)
-    yield Signal("Reason", int(value.reason), text=value.reason.name)
-    yield Signal("BusOff", value.bus_off)
-    yield Signal("Overruns", value.overruns)
-    yield Signal("Missed", value.missed)
-    yield Signal("CrcErrors", value.crc_errors)
+def _of_status(value: EcuStatus, is_fd: bool) -> Iterator[SignalValue]:
+    yield SignalValue("State", int(value.state), text=value.state.name)
+    yield SignalValue("Reason", int(value.reason), text=value.reason.name)
+    yield SignalValue("BusOff", value.bus_off)
+    yield SignalValue("Overruns", value.overruns)
+    yield SignalValue("Missed", value.missed)
+    yield SignalValue("CrcErrors", value.crc_errors)
     if not is_fd:
-        yield Signal("Refused", value.refused)
-        yield Signal("BundleHash", value.bundle_hash >> 16, text=f"{value.bundle_hash >> 16:#06x}")
+        yield SignalValue("Refused", value.refused)
+        yield SignalValue("BundleHash", value.bundle_hash >> 16, text=f"{value.bundle_hash >> 16:#06x}")
         return
-    yield Signal("BundleHash", value.bundle_hash, text=f"{value.bundle_hash:#010x}")
-    yield Signal("Refused", value.refused)
-    yield Signal("NotAuthentic", value.not_authentic)
-    yield Signal("TxErrors", value.tx_errors)
-    yield Signal("RxErrors", value.rx_errors)
-    yield from (Signal(f"SetAside{i}", value.set_aside >> i & 1) for i in range(SENSORS))
+    yield SignalValue("BundleHash", value.bundle_hash, text=f"{value.bundle_hash:#010x}")
+    yield SignalValue("Refused", value.refused)
+    yield SignalValue("NotAuthentic", value.not_authentic)
+    yield SignalValue("TxErrors", value.tx_errors)
+    yield SignalValue("RxErrors", value.rx_errors)
+    yield from (SignalValue(f"SetAside{i}", value.set_aside >> i & 1) for i in range(SENSORS))
+
+
+DBC: Final = Path(contract.__file__).with_name("stillwake.dbc")
+_SPECS: Final = {spec.name: spec for spec in SPECS}
+_read_once = cache(load_network)
+
+
+def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
+    """The message's specification and its bytes with an empty E2E header. Raises BusError for an unknown message or
+    signal, or a value that the wire cannot carry; or cantools is missing.
+
+    Args:
+        name: of one of our messages, as the DBC has it.
+        assignments: "signal=value"; a value is a number in the signal's unit, or a name from its table.
+    """
+    if name not in _SPECS:
+        names = ", ".join(_SPECS)
+        raise BusError(f"{name}: is none of {names}; `python -m can.player` sends other frames, from a log")
+    message = _read_once(DBC).get_message_by_name(name)
+    from cantools.database import EncodeError
+
+    signals = {one.name: one for one in message.signals}
+    known = [signal for signal in signals if signal not in PROTECTION]
+    values: dict[str, float | str] = dict.fromkeys(signals, 0)
+    for text in assignments:
+        signal, equals, value = text.partition("=")
+        if signal in PROTECTION:
+            raise BusError(f"{text}: {signal} is filled in by the sender; --counter names the first counter")
+        if not equals or signal not in known:
+            raise BusError(f"{text}: must be SIGNAL=VALUE with one of {', '.join(known)}")
+        values[signal] = _value(text, signals[signal], value)
+    try:
+        data = message.encode(values, strict=True)
+    except (EncodeError, ValueError, OverflowError) as error:
+        raise BusError(f"{name} cannot be sent: {error}") from error
+    spec = _SPECS[name]
+    return spec, data[: spec.protected]
+
+
+def _value(text: str, signal: "Signal", value: str) -> float | str:
+    """A name as it is, or the number."""
+    names = [str(one) for one in (signal.choices or {}).values()]
+    if value in names:
+        return value
+    try:
+        return int(value, 0)
+    except ValueError:
+        pass
+    try:
+        number = float(value)
+    except ValueError:
+        others = f", or one of {', '.join(names)}" if names else ""
+        raise BusError(f"{text}: must be a number{others}") from None
+    if not signal.unit and not number.is_integer():
+        raise BusError(f"{text}: must be a whole number")
+    return number

@@ -17,7 +17,7 @@ from contract.config.vehicle import BusConfig
 MOST_MESSAGES: Final = 1000
 """That are listed: more than a vehicle's bus has, and a bound where someone sends random identifiers of 29 bits."""
 
-Cell = tuple[str, str, str]
+SignalCell = tuple[str, str, str]
 """A signal, its value and its unit."""
 
 
@@ -71,7 +71,7 @@ class Summary:
 
     @property
     def span_s(self) -> float:
-        """From the earliest to the latest frame; 0 without any."""
+        """The time from the earliest to the latest frame; 0 without any."""
         return 0.0 if self.first_s is None or self.last_s is None else self.last_s - self.first_s
 
     @property
@@ -85,7 +85,7 @@ class Summary:
         return max(self.loads.values(), default=None)
 
     def figures(self) -> dict[str, Any]:
-        """For `--json`: rates in 1/s, times in s."""
+        """Figures for `--json`: rates in 1/s, times in s."""
         return {
             "frames": self.frames,
             "remote_frames": self.remote,
@@ -143,7 +143,7 @@ class Summary:
         return traffic
 
 
-def rows(summary: Summary, *, matching: str = "") -> list[tuple[Traffic, list[Cell]]]:
+def rows(summary: Summary, *, matching: str = "") -> list[tuple[Traffic, list[SignalCell]]]:
     """The messages with their signals, ordered by channel and identifier; of one that is not known, or not readable,
     its bytes.
 
@@ -160,7 +160,7 @@ def rows(summary: Summary, *, matching: str = "") -> list[tuple[Traffic, list[Ce
     return shown
 
 
-def _cells(traffic: Traffic) -> list[Cell]:
+def _cells(traffic: Traffic) -> list[SignalCell]:
     signals = () if traffic.decoded is None else traffic.decoded.signals
     cells = [(one.name, one.shown, one.unit) for one in signals if one.name not in PROTECTION]
     what = "data" if traffic.decoded is None else "not readable"

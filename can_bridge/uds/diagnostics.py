@@ -1,15 +1,10 @@
 """What the server of `can_bridge.uds.server` needs of the ECU around it."""
 
-from collections.abc import Generator
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.backing import Long
 from can_bridge.uds.services import Did, Routine, Session
-
-T = TypeVar("T")
-
-Long = Generator[None, None, T]
-"""Work in pieces, one for each `next`; the server answers response-pending in between when it takes long."""
 
 
 class Diagnostics(Protocol):

@@ -33,7 +33,7 @@ CODES: Final[Mapping[Reason, int]] = {
     )
 }
 """Three bytes each. Other reasons are states of an ECU that is in order."""
-REASONS: Final[Mapping[int, Reason]] = {code: reason for reason, code in CODES.items()}
+REASON_BY_CODE: Final[Mapping[int, Reason]] = {code: reason for reason, code in CODES.items()}
 CODE_BYTES: Final = 3
 J2012_FORMAT: Final = 0x00
 """Identifier of this format in the answer to service 19 01."""
@@ -62,7 +62,7 @@ SNAPSHOT_FORMATS: Final[Mapping[Snapshot, str]] = {
     Snapshot.OVERRUNS: ">H",
     Snapshot.PRESSURES_CP: f">{SENSORS}f",
 }
-"""In the order in which they are kept."""
+"""Their forms, in the order in which they are kept."""
 SNAPSHOT_BYTES: Final = sum(struct.calcsize(form) for form in SNAPSHOT_FORMATS.values())
 
 

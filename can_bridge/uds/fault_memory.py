@@ -15,13 +15,12 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from enum import IntFlag
+from enum import IntEnum, IntFlag
 from typing import Final
 
-from can_bridge.flashing.medium import MediumError
-from can_bridge.uds.fault_codes import CODES, SNAPSHOT_BYTES
-from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Nrc
+from can_bridge.flashing.backing import MediumError
+from can_bridge.uds.fault_codes import CODE_BYTES, CODES, J2012_FORMAT, REASON_BY_CODE, SNAPSHOT_BYTES, SNAPSHOT_FORMATS
+from can_bridge.uds.services import Nrc, Refused
 from can_bridge.wire.messages import Reason
 
 AGED_CYCLES: Final = 40
@@ -50,7 +49,7 @@ _UNTESTED: Final = _S.NOT_COMPLETED_SINCE_CLEAR | _S.NOT_COMPLETED_THIS_CYCLE
 
 
 @dataclass(frozen=True)
-class Fault:
+class KeptFault:
     """What is remembered of one code.
 
     Attributes:
@@ -62,17 +61,17 @@ class Fault:
     age: int = 0
     snapshot: bytes = b""
 
-    def failed(self, snapshot: bytes) -> "Fault":
-        """After a test that failed."""
+    def failed(self, snapshot: bytes) -> "KeptFault":
+        """The fault after a test that failed."""
         is_first = not self.status & _S.FAILED_THIS_CYCLE
-        return Fault((self.status | _AT_FAILURE) & ~_UNTESTED, 0, snapshot if is_first else self.snapshot)
+        return KeptFault((self.status | _AT_FAILURE) & ~_UNTESTED, 0, snapshot if is_first else self.snapshot)
 
-    def passed(self) -> "Fault":
-        """After a test that passed."""
-        return Fault(self.status & ~(_S.TEST_FAILED | _UNTESTED), self.age, self.snapshot)
+    def passed(self) -> "KeptFault":
+        """The fault after a test that passed."""
+        return KeptFault(self.status & ~(_S.TEST_FAILED | _UNTESTED), self.age, self.snapshot)
 
-    def next_cycle(self) -> "Fault":
-        """After the next power-on."""
+    def next_cycle(self) -> "KeptFault":
+        """The fault after the next power-on."""
         status, age, snapshot = self.status, self.age, self.snapshot
         if not status & (_S.FAILED_THIS_CYCLE | _S.NOT_COMPLETED_THIS_CYCLE):
             status &= ~_S.PENDING
@@ -80,10 +79,10 @@ class Fault:
             if age >= AGED_CYCLES:
                 status, age, snapshot = status & ~_S.CONFIRMED, 0, b""
         status = status & ~(_S.TEST_FAILED | _S.FAILED_THIS_CYCLE) | _S.NOT_COMPLETED_THIS_CYCLE
-        return Fault(status, age, snapshot)
+        return KeptFault(status, age, snapshot)
 
     def packed(self) -> bytes:
-        """For the record: without what the next power-on changes in any case."""
+        """The bytes for the record, without what the next power-on changes in any case."""
         status = self.status & ~_S.TEST_FAILED
         if not status & (_S.PENDING | _S.CONFIRMED):
             status |= _S.NOT_COMPLETED_THIS_CYCLE
@@ -91,7 +90,7 @@ class Fault:
 
 
 class FaultMemory:
-    """From one power-on to the next. `note` may be called by another thread than everything else.
+    """The memory from one power-on to the next. `note` may be called by another thread than everything else.
 
     Args:
         record: as kept before; one that is damaged counts as none.
@@ -140,7 +139,7 @@ class FaultMemory:
         """Forget faults; raises Refused while nothing may be written, or where the memory fails."""
         if (code := self._refusal()) is not None:
             raise Refused(code)
-        self.faults |= dict.fromkeys(reasons, Fault())
+        self.faults |= dict.fromkeys(reasons, KeptFault())
         try:
             self._keep_if_different()
         except MediumError as error:
@@ -152,20 +151,89 @@ class FaultMemory:
             self._kept = record
 
 
-def encode(faults: Mapping[Reason, Fault]) -> bytes:
+def encode(faults: Mapping[Reason, KeptFault]) -> bytes:
     """The record."""
     raw = _MAGIC + b"".join(faults[reason].packed() for reason in CODES)
     return raw + _CRC.pack(zlib.crc32(raw))
 
 
-def decode(record: bytes) -> dict[Reason, Fault]:
+def decode(record: bytes) -> dict[Reason, KeptFault]:
     """The faults in a record, none in one that is damaged or that no ECU writes."""
     body, crc = record[len(_MAGIC) : -_CRC.size], record[-_CRC.size :]
     is_whole = record[: len(_MAGIC)] == _MAGIC and crc == _CRC.pack(zlib.crc32(record[: -_CRC.size]))
     if not is_whole or len(body) != _FAULT.size * len(CODES):
-        return {reason: Fault() for reason in CODES}
+        return {reason: KeptFault() for reason in CODES}
     rows = _FAULT.iter_unpack(body)
     return {
-        reason: Fault(Status(status & AVAILABLE), age, snapshot if has_one else b"")
+        reason: KeptFault(Status(status & AVAILABLE), age, snapshot if has_one else b"")
         for reason, (status, age, has_one, snapshot) in zip(CODES, rows, strict=True)
     }
+
+
+ALL_GROUPS: Final = 0xFFFFFF
+RECORD: Final = 0x01
+"""Number of a code's one snapshot, and of its one extended record, which holds the age."""
+_ALL_RECORDS: Final = 0xFF
+
+
+class FaultReport(IntEnum):
+    """Sub-functions of service 0x19."""
+
+    COUNT = 0x01
+    BY_STATUS = 0x02
+    SNAPSHOT = 0x04
+    EXTENDED = 0x06
+    SUPPORTED = 0x0A
+
+
+LENGTHS: Final = {
+    FaultReport.COUNT: 1,
+    FaultReport.BY_STATUS: 1,
+    FaultReport.SNAPSHOT: 4,
+    FaultReport.EXTENDED: 4,
+    FaultReport.SUPPORTED: 0,
+}
+"""Bytes behind the sub-function."""
+
+
+def report(memory: FaultMemory, kind: FaultReport, option: bytes) -> bytes:
+    """What follows the sub-function in the answer; raises Refused for an unknown code or record."""
+    if kind in (FaultReport.SNAPSHOT, FaultReport.EXTENDED):
+        return _record(memory, kind, REASON_BY_CODE.get(int.from_bytes(option[:CODE_BYTES], "big")), option[-1])
+    mask = option[0] & AVAILABLE if option else None
+    found = [
+        CODES[reason].to_bytes(CODE_BYTES, "big") + bytes([fault.status])
+        for reason, fault in memory.faults.items()
+        if mask is None or fault.status & mask
+    ]
+    if kind is FaultReport.COUNT:
+        return bytes([AVAILABLE, J2012_FORMAT]) + len(found).to_bytes(2, "big")
+    return bytes([AVAILABLE]) + b"".join(found)
+
+
+def cleared(group: int) -> Collection[Reason]:
+    """Which faults a group of codes names: all, or one; raises Refused for others."""
+    if group == ALL_GROUPS:
+        return CODES.keys()
+    if group not in REASON_BY_CODE:
+        raise Refused(Nrc.OUT_OF_RANGE)
+    return (REASON_BY_CODE[group],)
+
+
+def _record(memory: FaultMemory, kind: FaultReport, reason: Reason | None, number: int) -> bytes:
+    if reason is None or number not in (RECORD, _ALL_RECORDS):
+        raise Refused(Nrc.OUT_OF_RANGE)
+    fault = memory.faults[reason]
+    answer = CODES[reason].to_bytes(CODE_BYTES, "big") + bytes([fault.status])
+    if not fault.snapshot:
+        return answer
+    answer += bytes([RECORD])
+    if kind is FaultReport.EXTENDED:
+        return answer + bytes([fault.age])
+    answer += bytes([len(SNAPSHOT_FORMATS)])
+    at = 0
+    for identifier, form in SNAPSHOT_FORMATS.items():
+        size = struct.calcsize(form)
+        answer += identifier.to_bytes(2, "big") + fault.snapshot[at : at + size]
+        at += size
+    return answer

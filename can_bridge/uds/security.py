@@ -1,4 +1,7 @@
-"""Security access (ISO 14229-1, service 0x27): seeds, keys, wrong attempts and the delay after them.
+"""Security access (ISO 14229-1, service 0x27): the shared secret, seeds, keys, wrong attempts and the delay after them.
+
+Each security level has a key of its own, AES-CMAC of the shared key over a label and the level's number, so that an
+answer for one level is none for another. The answer to a seed is AES-CMAC of the level's key over the seed.
 
 A seed is good for one answer. An attempt is counted, in memory that outlives a reset, before the answer is looked at:
 cutting the supply at the right moment gains no attempt. After `MAX_ATTEMPTS` wrong ones in a row no seed is given for
@@ -7,24 +10,43 @@ cutting the supply at the right moment gains no attempt. After `MAX_ATTEMPTS` wr
 
 from collections.abc import Callable
 from hmac import compare_digest
-from typing import Final, Protocol
+from pathlib import Path
+from typing import Final, Self
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.uds.access_key import SEED_LENGTH, AccessKey
-from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Nrc
+from can_bridge.flashing.state import MOST_ATTEMPTS
+from can_bridge.secoc.key import Key, read_key
+from can_bridge.uds.diagnostics import Diagnostics
+from can_bridge.uds.services import Nrc, Refused
 
+SEED_LENGTH: Final = 16
+ANSWER_LENGTH: Final = 16
+"""Bytes of a seed, and of the key that the tester sends for it."""
 MAX_ATTEMPTS: Final = 3
 DELAY_NS: Final = 10_000_000_000
-MOST_COUNTED: Final = 255
+LABEL: Final = b"stillwake access"
+"""What a level's key is made over, with the level's number."""
 
 
-class Attempts(Protocol):
-    """The counts that outlive a reset."""
+class AccessKey:
+    """A 128-bit key for security access, ready for use. Raises ValueError as `Key` does."""
 
-    def failed_attempts(self, level: Level) -> int: ...
+    def __init__(self, secret: bytes) -> None:
+        self._take(Key(secret))
 
-    def keep_failed_attempts(self, level: Level, count: int) -> None: ...
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read a key from a file as `stillwake keygen --secret` writes it; raises KeyFileError as `read_key` does."""
+        made = cls.__new__(cls)
+        made._take(read_key(path))
+        return made
+
+    def answer(self, level: Level, seed: bytes) -> bytes:
+        """What unlocks this level after this seed."""
+        return self._levels[level].cmac(seed)
+
+    def _take(self, key: Key) -> None:
+        self._levels = {level: Key(key.cmac(LABEL + bytes([level]))) for level in Level}
 
 
 class SecurityAccess:
@@ -32,10 +54,10 @@ class SecurityAccess:
 
     Args:
         random_bytes: gives so many unpredictable bytes.
-        attempts: may refuse with the code to answer by.
+        attempts: keeps the counts over resets; may refuse with the code to answer by.
     """
 
-    def __init__(self, key: AccessKey, random_bytes: Callable[[int], bytes], attempts: Attempts) -> None:
+    def __init__(self, key: AccessKey, random_bytes: Callable[[int], bytes], attempts: Diagnostics) -> None:
         self._key = key
         self._random_bytes = random_bytes
         self._attempts = attempts
@@ -50,7 +72,7 @@ class SecurityAccess:
                 self._closed_until_ns[level] = now_ns + DELAY_NS
 
     def lock(self) -> None:
-        """At the end of a session."""
+        """Lock all levels, at the end of a session."""
         self.unlocked = self._asked = None
 
     def seed(self, now_ns: int, level: Level) -> bytes:
@@ -72,7 +94,7 @@ class SecurityAccess:
         if self._asked is None or self._asked[0] is not level:
             raise Refused(Nrc.SEQUENCE_ERROR)
         (_, seed), self._asked = self._asked, None
-        count = min(self._attempts.failed_attempts(level) + 1, MOST_COUNTED)
+        count = min(self._attempts.failed_attempts(level) + 1, MOST_ATTEMPTS)
         self._attempts.keep_failed_attempts(level, count)
         if not compare_digest(self._key.answer(level, seed), answer):
             if count < MAX_ATTEMPTS:

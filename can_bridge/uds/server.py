@@ -9,28 +9,29 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.uds.access_key import ANSWER_LENGTH, AccessKey
-from can_bridge.uds.diagnostics import Diagnostics, Long
+from can_bridge.flashing.backing import Long
+from can_bridge.uds.diagnostics import Diagnostics
 from can_bridge.uds.fault_codes import CODE_BYTES
-from can_bridge.uds.fault_memory import FaultMemory
-from can_bridge.uds.fault_reports import LENGTHS, Report, cleared, report
-from can_bridge.uds.job import Job, negative
-from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES, WRITABLE, Permission
-from can_bridge.uds.refused import Refused
-from can_bridge.uds.security import SecurityAccess
+from can_bridge.uds.fault_memory import LENGTHS, FaultMemory, FaultReport, cleared, report
+from can_bridge.uds.security import ANSWER_LENGTH, AccessKey, SecurityAccess
 from can_bridge.uds.services import (
+    LEVELS,
     LONGEST_ANSWER,
     MAX_BLOCK,
     MAX_REQUEST,
+    ROUTINES,
+    SERVICES,
     UNSENT_TO_ALL,
+    WRITABLE,
     Did,
     Nrc,
+    Permission,
+    Refused,
     Routine,
     Service,
     Session,
 )
-from can_bridge.uds.sessions import SessionTimer, timing_record
-from can_bridge.uds.transfer import Transfer
+from can_bridge.uds.under_way import Download, Job, SessionTimer, negative, timing_record
 
 MAX_DIDS: Final = 16
 """Identifiers that one request may read."""
@@ -52,7 +53,7 @@ _TWO_BYTES: Final = 0x20
 _SUB_FUNCTIONS: Final[Mapping[int, frozenset[int]]] = {
     Service.SESSION: frozenset(Session),
     Service.RESET: frozenset({_HARD_RESET}),
-    Service.REPORT_FAULTS: frozenset(Report),
+    Service.REPORT_FAULTS: frozenset(FaultReport),
     # A level's seed has its number, the answer to the seed the next one.
     Service.SECURITY: frozenset(level + is_answer for level in Level for is_answer in (0, 1)),
     Service.COMMUNICATION: frozenset({_ENABLE, _DISABLE_SENDING}),
@@ -60,7 +61,7 @@ _SUB_FUNCTIONS: Final[Mapping[int, frozenset[int]]] = {
     Service.TESTER_PRESENT: frozenset({0}),
     Service.FAULT_SETTING: frozenset({_FAULTS_ON, _FAULTS_OFF}),
 }
-"""Of the services that have one: their first byte, without the bit that suppresses the answer."""
+"""The first byte of the services that have a sub-function, without the bit that suppresses the answer."""
 _DIDS: Final[frozenset[int]] = frozenset(Did)
 
 
@@ -89,7 +90,7 @@ class UdsServer:
         self.is_silent = False
         self._security = SecurityAccess(key, random_bytes, diagnostics)
         self._timer = SessionTimer()
-        self._transfer: Transfer | None = None
+        self._transfer: Download | None = None
         self._job: Job | None = None
         self._reset_is_due = False
         self._now_ns: int | None = None
@@ -218,7 +219,7 @@ class UdsServer:
         return b""
 
     def _report_faults(self, body: bytes) -> bytes:
-        kind = Report(body[0])
+        kind = FaultReport(body[0])
         _check_length(len(body) == 1 + LENGTHS[kind])
         return body[:1] + report(self._faults, kind, body[1:])
 
@@ -309,7 +310,7 @@ class UdsServer:
         under_way = self._transfer
         if under_way is None or under_way.is_closed:
             self._diagnostics.download(offset, length)
-            self._transfer = Transfer(offset, length)
+            self._transfer = Download(offset, length)
         elif under_way.has_begun or (under_way.offset, under_way.length) != (offset, length):
             raise Refused(Nrc.CONDITIONS_NOT_CORRECT)
         return bytes([_TWO_BYTES]) + MAX_BLOCK.to_bytes(2, "big")

@@ -1,12 +1,17 @@
-"""The numbers of UDS that this ECU uses (ISO 14229-1:2020), and its own identifiers and routines."""
+"""The numbers of UDS that this ECU uses (ISO 14229-1:2020), its own identifiers and routines, and who may use them."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
+from can_bridge.flashing.access_level import Level
+from contract.controller.calibration import PACKED_BYTES
+
 P2_MS: Final = 50
-"""Until the first answer to a request, at most."""
+"""The most until the first answer to a request."""
 P2_EXTENDED_MS: Final = 5000
-"""After a response-pending, at most."""
+"""The most after a response-pending."""
 S3_MS: Final = 5000
 """Without any request after which a session ends by itself."""
 MAX_REQUEST: Final = 4095
@@ -15,12 +20,16 @@ LONGEST_ANSWER: Final = 768
 """Bytes of an answer with several identifiers; a longer one is refused as too long. One alone is always answered."""
 BESIDE: Final = 24
 """Bytes of other answers that may wait when a request is begun; behind more it is refused as busy."""
+POSITIVE: Final = 0x40
+"""A positive response begins with the service's identifier and so much more."""
+NEGATIVE: Final = 0x7F
+"""The first byte of a negative response."""
 MAX_BLOCK: Final = 4080
 """Bytes of a TransferData request, its two of header included."""
 
 
 class Service(IntEnum):
-    """Service identifiers; a positive response has 0x40 more."""
+    """Service identifiers."""
 
     SESSION = 0x10
     RESET = 0x11
@@ -83,7 +92,7 @@ UNSENT_TO_ALL: Final = frozenset(
 
 
 class Routine(IntEnum):
-    """RoutineControl identifiers, all started by sub-function 1. Results are in `can_bridge.uds.programming`."""
+    """RoutineControl identifiers, all started by sub-function 1. Results are in `can_bridge.uds.ecu_services`."""
 
     PRECONDITIONS = 0x0203
     """Whether the ECU may be programmed now; refused with CONDITIONS_NOT_CORRECT if not."""
@@ -116,7 +125,7 @@ class Did(IntEnum):
     STORE = 0xFD01
     """What the slots hold: `can_bridge.flashing.report`."""
     KEY_LIST = 0xFD02
-    """To be written: a signed key list. Read: its version (4)."""
+    """A signed key list, to be written. Read: its version (4)."""
     CAPACITY = 0xFD03
     """Bytes of the greatest image (4)."""
     PERIOD_NS = 0xFD04
@@ -128,3 +137,69 @@ class Did(IntEnum):
     """Least and greatest allowed value of each, then the release's own: three calibrations, packed."""
     CALIBRATION_STORED = 0xFD12
     """1: store the one in force; 0: back to the release's own. Read: whether one is stored (1)."""
+
+
+class Refused(Exception):  # noqa: N818  (a negative response is an answer, no error)
+    """The request is answered by this code."""
+
+    def __init__(self, code: Nrc, why: str = "") -> None:
+        super().__init__(why or code.name)
+        self.code = code
+
+
+_ALL: Final = frozenset(Session)
+_BEYOND_DEFAULT: Final = frozenset({Session.PROGRAMMING, Session.EXTENDED})
+_PROGRAMMING: Final = frozenset({Session.PROGRAMMING})
+_EXTENDED: Final = frozenset({Session.EXTENDED})
+
+
+@dataclass(frozen=True)
+class Permission:
+    """Who may, and with how many bytes.
+
+    Attributes:
+        level: that must be unlocked; None if none need be.
+        length: of the value or option record in bytes; None for any.
+    """
+
+    sessions: frozenset[Session] = _ALL
+    level: Level | None = None
+    length: int | None = None
+
+
+SERVICES: Final[Mapping[int, Permission]] = {
+    Service.SESSION: Permission(),
+    # The programming session begins only while the jets are shut; `Diagnostics.before_reset` looks again.
+    Service.RESET: Permission(_PROGRAMMING),
+    Service.CLEAR_FAULTS: Permission(),
+    Service.REPORT_FAULTS: Permission(),
+    Service.READ: Permission(),
+    Service.SECURITY: Permission(_BEYOND_DEFAULT),
+    Service.COMMUNICATION: Permission(_BEYOND_DEFAULT),
+    Service.WRITE: Permission(_BEYOND_DEFAULT),
+    Service.ROUTINE: Permission(_BEYOND_DEFAULT),
+    Service.DOWNLOAD: Permission(_PROGRAMMING, Level.PROGRAMMING),
+    Service.TRANSFER: Permission(_PROGRAMMING, Level.PROGRAMMING),
+    Service.EXIT: Permission(_PROGRAMMING, Level.PROGRAMMING),
+    Service.TESTER_PRESENT: Permission(),
+    Service.FAULT_SETTING: Permission(_BEYOND_DEFAULT),
+}
+LEVELS: Final[Mapping[int, Permission]] = {
+    Level.PROGRAMMING: Permission(_PROGRAMMING),
+    Level.CALIBRATION: Permission(_EXTENDED),
+}
+"""Sessions in which a level can be unlocked."""
+WRITABLE: Final[Mapping[int, Permission]] = {
+    Did.KEY_LIST: Permission(_PROGRAMMING, Level.PROGRAMMING),
+    Did.CALIBRATION: Permission(_EXTENDED, Level.CALIBRATION, length=PACKED_BYTES),
+    Did.CALIBRATION_STORED: Permission(_EXTENDED, Level.CALIBRATION, length=1),
+}
+ROUTINES: Final[Mapping[int, Permission]] = {
+    Routine.PRECONDITIONS: Permission(_BEYOND_DEFAULT, length=0),
+    Routine.SELF_TEST: Permission(_PROGRAMMING, Level.PROGRAMMING, length=0),
+    Routine.ACTIVATE: Permission(_PROGRAMMING, Level.PROGRAMMING, length=0),
+    Routine.CONFIRM: Permission(_PROGRAMMING, Level.PROGRAMMING, length=0),
+    Routine.REVERT: Permission(_PROGRAMMING, Level.PROGRAMMING, length=0),
+    Routine.ERASE: Permission(_PROGRAMMING, Level.PROGRAMMING, length=4 + 32),
+    Routine.CHECK: Permission(_PROGRAMMING, Level.PROGRAMMING, length=0),
+}

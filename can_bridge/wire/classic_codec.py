@@ -34,7 +34,7 @@ from can_bridge.wire.packing import (
     vehicle_speed,
 )
 
-LENGTH: Final = 8
+_LENGTH: Final = 8
 
 STALE_NS: Final = 1_000_000_000
 """What an age of 70 ms or more is read as."""
@@ -93,7 +93,7 @@ def emit_pressure(message: Pressure) -> bytes:
 
 def parse_pressure(data: bytes) -> Pressure | None:
     """The message in 8 bytes, or None if there are not 8. A pressure that is not valid is 0."""
-    if len(data) != LENGTH:
+    if len(data) != _LENGTH:
         return None
     head, a, b, c = _PRESSURE.unpack(data)
     f0, f1, f2, f3 = fields = (a & 0xFFF, a >> 12 | (b & 0xFF) << 4, b >> 8 | (c & 0xF) << 8, c >> 4)
@@ -119,7 +119,7 @@ def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
 
 def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
     """The message in 8 bytes, or None if there are not 8."""
-    if len(data) != LENGTH:
+    if len(data) != _LENGTH:
         return None
     density, speed, age = _VEHICLE_SPEED.unpack(data)
     return vehicle_speed(density, speed, age * CLASSIC_AGE_RESOLUTION_NS)
@@ -140,7 +140,7 @@ def emit_jet_command(message: JetCommand) -> bytes:
 
 def parse_jet_command(data: bytes) -> JetCommand | None:
     """The message in 8 bytes, or None if there are not 8 or the mode is not in its table."""
-    if len(data) != LENGTH:
+    if len(data) != _LENGTH:
         return None
     head, flow, echo = _JET_COMMAND.unpack(data)
     mode = MODES[head >> 4 & 0b111]
@@ -173,7 +173,7 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
 
     The lower half of the bundle's hash is 0: it was not sent.
     """
-    if len(data) != LENGTH:
+    if len(data) != _LENGTH:
         return None
     head, why, low, high, bundle_hash = _ECU_STATUS.unpack(data)
     state, reason = MODES[head >> 4 & 0b111], REASONS[head >> 7 | (why & 0xF) << 1]

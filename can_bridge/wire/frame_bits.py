@@ -3,8 +3,8 @@
 A stuff bit of the other value follows five equal bits and counts as the first of the next run. Classic CAN stuffs from
 the start of frame to the end of the CRC. CAN FD stuffs so to the end of the data only; its stuff count and CRC carry
 fixed stuff bits, as many for every content. The first of those stands between the data and the stuff count in any case,
-so that five equal bits at the end of the data need no other one. `can_bridge.wire.bit_timing` bounds the same lengths
-for all contents.
+so that five equal bits at the end of the data need no other one. `worst_case_bits` bounds the same lengths for all
+contents.
 """
 
 import re
@@ -65,8 +65,7 @@ def sent_bits(frame: Frame, *, error_passive: bool = False) -> SentBits:
     sent = stuffed(arbitration + rest, at_end=False)
     # BRS follows a dominant bit, so no stuff bit stands between it and the first bit at the data bit rate.
     nominal = len(stuffed(arbitration))
-    crc = FD_CRC_SHORT if len(frame.data) <= FD_LONGEST_SHORT else FD_CRC_LONG
-    return SentBits(stuffed=sent, nominal=nominal, data=len(sent) - nominal + crc)
+    return SentBits(stuffed=sent, nominal=nominal, data=len(sent) - nominal + _fd_crc_bits(frame))
 
 
 def frame_bits(frame: Frame) -> tuple[int, int]:
@@ -148,28 +147,20 @@ def _stuff_positions(bits: str) -> list[int]:
 
 
 def _identifier_bits(frame: Frame) -> str:
-    """From the start of frame to the bit before RTR or RRS."""
+    """The bits from the start of frame to the one before RTR or RRS."""
     if frame.is_extended:
         return "0" + _to_bits(frame.frame_id >> 18, 11) + "11" + _to_bits(frame.frame_id & 0x3FFFF, 18)
     return "0" + _to_bits(frame.frame_id, 11)
 
 
 def _classic_head(frame: Frame) -> str:
-    length = _to_bits(len(frame.data), 4)
-    if frame.is_extended:
-        # Start, base identifier, SRR, IDE, extension, RTR, r1, r0.
-        return "0" + _to_bits(frame.frame_id >> 18, 11) + "11" + _to_bits(frame.frame_id & 0x3FFFF, 18) + "000" + length
-    # Start, identifier, RTR, IDE, r0.
-    return "0" + _to_bits(frame.frame_id, 11) + "000" + length
+    """The bits from the start of frame to DLC; RTR, IDE and r0, or RTR, r1 and r0, stand before that."""
+    return _identifier_bits(frame) + "000" + _to_bits(len(frame.data), 4)
 
 
 def _fd_arbitration(frame: Frame) -> str:
-    """Up to BRS, which is 1."""
-    if frame.is_extended:
-        # Start, base identifier, SRR, IDE, extension, RRS, FDF, res, BRS.
-        return "0" + _to_bits(frame.frame_id >> 18, 11) + "11" + _to_bits(frame.frame_id & 0x3FFFF, 18) + "0101"
-    # Start, identifier, RRS, IDE, FDF, res, BRS.
-    return "0" + _to_bits(frame.frame_id, 11) + "00101"
+    """Up to BRS: RRS, IDE, FDF, res, BRS, or without IDE, which stands ahead of the extension."""
+    return _identifier_bits(frame) + ("0101" if frame.is_extended else "00101")
 
 
 def _to_bits(value: int, width: int) -> str:
@@ -179,3 +170,41 @@ def _to_bits(value: int, width: int) -> str:
 def _bits_of(data: bytes) -> str:
     # The most significant bit of each byte goes first.
     return _to_bits(int.from_bytes(data), 8 * len(data)) if data else ""
+
+
+_FD_CONTROL: Final = 5
+"""ESI and DLC."""
+
+
+def worst_case_bits(frame: Frame) -> tuple[int, int]:
+    """Bits at the nominal and at the data bit rate, with the most stuff bits any content could need.
+
+    Classic CAN: the bound of Davis, Burns, Bril and Lukkien, "Controller Area Network (CAN) schedulability analysis:
+    refuted, revisited and revised", Real-Time Systems 35 (2007), equation 1. CAN FD: the same reasoning. The CRC
+    delimiter, during which an FD frame switches back, is charged at the nominal rate as a whole.
+    """
+    payload = 8 * len(frame.data)
+    if not frame.is_fd:
+        sent = len(_classic_head(frame)) + payload + 15
+        return sent + _most_stuff_bits(sent) + TAIL, 0
+    # As many of the stuff bits as can fall into the arbitration phase are charged there, where they cost most.
+    arbitration = len(_fd_arbitration(frame))
+    early = _most_stuff_bits(arbitration)
+    late = _most_stuff_bits(arbitration + _FD_CONTROL + payload) - early
+    return arbitration + early + TAIL, _FD_CONTROL + payload + late + _fd_crc_bits(frame)
+
+
+def worst_case_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
+    """The same as a time, rounded up to whole ns. Bit rates in bit/s; classic frames ignore the second. Raises
+    ValueError for a bit rate that is not positive."""
+    nominal, data = worst_case_bits(frame)
+    return bits_ns(nominal, data, nominal_bitrate=nominal_bitrate, data_bitrate=data_bitrate)
+
+
+def _most_stuff_bits(bits: int) -> int:
+    """One after the first five equal bits and then after every fourth."""
+    return (bits - 1) // 4
+
+
+def _fd_crc_bits(frame: Frame) -> int:
+    return FD_CRC_SHORT if len(frame.data) <= FD_LONGEST_SHORT else FD_CRC_LONG

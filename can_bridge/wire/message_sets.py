@@ -4,8 +4,9 @@ One set at a time: `bus.frames` chooses CAN FD or classic CAN, `bus.key` the aut
 set has identifiers of its own, so that a node of another set is seen on the bus and not misread.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Final, Generic, TypeVar
 
 from can_bridge.wire import classic_codec, codec
@@ -54,45 +55,32 @@ class MessageSet:
         return self.pressure.spec, self.speed.spec, self.command.spec, self.status.spec
 
 
-def _fd_set(
-    name: str, pressure: MessageSpec, speed: MessageSpec, command: MessageSpec, status: MessageSpec
-) -> MessageSet:
+def _set(name: str, by: ModuleType, named: Sequence[MessageSpec], resolution_pa: float, most_steps: int) -> MessageSet:
+    """A set by its codec, from the specifications in the order of `MessageSet.specs`."""
+    pressure, speed, command, status = named
     return MessageSet(
         name=name,
-        pressure=Message(spec=pressure, emit=codec.emit_pressure, parse=codec.parse_pressure),
-        speed=Message(spec=speed, emit=codec.emit_vehicle_speed, parse=codec.parse_vehicle_speed),
-        command=Message(spec=command, emit=codec.emit_jet_command, parse=codec.parse_jet_command),
-        status=Message(spec=status, emit=codec.emit_ecu_status, parse=codec.parse_ecu_status),
-        pressure_resolution_pa=specs.PRESSURE_RESOLUTION_PA,
-        pressure_limit_pa=specs.INT16_MAX * specs.PRESSURE_RESOLUTION_PA,
+        pressure=Message(spec=pressure, emit=by.emit_pressure, parse=by.parse_pressure),
+        speed=Message(spec=speed, emit=by.emit_vehicle_speed, parse=by.parse_vehicle_speed),
+        command=Message(spec=command, emit=by.emit_jet_command, parse=by.parse_jet_command),
+        status=Message(spec=status, emit=by.emit_ecu_status, parse=by.parse_ecu_status),
+        pressure_resolution_pa=resolution_pa,
+        pressure_limit_pa=most_steps * resolution_pa,
     )
 
 
-FD: Final = _fd_set("CAN FD", specs.PRESSURE, specs.VEHICLE_SPEED, specs.JET_COMMAND, specs.ECU_STATUS)
-SECURED: Final = _fd_set(
-    "CAN FD, authenticated",
-    specs.PRESSURE_SECURED,
-    specs.VEHICLE_SPEED_SECURED,
-    specs.JET_COMMAND_SECURED,
-    specs.ECU_STATUS_SECURED,
+_PLAIN: Final = (specs.PRESSURE, specs.VEHICLE_SPEED, specs.JET_COMMAND, specs.ECU_STATUS)
+_SECURED: Final = (
+    *(specs.PRESSURE_SECURED, specs.VEHICLE_SPEED_SECURED),
+    *(specs.JET_COMMAND_SECURED, specs.ECU_STATUS_SECURED),
 )
-CLASSIC: Final = MessageSet(
-    name="classic CAN",
-    pressure=Message(spec=specs.PRESSURE_CLASSIC, emit=classic_codec.emit_pressure, parse=classic_codec.parse_pressure),
-    speed=Message(
-        spec=specs.VEHICLE_SPEED_CLASSIC,
-        emit=classic_codec.emit_vehicle_speed,
-        parse=classic_codec.parse_vehicle_speed,
-    ),
-    command=Message(
-        spec=specs.JET_COMMAND_CLASSIC, emit=classic_codec.emit_jet_command, parse=classic_codec.parse_jet_command
-    ),
-    status=Message(
-        spec=specs.ECU_STATUS_CLASSIC, emit=classic_codec.emit_ecu_status, parse=classic_codec.parse_ecu_status
-    ),
-    pressure_resolution_pa=specs.CLASSIC_PRESSURE_RESOLUTION_PA,
-    pressure_limit_pa=specs.INT12_MAX * specs.CLASSIC_PRESSURE_RESOLUTION_PA,
+_CLASSIC: Final = (
+    *(specs.PRESSURE_CLASSIC, specs.VEHICLE_SPEED_CLASSIC),
+    *(specs.JET_COMMAND_CLASSIC, specs.ECU_STATUS_CLASSIC),
 )
+FD: Final = _set("CAN FD", codec, _PLAIN, specs.PRESSURE_RESOLUTION_PA, specs.INT16_MAX)
+SECURED: Final = _set("CAN FD, authenticated", codec, _SECURED, specs.PRESSURE_RESOLUTION_PA, specs.INT16_MAX)
+CLASSIC: Final = _set("classic CAN", classic_codec, _CLASSIC, specs.CLASSIC_PRESSURE_RESOLUTION_PA, specs.INT12_MAX)
 SETS: Final = (FD, CLASSIC, SECURED)
 
 

@@ -80,7 +80,7 @@ SPECS: Final = (
 )
 
 FLOW_RESOLUTION_M2_PER_S: Final = 0.0002
-"""In every set of messages, so that the command gate need not know which is in use."""
+"""The step in every set of messages, so that the command gate need not know which is in use."""
 
 SPEED_RESOLUTION_M_PER_S: Final = 0.005
 DENSITY_RESOLUTION_KG_PER_M3: Final = 0.01

@@ -13,7 +13,7 @@ from contract.printable import shown
 if TYPE_CHECKING:
     from cantools.database.can.database import Database
 
-LONGEST: Final = 65_536
+LONGEST_MESSAGE: Final = 65_536
 """Bytes, or bits where a format counts them, of a message: CAN XL has 2048 bytes. cantools lays out every bit."""
 _LENGTH: Final = re.compile(rb'(?:^ *BO_ +\d+ +\w+ *: *|\blength="|^ *Len=|LENGTH>)(\d+)', re.MULTILINE)
 NEEDS_CANTOOLS = f"reading it needs cantools: {install('bus')}"
@@ -47,5 +47,7 @@ def load_network(path: Path) -> "Database":
 
 def _check_lengths(path: Path) -> None:
     for found in _LENGTH.finditer(path.read_bytes()):
-        if len(found[1]) > 9 or int(found[1]) > LONGEST:
-            raise ValueError(f"{shown(found[0].decode())} is the length of a message: must be at most {LONGEST}")
+        if len(found[1]) > 9 or int(found[1]) > LONGEST_MESSAGE:
+            raise ValueError(
+                f"{shown(found[0].decode())} is the length of a message: must be at most {LONGEST_MESSAGE}"
+            )

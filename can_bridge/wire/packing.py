@@ -23,7 +23,8 @@ sixth of a parser's time. Types are not checked: the parsers' tests are."""
 _BYTE: Final = range(256)
 MODES: Final = tuple(Mode(value) if value in frozenset(Mode) else None for value in _BYTE)
 REASONS: Final = tuple(Reason(value) if value in frozenset(Reason) else None for value in _BYTE)
-"""By the value on the wire; None for one that is not in the DBC's table. Looking up is faster than building an enum."""
+"""Members by the value on the wire; None for one that is not in the DBC's table. Looking up is faster than building an
+enum."""
 
 VALIDITIES: Final = tuple(bits[::-1] for bits in product((False, True), repeat=SENSORS))
 """Valid flags of the sensors, by their bits on the wire."""

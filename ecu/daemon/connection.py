@@ -14,8 +14,7 @@ from typing import Final, Self
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.receive_thread import ReceiveThread
-from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
-from can_bridge.bus.rejection import Rejection
+from can_bridge.bus.interface import HEALTHY, BusHealth, BusState, Rejection
 from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 from ecu.real_time.privileges import step_back

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from can_bridge.e2e.receiver import Check
+from can_bridge.e2e.receiver import FrameCheck
 from can_bridge.wire.messages import Mode, Reason
 from ecu.ecu_state import EcuState
 
@@ -47,9 +47,9 @@ def _lines(c: Counters, bundle: str) -> Iterator[str]:
         "periods_left_out": (c.left_out, "Periods without a control step, since one before was not done."),
         "overruns": (state.overruns, "Whole periods that the ECU's own timing found missing."),
         "missed": (state.missed, "Steps without usable pressures."),
-        "crc_errors": (state.pressures.count(Check.ERROR), "Pressure frames with a wrong CRC."),
-        "repeated": (state.pressures.count(Check.REPEATED), "Pressure frames with the counter of the one before."),
-        "wrong_sequence": (state.pressures.count(Check.WRONG_SEQUENCE), "Pressure frames out of sequence."),
+        "crc_errors": (state.pressures.count(FrameCheck.ERROR), "Pressure frames with a wrong CRC."),
+        "repeated": (state.pressures.count(FrameCheck.REPEATED), "Pressure frames with the counter of the one before."),
+        "wrong_sequence": (state.pressures.count(FrameCheck.WRONG_SEQUENCE), "Pressure frames out of sequence."),
         "not_authentic": (state.verifier.refused, "Pressure frames refused by their MAC or freshness."),
         "frames_received": (c.received, "Frames of the ECU's messages."),
         "frames_dropped": (c.dropped, "Pressure frames for which there was no room."),

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from can_bridge.uds.access_key import AccessKey
+from can_bridge.uds.security import AccessKey
 from contract.config.tree import Config
 from contract.controller.interface import Controller
 from contract.release.checks import Bundle

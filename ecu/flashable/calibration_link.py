@@ -3,11 +3,10 @@
 from collections.abc import Callable, Sequence
 
 from can_bridge.calibration.segment import Segment
-from can_bridge.calibration.service import CalibrationService
 from can_bridge.calibration.xcp_slave import XcpSlave
 from can_bridge.flashing.store import Store
-from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Nrc
+from can_bridge.uds.calibration_service import CalibrationService
+from can_bridge.uds.services import Nrc, Refused
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
 from contract.release.checks import Bundle

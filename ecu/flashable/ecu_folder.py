@@ -17,8 +17,7 @@ from shutil import copyfile
 from typing import Final
 
 from can_bridge.flashing.checking import Fits
-from can_bridge.flashing.folder_backing import FolderBacking
-from can_bridge.flashing.folder_files import open_regular
+from can_bridge.flashing.folder_backing import FolderBacking, open_regular
 from can_bridge.flashing.store import Store
 from contract.atomic import replacing
 from contract.errors import ConfigError, OutputError

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from can_bridge.secoc.node import Authentication
-from can_bridge.uds.access_key import AccessKey
+from can_bridge.uds.security import AccessKey
 from contract.config.tree import Config
 from contract.controller.interface import Controller
 from contract.release.checks import Bundle

@@ -1,13 +1,12 @@
 """What happens in flashing and is worth a line in the log."""
 
 from collections.abc import Callable, Mapping
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.boot import Boot, BootReason
 from can_bridge.flashing.state import TRIAL_BOOTS
-from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.services import Routine, Session
+from can_bridge.uds.services import Session
 
 Log = Callable[..., None]
 """Called with an event's name, its line, and its fields."""
@@ -23,17 +22,6 @@ class Access(NamedTuple):
     session: Session
     unlocked: Level | None
     attempts: Mapping[Level, int]
-
-
-_DONE: Final = {
-    Routine.ERASE: ("update", "a release is to be written: jets shut until a reset"),
-    Routine.ACTIVATE: (
-        "activated",
-        "the release that was written is activated: booted on trial from the next reset on",
-    ),
-    Routine.CONFIRM: ("confirmed", "the release that runs is confirmed"),
-    Routine.REVERT: ("given_up", "the release before is booted from the next reset on"),
-}
 
 
 def no_log(event: str, line: str, **fields: str | int | float) -> None:
@@ -73,12 +61,3 @@ def log_access(log: Log, before: Access, after: Access) -> None:
         if count > before.attempts[level]:
             words = f"a tester's key for {level.name.lower()} was refused, {count} in a row"
             log("key_refused", words, level=level.name, count=count)
-
-
-def log_routine(log: Log, routine: Routine, answer: bytes) -> None:
-    """Log a routine that was run."""
-    if routine is Routine.CHECK and answer and answer[0] in Verdict.__members__.values():
-        verdict = Verdict(answer[0])
-        log("checked", f"the release that was written: {verdict.in_words}", verdict=verdict.name)
-    elif routine in _DONE:
-        log(*_DONE[routine])

@@ -5,22 +5,19 @@ from functools import partial
 from typing import cast
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Backing
-from can_bridge.flashing.medium import MediumError
-from can_bridge.flashing.report import encode, report_of
+from can_bridge.flashing.backing import Backing, MediumError
 from can_bridge.flashing.store import Store
 from can_bridge.secoc.node import Authentication
+from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.fault_memory import FaultMemory
-from can_bridge.uds.programming import Programming
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Nrc
 from contract.config.tree import Config
 from contract.release.checks import Bundle
 from ecu.flashable.calibration_link import CalibrationLink
 from ecu.flashable.diagnostic_link import DiagnosticLink
-from ecu.flashable.ecu_services import EcuServices
 from ecu.flashable.equipment import Equipment
-from ecu.flashable.event_log import Access, log_boot, log_routine
+from ecu.flashable.event_log import Access, log_boot
 from ecu.flashable.fault_watch import FaultWatch
 from ecu.flashable.identification import identification
 from ecu.flashable.self_test import self_test
@@ -73,33 +70,25 @@ class PowerCycle:
         else:
             self.ecu = ecu = equipment.ecu_of(bundle, controller, config, authentication)
             self.calibration = CalibrationLink(bundle, ecu, self.store, config, equipment, refusal=jets)
-        services = EcuServices(
+        self._services = EcuServices(
+            self.store,
             identification(equipment, config),
             calibration=None if self.calibration is None else self.calibration.service,
             self_test=None if bundle is None or controller is None else partial(self_test, bundle, controller),
+            refusal=lambda: request().refusal(now_ns()),
             on_reset=on_reset,
             log=equipment.log,
-        )
-        self._programming = Programming(
-            self.store,
-            services,
-            refusal=lambda: request().refusal(now_ns()),
-            report=lambda store: encode(report_of(store)),
-            on_routine=partial(log_routine, equipment.log),
-            # A tester that goes away amid a transfer would leave the jets shut until the next power-on; the release
-            # that ran before is in order, and a transfer that was interrupted goes on after a reset.
-            resets_when_left=True,
         )
         records, self._log = self.store.records, equipment.log
         self._faults = FaultMemory(records.faults, keep=records.keep_faults, refusal=jets)
         self.watch = FaultWatch(self._faults)
-        self._server = UdsServer(self._programming, equipment.access, equipment.random_bytes, faults=self._faults)
+        self._server = UdsServer(self._services, equipment.access, equipment.random_bytes, faults=self._faults)
         self.link = DiagnosticLink(config.bus, self._server)
 
     @property
     def is_updating(self) -> bool:
         """Whether a transfer was announced: only a reset leads out."""
-        return self._programming.is_updating
+        return self._services.is_updating
 
     @property
     def is_silent(self) -> bool:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from can_bridge.uds.diagnostics import Long
+from can_bridge.flashing.backing import Long
 from contract.arrays import Array
 from contract.controller.interface import Controller, ControllerError, Sizes
 from contract.release.checks import Bundle

@@ -16,7 +16,7 @@ import numpy as np
 
 from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.command_gate import Intervention
-from can_bridge.e2e.receiver import Check, ReceiverState, StreamState
+from can_bridge.e2e.receiver import FrameCheck, ReceiverState, StreamState
 from can_bridge.e2e.sender import SenderState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Reason
@@ -262,7 +262,7 @@ def _received(receiver: Any) -> ReceiverState:
     return ReceiverState(
         stream=_STREAMS[receiver.stream],
         last_counter=receiver.last_counter if receiver.has_counter else None,
-        window=tuple(map(Check, list(receiver.window)[: receiver.checks])),
+        window=tuple(map(FrameCheck, list(receiver.window)[: receiver.checks])),
         counts=tuple(receiver.counts),
     )
 

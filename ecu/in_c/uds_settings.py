@@ -8,7 +8,7 @@ from typing import Any, Final
 from can_bridge.flashing.access_level import Level
 from can_bridge.isotp import endpoint
 from can_bridge.uds import fault_codes, fault_memory, security, server, services
-from can_bridge.uds.fault_reports import Report
+from can_bridge.uds.fault_memory import FaultReport
 from can_bridge.uds.services import Did, Nrc, Routine, Service, Session
 from contract.config.vehicle import BusConfig
 from contract.release.checks import dbc_sha256
@@ -19,7 +19,7 @@ HEADER: Final = "sw_uds_settings.h"
 _ISOTP: Final = isotp_settings(BusConfig())
 _NUMBERED: Final[Mapping[str, type[IntEnum]]] = {
     "SERVICE": Service, "SESSION": Session, "NRC": Nrc, "ROUTINE": Routine, "DID": Did, "LEVEL": Level,
-    "REPORT": Report,
+    "REPORT": FaultReport,
 }  # fmt: skip
 
 
@@ -39,7 +39,7 @@ def uds_settings() -> bytes:
         "ISOTP_ROOM": services.LONGEST_ANSWER + services.BESIDE + 3 * _ISOTP.queue,
         "ISOTP_BESIDE": services.BESIDE,
         "ISOTP_QUEUE": _ISOTP.queue,
-        "ISOTP_KEPT": endpoint.KEPT,
+        "ISOTP_KEPT": endpoint.KEPT_PLACES,
         "ISOTP_WAITS": _ISOTP.max_waits,
         "MOST_FRAMES": diagnostic_link.MOST_FRAMES,
         "FAULT_COUNT": len(fault_codes.CODES),

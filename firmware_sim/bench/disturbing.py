@@ -10,8 +10,8 @@ from typing import Final, TypeVar
 import numpy as np
 
 from can_bridge.bus.faults.fault import NS, Span
+from can_bridge.bus.faults.frame_faults import WireErrors
 from can_bridge.bus.faults.node_faults import ClockDrift
-from can_bridge.bus.faults.wire_errors import WireErrors
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
 from can_bridge.wire.frame import Frame

@@ -34,9 +34,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Self, TypeVar
 
-from can_bridge.bus.faults.content import StuckAt
 from can_bridge.bus.faults.fault import NS
-from can_bridge.bus.faults.loss_and_lateness import Delay
+from can_bridge.bus.faults.frame_faults import Delay, StuckAt
 from can_bridge.bus.faults.node_faults import ClockDrift
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import Frame

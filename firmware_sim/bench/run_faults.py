@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from can_bridge.bus.faults.content import FlipBits, StuckAt
-from can_bridge.bus.faults.fault import Around, Fault, FaultyBus, wrap
+from can_bridge.bus.faults.fault import BusFault, FaultyBus, WrappedBus, wrap
+from can_bridge.bus.faults.frame_faults import FlipBits, StuckAt
 from can_bridge.bus.faults.node_faults import Babble, Disconnect
 from can_bridge.bus.faults.text import parse_fault
 from can_bridge.bus.interface import Bus
@@ -36,7 +36,7 @@ class NodeFault:
 
     text: str
     node: str
-    fault: Fault
+    fault: BusFault
 
 
 def parse_node_fault(text: str) -> NodeFault:
@@ -117,7 +117,7 @@ class NodeFaults:
         self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
 
 
-class _Babbling(Around):
+class _Babbling(WrappedBus):
     """A port that is looked at between its node's calls, so that it babbles on; keeps what came for the node."""
 
     def __init__(self, port: Bus) -> None:

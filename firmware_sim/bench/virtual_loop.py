@@ -28,8 +28,8 @@ from typing import ClassVar
 
 from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
 from can_bridge.bus.simulated.medium import SimulatedBus
-from can_bridge.wire.bit_timing import worst_case_ns
 from can_bridge.wire.frame import Frame
+from can_bridge.wire.frame_bits import worst_case_ns
 from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
 from contract.errors import BusError

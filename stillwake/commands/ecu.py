@@ -206,7 +206,7 @@ def _run_store(
     given: list[str], slots: Path, root: Path | None, hardware: str | None, options: "Options", *, access: Path
 ) -> None:
     """The ECU with the releases in a folder."""
-    from can_bridge.uds.access_key import AccessKey
+    from can_bridge.uds.security import AccessKey
     from ecu.daemon.store_service import serve_store
     from ecu.flashable.ecu_folder import read_folder
 

@@ -22,7 +22,7 @@ def asking(bus: BusConfig, access: Path | None = None) -> Iterator["Asking"]:
     """
     from can_bridge.tester.asking import Asking
     from can_bridge.tester.transport import open_client
-    from can_bridge.uds.access_key import AccessKey
+    from can_bridge.uds.security import AccessKey
 
     key = None if access is None else AccessKey.read(access).answer
     with open_client(bus) as client:

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from cantools.database import Database
 
-from can_bridge.bus.faults.text import KINDS as BUS_FAULTS
+from can_bridge.bus.faults.text import BUS_FAULTS
 from can_bridge.uds.services import Nrc
 from contract.config.loading import load_config, to_tree
 from docs import can_messages, command_line, diagnosis, settings, states

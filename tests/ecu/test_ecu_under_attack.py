@@ -6,9 +6,9 @@ import pytest
 
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.sender import SenderState, protected_frame
-from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.node import Authentication, secured
+from can_bridge.secoc.securing import Freshness
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason

@@ -29,13 +29,8 @@ from ecu.ecu import Ecu
 EXTRAS = ("torch", "shap", "onnx", "numba", "scipy", "matplotlib", "gymnasium", "distributed", "PIL", "pytest", "h5py",
           "udsoncan", "isotp")  # fmt: skip
 """What only the other extras bring; here it must be missing, or the run proves nothing."""
-ELSEWHERE = (
-    "contract.recording",
-    "stillwake_data",
-    "can_bridge.tester.transport",
-    "can_bridge.tester.direct_connection",
-)
-"""Data sets and what reads them, and a tester's connections, which are udsoncan's: no part of the base install."""
+ELSEWHERE = ("contract.recording", "stillwake_data", "can_bridge.tester.transport")
+"""Data sets and what reads them, and a tester's connection, which is udsoncan's: no part of the base install."""
 
 
 def modules(room: ModuleType) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import MediumError
 from can_bridge.flashing.store import Store
 from can_bridge.secoc.key import write_key
 from can_bridge.tester import asking
@@ -123,9 +123,10 @@ def test_what_the_ecu_objects_to(
         (Did.DBC_SHA256, bytes(32), "is for the stillwake.dbc"),
         (Did.PERIOD_NS, (10_000_000).to_bytes(8, "big"), "has a control period of 20 ms, the ECU one of 10 ms"),
     ):
-        ecu.values = VALUES | {did: value}
+        ecu.values |= VALUES | {did: value}
         ends(flash(), 6, words)
-    ecu.values, ecu.memory.capacity = VALUES, 50_000
+    ecu.values |= VALUES
+    ecu.memory.capacity = 50_000
     ends(flash(), 6, f"has {len(SHIPPED)} bytes, the ECU has room for 50000")
     assert ecu.routines == []
     ecu.memory.capacity, ecu.is_wanted = 200_000, True

@@ -5,6 +5,10 @@ one garbage datagram ends python-can's own Notifier, and garbage on a serial lin
 Here sending always ends, and every reception is either handed over or counted under the reason why not.
 """
 
+import os
+import socket
+import struct
+import sys
 import time
 from collections.abc import Collection, Mapping
 from dataclasses import replace
@@ -12,18 +16,83 @@ from typing import Final, Self
 
 import can
 
-from can_bridge.bus.backends import kernel_queue
-from can_bridge.bus.backends.connection import Connection
-from can_bridge.bus.backends.error_frames import health_after, lost_frames
-from can_bridge.bus.backends.opening import QUEUE_SIZE, SETTLE_S, open_backend
+from can_bridge.bus.backends.connection import QUEUE_SIZE, SETTLE_S, OpenBus, open_backend
 from can_bridge.bus.conversion import frame_of, to_message
-from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
-from can_bridge.bus.rejection import Rejection
+from can_bridge.bus.interface import HEALTHY, BusHealth, BusState, Rejection
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import SPECS
 from contract.config.diagnosis import CanId
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
+
+_CONTROLLER: Final = 0x004
+"""CAN_ERR_CRTL: the state is in data byte 1."""
+_BUS_OFF: Final = 0x040
+"""CAN_ERR_BUSOFF."""
+_RESTARTED: Final = 0x100
+"""CAN_ERR_RESTARTED: back from bus-off."""
+_COUNTERS: Final = 0x200
+"""CAN_ERR_CNT: data bytes 6 and 7 hold the transmit and receive error counters. Kernels before 6.0 do not set it."""
+
+_RX_OVERFLOW: Final = 0x01
+"""CAN_ERR_CRTL_RX_OVERFLOW, in data byte 1 like the next two."""
+_PASSIVE: Final = 0x10 | 0x20
+"""CAN_ERR_CRTL_RX_PASSIVE and TX_PASSIVE."""
+_ACTIVE: Final = 0x40
+"""CAN_ERR_CRTL_ACTIVE: recovered from error-passive."""
+
+_LENGTH: Final = 8
+"""CAN_ERR_DLC."""
+
+
+def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
+    """What is known of the controller after one error frame.
+
+    Args:
+        classes: the frame's identifier without its flags.
+        data: its eight bytes; another length is ignored.
+    """
+    if len(data) != _LENGTH:
+        return health
+    controller = data[1] if classes & _CONTROLLER else 0
+    # Older kernels leave the bytes zero where a driver does not know the counters.
+    if classes & _COUNTERS or (classes & _CONTROLLER and any(data[6:8])):
+        health = replace(health, tx_errors=data[6], rx_errors=data[7])
+    if classes & _BUS_OFF:
+        return replace(health, state=BusState.BUS_OFF, bus_off=health.bus_off + 1)
+    if classes & _RESTARTED:
+        # A controller leaves bus-off error-active with both counters at zero (ISO 11898-1, fault confinement).
+        return replace(health, state=BusState.ERROR_ACTIVE, tx_errors=0, rx_errors=0)
+    if health.state is BusState.BUS_OFF:
+        return health
+    if controller & _PASSIVE:
+        return replace(health, state=BusState.ERROR_PASSIVE)
+    if controller & _ACTIVE:
+        return replace(health, state=BusState.ERROR_ACTIVE)
+    return health
+
+
+def lost_frames(classes: int, data: bytes) -> bool:
+    """Whether the controller reports that it dropped received frames."""
+    return len(data) == _LENGTH and bool(classes & _CONTROLLER and data[1] & _RX_OVERFLOW)
+
+
+_SO_MEMINFO: Final = 55
+"""Linux: `SK_MEMINFO_VARS` numbers of 32 bits, of which the last one counts the drops (linux/sock_diag.h)."""
+_MEMINFO: Final = struct.Struct("=9I")
+
+
+def _dropped(fileno: int) -> int:
+    """Receptions that found a socket's queue full since it was opened; 0 where the system does not count them."""
+    if sys.platform != "linux":
+        return 0
+    try:
+        with socket.socket(fileno=os.dup(fileno)) as sock:
+            return int(_MEMINFO.unpack(sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size))[-1])
+    except (OSError, struct.error):
+        # No socket, or a kernel before 4.12.
+        return 0
+
 
 RECEPTION_LIMIT: Final = 4 * QUEUE_SIZE
 """Most receptions that one `receive_all` looks at, so that it ends also in a flood of what is to be refused."""
@@ -31,7 +100,7 @@ RECEPTION_LIMIT: Final = 4 * QUEUE_SIZE
 _IS_FD: Final = {CanId(spec.frame_id): spec.is_fd for spec in SPECS}
 
 
-class PythonCanBus(Connection):
+class PythonCanBus(OpenBus):
     """One node's connection. Use as a context manager, or `close` it.
 
     One thread may send while another receives. `received` counts receptions so far: `accepted` ones and the sum of
@@ -102,7 +171,7 @@ class PythonCanBus(Connection):
         a serial adapter or driver, or on another system, are not counted: their gaps show in the end-to-end counters.
         """
         try:
-            in_kernel = kernel_queue.dropped(self._bus.fileno())
+            in_kernel = _dropped(self._bus.fileno())
         except (can.CanError, OSError, NotImplementedError):
             in_kernel = 0
         return in_kernel + self._overflow_reports
@@ -111,7 +180,7 @@ class PythonCanBus(Connection):
         """What is known of the CAN controller; without knowledge, healthy.
 
         SocketCAN reports it by error frames, which have to be received. Of python-can's `state` only a failed one,
-        bus-off, means the same for all drivers: their PASSIVE is a node that may listen only. Bus-off counts as often
+        bus-off, means the same for all drivers: their _PASSIVE is a node that may listen only. Bus-off counts as often
         as it is seen here.
         """
         try:

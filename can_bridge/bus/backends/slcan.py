@@ -15,7 +15,7 @@ from typing import Final
 import can
 from can.interfaces.slcan import slcanBus
 
-from can_bridge.bus.rejection import Rejection, UnusableReceptionError
+from can_bridge.bus.interface import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import FD_LENGTHS
 
 _LINE: Final = re.compile(rb"(?:([tdbr])[0-7][0-9A-Fa-f]{2}|([TDBRx])[01][0-9A-Fa-f]{7})([0-9A-Fa-f])([0-9A-Fa-f]*)")
@@ -33,7 +33,7 @@ LINE_LIMIT: Final = 256
 _CHUNK: Final = 4096
 
 OPENING_TIMEOUT_S: Final = 2.0
-"""For commands, which python-can sends without a time limit."""
+"""The time limit of commands, to which python-can gives none."""
 
 
 def why_refused(line: bytes) -> Rejection | None:

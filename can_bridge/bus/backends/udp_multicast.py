@@ -19,7 +19,7 @@ import can
 from can.interfaces.udp_multicast import UdpMulticastBus as PythonCanUdpMulticastBus
 from can.interfaces.udp_multicast.utils import pack_message
 
-from can_bridge.bus.rejection import Rejection, UnusableReceptionError
+from can_bridge.bus.interface import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
 
 try:

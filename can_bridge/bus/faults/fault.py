@@ -5,25 +5,26 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import inf
 from random import Random
-from typing import Annotated, Any, ClassVar, Final, Generic, Literal, TypeVar
+from typing import Annotated, Final, Literal, TypeVar
 
 from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
 from can_bridge.wire.frame import Frame
 from contract.config.rules import NonNegative, Rule, Settings, require
 
-F = TypeVar("F")
 T = TypeVar("T", int, float)
 
-Clock = Callable[[], int]
+NowNs = Callable[[], int]
 """The time in ns since the start of the run: a simulated bus's time, or a monotonic clock's less what it began with."""
 
 Probability = Annotated[T, Rule(wording="in [0, 1]", holds=lambda value: 0 <= value <= 1)]
 
 NS: Final = 10**9
 Change = Callable[[Frame], list[Frame]]
+Send = Callable[[Frame], None]
+Receive = Callable[[], list[Frame]]
 
 
-class Around:
+class WrappedBus:
     """Passes everything on to the bus beneath."""
 
     def __init__(self, beneath: Bus) -> None:
@@ -43,7 +44,7 @@ class Around:
         return HEALTHY if health is None else health()
 
 
-class Arrivals:
+class FrameArrivals:
     """Tells when frames arrived: at their time stamp, if that lies between the node's last two looks at the bus, as it
     does where stamps and looks have one clock; otherwise at the look that found them. Never before the frame ahead.
     """
@@ -64,21 +65,9 @@ class Arrivals:
         return arrived
 
 
-class Injector(Around, Generic[F]):
-    """Passes everything on; each fault's own injector changes what it needs to. `acted` counts how often the fault did
-    something; each fault defines what it counts."""
-
-    def __init__(self, bus: Bus, fault: F, clock: Callable[[], int], random: Random) -> None:
-        """Args: as `can_bridge.bus.faults.fault.Fault.around` has them."""
-        super().__init__(bus)
-        self._fault, self._clock, self._random = fault, clock, random
-        self._arrivals = Arrivals()
-        self.acted = 0
-
-
 @dataclass(frozen=True, kw_only=True)
 class Span(Settings, section="span"):
-    """From start_s until before end_s of the clock; raises ConfigError for a parameter out of its bounds."""
+    """A span from start_s until before end_s of the clock; raises ConfigError for a parameter out of its bounds."""
 
     start_s: NonNegative[float] = 0.0
     end_s: float = inf
@@ -98,18 +87,45 @@ class Instant(Span, section="instant"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fault(Span, section="fault"):
-    """What acts in a span on one port, by an injector of its own."""
+class BusFault(Span, ABC, section="fault"):
+    """What acts in a span on one port."""
 
-    injector: ClassVar[type[Injector[Any]]]
+    @abstractmethod
+    def acting(self, port: "Injector") -> tuple[Send, Receive]:
+        """How the port sends and receives with this fault, from its power-on; `port.acted` is to be counted."""
 
-    def around(self, bus: Bus, clock: Clock, random: Random) -> Injector[Any]:
-        """The bus with this fault; all its draws come from `random`, which no one else may use."""
-        return self.injector(bus, self, clock, random)
+
+class Injector(WrappedBus):
+    """A port with one fault. `acted` counts how often the fault did something; each fault defines what it counts."""
+
+    def __init__(self, bus: Bus, fault: "BusFault", clock: NowNs, random: Random) -> None:
+        """Put a fault around a bus.
+
+        Args:
+            clock: the time in ns that the fault's span refers to.
+            random: all of the fault's draws come from it; no one else may use it.
+        """
+        super().__init__(bus)
+        self.beneath, self.clock, self.random = bus, clock, random
+        self.acted = 0
+        self._arrivals = FrameArrivals()
+        self._send, self._receive = fault.acting(self)
+
+    def arrived(self, now_ns: int) -> list[tuple[int, Frame]]:
+        """What the bus beneath received since the last look, each frame with the time of its arrival."""
+        return self._arrivals.of(self.beneath.receive_all(), now_ns)
+
+    def send(self, frame: Frame) -> None:
+        """See `Bus.send`, with the fault."""
+        self._send(frame)
+
+    def receive_all(self) -> list[Frame]:
+        """See `Bus.receive_all`, with the fault."""
+        return self._receive()
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameFault(Fault, section="frame_fault"):
+class FrameFault(BusFault, section="frame_fault"):
     """A fault of single frames."""
 
     frame_ids: tuple[int, ...] = ()
@@ -120,40 +136,9 @@ class FrameFault(Fault, section="frame_fault"):
         return not self.frame_ids or frame.frame_id in self.frame_ids
 
 
-class _FrameByFrame(Injector["SidedFault"]):
-    """Passes each frame that the fault concerns, and that was sent or arrived in its span, through `change`. `acted`
-    counts frames that came out otherwise than they went in."""
-
-    def __init__(self, *given: Any) -> None:
-        super().__init__(*given)
-        self._change = self._fault.change(self._random)
-
-    def send(self, frame: Frame) -> None:
-        """See `Bus.send`; what the frame turns into is sent."""
-        for item in self._changed(frame, self._clock()) if self._fault.at == "send" else (frame,):
-            self._bus.send(item)
-
-    def receive_all(self) -> list[Frame]:
-        """See `Bus.receive_all`; what the frames turn into."""
-        received = self._bus.receive_all()
-        if self._fault.at == "send":
-            return received
-        arrived = self._arrivals.of(received, self._clock())
-        return [item for arrived_ns, frame in arrived for item in self._changed(frame, arrived_ns)]
-
-    def _changed(self, frame: Frame, t_ns: int) -> list[Frame]:
-        if not (self._fault.concerns(frame) and self._fault.is_active(t_ns)):
-            return [frame]
-        frames = self._change(frame)
-        self.acted += frames != [frame]
-        return frames
-
-
 @dataclass(frozen=True, kw_only=True)
-class SidedFault(FrameFault, ABC, section="sided_fault"):
+class SidedFault(FrameFault, section="sided_fault"):
     """A fault of single frames on one side of the port."""
-
-    injector = _FrameByFrame
 
     at: Literal["send", "receive"] = "send"
     """What the node sends, and so all the others get, or what this node alone receives."""
@@ -162,17 +147,38 @@ class SidedFault(FrameFault, ABC, section="sided_fault"):
     def change(self, random: Random) -> Change:
         """What a frame turns into; all draws come from `random`."""
 
+    def acting(self, port: Injector) -> tuple[Send, Receive]:
+        """See `BusFault.acting`: frames of the one side that were sent or arrived in the span turn into others. `acted`
+        counts those that came out otherwise than they went in."""
+        change = self.change(port.random)
 
-class FaultyBus(Around):
+        def changed(frame: Frame, t_ns: int) -> list[Frame]:
+            if not (self.concerns(frame) and self.is_active(t_ns)):
+                return [frame]
+            frames = change(frame)
+            port.acted += frames != [frame]
+            return frames
+
+        def send(frame: Frame) -> None:
+            for item in changed(frame, port.clock()):
+                port.beneath.send(item)
+
+        def receive() -> list[Frame]:
+            return [item for at_ns, frame in port.arrived(port.clock()) for item in changed(frame, at_ns)]
+
+        return (send, port.beneath.receive_all) if self.at == "send" else (port.beneath.send, receive)
+
+
+class FaultyBus(WrappedBus):
     """A port with faults; made by `wrap`. `injectors` has one for each fault, in the order of the faults; read `acted`
     there."""
 
-    def __init__(self, bus: Bus, injectors: Sequence[Injector[Any]]) -> None:
+    def __init__(self, bus: Bus, injectors: Sequence[Injector]) -> None:
         super().__init__(injectors[-1] if injectors else bus)
         self.injectors = tuple(injectors)
 
 
-def wrap(bus: Bus, faults: Sequence[Fault], clock: Clock, *, seed: int = 0, first: int = 0) -> FaultyBus:
+def wrap(bus: Bus, faults: Sequence[BusFault], clock: NowNs, *, seed: int = 0, first: int = 0) -> FaultyBus:
     """The port with these faults around it.
 
     Args:
@@ -182,8 +188,8 @@ def wrap(bus: Bus, faults: Sequence[Fault], clock: Clock, *, seed: int = 0, firs
             the draws of one do not depend on what another does.
         first: place of the first fault, where others stand before it that were wrapped before.
     """
-    injectors: list[Injector[Any]] = []
+    injectors: list[Injector] = []
     for place, fault in enumerate(faults, first):
         random = Random(f"{seed} {place} {fault.section}")
-        injectors.append(fault.around(injectors[-1] if injectors else bus, clock, random))
+        injectors.append(Injector(injectors[-1] if injectors else bus, fault, clock, random))
     return FaultyBus(bus, injectors)

@@ -14,15 +14,14 @@ from dataclasses import MISSING, fields
 from math import inf
 from typing import Any, Final, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-from can_bridge.bus.faults.content import FlipBits, StuckAt
-from can_bridge.bus.faults.fault import Fault, Instant, Span
-from can_bridge.bus.faults.loss_and_lateness import BurstLoss, Delay, Drop, Duplicate, Reorder
+from can_bridge.bus.faults.fault import BusFault, Instant, Span
+from can_bridge.bus.faults.frame_faults import BurstLoss, Delay, Drop, Duplicate, FlipBits, Reorder, StuckAt
 from can_bridge.bus.faults.node_faults import Babble, ClockDrift, Disconnect, SlowConsumer
 from contract.errors import ConfigError
 
 S = TypeVar("S", bound=Span)
 
-KINDS: Final[dict[str, type[Fault]]] = {
+BUS_FAULTS: Final[dict[str, type[BusFault]]] = {
     kind.section: kind
     for kind in (
         Drop,
@@ -43,10 +42,10 @@ KINDS: Final[dict[str, type[Fault]]] = {
 _SPAN: Final = ("start_s", "end_s")
 
 
-def parse_fault(text: str) -> Fault:
+def parse_fault(text: str) -> BusFault:
     """The fault that a text describes. Raises ConfigError naming the text, and what is not known, missing, of another
     type or out of its bounds."""
-    return parse_described(text, KINDS, "fault")
+    return parse_described(text, BUS_FAULTS, "fault")
 
 
 def parse_described(text: str, kinds: Mapping[str, type[S]], noun: str) -> S:

@@ -18,7 +18,7 @@ AFTER_ACKNOWLEDGE: Final = 8
 """Acknowledge delimiter and end of frame."""
 FLAG: Final = 6
 """Bits of an error flag."""
-FLAGS: Final = 12
+ERROR_FLAGS: Final = 12
 """Bits of a flag and of those that answer it: they begin when it has broken the rule of stuff bits, at worst after its
 sixth bit. Every error but a missing acknowledgement is charged this much."""
 DELIMITER: Final = 8
@@ -26,7 +26,7 @@ DELIMITER: Final = 8
 T = TypeVar("T")
 
 
-class Verdict(Enum):
+class AttemptVerdict(Enum):
     """What an attempt is to one node."""
 
     SENT = auto()
@@ -42,24 +42,24 @@ class Verdict(Enum):
     def applied(self, faults: FaultConfinement) -> FaultConfinement:
         """The counters after it."""
         match self:
-            case Verdict.SENT:
+            case AttemptVerdict.SENT:
                 return faults.transmitted()
-            case Verdict.HEARD:
+            case AttemptVerdict.HEARD:
                 return faults.received()
-            case Verdict.TRANSMIT_ERROR:
+            case AttemptVerdict.TRANSMIT_ERROR:
                 return faults.transmit_error()
-            case Verdict.UNACKNOWLEDGED:
+            case AttemptVerdict.UNACKNOWLEDGED:
                 return faults.unacknowledged()
-            case Verdict.ARBITRATION_STUFF:
+            case AttemptVerdict.ARBITRATION_STUFF:
                 return faults
-            case Verdict.RECEIVE_ERROR:
+            case AttemptVerdict.RECEIVE_ERROR:
                 return faults.receive_error()
         return faults.receive_error().dominant_after_flag()
 
     @property
     def is_senders(self) -> bool:
         """Whether the node was transmitter: an error-passive one waits longer before its next frame."""
-        return self not in (Verdict.HEARD, Verdict.RECEIVE_ERROR, Verdict.SIGNALLED_FIRST)
+        return self not in (AttemptVerdict.HEARD, AttemptVerdict.RECEIVE_ERROR, AttemptVerdict.SIGNALLED_FIRST)
 
 
 class Sender(NamedTuple, Generic[T]):
@@ -72,7 +72,7 @@ class Sender(NamedTuple, Generic[T]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome(Generic[T]):
+class AttemptOutcome(Generic[T]):
     """The end of an attempt.
 
     Attributes:
@@ -82,7 +82,7 @@ class Outcome(Generic[T]):
     """
 
     frame: Frame | None
-    verdicts: Mapping[T, Verdict]
+    verdicts: Mapping[T, AttemptVerdict]
     used: tuple[int, int]
     rest: int
 
@@ -93,7 +93,7 @@ def resolve(
     *,
     misheard: Mapping[T, int],
     disturbed: int | None,
-) -> Outcome[T]:
+) -> AttemptOutcome[T]:
     """The outcome for nodes that send frames of equal priority at once, one as a rule.
 
     Args:
@@ -102,11 +102,11 @@ def resolve(
         disturbed: the bit that all nodes see inverted. Positions count from the start of frame; one beyond the end of
             frame is its last bit.
     """
-    verdicts: dict[T, Verdict] = {}
+    verdicts: dict[T, AttemptVerdict] = {}
     senders, position = _collide(list(senders), verdicts)
     bits = senders[0].bits
     if position is not None:
-        return _destroyed(senders, receivers, verdicts, Verdict.TRANSMIT_ERROR, bits.through(position))
+        return _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, bits.through(position))
     last = sum(bits.total) - INTERMISSION - 1
     slot = last - AFTER_ACKNOWLEDGE
     acknowledged = any(misheard.get(node, last + 1) > slot for node in receivers)
@@ -118,17 +118,17 @@ def resolve(
         return _undisturbed(senders, receivers, verdicts, deaf=misheard, acknowledged=acknowledged)
     if everywhere <= earliest:
         return _disturbed(senders, receivers, verdicts, everywhere, last=last, deaf=misheard)
-    outcome = _destroyed(senders, receivers, verdicts, Verdict.TRANSMIT_ERROR, bits.through(earliest))
+    outcome = _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, bits.through(earliest))
     first = {node for node, at in loud.items() if at == earliest}
     answered = any(not sender.passive for sender in senders) or any(
         not passive for node, passive in receivers.items() if node not in first
     )
     if not answered:
         return outcome
-    return replace(outcome, verdicts={**outcome.verdicts, **dict.fromkeys(first, Verdict.SIGNALLED_FIRST)})
+    return replace(outcome, verdicts={**outcome.verdicts, **dict.fromkeys(first, AttemptVerdict.SIGNALLED_FIRST)})
 
 
-def _collide(senders: list[Sender[T]], verdicts: dict[T, Verdict]) -> tuple[list[Sender[T]], int | None]:
+def _collide(senders: list[Sender[T]], verdicts: dict[T, AttemptVerdict]) -> tuple[list[Sender[T]], int | None]:
     """Those left when contents differ, and the bit at which they end in an error flag; None where they agree.
 
     At the first difference a recessive bit meets a dominant one, and its sender has a bit error. If that node is
@@ -142,7 +142,7 @@ def _collide(senders: list[Sender[T]], verdicts: dict[T, Verdict]) -> tuple[list
         if any(not sender.passive for sender in recessive):
             return senders, position
         for sender in recessive:
-            verdicts[sender.node] = Verdict.TRANSMIT_ERROR
+            verdicts[sender.node] = AttemptVerdict.TRANSMIT_ERROR
         senders = [sender for sender in senders if sender not in recessive]
     return senders, None
 
@@ -150,57 +150,61 @@ def _collide(senders: list[Sender[T]], verdicts: dict[T, Verdict]) -> tuple[list
 def _undisturbed(
     senders: list[Sender[T]],
     receivers: Mapping[T, bool],
-    verdicts: dict[T, Verdict],
+    verdicts: dict[T, AttemptVerdict],
     *,
     deaf: Mapping[T, int],
     acknowledged: bool,
-) -> Outcome[T]:
+) -> AttemptOutcome[T]:
     """No error flag on the way. Nodes that send do not acknowledge."""
     nominal, fast = senders[0].bits.total
     for node in receivers:
-        verdicts[node] = Verdict.RECEIVE_ERROR if node in deaf else Verdict.HEARD
-    verdicts.update({sender.node: Verdict.SENT if acknowledged else Verdict.UNACKNOWLEDGED for sender in senders})
+        verdicts[node] = AttemptVerdict.RECEIVE_ERROR if node in deaf else AttemptVerdict.HEARD
+    verdicts.update(
+        {sender.node: AttemptVerdict.SENT if acknowledged else AttemptVerdict.UNACKNOWLEDGED for sender in senders}
+    )
     if acknowledged:
-        return Outcome(
+        return AttemptOutcome(
             frame=senders[0].frame, verdicts=verdicts, used=(nominal - INTERMISSION, fast), rest=INTERMISSION
         )
     used = nominal - INTERMISSION - AFTER_ACKNOWLEDGE, fast
-    return Outcome(frame=None, verdicts=verdicts, used=used, rest=FLAG + DELIMITER + INTERMISSION)
+    return AttemptOutcome(frame=None, verdicts=verdicts, used=used, rest=FLAG + DELIMITER + INTERMISSION)
 
 
 def _disturbed(
     senders: list[Sender[T]],
     receivers: Mapping[T, bool],
-    verdicts: dict[T, Verdict],
+    verdicts: dict[T, AttemptVerdict],
     position: int,
     *,
     last: int,
     deaf: Mapping[T, int],
-) -> Outcome[T]:
+) -> AttemptOutcome[T]:
     """All nodes see the bit at the position inverted."""
     frame, bits = senders[0].frame, senders[0].bits
     used = bits.through(position)
     if position == last:
         # Receivers take the frame at the bit before. The sender sends it again, and they get it twice.
-        outcome = _destroyed(senders, receivers, verdicts, Verdict.TRANSMIT_ERROR, used)
-        heard = {node: Verdict.HEARD for node in receivers if node not in deaf}
+        outcome = _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, used)
+        heard = {node: AttemptVerdict.HEARD for node in receivers if node not in deaf}
         return replace(outcome, frame=frame, verdicts={**outcome.verdicts, **heard})
     if position < len(bits.stuffed) and bits.stuffed[position] == "1":
         if is_arbitration_stuff_bit(frame, position):
-            return _destroyed(senders, receivers, verdicts, Verdict.ARBITRATION_STUFF, used)
+            return _destroyed(senders, receivers, verdicts, AttemptVerdict.ARBITRATION_STUFF, used)
         if is_arbitration_bit(frame, position):
             # The sender takes it for lost arbitration, and is a receiver when the error shows.
-            return _destroyed(senders, receivers, verdicts, Verdict.RECEIVE_ERROR, used)
-    return _destroyed(senders, receivers, verdicts, Verdict.TRANSMIT_ERROR, used)
+            return _destroyed(senders, receivers, verdicts, AttemptVerdict.RECEIVE_ERROR, used)
+    return _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, used)
 
 
 def _destroyed(
     senders: list[Sender[T]],
     receivers: Mapping[T, bool],
-    verdicts: dict[T, Verdict],
-    verdict: Literal[Verdict.TRANSMIT_ERROR, Verdict.ARBITRATION_STUFF, Verdict.RECEIVE_ERROR],
+    verdicts: dict[T, AttemptVerdict],
+    verdict: Literal[AttemptVerdict.TRANSMIT_ERROR, AttemptVerdict.ARBITRATION_STUFF, AttemptVerdict.RECEIVE_ERROR],
     used: tuple[int, int],
-) -> Outcome[T]:
+) -> AttemptOutcome[T]:
     """An error that every node knows of in the end."""
-    by_node = dict.fromkeys(receivers, Verdict.RECEIVE_ERROR) | {sender.node: verdict for sender in senders} | verdicts
-    return Outcome(frame=None, verdicts=by_node, used=used, rest=FLAGS + DELIMITER + INTERMISSION)
+    by_node = (
+        dict.fromkeys(receivers, AttemptVerdict.RECEIVE_ERROR) | {sender.node: verdict for sender in senders} | verdicts
+    )
+    return AttemptOutcome(frame=None, verdicts=by_node, used=used, rest=ERROR_FLAGS + DELIMITER + INTERMISSION)

@@ -23,7 +23,7 @@ from can_bridge.bus.interface import BusHealth, BusState
 
 PASSIVE_FROM: Final = 128
 OFF_FROM: Final = 256
-STEP: Final = 8
+ERROR_STEP: Final = 8
 RECOVERY: Final = 128
 """Sequences of `RECESSIVE_BITS` recessive bits that end bus-off."""
 RECESSIVE_BITS: Final = 11
@@ -59,7 +59,7 @@ class FaultConfinement:
 
     @property
     def health(self) -> BusHealth:
-        """As the node's software reads it."""
+        """The health that the node's software reads."""
         return BusHealth(state=self.state, tx_errors=self.tx_errors, rx_errors=self.rx_errors, bus_off=self.times_off)
 
     def receive_error(self) -> "FaultConfinement":
@@ -68,12 +68,12 @@ class FaultConfinement:
 
     def dominant_after_flag(self) -> "FaultConfinement":
         """Rule 2: the others answered a flag that this receiver was the first to send, so the fault may be its own."""
-        return replace(self, rx_errors=min(self.rx_errors + STEP, _RECEIVE_LIMIT))
+        return replace(self, rx_errors=min(self.rx_errors + ERROR_STEP, _RECEIVE_LIMIT))
 
     def transmit_error(self) -> "FaultConfinement":
         """Rule 3. Its second exception does not count at all: a stuff bit in the identifier was sent recessive and seen
         dominant."""
-        counted = self.tx_errors + STEP
+        counted = self.tx_errors + ERROR_STEP
         goes_off = counted >= OFF_FROM and not self.is_off
         return replace(self, tx_errors=counted, is_off=self.is_off or goes_off, times_off=self.times_off + goes_off)
 

@@ -1,6 +1,6 @@
 """A CAN bus in virtual time: arbitration, exact frame lengths, errors and fault confinement; no clock, no thread.
 
-Every node holds a port with a queue (`can_bridge.bus.simulated.transmit_queue`) and a controller's error counters
+Every node holds a port with a queue (`can_bridge.bus.simulated.port`) and a controller's error counters
 (`can_bridge.bus.simulated.fault_confinement`). When the bus is free, the heads of all queues that have one compete,
 and the smallest identifier wins. Its frame takes as long as its bits (`can_bridge.wire.frame_bits`), the intermission
 of three bits included. At the end of frame, before the intermission, the other nodes have it, stamped with that time,
@@ -25,10 +25,9 @@ from operator import itemgetter
 from typing import Final, NamedTuple
 
 from can_bridge.bus.interface import BusState
-from can_bridge.bus.simulated.attempt import Outcome, Sender, Verdict, resolve
+from can_bridge.bus.simulated.attempt import AttemptOutcome, AttemptVerdict, Sender, resolve
 from can_bridge.bus.simulated.fault_confinement import RECESSIVE_BITS
-from can_bridge.bus.simulated.port import Recovery, SimulatedPort
-from can_bridge.bus.simulated.transmit_queue import Queued
+from can_bridge.bus.simulated.port import Queued, Recovery, SimulatedPort
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import bits_ns, frame_ns, sent_bits
 from contract.config.vehicle import BusConfig
@@ -91,7 +90,7 @@ class _Attempt(NamedTuple):
     begin_ns: int
     end_ns: int
     free_ns: int
-    outcome: Outcome[SimulatedPort]
+    outcome: AttemptOutcome[SimulatedPort]
     items: dict[SimulatedPort, Queued]
 
 
@@ -272,7 +271,7 @@ class SimulatedBus:
         attempt, self._attempt = self._attempt, None
         self._free_ns = attempt.free_ns
         self._busy_ns += attempt.free_ns - attempt.begin_ns
-        if Verdict.SENT not in attempt.outcome.verdicts.values():
+        if AttemptVerdict.SENT not in attempt.outcome.verdicts.values():
             self._error_frames += 1
         self._conclude(attempt, attempt.outcome)
         for port in self._ports:
@@ -281,15 +280,15 @@ class SimulatedBus:
                 # Every frame and error frame ends in one sequence of recessive bits.
                 port.recovery = Recovery(port.recovery.left - 1, attempt.free_ns)
 
-    def _conclude(self, attempt: _Attempt, outcome: Outcome[SimulatedPort]) -> None:
+    def _conclude(self, attempt: _Attempt, outcome: AttemptOutcome[SimulatedPort]) -> None:
         frame = None if outcome.frame is None else replace(outcome.frame, timestamp_ns=attempt.end_ns)
         for port, verdict in outcome.verdicts.items():
             port.faults = verdict.applied(port.faults)
             if verdict.is_senders and port.faults.state is BusState.ERROR_PASSIVE:
                 port.ready_ns = attempt.free_ns + self._ns(SUSPEND)
-            if verdict is Verdict.HEARD and frame is not None:
+            if verdict is AttemptVerdict.HEARD and frame is not None:
                 port.deliver(frame)
-        sent = [port for port, verdict in outcome.verdicts.items() if verdict is Verdict.SENT]
+        sent = [port for port, verdict in outcome.verdicts.items() if verdict is AttemptVerdict.SENT]
         for port in sent:
             port.queue.remove(attempt.items[port])
         if sent and frame is not None:

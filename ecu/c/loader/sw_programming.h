@@ -1,5 +1,5 @@
 /* The programming part of what the UDS server asks of the ECU, over the store of releases. The twin of
- * can_bridge/uds/programming.py and of ecu/flashable/ecu_services.py.
+ * can_bridge/uds/ecu_services.py.
  *
  * Each function returns SW_UDS_DONE, which is 0, or the SW_NRC_ of the refusal; those that begin long work may return
  * SW_UDS_MORE.

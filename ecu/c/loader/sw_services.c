@@ -1,4 +1,4 @@
-/* The services of UDS, and who may use them. The twin of can_bridge/uds/permissions.py and of the handlers in server.py.
+/* The services of UDS, and who may use them. The twin of can_bridge/uds/services.py and of the handlers in server.py.
  *
  * One more service is one more row of `services`, with a function that handles it.
  */

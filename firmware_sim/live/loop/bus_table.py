@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Final
 
 from can_bridge.bus.simulated.medium import BusActivity, Transmission
-from can_bridge.e2e.receiver import GOOD, Check, E2eReceiver, ReceiverState
+from can_bridge.e2e.receiver import GOOD, E2eReceiver, FrameCheck, ReceiverState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import MessageSet
 from contract.config.tree import Config
@@ -109,7 +109,7 @@ class BusTable:
             "count": row.count,
             "rate_hz": row.in_second / seconds if seconds else None,
             "age_ms": (now_ns - row.last_ns) / 1e6,
-            "e2e": "" if state is None else (state.window[-1] if state.window else Check.NO_NEW_DATA).name,
+            "e2e": "" if state is None else (state.window[-1] if state.window else FrameCheck.NO_NEW_DATA).name,
             "e2e_state": "" if state is None else state.stream.name,  # NODATA, INIT, VALID, INVALID
             "errors": 0 if state is None else sum(state.counts) - sum(map(state.count, GOOD)),
             "limit_ms": self._period_ns / 1e6 if ours else None,  # cycle time by the DBC

@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from can_bridge.bus.faults.fault import NS, Around, Span
+from can_bridge.bus.faults.fault import NS, Span, WrappedBus
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame
@@ -43,7 +43,7 @@ class Plug:
         return self.beneath.receive_all()
 
 
-class SwitchedPort(Around):
+class SwitchedPort(WrappedBus):
     """A node's port with layers, the first next to the wire, put and taken while the bus runs."""
 
     def __init__(self, port: Bus) -> None:

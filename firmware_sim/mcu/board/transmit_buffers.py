@@ -4,8 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
-from can_bridge.wire.frame import Frame
-from can_bridge.wire.priority import priority
+from can_bridge.wire.frame import Frame, priority
 
 
 class Left(NamedTuple):

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from can_bridge.logs.log_reader import Log
+from can_bridge.logs.log_reader import CanLog
 from can_bridge.tools.observed_traffic import Traffic
 from can_bridge.tools.raw_bus import id_text
 from can_bridge.tools.summary import Summary
@@ -23,7 +23,7 @@ def bus_rows(folder: RunFolder, log: RunLog) -> Rows:
         return []
     bus = log.metadata.config.bus
     found = Summary(config=bus)
-    for message in Log(folder.frames):
+    for message in CanLog(folder.frames):
         found.add(message)
     return [_row(one) for _, one in sorted(found.messages.items())]
 

@@ -28,7 +28,7 @@ from stillwake.console.terminal import console
 if TYPE_CHECKING:
     import can
 
-    from can_bridge.logs.log_reader import Log
+    from can_bridge.logs.log_reader import CanLog
     from can_bridge.tools.observed_traffic import Traffic
     from can_bridge.tools.summary import Summary
     from contract.config.vehicle import BusConfig
@@ -92,9 +92,9 @@ def _frames(
     from can_bridge.bus.conversion import to_message
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.e2e.sender import E2eSender, SenderState
-    from can_bridge.secoc.freshness import Freshness
     from can_bridge.secoc.node import secured
-    from can_bridge.tools.encode import encode
+    from can_bridge.secoc.securing import Freshness
+    from can_bridge.tools.signals import encode
 
     spec, data = encode(name, values)
     if spec.is_secured:
@@ -152,12 +152,12 @@ def decode(
     have a name, by the identifiers in the settings. Of other messages it prints the bytes; `cantools decode` reads
     those.
     """
-    from can_bridge.logs.log_reader import Log
+    from can_bridge.logs.log_reader import CanLog
     from can_bridge.tools.summary import Summary
 
     uses = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.e2e", "bus.key", DIAGNOSIS)
     config = settings("can decode", given, uses=uses).config.bus
-    log = Log(file, channels=() if channel is None else (channel,))
+    log = CanLog(file, channels=() if channel is None else (channel,))
     check_json(json_file)
     if csv_file is not None:
         if os.path.realpath(csv_file) == os.path.realpath(file):
@@ -228,7 +228,7 @@ def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
         yield write
 
 
-def _print_summary(found: "Summary", log: "Log") -> None:
+def _print_summary(found: "Summary", log: "CanLog") -> None:
     from can_bridge.tools.raw_bus import id_text
 
     # Times count from the first frame, so that all columns fit into 80.

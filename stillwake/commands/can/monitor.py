@@ -78,9 +78,9 @@ def monitor(
 
 
 def _read(summary: "Summary", log: Path, channel: str | None) -> None:
-    from can_bridge.logs.log_reader import Log
+    from can_bridge.logs.log_reader import CanLog
 
-    messages = Log(log, channels=() if channel is None else (channel,))
+    messages = CanLog(log, channels=() if channel is None else (channel,))
     with progress("frames") as report:
         for number, message in enumerate(messages, 1):
             summary.add(message)

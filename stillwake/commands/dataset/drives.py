@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from can_bridge.drives.log_frames import Verify
     from can_bridge.drives.log_periods import Scales
     from can_bridge.drives.log_to_series import LogReport, LogSeries
-    from can_bridge.logs.log_reader import Log
+    from can_bridge.logs.log_reader import CanLog
     from contract.recording.episode import Role
     from contract.recording.facts import ForcesClock
     from contract.recording.importing.assemble import Source
@@ -150,7 +150,7 @@ class Drive:
     path: Path
     sources: "tuple[Source, ...]"
     report: "LogReport"
-    log: "Log"
+    log: "CanLog"
 
 
 def read_drive(
@@ -167,7 +167,7 @@ def read_drive(
     """Read a log and its forces. Raises DatasetError, BusError, KeyFileError for what does not fit, by the file's name.
     `progress` is called with what is being read, and how many frames of it so far."""
     from can_bridge.drives.log_to_series import series_of
-    from can_bridge.logs.log_reader import Log
+    from can_bridge.logs.log_reader import CanLog
     from can_bridge.wire.message_sets import message_set
     from can_bridge.wire.messages import SENSORS
     from contract.recording.importing.assemble import Made, Source
@@ -177,7 +177,7 @@ def read_drive(
             f"{path}: a Pressure message has {SENSORS} sensors, --layout names {len(layout)}: name those of the "
             f"message, in its order"
         )
-    log = Log(path, zone=options.zone, channels=options.channels)
+    log = CanLog(path, zone=options.zone, channels=options.channels)
     series = series_of(
         path,
         _counted(path, log, progress),
@@ -282,7 +282,7 @@ def _verifier(loaded: Loaded) -> "Verify | None":
     return lambda spec, data: verify(data, spec, key)
 
 
-def _forces(path: Path, series: "LogSeries", log: "Log", options: DriveOptions) -> "dict[str, TimeSeries]":
+def _forces(path: Path, series: "LogSeries", log: "CanLog", options: DriveOptions) -> "dict[str, TimeSeries]":
     """Cd and Cl with times on the log's clock."""
     from contract.recording.importing.forces import read_forces
 

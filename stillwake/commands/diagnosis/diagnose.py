@@ -17,8 +17,8 @@ from stillwake.console.terminal import console, print_table, visible
 from stillwake.parts.conversation import asking
 
 if TYPE_CHECKING:
-    from can_bridge.flashing.report import Report
-    from can_bridge.tester.faults import StoredFault
+    from can_bridge.flashing.report import StoreReport
+    from can_bridge.tester.facts import StoredFault
 
 _FACTS: Final = {
     "serial_number": "serial number",
@@ -71,7 +71,7 @@ def diagnose(
     save_json(json_file, figures=figures, facts={"cleared": clear, "versions": versions("stillwake")})
 
 
-def _print_ecu(facts: "dict[str, str | int]", store: "Report", **rows: str) -> None:
+def _print_ecu(facts: "dict[str, str | int]", store: "StoreReport", **rows: str) -> None:
     shown = {_FACTS[name]: str(value) for name, value in facts.items() if name != "period_ns"}
     if "period_ns" in facts:
         shown[_FACTS["period_ns"]] = f"{int(facts['period_ns']) / 1e6:g} ms"
@@ -79,20 +79,19 @@ def _print_ecu(facts: "dict[str, str | int]", store: "Report", **rows: str) -> N
     print_table(rows=((name, visible(value)) for name, value in shown.items()), show_header=False)
 
 
-def _asked(config: Config, *, clear: bool) -> "tuple[dict[str, str | int], Report, list[StoredFault]]":
+def _asked(config: Config, *, clear: bool) -> "tuple[dict[str, str | int], StoreReport, list[StoredFault]]":
     """What the ECU on a bus reports; then its faults are cleared, if that is wanted."""
-    from can_bridge.tester import faults as remembered
-    from can_bridge.tester.facts import read_facts
+    from can_bridge.tester.facts import clear_faults, read_facts, read_faults
 
     with asking(config.bus) as ecu:
-        facts, found = read_facts(ecu), remembered.read(ecu)
+        facts, found = read_facts(ecu), read_faults(ecu)
         if clear:
-            remembered.clear(ecu)
+            clear_faults(ecu)
     names = ("serial_number", "hardware", "software_version", "dbc_sha256", "period_ns", "capacity")
     return {name: getattr(facts, name) for name in names}, facts.store, found
 
 
-def _from_folder(slots: Path) -> "tuple[dict[str, str | int], Report]":
+def _from_folder(slots: Path) -> "tuple[dict[str, str | int], StoreReport]":
     """What stands in an ECU's folder; nothing is booted and nothing written."""
     from can_bridge.flashing.report import report_of
     from can_bridge.flashing.store import Store
@@ -112,7 +111,7 @@ def _from_folder(slots: Path) -> "tuple[dict[str, str | int], Report]":
     return found, report_of(store)
 
 
-def _rows(report: "Report") -> list[tuple[str, str]]:
+def _rows(report: "StoreReport") -> list[tuple[str, str]]:
     """Of a store, for people."""
     from can_bridge.flashing.backing import Slot
 

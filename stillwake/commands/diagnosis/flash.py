@@ -72,7 +72,7 @@ def flash(
 
 
 def _bring_keys(raw: bytes, bus: BusConfig, access: Path | None) -> None:
-    from can_bridge.tester.key_list import bring
+    from can_bridge.tester.transfer import bring
 
     with asking(bus, access) as ecu:
         before, after = bring(ecu, raw)
@@ -93,11 +93,11 @@ def _read(path: Path) -> bytes:
 def _bring_release(
     bundle: Path, trust: str | None, bus: BusConfig, access: Path | None, *, dry_run: bool, confirm: bool
 ) -> None:
-    from can_bridge.tester.local_checks import check_fits
-    from can_bridge.tester.sequence import Options
+    from can_bridge.tester.facts import check_fits
+    from can_bridge.tester.sequence import FlashOptions
     from can_bridge.tester.sequence import flash as flash_ecu
     from can_bridge.tester.transport import open_client
-    from can_bridge.uds.access_key import AccessKey
+    from can_bridge.uds.security import AccessKey
     from contract.release.container import read_files
     from contract.release.image import image_of
     from contract.release.image_contents import is_image, opened
@@ -129,7 +129,7 @@ def _bring_release(
             client,
             image,
             key=None if key is None else key.answer,
-            options=Options(dry_run=dry_run, confirm=confirm),
+            options=FlashOptions(dry_run=dry_run, confirm=confirm),
             judge=judge,
             progress=shown.progress,
             on_step=shown.on_step,

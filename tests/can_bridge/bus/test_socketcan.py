@@ -12,8 +12,7 @@ import can
 import pytest
 
 from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.bus.interface import HEALTHY
-from can_bridge.bus.rejection import Rejection
+from can_bridge.bus.interface import HEALTHY, Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 

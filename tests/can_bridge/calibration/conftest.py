@@ -8,7 +8,7 @@ import pytest
 
 from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.xcp_slave import XcpSlave
-from can_bridge.uds.access_key import AccessKey
+from can_bridge.uds.security import AccessKey
 from contract.config.controller import CostWeights
 from contract.controller.calibration import Calibration, CalibrationLimits
 from contract.controller.interface import TERMS

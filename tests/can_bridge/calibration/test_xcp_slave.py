@@ -11,7 +11,7 @@ from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.xcp import Command
 from can_bridge.calibration.xcp_slave import IDLE_NS, XcpSlave
 from can_bridge.flashing.access_level import Level
-from can_bridge.uds.access_key import AccessKey
+from can_bridge.uds.security import AccessKey
 from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, changed
 from tests.can_bridge.flashing.store_ecu import KEY
 from tests.examples import examples

@@ -23,7 +23,7 @@ PRESSURE: Final = 375.0
 FLOW: Final = 62.5
 """U_inf W in m2/s at 25 m/s and 2.5 m."""
 LATENCY: Final = 0.4
-"""From pressure to command, as a share of a period."""
+"""The time from pressure to command, as a share of a period."""
 STEP: Final = {"fd": 0.1, "classic": 1.0, "secured": 0.1}
 """Steps of a pressure on the wire, Pa."""
 SUFFIX: Final = {"fd": "", "classic": "Classic", "secured": "Secured"}

@@ -10,8 +10,7 @@ from e2e.p05 import e2e_p05_check, e2e_p05_protect
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.e2e import profile2, profile5
-from can_bridge.e2e.profiles import PROFILES, Profile, profile_of
+from can_bridge.e2e.profiles import PROFILE_2, PROFILE_5, Profile, profile_of
 from can_bridge.e2e.sender import SenderState, protected_frame
 from can_bridge.wire.message_specs import SPECS
 from tests.can_bridge.wire.described import decoded
@@ -41,13 +40,13 @@ def put_5(data: bytearray, counter: int) -> None:
 
 CASES = (
     Case(
-        *(PROFILES[2], 2, 0xFF, 15),
+        *(PROFILE_2, 2, 0xFF, 15),
         lambda data, data_id: e2e_p02_protect(data, bytes([data_id]) * 16, increment_counter=False),
         lambda data, data_id: e2e_p02_check(data, bytes([data_id]) * 16),
         put_2,
     ),
     Case(
-        *(PROFILES[5], 3, 0xFFFF, 255),
+        *(PROFILE_5, 3, 0xFFFF, 255),
         lambda data, data_id: e2e_p05_protect(data, data_id, increment_counter=False),
         e2e_p05_check,
         put_5,
@@ -59,7 +58,7 @@ by_profile = pytest.mark.parametrize("case", CASES, ids=["profile 2", "profile 5
 def test_published_answers_of_profile_5():
     """AUTOSAR's example: eight zero bytes under data ID 0x1234. The second is as autosar-e2e's tests give it."""
     for counter, expected in enumerate(("1cca000000000000", "cf8d010000000000")):
-        assert profile5.protect(bytes(8), data_id=0x1234, counter=counter).hex() == expected, counter
+        assert PROFILE_5.protect(bytes(8), data_id=0x1234, counter=counter).hex() == expected, counter
 
 
 def test_published_answers_of_profile_2():
@@ -69,8 +68,8 @@ def test_published_answers_of_profile_2():
     """
     for counter, crc in enumerate(bytes.fromhex("0e1b98310d189b65081d9e370b1e9dcd")):
         expected = bytes([crc, counter]) + bytes(6)
-        assert profile2.protect(bytes(8), data_id=1 + counter, counter=counter) == expected, counter
-        assert profile2.check(expected, data_id=1 + counter), counter
+        assert PROFILE_2.protect(bytes(8), data_id=1 + counter, counter=counter) == expected, counter
+        assert PROFILE_2.check(expected, data_id=1 + counter), counter
 
 
 @by_profile
@@ -106,8 +105,8 @@ def test_every_error_of_a_few_bits_is_found():
     """Exhaustive: 64, 2,016 and 41,664 errors of one to three bits in 8 bytes; 96 and 4,560 of one and two in 12."""
     for spec in SPECS:
         if spec.profile == 2:
-            assert undetected(PROFILES[2], spec.data_id, 8, 3) == [], spec.name
-    assert undetected(PROFILES[5], SPECS[0].data_id, 12, 2) == []
+            assert undetected(PROFILE_2, spec.data_id, 8, 3) == [], spec.name
+    assert undetected(PROFILE_5, SPECS[0].data_id, 12, 2) == []
 
 
 def test_bad_arguments_are_refused_by_name_and_short_data_fails_its_check():

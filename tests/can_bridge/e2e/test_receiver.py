@@ -4,9 +4,8 @@ from itertools import product
 
 import pytest
 
-from can_bridge.e2e import profile5
-from can_bridge.e2e.profiles import profile_of
-from can_bridge.e2e.receiver import Check, E2eReceiver, StreamState, receive
+from can_bridge.e2e.profiles import PROFILE_5, profile_of
+from can_bridge.e2e.receiver import E2eReceiver, FrameCheck, StreamState, receive
 from can_bridge.e2e.sender import E2eSender, SenderState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, PRESSURE_CLASSIC, MessageSpec
@@ -45,12 +44,14 @@ def test_every_counter_step_gets_its_check():
         *((PRESSURE_CLASSIC, most, range(16)) for most in (1, 4, 7)),
     ):
         period = profile_of(spec).counter_period
-        expected = {0: Check.REPEATED, 1: Check.OK} | dict.fromkeys(range(2, most + 1), Check.OK_SOME_LOST)
+        expected = {0: FrameCheck.REPEATED, 1: FrameCheck.OK} | dict.fromkeys(
+            range(2, most + 1), FrameCheck.OK_SOME_LOST
+        )
         for last, step in product(lasts, range(period)):
             made = E2eReceiver(spec, replace(CONFIG, max_delta=most))
-            assert made.tick([good(last, spec=spec)]).checks == (Check.OK,)
+            assert made.tick([good(last, spec=spec)]).checks == (FrameCheck.OK,)
             reception = made.tick([good(last + step, step, spec)])
-            assert reception.checks == (expected.get(step, Check.WRONG_SEQUENCE),), (spec.name, last, step)
+            assert reception.checks == (expected.get(step, FrameCheck.WRONG_SEQUENCE),), (spec.name, last, step)
             assert (reception.accepted is not None) == (1 <= step <= most), (spec.name, last, step)
 
 
@@ -59,25 +60,25 @@ def test_frame_that_fails_is_an_error_and_changes_no_counter():
         corrupt(1),
         replace(good(1), data=good(1).data[:8]),
         replace(good(1), data=b""),
-        replace(good(1), data=profile5.protect(bytes(16), data_id=JET_COMMAND.data_id, counter=1)),
+        replace(good(1), data=PROFILE_5.protect(bytes(16), data_id=JET_COMMAND.data_id, counter=1)),
     ]:
         made = receiver()
         made.tick([good(7)])
         reception = made.tick([frame])
-        assert (reception.checks, reception.accepted) == ((Check.ERROR,), None), frame
+        assert (reception.checks, reception.accepted) == ((FrameCheck.ERROR,), None), frame
         assert made.state.last_counter == 7, frame
 
 
 def test_several_frames_in_a_period_are_all_checked_and_the_newest_good_one_counts():
     made = valid_receiver(last=9)
     reception = made.tick([good(10), good(11, time_ns=1), good(11, time_ns=2), corrupt(12)])
-    assert reception.checks == (Check.OK, Check.OK, Check.REPEATED, Check.ERROR)
+    assert reception.checks == (FrameCheck.OK, FrameCheck.OK, FrameCheck.REPEATED, FrameCheck.ERROR)
     assert reception.live == good(11, time_ns=1)
     # Rejected are periods with frames of which none was good.
     made = valid_receiver(last=9)
     for frames in ([corrupt(10)], [good(10), good(10)], [], [good(12)], [good(50)]):
         made.tick(frames)
-    assert (made.state.frames_rejected, made.state.count(Check.ERROR)) == (3, 1)
+    assert (made.state.frames_rejected, made.state.count(FrameCheck.ERROR)) == (3, 1)
 
 
 def test_a_state_is_a_value():
@@ -97,7 +98,7 @@ def test_sender_and_receiver_agree_over_several_wraps():
     for step in range(600):
         frame = sender.frame(bytes(PRESSURE.length), now_ns=step)
         assert (frame.timestamp_ns, frame.is_fd, frame.frame_id) == (step, True, PRESSURE.frame_id)
-        assert made.tick([frame]).checks == (Check.OK,)
+        assert made.tick([frame]).checks == (FrameCheck.OK,)
     assert sender.state == SenderState(counter=600 % 256)
 
 

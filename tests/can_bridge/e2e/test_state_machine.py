@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.e2e.profiles import profile_of
-from can_bridge.e2e.receiver import Check, E2eReceiver, ReceiverState, StreamState, receive
+from can_bridge.e2e.receiver import E2eReceiver, FrameCheck, ReceiverState, StreamState, receive
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import PRESSURE, PRESSURE_CLASSIC, PRESSURE_SECURED, MessageSpec
 from contract.config.vehicle import BusConfig, E2eConfig
@@ -18,12 +18,12 @@ from contract.errors import ConfigError
 
 CONFIG: Final = E2eConfig(max_delta=4, window=5, min_ok=2, max_errors=2)
 LETTERS: Final = {
-    "O": Check.OK,
-    "L": Check.OK_SOME_LOST,
-    "R": Check.REPEATED,
-    "W": Check.WRONG_SEQUENCE,
-    "E": Check.ERROR,
-    "-": Check.NO_NEW_DATA,
+    "O": FrameCheck.OK,
+    "L": FrameCheck.OK_SOME_LOST,
+    "R": FrameCheck.REPEATED,
+    "W": FrameCheck.WRONG_SEQUENCE,
+    "E": FrameCheck.ERROR,
+    "-": FrameCheck.NO_NEW_DATA,
 }
 STEPS: Final = {"O": 1, "L": 2, "R": 0, "W": 100}
 NODATA, INIT, VALID, INVALID = StreamState
@@ -131,20 +131,20 @@ def test_restarted_sender_is_followed_from_its_second_frame():
         for counter in range(9):
             made.tick([frame(counter, spec)])
         first, second = made.tick([frame(0, spec)]), made.tick([frame(1, spec)])
-        assert (first.checks, first.stream, first.live) == ((Check.WRONG_SEQUENCE,), VALID, None), spec
-        assert (second.checks, second.live) == ((Check.OK,), frame(1, spec)), spec
+        assert (first.checks, first.stream, first.live) == ((FrameCheck.WRONG_SEQUENCE,), VALID, None), spec
+        assert (second.checks, second.live) == ((FrameCheck.OK,), frame(1, spec)), spec
 
 
 def test_extended_identifier_of_the_same_number_is_another_message():
     other = Frame(frame_id=PRESSURE.frame_id, data=frame(0).data, is_extended=True)
-    assert E2eReceiver(PRESSURE, CONFIG).tick([other]).checks == (Check.NO_NEW_DATA,)
+    assert E2eReceiver(PRESSURE, CONFIG).tick([other]).checks == (FrameCheck.NO_NEW_DATA,)
 
 
 def test_secured_message_is_checked_up_to_its_authentication():
-    """In full length only; what stands behind the protected part is not E2E's."""
+    """A secured message is checked in full length only; what stands behind the protected part is not E2E's."""
     sound = frame(3, PRESSURE_SECURED)
     made = E2eReceiver(PRESSURE_SECURED, CONFIG)
     cut = Frame(frame_id=sound.frame_id, data=sound.data[: PRESSURE_SECURED.protected])
-    assert made.tick([cut]).checks == (Check.ERROR,)
+    assert made.tick([cut]).checks == (FrameCheck.ERROR,)
     behind = Frame(frame_id=sound.frame_id, data=sound.data[:16] + b"\xff" * 16)
     assert made.tick([behind]).accepted == behind

@@ -4,9 +4,16 @@ import random
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from can_bridge.flashing.backing import MAX_RECORD, Kind, Slot, Work
-from can_bridge.flashing.medium import MediumError
-from tests.can_bridge.flashing.medium import PowerCut, UnreadableError
+from can_bridge.flashing.backing import MAX_RECORD, Long, MediumError, RecordKind, Slot
+
+
+class UnreadableError(MediumError):
+    """What a cut left half written: on a chip, a bus fault."""
+
+
+class PowerCut(BaseException):
+    """Raised by a memory that plays a loss of supply; what was under way is torn, and no handler may go on."""
+
 
 CLEAR_PIECES = 3
 
@@ -15,7 +22,7 @@ CLEAR_PIECES = 3
 class Memory:
     """What outlives a loss of power."""
 
-    records: dict[Kind, bytes] = field(default_factory=dict)
+    records: dict[RecordKind, bytes] = field(default_factory=dict)
     slots: dict[Slot, bytearray | None] = field(default_factory=lambda: {Slot.A: None, Slot.B: None})
     """None: being cleared, or never cleared; nothing can be read or appended."""
     safe: dict[Slot, int] = field(default_factory=lambda: {Slot.A: 0, Slot.B: 0})
@@ -23,7 +30,7 @@ class Memory:
 
 
 class PlainBacking:
-    """From one power-on to the next.
+    """A memory from one power-on to the next.
 
     Args:
         memory: of earlier lives.
@@ -58,14 +65,14 @@ class PlainBacking:
         assert slot is not None
         return bytes(self.memory.slots[slot] or b"")
 
-    def records(self) -> Mapping[Kind, bytes]:
+    def records(self) -> Mapping[RecordKind, bytes]:
         return dict(self.memory.records)
 
-    def keep(self, kind: Kind, record: bytes) -> None:
+    def keep(self, kind: RecordKind, record: bytes) -> None:
         assert len(record) <= MAX_RECORD
         self._call(lambda: self._keep(kind, record))
 
-    def clear(self, slot: Slot, behind: int = 0) -> Work[None]:
+    def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
         self._writable.discard(slot)
         for _ in range(CLEAR_PIECES):
             self._call(lambda: self._clear(slot, None))
@@ -95,9 +102,9 @@ class PlainBacking:
             raise UnreadableError("nothing there", offset)
         return bytes(content[offset : offset + length])
 
-    def _keep(self, kind: Kind, record: bytes) -> None:
+    def _keep(self, kind: RecordKind, record: bytes) -> None:
         self.memory.records[kind] = record
-        if kind == Kind.STATE:
+        if kind == RecordKind.STATE:
             for slot, content in self.memory.slots.items():
                 self.memory.safe[slot] = 0 if content is None else len(content)
 

@@ -9,7 +9,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from can_bridge.flashing.backing import Backing, Slot, at_once
 from can_bridge.flashing.boot import Boot
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from contract.config.controller import MpcConfig
@@ -117,7 +117,7 @@ def flash(store: Store, new: bytes) -> Verdict:
     return verdict
 
 
-def phases(store: Store) -> list[Phase]:
+def phases(store: Store) -> list[SlotPhase]:
     return [slot.phase for slot in store.state.slots]
 
 

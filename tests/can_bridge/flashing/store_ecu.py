@@ -3,19 +3,14 @@
 from collections.abc import Callable, Iterator
 from hashlib import sha256
 
-from can_bridge.flashing import report
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Backing
+from can_bridge.flashing.backing import Backing, Long
 from can_bridge.flashing.boot import Boot
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.access_key import AccessKey
-from can_bridge.uds.diagnostics import Long
-from can_bridge.uds.programming import Programming
-from can_bridge.uds.refused import Refused
+from can_bridge.uds.ecu_services import EcuServices
+from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer
-from can_bridge.uds.services import Did, Nrc, Routine
-from contract.controller.calibration import Calibration
-from contract.errors import ConfigError
+from can_bridge.uds.services import Did, Nrc, Refused, Routine
 from contract.release.checks import dbc_sha256
 from tests.can_bridge.flashing.releases import HARDWARE, booted
 
@@ -42,7 +37,7 @@ class Counted:
 
 
 class StoreEcu:
-    """From power-on to power-on.
+    """The ECU from one power-on to the next.
 
     Args:
         backing: opens the memory.
@@ -54,7 +49,7 @@ class StoreEcu:
         resets: that were asked for.
         routines: that were run.
         values: of identifiers that the store has no part in.
-        store, boot, programming, server: of this power-on.
+        store, boot, server: of this power-on.
     """
 
     is_dead = False
@@ -69,40 +64,37 @@ class StoreEcu:
     def power_on(self) -> Boot:
         self.is_reset = False
         self.store, self.boot = booted(self._backing())
-        self.programming = Programming(
+        services = _Noted(
             self.store,
-            self,
+            self.values,
+            calibration=None,
+            self_test=lambda: self.self_test(),
             refusal=lambda: Nrc.CONDITIONS_NOT_CORRECT if self.is_wanted else None,
-            report=lambda store: report.encode(report.report_of(store)),
-            on_routine=lambda routine, _: self.routines.append(routine),
+            on_reset=self.reset,
+            log=lambda *_, **fields: None,
+            resets_when_left=False,
         )
-        self.server = UdsServer(self.programming, KEY, self._random_bytes)
+        services.routines = self.routines
+        self.server = UdsServer(services, KEY, self._random_bytes)
         return self.boot
 
-    # What the store has no part in.
-
-    def read(self, did: Did) -> bytes:
-        if did not in self.values:
-            raise Refused(Nrc.OUT_OF_RANGE)
-        return self.values[did]
-
-    def write(self, did: Did, value: bytes) -> Long[None]:
-        yield
-        if did is Did.CALIBRATION:
-            try:
-                Calibration.unpack(value)
-            except ConfigError as error:
-                raise Refused(Nrc.OUT_OF_RANGE, str(error)) from error
-
-    def self_test(self) -> Long[bytes]:
+    def self_test(self) -> Long[None]:
         yield
         if self.boot.bundle is None:
             raise Refused(Nrc.CONDITIONS_NOT_CORRECT)
-        return b""
 
     def reset(self) -> None:
         self.is_reset = True
         self.resets += 1
+
+
+class _Noted(EcuServices):
+    routines: list[Routine]
+
+    def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
+        status = yield from super().routine(routine, option)
+        self.routines.append(routine)
+        return status
 
 
 class FlashingSteps:

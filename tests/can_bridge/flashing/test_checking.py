@@ -36,7 +36,7 @@ def with_file(name: str, content: bytes | None) -> bytes:
 
 
 def signed(body: dict[str, object]) -> bytes:
-    """With another manifest, its own hash and its signature put right."""
+    """The image with another manifest, its own hash and its signature put right."""
     raw = strict_json.encode(body | {"manifest_sha256": digest_of(body)})
     return image_of(files_of(GOOD) | {MANIFEST: raw, SIGNATURE: signing.sign(RELEASE, raw)})
 

@@ -4,9 +4,8 @@ import os
 
 import pytest
 
-from can_bridge.flashing.backing import Kind, Slot
+from can_bridge.flashing.backing import MediumError, RecordKind, Slot
 from can_bridge.flashing.folder_backing import FolderBacking
-from can_bridge.flashing.medium import MediumError
 
 
 def test_it_outlives_the_process(tmp_path):
@@ -14,10 +13,10 @@ def test_it_outlives_the_process(tmp_path):
     for _ in backing.clear(Slot.B):
         pass
     backing.append(Slot.B, b"first ")
-    backing.keep(Kind.STATE, b"state")
+    backing.keep(RecordKind.STATE, b"state")
     backing.append(Slot.B, b"lost")
     again = FolderBacking(tmp_path / "ecu")
-    assert again.records() == {Kind.STATE: b"state"}
+    assert again.records() == {RecordKind.STATE: b"state"}
     again.begin_again(Slot.B, 6)
     again.append(Slot.B, b"second")
     assert again.read(Slot.B, 0, 12) == b"first second"
@@ -51,4 +50,4 @@ def test_what_the_system_refuses_is_one_line(tmp_path):
             use()
     (tmp_path / "folder" / "record.new").mkdir()
     with pytest.raises(MediumError, match=r"record\.new"):
-        backing.keep(Kind.STATE, b"")
+        backing.keep(RecordKind.STATE, b"")

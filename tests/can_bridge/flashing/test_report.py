@@ -4,8 +4,8 @@ from can_bridge.flashing import report
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot
 from can_bridge.flashing.boot import BootReason
-from can_bridge.flashing.report import MAX_REPORT, Report, SlotReport, report_of
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.report import MAX_REPORT, SlotReport, StoreReport, report_of
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import BusError
 from contract.printable import MAX_NAME
@@ -27,10 +27,10 @@ from tests.refused import refused
 
 GREATEST = 2**32 - 1
 LONGEST_SLOT = SlotReport(
-    phase=Phase.CONFIRMED, name="\U0001f69a" * MAX_NAME, digest="f" * 64, security_version=GREATEST, received=GREATEST,
-    length=GREATEST, boots_left=3, verdict=Verdict.WRONG_HARDWARE,
+    phase=SlotPhase.CONFIRMED, name="\U0001f69a" * MAX_NAME, digest="f" * 64, security_version=GREATEST,
+    received=GREATEST, length=GREATEST, boots_left=3, verdict=Verdict.WRONG_HARDWARE,
 )  # fmt: skip
-LONGEST = Report(
+LONGEST = StoreReport(
     slots=(LONGEST_SLOT, LONGEST_SLOT), running=Slot.A, active=Slot.A, next_boot=Slot.A, reason=BootReason.NO_RELEASE,
     least_security_version=GREATEST, key_list_version=GREATEST, failed_attempts=dict.fromkeys(Level, 255),
 )  # fmt: skip
@@ -58,7 +58,7 @@ def test_it_has_what_the_store_holds():
     store, _ = booted(backing)
     transfer(store, image("two"), until=BLOCK)
     filling = report_of(store).slots[Slot.B]
-    assert (filling.phase, filling.received, filling.name, filling.verdict) == (Phase.FILLING, BLOCK, "", None)
+    assert (filling.phase, filling.received, filling.name, filling.verdict) == (SlotPhase.FILLING, BLOCK, "", None)
     flash(store, image("two"))
     assert (report_of(store).next_boot, report_of(store).running) == (Slot.B, Slot.A)
     store, boot = booted(backing)

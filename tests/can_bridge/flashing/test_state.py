@@ -5,15 +5,17 @@ from dataclasses import replace
 from can_bridge.flashing import state
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import MAX_RECORD, Slot
-from can_bridge.flashing.state import Phase, SlotState, StoreState
+from can_bridge.flashing.state import SlotPhase, SlotState, StoreState
 from contract.printable import MAX_NAME
 from tests.refused import refused
 
 FULL = SlotState(
-    phase=Phase.CONFIRMED, length=97_000, sha256=bytes(range(32)), received=97_000, digest="ab" * 32, name="truck",
+    phase=SlotPhase.CONFIRMED, length=97_000, sha256=bytes(range(32)), received=97_000, digest="ab" * 32, name="truck",
     security_version=7, signer=b"s" * 32,
 )  # fmt: skip
-SAMPLE = StoreState(slots=(FULL, SlotState(phase=Phase.FILLING, length=5, sha256=b"h" * 32, received=3)), active=Slot.A)
+SAMPLE = StoreState(
+    slots=(FULL, SlotState(phase=SlotPhase.FILLING, length=5, sha256=b"h" * 32, received=3)), active=Slot.A
+)
 
 
 def sealed(body: bytes) -> bytes:
@@ -21,13 +23,16 @@ def sealed(body: bytes) -> bytes:
 
 
 def test_what_goes_in_comes_out():
-    bad = SlotState(phase=Phase.BAD, length=9, sha256=b"h" * 32, received=9)
+    bad = SlotState(phase=SlotPhase.BAD, length=9, sha256=b"h" * 32, received=9)
     named = replace(bad, digest="cd" * 32, name="\U0001f69a" * MAX_NAME, security_version=2**32 - 1, signer=b"k" * 32)
-    trial = replace(named, phase=Phase.TRIAL, boots_left=3)
+    trial = replace(named, phase=SlotPhase.TRIAL, boots_left=3)
     for value in (
         StoreState(),
         SAMPLE,
-        *(replace(SAMPLE, slots=(FULL, other)) for other in (bad, named, trial, replace(named, phase=Phase.CHECKED))),
+        *(
+            replace(SAMPLE, slots=(FULL, other))
+            for other in (bad, named, trial, replace(named, phase=SlotPhase.CHECKED))
+        ),
         replace(SAMPLE, slots=(trial, FULL), active=Slot.B, least_security_version=2**32 - 1),
         replace(SAMPLE, failed_attempts={level: 255 - level for level in Level}),
     ):
@@ -63,7 +68,7 @@ def test_what_is_damaged_and_what_no_store_keeps_is_not_read():
                 SAMPLE.with_slot(Slot.A, replace(FULL, received=96_999)),
                 *(
                     replace(SAMPLE, slots=(replace(FULL, phase=phase),) * 2, active=None)
-                    for phase in (Phase.TRIAL, Phase.CHECKED)
+                    for phase in (SlotPhase.TRIAL, SlotPhase.CHECKED)
                 ),
             ),
         ),

@@ -5,15 +5,14 @@ Calls in any order are in `tests/proofs/loader_in_c`, losses of power in `test_s
 
 import pytest
 
-from can_bridge.flashing.backing import Kind, Slot, at_once
+from can_bridge.flashing.backing import RecordKind, Slot, at_once
 from can_bridge.flashing.boot import BootReason
-from can_bridge.flashing.state import TRIAL_BOOTS, Phase, StoreState
+from can_bridge.flashing.state import TRIAL_BOOTS, SlotPhase, StoreState
 from can_bridge.flashing.store import OutOfOrderError
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError
 from contract.release.signing import public_key
-from tests.can_bridge.flashing.medium import PowerCut
-from tests.can_bridge.flashing.plain_backing import PlainBacking
+from tests.can_bridge.flashing.plain_backing import PlainBacking, PowerCut
 from tests.can_bridge.flashing.releases import (
     STRANGER,
     booted,
@@ -56,7 +55,7 @@ def test_an_ecu_leaves_production_with_a_confirmed_release_or_without_one():
     assert (name_of(boot), boot.slot) == ("one", Slot.A)
     # Without a confirmed release a second trial ends the first.
     assert flash(store, TWO) == Verdict.GOOD
-    assert phases(store) == [Phase.BAD, Phase.TRIAL]
+    assert phases(store) == [SlotPhase.BAD, SlotPhase.TRIAL]
     with pytest.raises(OutOfOrderError):
         store.confirm()
     assert name_of(booted(backing)[1]) == "two"
@@ -101,10 +100,10 @@ def test_a_flashed_release_is_on_trial_until_it_is_confirmed():
     assert at_once(store.finish()) == Verdict.GOOD
     for _ in range(2):  # as if the answer had been lost
         store.activate()
-    assert phases(store) == [Phase.CONFIRMED, Phase.TRIAL]
+    assert phases(store) == [SlotPhase.CONFIRMED, SlotPhase.TRIAL]
     assert (store.running, store.state.next_boot) == (Slot.A, Slot.B)
     store.confirm()  # the release that runs, which is confirmed
-    assert phases(store) == [Phase.CONFIRMED, Phase.TRIAL]
+    assert phases(store) == [SlotPhase.CONFIRMED, SlotPhase.TRIAL]
     store = store_on(backing)
     with pytest.raises(OutOfOrderError):
         store.confirm()
@@ -116,7 +115,7 @@ def test_a_flashed_release_is_on_trial_until_it_is_confirmed():
     calls = backing.calls
     for _ in range(2):
         store.confirm()
-        assert phases(store) == [Phase.CONFIRMED, Phase.CONFIRMED]
+        assert phases(store) == [SlotPhase.CONFIRMED, SlotPhase.CONFIRMED]
     assert backing.calls == calls, "confirming twice is confirming once"
     for _ in range(TRIAL_BOOTS + 2):
         _, boot = booted(backing.after_power_on())
@@ -131,9 +130,9 @@ def test_what_is_not_confirmed_goes_after_three_boots_and_the_image_before_is_ba
     assert [boot.reason for boot in boots[2:5]] == [BootReason.TRIAL, BootReason.REVERTED, BootReason.CONFIRMED]
     assert [boot.boots_left for boot in boots] == [2, 1, 0, 0, 0, 0]
     assert backing.content(Slot.A) == before
-    assert backing.memory.records[Kind.KEYS] == records[Kind.KEYS]
+    assert backing.memory.records[RecordKind.KEYS] == records[RecordKind.KEYS]
     store, _ = booted(backing)
-    assert phases(store) == [Phase.CONFIRMED, Phase.BAD]
+    assert phases(store) == [SlotPhase.CONFIRMED, SlotPhase.BAD]
     assert store.state.least_security_version == 1
     assert flash(store, TWO) == Verdict.GOOD
 
@@ -191,7 +190,7 @@ def test_a_damaged_image_is_given_up_for_the_one_before():
     store, boot = booted(backing)
     assert (name_of(boot), boot.reason) == ("one", BootReason.REVERTED)
     assert boot.verdicts == {Slot.A: Verdict.GOOD, Slot.B: Verdict.WRONG_HASH}
-    assert phases(store) == [Phase.CONFIRMED, Phase.BAD]
+    assert phases(store) == [SlotPhase.CONFIRMED, SlotPhase.BAD]
     backing = updated(TWO)
     damage(backing, Slot.B)
     store, boot = booted(backing)
@@ -220,7 +219,7 @@ def test_a_refused_release_stays_confirmed_and_is_judged_again():
 
 
 def test_damaged_or_missing_records_are_an_empty_store():
-    for kind in (None, *Kind):
+    for kind in (None, *RecordKind):
         for record in (b"", b"rubbish", b"\xff" * 300):
             backing = provisioned()
             if kind is None:
@@ -228,10 +227,13 @@ def test_damaged_or_missing_records_are_an_empty_store():
             else:
                 backing.memory.records[kind] = record
             store, boot = booted(backing)
-            assert kind in (Kind.CALIBRATION, Kind.FAULTS) or boot.reason == BootReason.NO_RELEASE, (kind, record)
-            if kind in (None, Kind.STATE):
+            assert kind in (RecordKind.CALIBRATION, RecordKind.FAULTS) or boot.reason == BootReason.NO_RELEASE, (
+                kind,
+                record,
+            )
+            if kind in (None, RecordKind.STATE):
                 assert store.state == StoreState()
-            if kind in (None, Kind.KEYS):
+            if kind in (None, RecordKind.KEYS):
                 store.take_keys(keys())
             assert flash(store, TWO) == Verdict.GOOD
             assert name_of(booted(backing)[1]) == "two", (kind, record)

@@ -12,11 +12,10 @@ from can_bridge.flashing import checking
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot, at_once
 from can_bridge.flashing.remembered import Remembered
-from can_bridge.flashing.state import TRIAL_BOOTS, Phase, SlotState, StoreState
+from can_bridge.flashing.state import TRIAL_BOOTS, SlotPhase, SlotState, StoreState
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
-from tests.can_bridge.flashing.medium import PowerCut
-from tests.can_bridge.flashing.plain_backing import PlainBacking
+from tests.can_bridge.flashing.plain_backing import PlainBacking, PowerCut
 from tests.can_bridge.flashing.releases import booted, flash, image, keys, name_of, provisioned, store_on, transfer
 
 VERSIONS = {"one": 1, "two": 2, "three": 3}
@@ -114,7 +113,7 @@ def prove(after: PlainBacking) -> None:
     confirmed_update(flashed)
     store, boot = booted(flashed.after_power_on())
     assert boot.slot is not None
-    assert (name_of(boot), store.state.slots[boot.slot].phase) == ("two", Phase.CONFIRMED)
+    assert (name_of(boot), store.state.slots[boot.slot].phase) == ("two", SlotPhase.CONFIRMED)
     assert store.state.least_security_version == 2
 
 
@@ -135,7 +134,7 @@ def test_what_was_received_before_a_loss_of_power_is_not_sent_again():
     for after in cuts(PlainBacking(START), confirmed_update, 0):
         store = store_on(after)
         slot = store.state.slots[Slot.B]
-        if slot.phase == Phase.FILLING:
+        if slot.phase == SlotPhase.FILLING:
             wanted.append(slot.received)
             assert transfer(store, IMAGES["two"]) == slot.received
     assert len(set(wanted)) > len(IMAGES["two"]) // 10_000
@@ -154,7 +153,7 @@ def counter_first(self: Store, slot: Slot, whole: Any = Store._confirm) -> None:
 
 
 def believed_while_it_is_cleared(self: Remembered, state: StoreState, whole: Any = Remembered.keep) -> None:
-    if any(slot.phase is Phase.EMPTY for slot in state.slots):
+    if any(slot.phase is SlotPhase.EMPTY for slot in state.slots):
         self.state = state
     else:
         whole(self, state)
@@ -170,7 +169,7 @@ def test_planted_defects_are_found(monkeypatch):
         (Store, "activate", lambda self: self._confirm(self.state.checked)),
         (Store, "_confirm", counter_first),
         # Resumed whatever it was.
-        (SlotState, "holds", lambda self, length, sha256: self.phase == Phase.FILLING),
+        (SlotState, "holds", lambda self, length, sha256: self.phase == SlotPhase.FILLING),
     )
     for owner, name, defect in defects:
         with monkeypatch.context() as patch:

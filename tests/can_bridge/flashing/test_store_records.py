@@ -4,10 +4,10 @@ import hashlib
 
 import pytest
 
+from can_bridge.flashing import remembered
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Slot, at_once
-from can_bridge.flashing.medium import MediumError
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.backing import MAX_RECORD, MediumError, Slot, at_once
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import OutOfOrderError, Store
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError
@@ -64,12 +64,12 @@ def test_what_cannot_be_gone_on_with_begins_at_the_start(monkeypatch):
     # One that failed a check.
     wrong = image(key=STRANGER)
     assert flash(store, wrong) == Verdict.UNKNOWN_KEY
-    assert phases(store) == [Phase.CONFIRMED, Phase.BAD]
+    assert phases(store) == [SlotPhase.CONFIRMED, SlotPhase.BAD]
     assert transfer(store, wrong) == 0
     # An announcement that ends halfway.
     next(store.announce(len(ONE), hashlib.sha256(ONE).digest()))
     assert store.received is None
-    assert phases(booted(backing.after_power_on())[0]) == [Phase.CONFIRMED, Phase.EMPTY]
+    assert phases(booted(backing.after_power_on())[0]) == [SlotPhase.CONFIRMED, SlotPhase.EMPTY]
 
     def fails(self: PlainBacking, slot: Slot, length: int) -> None:
         raise MediumError("worn out", length)
@@ -93,7 +93,7 @@ def test_what_arrives_must_be_what_was_announced():
     assert backing.calls == calls
     at_once(store.announce(len(TWO), SHA256))
     store.append(TWO[:-1])
-    assert (at_once(store.finish()), phases(store)) == (Verdict.INCOMPLETE, [Phase.CONFIRMED, Phase.FILLING])
+    assert (at_once(store.finish()), phases(store)) == (Verdict.INCOMPLETE, [SlotPhase.CONFIRMED, SlotPhase.FILLING])
     store.append(b"\0" if TWO[-1] else b"\1")
     with pytest.raises(OutOfOrderError, match="must end at the announced"):
         store.append(b"x")
@@ -118,7 +118,7 @@ def test_nothing_is_written_between_going_back_and_the_reset():
 
 
 def trying_a_second_key(**changes: int) -> tuple[PlainBacking, Store]:
-    """With key list 2, a release by the second key on trial."""
+    """An ECU with key list 2, and a release by the second key on trial."""
     backing = provisioned()
     store, _ = booted(backing)
     store.take_keys(keys(2, RELEASE, SECOND))
@@ -213,3 +213,19 @@ def test_failed_attempts_and_faults_outlive_a_reset():
         assert store.records.faults == b"faults"
         store.boot()
         flash(store, TWO)
+
+
+def test_what_goes_in_comes_out():
+    for kept in ({}, {"ab" * 32: bytes(1024), "cd" * 32: bytes(range(256)) * 4}):
+        raw = remembered.encode_calibrations(kept)
+        assert (remembered.decode_calibrations(raw), len(raw) <= MAX_RECORD) == (kept, True)
+
+
+def test_what_is_no_record_is_refused():
+    raw = remembered.encode_calibrations({"ab" * 32: b"one", "cd" * 32: b"two"})
+    assert raw == b"SWC1\2" + b"\xab" * 32 + b"\0\3one" + b"\xcd" * 32 + b"\0\3two"
+    cut = (raw[:length] for length in range(len(raw)))
+    too_long = b"SWC1\1" + raw[5:37] + b"\4\1" + bytes(1025)
+    for wrong in (*cut, raw + b"\0", b"SWC2" + raw[4:], b"SWC1\3" + raw[5:], too_long):
+        with pytest.raises(ValueError):  # whatever is wrong with it, nothing was kept
+            remembered.decode_calibrations(wrong)

@@ -45,8 +45,7 @@ def play(settings: IsoTpSettings, story: str) -> None:
         elif verb == "gives":
             assert endpoint.take() == listed, (story, step)
         elif verb == "lost":
-            losses = endpoint.losses
-            assert f"{losses.aborted_receptions} {losses.aborted_transmissions}" == rest, (story, step)
+            assert f"{endpoint.aborted_receptions} {endpoint.aborted_transmissions}" == rest, (story, step)
         else:
             assert (verb, endpoint.poll(now_ns), endpoint.take()) == ("idle", [], []), (story, step)
 
@@ -128,7 +127,7 @@ def test_queues_are_bounded():
     for number in range(3):
         endpoint.receive(0, Frame(frame_id=TESTER, data=bytes([1, number])))
     assert endpoint.take() == [b"\x00", b"\x01"]
-    assert (endpoint.losses.dropped_sent, endpoint.losses.dropped_received, len(endpoint.poll(0))) == (2, 1, 2)
+    assert (endpoint.dropped_sent, endpoint.dropped_received, len(endpoint.poll(0))) == (2, 1, 2)
 
 
 def test_settings_and_lengths_that_the_standard_does_not_have_are_refused():

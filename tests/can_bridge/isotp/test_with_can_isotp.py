@@ -103,7 +103,7 @@ def test_each_side_hears_the_others_overflow():
     connection.ecu.send(bytes(101))
     connection.run()
     assert connection.tester.recv() is None
-    assert connection.ecu.losses.aborted_transmissions == 1
+    assert connection.ecu.aborted_transmissions == 1
     assert connection.ecu.take() == []
 
 

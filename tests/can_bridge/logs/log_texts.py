@@ -19,7 +19,8 @@ DATE = "Fri Nov 27 10:00:00.000 2026"
 
 
 def frames(count: int = 16) -> list[can.Message]:
-    """Of our CAN FD set, 5 ms apart from 0.25 s on, with another node's classic frame of 29 bits now and then."""
+    """Messages of our CAN FD set, 5 ms apart from 0.25 s on, with another node's classic frame of 29 bits now and
+    then."""
     made = []
     for k in range(count):
         if k % 5 == 4:
@@ -83,7 +84,7 @@ def asc(
 
 
 def candump_l(messages: Sequence[can.Message], channel: str = "can0") -> Iterator[str]:
-    """Of `candump -L`."""
+    """Lines of `candump -L`."""
     for one in messages:
         number = f"{one.arbitration_id:08X}" if one.is_extended_id else f"{one.arbitration_id:03X}"
         data = bytes(one.data).hex().upper()
@@ -91,7 +92,8 @@ def candump_l(messages: Sequence[can.Message], channel: str = "can0") -> Iterato
 
 
 def candump(messages: Sequence[can.Message], times: str, *, extra: str = "", tail: str = "") -> Iterator[str]:
-    """Of candump on a screen: `times` is its option -t, empty without; `extra` what -x puts before the identifier."""
+    """Lines of candump on a screen: `times` is its option -t, empty without; `extra` what -x puts before the
+    identifier."""
     first = before = messages[0].timestamp
     for one in messages:
         number = f"{one.arbitration_id:08X}" if one.is_extended_id else f"{one.arbitration_id:03X}"
@@ -103,7 +105,7 @@ def candump(messages: Sequence[can.Message], times: str, *, extra: str = "", tai
 
 
 def trc(messages: Sequence[can.Message], version: str) -> list[str]:
-    """Of PEAK's programs; those before 2.0 have no frames of CAN FD."""
+    """Lines of PEAK's programs; those before 2.0 have no frames of CAN FD."""
     lines = []
     for k, one in enumerate(messages, 1):
         number = f"{one.arbitration_id:08X}" if one.is_extended_id else f"{one.arbitration_id:04X}"

@@ -12,21 +12,21 @@ import numpy as np
 import pytest
 
 from can_bridge.logs.entries import error_class
-from can_bridge.logs.log_reader import Log
+from can_bridge.logs.log_reader import CanLog
 from contract.errors import BusError
 from tests.can_bridge.logs.log_texts import EPOCH_S, RESOLUTION_S, asc, candump, candump_l, frames, identity, trc, write
 from tests.refused import refused
 
 
-def written(path: Path, lines: list[str], *, encoding: str = "utf-8", end: str = "\n", last: bool = True) -> Log:
+def written(path: Path, lines: list[str], *, encoding: str = "utf-8", end: str = "\n", last: bool = True) -> CanLog:
     text = end.join(lines) + (end if last else "")
     packed = gzip.compress if path.suffix == ".gz" else bytes
     path.write_bytes(packed(text.encode(encoding)))
-    return Log(path)
+    return CanLog(path)
 
 
 def check(
-    log: Log, messages: list[can.Message], what: object, *, shift_s: float = 0.0, lines: int | None = None
+    log: CanLog, messages: list[can.Message], what: object, *, shift_s: float = 0.0, lines: int | None = None
 ) -> None:
     """The log holds these data frames; and each of its lines is one, an error frame, or counted by its name."""
     got = list(log)
@@ -154,7 +154,7 @@ def test_candump_is_read_from_a_file_and_from_a_screen(tmp_path):
     check(written(tmp_path / "a.log", list(candump(sent, "z"))), sent, "-t z", shift_s=-0.25)
     zone = timezone(timedelta(hours=2))
     written(tmp_path / "b.log", list(candump(sent, "A")))
-    check(Log(tmp_path / "b.log", zone=zone), sent, "zone", shift_s=-7200.0)
+    check(CanLog(tmp_path / "b.log", zone=zone), sent, "zone", shift_s=-7200.0)
     # Differences of one length, and of two, as a bus has them.
     unequal = frames()
     for k, one in enumerate(unequal):
@@ -222,7 +222,7 @@ def test_peaks_traces_of_every_version_are_read(tmp_path):
 
 
 def blf(objects: list[tuple[int, bytes]], *, packed: bool = True) -> bytes:
-    """After Vector's binlog_objects.h: a header, and objects with stamps of 1 ms, 2 ms, ... in one container."""
+    """A BLF after Vector's binlog_objects.h: a header, and objects with stamps of 1 ms, 2 ms, ... in one container."""
     inside = b""
     for k, (kind, body) in enumerate(objects, 1):
         head = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 32 + len(body), kind, 2, 0, 0, 1_000_000 * k)
@@ -245,7 +245,7 @@ def test_objects_of_a_blf_are_frames_requests_and_events_by_their_names(tmp_path
     objects = [*classic, remote, fd, *((101, head + bytes(range(12))) for head in fd64), *others, *errors]
     for packed in (True, False):
         (tmp_path / "a.blf").write_bytes(blf(objects, packed=packed))
-        log = Log(tmp_path / "a.blf", zone=timezone(timedelta(hours=2)))
+        log = CanLog(tmp_path / "a.blf", zone=timezone(timedelta(hours=2)))
         got = list(log)
         read = [(one.arbitration_id, one.dlc, bytes(one.data), one.is_fd, one.is_rx, one.channel) for one in got[:2]]
         assert read == [(0x123, 8, data, False, True, "2"), (0x123, 8, data, False, False, "2")]
@@ -268,7 +268,7 @@ def test_tables_and_measurements_that_python_can_writes_are_read(tmp_path):
         for one in kept:
             one.timestamp += EPOCH_S
         write(tmp_path / f"a{suffix}", [*kept, *([] if suffix.startswith(".trc") else [error])])
-        log = Log(tmp_path / f"a{suffix}")
+        log = CanLog(tmp_path / f"a{suffix}")
         check(log, kept, suffix)
         assert log.messages == len(kept) + (not suffix.startswith(".trc")), suffix
         for one in kept:
@@ -280,11 +280,11 @@ def test_a_channel_is_chosen_by_its_name(tmp_path):
     lines = [*candump_l(sent[:8]), *candump_l(sent[8:], "can1")]
     path = tmp_path / "a.log"
     path.write_text("\n".join(lines) + "\n")
-    log = Log(path, channels=("can1",))
+    log = CanLog(path, channels=("can1",))
     check(log, sent[8:], "can1")
     assert log.channels == {"can0": 8, "can1": 8}
     with refused(BusError, "--channel can7: it has can0, can1"):
-        list(Log(path, channels=("can7",)))
+        list(CanLog(path, channels=("can7",)))
 
 
 def test_a_measurement_with_other_groups_and_without_optional_fields_is_read(tmp_path):
@@ -301,7 +301,7 @@ def test_a_measurement_with_other_groups_and_without_optional_fields_is_read(tmp
         measurement.append(asammdf.Signal(np.arange(5.0), np.arange(5.0), name="Wind"))
         measurement.append(asammdf.Signal(samples, times, name="CAN_DataFrame"))
         measurement.save(tmp_path / "a.mf4")
-    log = Log(tmp_path / "a.mf4")
+    log = CanLog(tmp_path / "a.mf4")
     assert [(one.timestamp, one.arbitration_id, one.is_extended_id, bytes(one.data), one.is_fd) for one in log] == [
         (1795773600.25, 0x120, False, bytes(range(8)), False),
         (1795773600.5, 5, True, bytes(range(8, 16)), False),

@@ -8,7 +8,9 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
-from can_bridge.logs.log_reader import Log
+from can_bridge.logs.frame_log import recording
+from can_bridge.logs.log_reader import CanLog
+from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 from tests.can_bridge.can_messages import can_messages
 from tests.can_bridge.logs.log_texts import EPOCH_S, RESOLUTION_S, identity, write
@@ -23,7 +25,7 @@ error_frames = st.builds(can.Message, is_error_frame=st.just(True))
 
 @st.composite
 def logs(draw: st.DrawFn) -> list[can.Message]:
-    """In the order of time, with gaps of a microsecond to an hour."""
+    """Frames in the order of time, with gaps of a microsecond to an hour."""
     log = draw(st.lists(can_messages() | error_frames, min_size=1, max_size=12))
     t = EPOCH_S + draw(st.integers(0, 10**6)) / 1e6
     for message in log:
@@ -51,7 +53,7 @@ def test_what_python_can_writes_is_read_back(tmp_path_factory, log):
         path = tmp_path_factory.mktemp("log") / f"frames{suffix}"
         kept = expected(suffix, log)
         write(path, kept)
-        got = list(Log(path))
+        got = list(CanLog(path))
         assert [identity(one) for one in got] == [identity(one) for one in kept], suffix
         if got:
             times, wanted = [one.timestamp for one in got], [one.timestamp for one in kept]
@@ -67,7 +69,7 @@ def test_trc_types_are_those_of_pcan(tmp_path):
     head = ";$FILEVERSION=2.1\n;$STARTTIME=45000.0\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
     path = tmp_path / "a.trc"
     path.write_text(head + "".join(f"{line}\n" for line in lines))
-    got = list(Log(path))
+    got = list(CanLog(path))
     flags = [(one.is_fd, one.bitrate_switch, one.error_state_indicator) for one in got[1:5]]
     assert flags == [(True, False, False), (True, True, False), (True, False, True), (True, True, True)]
     assert [(one.dlc, len(one.data)) for one in got[:5]] == [(2, 2), *[(12, 12)] * 4]
@@ -109,7 +111,7 @@ def test_damage_is_named_in_one_line(tmp_path):
         path = one_log(tmp_path / f"a{suffix}")
         path.write_bytes(damage(path.read_bytes()))
         with refused(BusError, rf"a\{suffix}: .*({words})") as caught:
-            list(Log(path))
+            list(CanLog(path))
         assert "\n" not in str(caught.value), (suffix, words)
 
 
@@ -118,12 +120,12 @@ def test_every_cut_is_an_error_or_ends_between_two_frames(tmp_path):
     for suffix in [".blf", ".asc", ".trc", ".log"]:
         path = one_log(tmp_path / f"a{suffix}")
         content = path.read_bytes()
-        whole = [identity(one) for one in Log(path)]
+        whole = [identity(one) for one in CanLog(path)]
         for cut in range(0, len(content), 211):
             path.write_bytes(content[:cut])
             got = []
             with suppress(BusError):
-                for one in Log(path):
+                for one in CanLog(path):
                     got.append(identity(one))
                 assert suffix in (".trc", ".log") or len(got) in (0, len(whole)), suffix
             assert got == whole[: len(got)], suffix
@@ -141,4 +143,13 @@ def test_other_files_are_refused_by_name(tmp_path):
         ("folder.log", "is a directory"),
     ):
         with refused(BusError, words):
-            list(Log(tmp_path / name))
+            list(CanLog(tmp_path / name))
+
+
+def test_candump_text_is_exactly_this(tmp_path):
+    with recording(tmp_path / "frames.log") as append:
+        append(Frame(frame_id=0x120, data=bytes(range(16)), timestamp_ns=20_000_000))
+        append(Frame(frame_id=0x7E0, data=b"\x02\x10\x03", timestamp_ns=20_123_000, is_fd=False))
+    assert (tmp_path / "frames.log").read_text() == (
+        "(0.020000) vcan0 120##1000102030405060708090A0B0C0D0E0F R\n(0.020123) vcan0 7E0#021003 R\n"
+    )

@@ -40,7 +40,7 @@ ARGUMENTS: dict[str, dict[str, Any]] = {
     "download": {"offset": 0, "length": 3},
     "transfer": {"counter": 1, "data": b"abc"},
 }
-"""Of services that carry more than their constants."""
+"""Arguments of services that carry more than their constants."""
 
 
 def layer_of(bus: BusConfig) -> Any:
@@ -95,7 +95,7 @@ def states_of(service: Any) -> tuple[set[str], set[str]]:
 
 
 def test_every_service_is_answered_in_its_states_and_refused_in_others(layer, bench):
-    """By the file alone: requests are encoded, states entered, and answers decoded to their last byte."""
+    """The file alone suffices: requests are encoded, states entered, and answers decoded to their last byte."""
     refusals = {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.OUT_OF_RANGE}
     assert len(layer.services) > 40
     for service in layer.services:

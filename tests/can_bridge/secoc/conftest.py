@@ -5,9 +5,8 @@ from collections.abc import Callable
 import pytest
 
 from can_bridge.e2e.sender import SenderState, protected_frame
-from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.securing import secure
+from can_bridge.secoc.securing import Freshness, secure
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import MessageSpec
 

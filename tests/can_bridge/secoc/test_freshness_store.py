@@ -4,9 +4,8 @@ import os
 import pytest
 
 from can_bridge.secoc import freshness_store
-from can_bridge.secoc.freshness import LARGEST_HALF, Freshness
 from can_bridge.secoc.freshness_store import FreshnessStore
-from can_bridge.secoc.receiver import verified
+from can_bridge.secoc.securing import LARGEST_HALF, Freshness, verified
 from can_bridge.wire.message_specs import PRESSURE_SECURED
 from contract.errors import BusError, StillwakeError
 from tests.refused import refused
@@ -70,7 +69,7 @@ def test_a_damaged_file_is_refused_and_kept(tmp_path, key):
         *('"trip": -1, "heard": {}', '"trip": true, "heard": {}', '"trip": 1.5, "heard": {}', '"trip": 1, "heard": []'),
         *('"trip": 1, "heard": {"x": 1}', '"trip": 1, "heard": {"290": 18446744073709551616}'),
     ]
-    bodies = [f'{{"schema": "{freshness_store.SCHEMA}", {each}}}' for each in fields]
+    bodies = [f'{{"schema": "{freshness_store.FRESHNESS_SCHEMA}", {each}}}' for each in fields]
     other = '{"schema": "stillwake-freshness/2", "trip": 1, "heard": {}}'
     for content in ("", "null", "[]", "{}", other, *bodies, "[" * 100_000, "\udcff"):
         path = tmp_path / "node"
@@ -82,7 +81,7 @@ def test_a_damaged_file_is_refused_and_kept(tmp_path, key):
 
 def test_power_cycles_end_and_a_place_that_cannot_be_written_is_one_line(tmp_path, key):
     path = tmp_path / "node"
-    path.write_text(json.dumps({"schema": freshness_store.SCHEMA, "trip": LARGEST_HALF, "heard": {}}))
+    path.write_text(json.dumps({"schema": freshness_store.FRESHNESS_SCHEMA, "trip": LARGEST_HALF, "heard": {}}))
     with pytest.raises(BusError, match="begin again with another key"):
         FreshnessStore(path).begin(key)
     with pytest.raises(StillwakeError, match="node"):

@@ -10,7 +10,7 @@ from contract.errors import KeyFileError
 from tests.refused import refused
 
 SECRET = bytes.fromhex("2b7e151628aed2a6abf7158809cf4f3c")
-"""Of RFC 4493's examples."""
+"""The key of RFC 4493's examples."""
 MESSAGE = bytes.fromhex(
     "6bc1bee22e409f96e93d7e117393172aae2d8a571e03ac9c9eb76fac45af8e5130c81c46a35ce411e5fbc1191a0a52eff69f2445df4f9b17"
     "ad2b417be66c3710"

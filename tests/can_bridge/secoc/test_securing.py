@@ -1,15 +1,21 @@
+"""Frames secured and verified: the layout by another program, what a receiver refuses, and what a node needs."""
+
 import shutil
 import subprocess
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.e2e import profile5
-from can_bridge.secoc.freshness import LARGEST_HALF, Freshness
-from can_bridge.secoc.securing import secure, verify
+from can_bridge.e2e.profiles import PROFILE_5
+from can_bridge.secoc.key import Key, write_key
+from can_bridge.secoc.node import Authentication, authentication_in_virtual_time, key_of, secured
+from can_bridge.secoc.securing import LARGEST_HALF, Freshness, VerifierState, secure, verified, verify
 from can_bridge.wire.frame import FD_LENGTHS, Frame
-from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE_SECURED, SPECS
+from can_bridge.wire.message_specs import JET_COMMAND, JET_COMMAND_SECURED, PRESSURE, PRESSURE_SECURED, SPECS
+from contract.config.vehicle import BusConfig
+from contract.errors import ConfigError, KeyFileError
 from tests.can_bridge.secoc.conftest import SECRET
 from tests.refused import refused
 
@@ -23,7 +29,7 @@ def test_layout_and_mac_are_openssls(genuine):
         frame = genuine(spec, trip=0x01020304, count=0x05060708)
         length = {"PressureSecured": 32, "EcuStatusSecured": 48}.get(spec.name, 24)
         zeros = 8 if spec.name == "EcuStatusSecured" else 0
-        content = profile5.protect(bytes([0x5A] * spec.protected), data_id=spec.data_id, counter=0x08)
+        content = PROFILE_5.protect(bytes([0x5A] * spec.protected), data_id=spec.data_id, counter=0x08)
         covered = content + bytes(zeros) + bytes.fromhex("0102030405060708")
         answer = subprocess.run(
             ["openssl", "mac", "-cipher", "AES-128-CBC", "-macopt", f"hexkey:{SECRET.hex()}", "CMAC"],
@@ -78,3 +84,90 @@ def test_freshness_counts_up_over_frames_and_trips():
     for halves in ({"trip": 0}, {"trip": 1 << 32}, {"count": -1}, {"count": 1 << 32}):
         with refused(ValueError, "must be in"):
             Freshness(**halves)
+
+
+SPEC = PRESSURE_SECURED
+
+
+def forged(frame: Frame) -> Frame:
+    return replace(frame, data=frame.data[:-1] + bytes([frame.data[-1] ^ 1]))
+
+
+def test_genuine_frames_pass_and_are_remembered(genuine, key):
+    frames = [genuine(SPEC, count=count) for count in (0, 1, 5)]
+    found = verified(VerifierState(), frames, spec=SPEC, key=key)
+    assert (list(found.frames), found.none_authentic) == (frames, False)
+    assert found.state == VerifierState(freshness=(1 << 32) + 5)
+
+
+def test_only_a_greater_freshness_is_fresh(genuine, key):
+    before = VerifierState(freshness=2 << 32 | 100)
+    stale, fresh = [(2, 100), (2, 99), (1, 101)], [(2, 101), (2, 5000), (3, 0), (1 << 31, 0)]
+    for trip, count in stale + fresh:
+        passes = (trip, count) in fresh
+        frame = genuine(SPEC, trip=trip, count=count)
+        judged = verified(before, [frame], spec=SPEC, key=key)
+        assert list(judged.frames) == ([frame] if passes else []), (trip, count)
+        assert judged.none_authentic is not passes, (trip, count)
+        assert (judged.state.not_fresh, judged.state.not_authentic) == (not passes, 0), (trip, count)
+
+
+def test_forged_repeated_and_reflected_frames_are_dropped_and_counted_apart(genuine, key):
+    real = [genuine(SPEC, count=count) for count in (0, 1)]
+    reflected = replace(genuine(JET_COMMAND_SECURED, count=9), frame_id=SPEC.frame_id)
+    strange = genuine(SPEC, count=9, by=Key(SECRET[::-1]))
+    frames = [forged(real[1]), real[0], real[0], reflected, real[1], strange, real[0]]
+    found = verified(VerifierState(), frames, spec=SPEC, key=key)
+    assert list(found.frames) == real
+    assert (found.state.not_authentic, found.state.not_fresh, found.state.refused) == (3, 2, 5)
+    assert not found.none_authentic
+
+
+def test_frames_of_other_messages_silence_and_no_key_change_nothing(genuine, key):
+    before = VerifierState(freshness=9, not_authentic=4, not_fresh=5)
+    others = [genuine(JET_COMMAND_SECURED), Frame(frame_id=0x7FF, data=b""), replace(genuine(SPEC), is_extended=True)]
+    for frames in (others, []):
+        assert verified(before, frames, spec=SPEC, key=key) == (before, frames, False)
+    plain = [Frame(frame_id=PRESSURE.frame_id, data=bytes(16))]
+    assert verified(before, plain, spec=PRESSURE, key=None) == (before, plain, False)
+
+
+@given(order=st.lists(st.integers(0, 8), max_size=30))
+def test_whatever_the_order_each_value_passes_at_most_once_and_in_order(order, genuine, key):
+    found = verified(VerifierState(), [genuine(SPEC, count=count) for count in order], spec=SPEC, key=key)
+    passed = [frame.timestamp_ns for frame in found.frames]
+    assert passed == sorted(set(passed))
+    assert found.state.not_fresh == len(order) - len(passed)
+    # The running maximum, as the definition has it.
+    records = [count for at, count in enumerate(order) if all(count > earlier for earlier in order[:at])]
+    assert passed == records
+
+
+def test_one_setting_turns_it_on(tmp_path, genuine):
+    assert authentication_in_virtual_time(BusConfig()) is None
+    write_key(tmp_path / "key", SECRET)
+    made = authentication_in_virtual_time(BusConfig(key=str(tmp_path / "key")))
+    assert made is not None
+    assert (made.trip, dict(made.heard)) == (1, {})
+    assert verify(genuine(PRESSURE_SECURED).data, PRESSURE_SECURED, made.key) is not None
+    assert [path.name for path in tmp_path.iterdir()] == ["key"]
+    with pytest.raises(KeyFileError, match="No such file"):
+        authentication_in_virtual_time(BusConfig(key=str(tmp_path / "none")))
+
+
+def test_settings_and_key_must_agree(key):
+    """A node that is to authenticate never goes on without."""
+    authentication = Authentication(key=key)
+    assert key_of(authentication, BusConfig(key="file")) is key
+    assert key_of(None, BusConfig()) is None
+    with pytest.raises(ConfigError, match=r"bus\.key = 'file': the node was made without a key"):
+        key_of(None, BusConfig(key="file"))
+    for plain in (BusConfig(), BusConfig(frames="classic")):
+        with pytest.raises(ConfigError, match="the node was made with a key"):
+            key_of(authentication, plain)
+
+
+def test_without_a_key_a_frame_stays_as_it_is(key):
+    frame = Frame(frame_id=JET_COMMAND.frame_id, data=bytes(8))
+    authentication = Authentication(key=key)
+    assert secured(frame, spec=JET_COMMAND, key=None, freshness=authentication.freshness) is frame

@@ -3,10 +3,9 @@
 from dataclasses import replace
 
 from can_bridge.calibration.segment import Segment
-from can_bridge.calibration.service import CalibrationService
-from can_bridge.uds.refused import Refused
+from can_bridge.uds.calibration_service import CalibrationService
 from can_bridge.uds.server import UdsServer
-from can_bridge.uds.services import Did, Nrc, Session
+from can_bridge.uds.services import Did, Nrc, Refused, Session
 from contract.config.controller import CostWeights
 from contract.controller.calibration import Calibration, CalibrationLimits
 from tests.can_bridge.flashing.store_ecu import KEY, Counted

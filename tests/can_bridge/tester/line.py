@@ -7,11 +7,11 @@ from typing import Any, Protocol
 from udsoncan.client import Client
 from udsoncan.exceptions import TimeoutException
 
-from can_bridge.tester.matching import answers
 from can_bridge.tester.sequence import Flashed, flash
-from can_bridge.uds.access_key import AccessKey
+from can_bridge.tester.transport import answers
+from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer
-from tests.can_bridge.flashing.medium import PowerCut
+from tests.can_bridge.flashing.plain_backing import PowerCut
 from tests.can_bridge.flashing.store_ecu import KEY
 from tests.can_bridge.tester.direct_connection import DirectConnection
 

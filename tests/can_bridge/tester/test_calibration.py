@@ -6,7 +6,7 @@ import pytest
 
 from can_bridge.tester import calibration
 from can_bridge.tester.asking import Asking
-from can_bridge.uds.access_key import AccessKey
+from can_bridge.uds.security import AccessKey
 from contract.errors import ConfigError, FlashError
 
 udsoncan = pytest.importorskip("udsoncan")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from udsoncan.client import Client
 
 from can_bridge.flashing.backing import Slot, at_once
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.tester.messages import (
@@ -22,11 +22,9 @@ from can_bridge.tester.messages import (
     NotPassedError,
     RefusedError,
 )
-from can_bridge.tester.sequence import End, Flashed, Options, Step
-from can_bridge.uds.access_key import AccessKey
-from can_bridge.uds.permissions import SERVICES
-from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Nrc, Routine, Service, Session
+from can_bridge.tester.sequence import End, Flashed, FlashOptions, Step
+from can_bridge.uds.security import AccessKey
+from can_bridge.uds.services import SERVICES, Nrc, Refused, Routine, Service, Session
 from tests.can_bridge.flashing.releases import BLOCK, SECOND, STRANGER, flash, image, phases
 from tests.can_bridge.tester.ecu_to_flash import EcuToFlash
 from tests.can_bridge.tester.line import Line, flash_over
@@ -90,7 +88,7 @@ def test_counters_of_blocks_wrap_to_zero(line: Line, ecu: EcuToFlash) -> None:
 
 def test_it_goes_on_with_what_the_ecu_has(line: Line, ecu: EcuToFlash) -> None:
     """Running on trial, another one on trial, no release, and some or all of it in the other slot."""
-    assert flashed(line, options=Options(confirm=False)).end is End.ON_TRIAL
+    assert flashed(line, options=FlashOptions(confirm=False)).end is End.ON_TRIAL
     ecu.routines.clear()
     done = flashed(line)
     assert (done.end, done.transferred, ecu.resets) == (End.CONFIRMED, None, 1)
@@ -113,7 +111,7 @@ def test_it_goes_on_with_what_the_ecu_has(line: Line, ecu: EcuToFlash) -> None:
 
 def test_a_dry_run_and_a_judge_that_objects_write_nothing(line: Line, ecu: EcuToFlash) -> None:
     calls = ecu.memory.calls
-    assert flashed(line, options=Options(dry_run=True)).end is End.WOULD_FLASH
+    assert flashed(line, options=FlashOptions(dry_run=True)).end is End.WOULD_FLASH
     assert {request[0] for request in line.heard} <= {Service.READ, Service.SESSION, Service.ROUTINE}
     assert [request for request in line.heard if request[0] == Service.SESSION] == [b"\x10\x03", b"\x10\x01"]
 
@@ -166,7 +164,7 @@ def test_a_vehicle_in_use_is_not_touched(line: Line, ecu: EcuToFlash) -> None:
     # One that starts after the reset leaves the release on trial.
     with pytest.raises(NotNowError, match="runs on trial, and was not confirmed"):
         flashed(line, on_step=on_step)
-    assert (ecu.runs, phases(ecu.store)) == ("new", [Phase.CONFIRMED, Phase.TRIAL])
+    assert (ecu.runs, phases(ecu.store)) == ("new", [SlotPhase.CONFIRMED, SlotPhase.TRIAL])
     ecu.is_wanted = False
     assert flashed(line).end is End.CONFIRMED
 
@@ -256,7 +254,7 @@ def test_a_block_refused_once_begins_the_transfer_again() -> None:
 
 
 def test_tester_present_keeps_the_session_of_the_announced_timing(line: Line) -> None:
-    """By another implementation of ISO 14229."""
+    """Another implementation of ISO 14229 asks."""
     config: Any = {"request_timeout": 10, "p2_timeout": 0.05, "p2_star_timeout": 5, "use_server_timing": True}
     with Client(line, config=config) as client:
         answer = client.change_session(Session.EXTENDED)

@@ -7,18 +7,22 @@ from typing import Any
 
 import can
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from can_bridge.tester import asking
 from can_bridge.tester.messages import NoAnswerError
 from can_bridge.tester.sequence import End, flash
-from can_bridge.tester.transport import PADDING, open_client
-from can_bridge.uds.services import Did
+from can_bridge.tester.transfer import BLOCK_STEP, BlockLength
+from can_bridge.tester.transport import PADDING, answers, open_client
+from can_bridge.uds.services import MAX_BLOCK, Did
 from contract.config.diagnosis import CanId, DiagnosisConfig
 from contract.config.vehicle import BusConfig
 from tests.can_bridge.flashing.releases import image
 from tests.can_bridge.flashing.store_ecu import KEY
 from tests.can_bridge.tester.ecu_to_flash import EcuToFlash
 from tests.can_bridge.tester.served import Fate, served
+from tests.examples import examples
 
 NEW = image("new")
 
@@ -121,3 +125,67 @@ def test_a_bus_without_an_ecu_is_reported_after_a_few_requests(
         asking.Asking(client, key=None, clock=time.monotonic, sleep=time.sleep).read(Did.HARDWARE)
     requests = iter(lambda: listener.recv(0.0), None)
     assert sum(one.arbitration_id == config.diagnosis.request.number for one in requests) == asking.TIMES
+
+
+CASES = """
+3602aa 7602 yes
+3602aa 7601 no
+3602aa 7f3673 yes
+3602aa 7f3122 no
+22f191 62f19141 yes
+22f191 62f18641 no
+3101ff00 7101ff0000000000 yes
+3101ff00 7101ff0100 no
+2701 670101 yes
+2701 6702 no
+37 77 yes
+190209 59027f yes
+1904d1018701 5904d101872f yes
+1904d1018701 59041106862f no
+1906d10187ff 5904d101872f no
+8502 c502 yes
+3400440000 74200ff0 yes
+1002 5002003201f4 yes
+1002 5003003201f4 no
+1101 5101 yes
+37 7f no
+37 7f37 no
+3602aa 76 no
+"""
+
+
+def test_a_response_is_matched_by_what_it_repeats():
+    """The layout of ISO 14229-1's positive and negative responses."""
+    for case in CASES.split("\n")[1:-1]:
+        request, response, is_answer = case.split()
+        assert answers(bytes.fromhex(request), bytes.fromhex(response)) is (is_answer == "yes"), case
+    assert not answers(b"\x37", b"") and not answers(b"", b"\x77")
+
+
+@given(
+    limit=st.integers(0, 10_000),
+    fates=st.lists(st.booleans(), max_size=200),
+    offsets=st.lists(st.integers(0, 10**6), min_size=1, max_size=5),
+)
+@examples(100)
+def test_blocks_fit_a_request_and_end_at_words(limit: int, fates: list[bool], offsets: list[int]) -> None:
+    length = BlockLength()
+    length.allow(limit)
+    for fate in fates:
+        (length.arrived if fate else length.lost)()
+    for offset in offsets:
+        bytes_ = length.next_from(offset)
+        assert 1 <= bytes_ <= max(BLOCK_STEP, limit - 2)
+        assert bytes_ <= MAX_BLOCK - 2
+        assert (offset + bytes_) % BLOCK_STEP == 0
+
+
+def test_they_shrink_to_a_word_and_grow_back() -> None:
+    length = BlockLength()
+    longest = length.next_from(0)
+    for _ in range(10):
+        length.lost()
+    assert length.next_from(0) == BLOCK_STEP
+    for _ in range(1000):
+        length.arrived()
+    assert length.next_from(0) == longest

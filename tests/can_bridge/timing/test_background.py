@@ -1,15 +1,19 @@
 """How made-up messages fill a bus, and what a periodic message cannot be."""
 
+import os
+import sys
+from pathlib import Path
 from typing import Any
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.timing.background import PERIODS_MS, made_up
+from can_bridge.timing.background import PERIODS_MS, made_up, read_traffic
 from can_bridge.timing.periodic_message import PeriodicMessage
 from can_bridge.wire.message_specs import SPECS
 from contract.config.vehicle import BusConfig
-from contract.errors import ConfigError
+from contract.errors import BusError, ConfigError
 from tests.examples import examples
 from tests.refused import refused
 
@@ -62,3 +66,125 @@ def test_made_up_messages_are_those_of_a_vehicle_and_fill_their_share(load, bus,
     if len(messages) > 1:
         assert ids[0] < min(TAKEN)
         assert ids[-1] > max(TAKEN)
+
+
+DIAGNOSIS_IDS = (0x7E0,)
+SHIPPED = Path(__file__).parents[3] / "contract" / "stillwake.dbc"
+
+HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: Engine Brake\n'
+MESSAGES = """
+BO_ 256 Wheels: 6 Brake
+ SG_ Speed : 0|16@1+ (0.01,0) [0|655.35] "km/h" Engine
+BO_ 2566844926 EngineSpeed: 8 Engine
+ SG_ Rpm : 24|16@1+ (0.125,0) [0|8031.875] "rpm" Brake
+BO_ 512 OnChange: 1 Brake
+ SG_ Pedal : 0|1@1+ (1,0) [0|1] "" Engine
+BO_ 64 Long: 20 Engine
+ SG_ Torque : 0|16@1+ (1,0) [0|65535] "Nm" Brake
+"""
+FORMATS = ["StandardCAN", "ExtendedCAN", *["reserved"] * 12, "StandardCAN_FD", "ExtendedCAN_FD"]
+ATTRIBUTES = """
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_ BO_ "VFrameFormat" ENUM FORMATS;
+BA_DEF_ BO_ "CANFD_BRS" ENUM "0","1";
+BA_DEF_DEF_ "GenMsgCycleTime" 0;
+BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
+BA_DEF_DEF_ "CANFD_BRS" "1";
+BA_ "GenMsgCycleTime" BO_ 256 20;
+BA_ "GenMsgCycleTime" BO_ 2566844926 100;
+BA_ "GenMsgCycleTime" BO_ 64 10;
+BA_ "VFrameFormat" BO_ 64 14;
+""".replace("FORMATS", ",".join(f'"{name}"' for name in FORMATS))
+
+
+@pytest.fixture
+def dbc(tmp_path):
+    def write(messages: str = MESSAGES, attributes: str = ATTRIBUTES) -> Path:
+        path: Path = tmp_path / "vehicle.dbc"
+        path.write_text(HEAD + messages + attributes, encoding="cp1252")
+        return path
+
+    return write
+
+
+def facts(traffic):
+    return [(m.name, m.frame_id, m.is_extended, m.is_fd, m.length, m.period_ns) for m in traffic.messages]
+
+
+def test_every_message_with_a_cycle_time_is_sent(dbc):
+    path = dbc()
+    found = read_traffic(path, BusConfig(), DIAGNOSIS_IDS, seed=0)
+    assert facts(found) == [
+        ("Long", 0x40, False, True, 20, 10_000_000),
+        ("Wheels", 0x100, False, False, 6, 20_000_000),
+        ("EngineSpeed", 0x18FEF1FE, True, False, 8, 100_000_000),
+    ]
+    assert found.left_out == ("OnChange (no cycle time)",)
+    # The seed draws the phases.
+    phases = [
+        [m.offset_ns for m in read_traffic(path, BusConfig(), DIAGNOSIS_IDS, seed=seed).messages] for seed in (0, 0, 1)
+    ]
+    assert phases[0] == phases[1] != phases[2]
+    assert all(0 <= phase < 100_000_000 for phase in phases[0])
+
+
+def test_lengths_are_padded_and_what_cannot_be_sent_is_left_out(dbc):
+    path = dbc(MESSAGES.replace("BO_ 64 Long: 20", "BO_ 64 Long: 33"))
+    assert read_traffic(path, BusConfig(), DIAGNOSIS_IDS, seed=0).messages[0].length == 48
+    own = 'BO_ 288 Pressure: 16 Engine\n SG_ E2E_CRC : 0|16@1+ (1,0) [0|65535] "" Brake\n'
+    unswitched = ATTRIBUTES.replace('"CANFD_BRS" "1"', '"CANFD_BRS" "0"')
+    for messages, attributes, reason in [
+        (MESSAGES + own, ATTRIBUTES + 'BA_ "GenMsgCycleTime" BO_ 288 20;\n', "Pressure (stillwake's own)"),
+        (MESSAGES.replace("Wheels: 6", "Wheels: 9"), ATTRIBUTES, "Wheels (9 bytes: more than a frame)"),
+        (MESSAGES, unswitched, "Long (CAN FD without bit-rate switching)"),
+    ]:
+        traffic = read_traffic(dbc(messages, attributes), BusConfig(), DIAGNOSIS_IDS, seed=0)
+        assert reason in traffic.left_out
+        assert reason.split()[0] not in [m.name for m in traffic.messages]
+
+
+def test_what_cannot_go_on_this_bus_is_refused(dbc):
+    def renumbered(name: str, old: int, new: int) -> Path:
+        return dbc(
+            MESSAGES.replace(f"BO_ {old} {name}", f"BO_ {new} {name}"), ATTRIBUTES.replace(f"BO_ {old}", f"BO_ {new}")
+        )
+
+    for used in [0x120, 0x121, DIAGNOSIS_IDS[0]]:
+        with refused(BusError, f"Wheels has identifier {used:#x}, which another node sends"):
+            read_traffic(renumbered("Wheels", 256, used), BusConfig(), DIAGNOSIS_IDS, seed=0)
+    with refused(BusError, "have one identifier, 0x100"):
+        read_traffic(renumbered("Long", 64, 256), BusConfig(), DIAGNOSIS_IDS, seed=0)
+    with refused(BusError, r"Long is CAN FD, which a bus with bus\.frames = classic cannot carry"):
+        read_traffic(dbc(), BusConfig(frames="classic"), DIAGNOSIS_IDS, seed=0)
+    with refused(BusError, r"no message to send: Pressure \(stillwake's own\)"):
+        read_traffic(SHIPPED, BusConfig(), DIAGNOSIS_IDS, seed=0)
+
+
+def test_what_describes_no_bus_is_refused_in_one_line(tmp_path, monkeypatch):
+    """A device without an end would fill the memory, and a pipe without a writer would wait for ever."""
+    unreadable = "no description of a CAN bus that cantools can read: "
+    # cantools would be busy with its bits for half a minute.
+    (tmp_path / "long.dbc").write_text("BO_ 416 Drag: 99999999 A\n")
+    with refused(BusError, unreadable + "BO_ 416 Drag: 99999999 is the length of a message: must be at most 65536"):
+        read_traffic(tmp_path / "long.dbc", BusConfig(), DIAGNOSIS_IDS, seed=0)
+    for name, content, reason in [
+        ("broken.dbc", SHIPPED.read_bytes().replace(b"BO_ 304 ", b"BO_ x "), unreadable),
+        ("bytes.kcd", bytes(range(256)), unreadable),
+        ("table.csv", b"id,name\n", "expected database format"),
+        ("missing.dbc", None, "No such file"),
+        ("pipe.dbc", None, "is a device or pipe, must be a file"),
+        ("/dev/zero", None, "is a device or pipe, must be a file"),
+        ("", None, "is a directory, must be a file"),
+    ]:
+        path = tmp_path / name
+        if content is not None:
+            path.write_bytes(content)
+        elif name == "pipe.dbc":
+            os.mkfifo(path)
+        with refused(BusError, reason) as raised:
+            read_traffic(path, BusConfig(), DIAGNOSIS_IDS, seed=0)
+        assert str(raised.value).startswith(f"{path}: "), name
+        assert "\n" not in str(raised.value), name
+    monkeypatch.setitem(sys.modules, "cantools.database", None)
+    with refused(BusError, r"\.dbc: reading it needs cantools: pip install '\.\[bus\]' in a checkout"):
+        read_traffic(SHIPPED, BusConfig(), DIAGNOSIS_IDS, seed=0)

@@ -3,15 +3,15 @@
 import pytest
 
 from can_bridge.timing.periodic_message import PeriodicMessage
-from can_bridge.timing.response_time import Timing, message_response_times, response_times
+from can_bridge.timing.response_time import MessageTiming, message_response_times, response_times
 from contract.config.vehicle import BusConfig
 
 US = 1000
 
 
-def timings(*rows: tuple[int, int, int]) -> list[Timing]:
+def timings(*rows: tuple[int, int, int]) -> list[MessageTiming]:
     """Each from (frame, period, jitter), with deadlines as the periods."""
-    return [Timing(frame_ns=c, period_ns=t, deadline_ns=t, jitter_ns=j) for c, t, j in rows]
+    return [MessageTiming(frame_ns=c, period_ns=t, deadline_ns=t, jitter_ns=j) for c, t, j in rows]
 
 
 def test_the_counterexample_to_the_first_analysis():
@@ -66,8 +66,8 @@ def test_a_bus_that_cannot_keep_up_has_no_bound():
 
 def test_a_load_of_nearly_all_comes_to_an_end():
     """Its busy period would last for years."""
-    almost = [Timing(frame_ns=999_999_999, period_ns=10**9, deadline_ns=10**9)]
-    small = Timing(frame_ns=1, period_ns=2 * 10**9, deadline_ns=2 * 10**9)
+    almost = [MessageTiming(frame_ns=999_999_999, period_ns=10**9, deadline_ns=10**9)]
+    small = MessageTiming(frame_ns=1, period_ns=2 * 10**9, deadline_ns=2 * 10**9)
     assert response_times([*almost, small, *almost], bit_ns=1)[1].response_ns is None
 
 

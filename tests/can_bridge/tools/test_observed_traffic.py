@@ -7,10 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.e2e.profiles import profile_of
-from can_bridge.e2e.receiver import Check
-from can_bridge.secoc.freshness import Freshness
+from can_bridge.e2e.receiver import FrameCheck
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.securing import secure
+from can_bridge.secoc.securing import Freshness, secure
 from can_bridge.tools.observed_traffic import RATE_OVER, SILENT_AFTER, Mac, Traffic
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE_SECURED, SPECS, MessageSpec
@@ -64,7 +63,7 @@ def test_losses_are_those_that_were_made(spec, data):
     counters = accumulate([data.draw(st.integers(0, period - 1)), *(gap + 1 for gap in gaps)])
     traffic = after([frame(spec, counter % period) for counter in counters])
     assert traffic.lost == sum(gaps)
-    assert traffic.receiver.count(Check.ERROR) == 0
+    assert traffic.receiver.count(FrameCheck.ERROR) == 0
     assert traffic.refused == sum(gap + 1 > E2E.max_delta for gap in gaps)
 
 
@@ -75,9 +74,9 @@ def test_frames_that_are_not_their_messages_fail_their_check():
         Frame(frame_id=secured.frame_id, data=secured.data[:16]),
         Frame(frame_id=command.frame_id, data=command.data, is_fd=False),
     ):
-        assert after([one]).check is Check.ERROR, one
+        assert after([one]).check is FrameCheck.ERROR, one
     traffic = after([command, command, frame(JET_COMMAND, 2 + E2E.max_delta)])
-    assert (traffic.check, traffic.lost, traffic.refused) == (Check.WRONG_SEQUENCE, 1 + E2E.max_delta, 2)
+    assert (traffic.check, traffic.lost, traffic.refused) == (FrameCheck.WRONG_SEQUENCE, 1 + E2E.max_delta, 2)
 
 
 KEY, OTHER_KEY = Key(bytes(range(16))), Key(bytes(range(1, 17)))

@@ -9,10 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import contract
-from can_bridge.tools.signals import decode
+from can_bridge.tools.signals import PROTECTION, decode, encode
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import PRESSURE, SPECS
+from contract.errors import BusError
 from tests.examples import examples
+from tests.refused import refused
 
 DBC = Path(contract.__file__).parent / "stillwake.dbc"
 DATABASE: Any = cantools.database.load_file(DBC)
@@ -60,3 +62,50 @@ def test_others_are_unknown_a_wrong_length_is_unreadable_and_no_digits_are_shown
     shown = {one.name: one.shown for one in got.signals}
     # 3 * 0.0002 in doubles is 0.0006000000000000001.
     assert (shown["Flow"], shown["Mode"]) == ("0.0006", "CONTROL")
+
+
+NAMES = [spec.name for spec in SPECS]
+
+
+def test_what_is_typed_and_zeros_else_are_what_our_codec_reads():
+    """That the codec reads every value as cantools writes it is `tests/can_bridge/wire/test_message_specs.py`'s."""
+    typed = {"Valid0": 1, "Valid3": 1, "EnableRequest": 1, "Pressure0": -12.5, "Pressure3": 100.0, "Age": 1.25}
+    for spec in SPECS:
+        given = typed if spec.name.startswith("Pressure") and not spec.name.endswith("Classic") else {}
+        found, content = encode(spec.name, [f"{one}={value}" for one, value in given.items()])
+        assert (found, len(content)) == (spec, spec.protected)
+        read = decode(Frame(frame_id=spec.frame_id, data=content.ljust(spec.length, b"\0"), is_fd=spec.is_fd))
+        assert read is not None
+        values = {one.name: one.value for one in read.signals if one.name not in PROTECTION}
+        assert values == pytest.approx(dict.fromkeys(values, 0) | given), spec.name
+
+
+def test_names_of_values_and_other_bases():
+    for name, typed, same in (
+        ("JetCommand", ["Mode=FAULT"], ["Mode=5"]),
+        ("EcuStatus", ["BundleHash=0xd2ff969a"], ["BundleHash=3539965594"]),
+        ("PressureClassic", ["Pressure2=INVALID"], ["Pressure2=-2048"]),
+        ("VehicleSpeed", ["Speed=NOT_AVAILABLE", "AirDensity=NOT_KNOWN"], ["Speed=327.675"]),
+    ):
+        assert encode(name, typed) == encode(name, same) != encode(name, [])
+
+
+def test_refused_in_one_line():
+    for name, assignment, words in [
+        ("Pressures", "", r"Pressures: is none of Pressure, .*VehicleSpeed, .*`python -m can.player`"),
+        ("Pressure", "Pressure4=1", r"Pressure4=1: must be SIGNAL=VALUE with one of Valid0"),
+        ("Pressure", "Pressure0", r"Pressure0: must be SIGNAL=VALUE"),
+        ("Pressure", "E2E_CRC=1", "is filled in by the sender"),
+        ("Pressure", "Pressure0=x", r"Pressure0=x: must be a number$"),
+        ("Pressure", "Pressure0=nan", "Pressure cannot be sent"),
+        ("Pressure", "Pressure0=3276.8", r"smaller than or equal to 3276.7"),
+        ("Pressure", "Age=inf", "cannot be sent"),
+        ("VehicleSpeed", "Pressure0=INVALID", "must be SIGNAL=VALUE with one of AirDensity"),
+        ("JetCommand", "Mode=FAUL", "must be a number, or one of FAULT, DECAY"),
+        ("JetCommand", "Mode=6", "smaller than or equal to 5"),
+        ("JetCommand", "Mode=1.5", "must be a whole number"),
+        ("EcuStatusClassic", "Missed=64", "smaller than or equal to 63"),
+    ]:
+        with refused(BusError, words) as caught:
+            encode(name, [assignment] if assignment else [])
+        assert "\n" not in str(caught.value), (name, assignment, words)

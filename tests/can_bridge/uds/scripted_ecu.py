@@ -4,11 +4,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.uds.access_key import AccessKey
-from can_bridge.uds.diagnostics import Long
-from can_bridge.uds.refused import Refused
+from can_bridge.flashing.backing import Long
+from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer
-from can_bridge.uds.services import Did, Nrc, Routine, Session
+from can_bridge.uds.services import Did, Nrc, Refused, Routine, Session
 
 SECRET = bytes.fromhex("2b7e151628aed2a6abf7158809cf4f3c")
 MS = 1_000_000

@@ -7,13 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import MediumError
 from can_bridge.uds.fault_codes import CODES, SNAPSHOT_BYTES, in_letters
-from can_bridge.uds.fault_memory import AGED_CYCLES, FaultMemory
-from can_bridge.uds.fault_reports import Report
-from can_bridge.uds.refused import Refused
+from can_bridge.uds.fault_memory import AGED_CYCLES, FaultMemory, FaultReport
 from can_bridge.uds.server import UdsServer
-from can_bridge.uds.services import Nrc, Session
+from can_bridge.uds.services import Nrc, Refused, Session
 from can_bridge.wire.messages import Mode, Reason
 from tests.can_bridge.uds.scripted_ecu import Bench, S, ScriptedEcu
 from tests.examples import examples
@@ -63,7 +61,7 @@ def test_every_reason_that_is_a_fault_has_a_code_of_its_own():
 
 
 def test_statuses_over_operation_cycles():
-    """By the bits of ISO 14229-1, table D.1."""
+    """The status by the bits of ISO 14229-1, table D.1."""
     memory = Memory()
     assert memory.status() == 0x50
     memory.note(None)
@@ -165,7 +163,7 @@ def test_the_answers(bench):
         19 01 08 > 59 01 7F 00 00 00
         """
     )
-    answer = bench.ask(0x19, Report.SUPPORTED)
+    answer = bench.ask(0x19, FaultReport.SUPPORTED)
     assert answer is not None and len(answer) == 3 + 4 * len(CODES)
     memory.note(LOST)
     memory.refusal = Nrc.CONDITIONS_NOT_CORRECT

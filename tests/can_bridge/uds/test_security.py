@@ -1,9 +1,15 @@
+"""Security access: keys and their files, seeds, wrong attempts and the delay after them."""
+
 import pytest
+from cryptography.hazmat.primitives.ciphers.algorithms import AES
+from cryptography.hazmat.primitives.cmac import CMAC
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.uds.security import MOST_COUNTED
+from can_bridge.flashing.state import MOST_ATTEMPTS
+from can_bridge.secoc.key import write_key
+from can_bridge.uds.security import AccessKey
 from can_bridge.uds.services import Nrc, Session
-from tests.can_bridge.uds.scripted_ecu import MS, Bench, S, ScriptedEcu, refused
+from tests.can_bridge.uds.scripted_ecu import MS, SECRET, Bench, S, ScriptedEcu, refused
 
 WRONG = b"\x5a" * 16
 
@@ -101,7 +107,7 @@ def test_attempts_before_power_on_count():
     assert bench.ask(0x27, 1) == refused(0x27, Nrc.DELAY_NOT_EXPIRED)
     keep_alive(bench, 10 * S)
     bench.unlock()
-    for before, after in ((2, 3), (MOST_COUNTED, MOST_COUNTED)):
+    for before, after in ((2, 3), (MOST_ATTEMPTS, MOST_ATTEMPTS)):
         ecu.attempts[Level.PROGRAMMING] = before
         bench = Bench(ecu)
         bench.ask(0x10, Session.PROGRAMMING)
@@ -133,3 +139,28 @@ def test_what_is_no_attempt(bench):
     for sub_function in (0, 5, 6, 0x11, 0x7E, 0x7F):
         bench.talk(f"27 {sub_function:02x} > SUB_FUNCTION_NOT_SUPPORTED")
     assert bench.ecu.attempts[Level.PROGRAMMING] == 0
+
+
+SEED = bytes(range(16))
+
+
+def cmac(key: bytes, message: bytes) -> bytes:
+    """The answer by the library; `tests/can_bridge/secoc/test_key.py` has the published answers of our own."""
+    made = CMAC(AES(key))
+    made.update(message)
+    return made.finalize()
+
+
+def test_answer_is_cmac_under_the_level_s_own_key():
+    for level in Level:
+        level_key = cmac(SECRET, b"stillwake access" + bytes([level]))
+        assert AccessKey(SECRET).answer(level, SEED) == cmac(level_key, SEED)
+
+
+def test_a_key_file_is_read_and_shows_nowhere(tmp_path):
+    write_key(tmp_path / "access.key", SECRET)
+    key = AccessKey.read(tmp_path / "access.key")
+    assert key.answer(Level.PROGRAMMING, SEED) == AccessKey(SECRET).answer(Level.PROGRAMMING, SEED)
+    assert SECRET.hex()[:8] not in repr(key) + repr(vars(key))
+    with pytest.raises(ValueError, match="a key of zeros"):
+        AccessKey(bytes(16))

@@ -1,12 +1,12 @@
 """Exact lengths against published frames, a plain bit-by-bit construction, and the bounds of `bit_timing`."""
 
 from itertools import pairwise
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.wire.bit_timing import worst_case_bits
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 from can_bridge.wire.frame_bits import (
     bits_ns,
@@ -17,7 +17,10 @@ from can_bridge.wire.frame_bits import (
     is_arbitration_stuff_bit,
     sent_bits,
     stuffed,
+    worst_case_bits,
+    worst_case_ns,
 )
+from tests.refused import refused
 
 REPEATED = st.sampled_from([b"\x00", b"\xff", b"\x0f", b"\xf0", b"\x1e", b"\xe1", b"\x78", b"\x87"])
 PAYLOADS = st.binary(max_size=64) | REPEATED.map(lambda byte: byte * 64)
@@ -151,3 +154,46 @@ def test_times_are_the_bits_at_their_rates():
     assert bits_ns(1, 0, nominal_bitrate=3, data_bitrate=1) == 333_333_334
     with pytest.raises(ValueError, match="data bit rate 0: must be positive"):
         bits_ns(1, 1, nominal_bitrate=1, data_bitrate=0)
+
+
+def test_classic_bound_is_the_published_one():
+    """55 + 10 n bits for 11-bit identifiers (Davis et al. 2007)."""
+    for length, bits in ((0, 55), (1, 65), (4, 95), (8, 135)):
+        assert worst_case_bits(Frame(frame_id=1, data=bytes(length), is_fd=False)) == (bits, 0), length
+
+
+def test_fd_bound_by_hand():
+    """ESI and DLC, data, stuff bits after the 4 charged to the arbitration phase, CRC field."""
+    sums = {0: 5 + 0 + 1 + 27, 16: 5 + 128 + 33 + 27, 20: 5 + 160 + 41 + 32, 64: 5 + 512 + 129 + 32}
+    for length, data_bits in sums.items():
+        assert worst_case_bits(Frame(frame_id=1, data=bytes(length))) == (17 + 4 + 13, data_bits), length
+
+
+@given(length=st.sampled_from(FD_LENGTHS), nominal=st.integers(1, 10**6), data=st.integers(1, 8 * 10**6))
+def test_time_is_the_bits_at_their_rates_rounded_up(length, nominal, data):
+    frame = Frame(frame_id=1, data=bytes(length))
+    slow, fast = worst_case_bits(frame)
+    time_ns = worst_case_ns(frame, nominal_bitrate=nominal, data_bitrate=data)
+    scaled = 10**9 * (slow * data + fast * nominal)
+    assert (time_ns - 1) * nominal * data < scaled <= time_ns * nominal * data
+
+
+@given(frame_id=st.integers(-5, 0x805), length=st.integers(0, 70), time=st.integers(-3, 3), is_fd=st.booleans())
+def test_exists_only_if_a_controller_could_send_it(frame_id, length, time, is_fd):
+    # Lengths of a CAN FD length code, ISO 11898-1: written out once more on purpose.
+    lengths = {0, 1, 2, 3, 4, 5, 6, 7, 8} | ({12, 16, 20, 24, 32, 48, 64} if is_fd else set())
+    sound = 0 <= frame_id < 0x800 and length in lengths and time >= 0
+    try:
+        frame = Frame(frame_id=frame_id, data=bytes(length), timestamp_ns=time, is_fd=is_fd)
+    except ValueError:
+        assert not sound
+    else:
+        assert sound
+        assert (frame.frame_id, len(frame.data), frame.timestamp_ns, frame.is_fd) == (frame_id, length, time, is_fd)
+
+
+def test_refusal_names_the_value():
+    cases: list[tuple[dict[str, Any], str]] = [({"frame_id": 0x800}, "0x800"), ({"data": bytearray(8)}, "bytearray")]
+    for fields, culprit in cases:
+        with refused(ValueError, culprit):
+            Frame(**{"frame_id": 1, "data": b"", **fields})

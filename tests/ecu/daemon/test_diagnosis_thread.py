@@ -8,7 +8,7 @@ from threading import Event
 import pytest
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Kind
+from can_bridge.flashing.backing import RecordKind
 from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.report import decode
@@ -34,7 +34,7 @@ class SlowDisk(FolderBacking):
         super().__init__(folder)
         self.waits, self.let = Event(), Event()
 
-    def keep(self, kind: Kind, record: bytes) -> None:
+    def keep(self, kind: RecordKind, record: bytes) -> None:
         self.waits.set()
         assert self.let.wait(10.0)
         super().keep(kind, record)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import MediumError
 from can_bridge.wire.frame import Frame
 from contract.config.diagnosis import DiagnosisConfig
 from contract.config.tree import Config

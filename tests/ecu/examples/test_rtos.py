@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from can_bridge.e2e.receiver import Check, E2eReceiver
+from can_bridge.e2e.receiver import E2eReceiver, FrameCheck
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
 from contract.config.learning import ModelConfig
@@ -45,7 +45,7 @@ def test_every_period_has_a_command_and_the_jets_are_driven(system, folder, buil
     receiver, modes = E2eReceiver(messages.command.spec, config.bus.e2e), list[Mode]()
     for line in done.stdout.split():
         wire = bytes.fromhex(line)
-        assert receiver.tick([Frame(frame_id=messages.command.spec.frame_id, data=wire)]).checks == (Check.OK,)
+        assert receiver.tick([Frame(frame_id=messages.command.spec.frame_id, data=wire)]).checks == (FrameCheck.OK,)
         command = messages.command.parse(wire)
         assert command is not None
         modes.append(command.mode)

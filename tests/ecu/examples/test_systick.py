@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from can_bridge.e2e.receiver import Check, E2eReceiver, StreamState
+from can_bridge.e2e.receiver import E2eReceiver, FrameCheck, StreamState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
 from contract.config.learning import ModelConfig
@@ -65,7 +65,7 @@ def test_under_systick_the_period_is_kept_and_the_jets_are_driven(image, built_f
     receiver = E2eReceiver(messages.command.spec, config.bus.e2e)
     for period, wire in enumerate(data):
         reception = receiver.tick([Frame(frame_id=messages.command.spec.frame_id, data=wire)])
-        assert reception.checks == (Check.OK,)
+        assert reception.checks == (FrameCheck.OK,)
         command = messages.command.parse(wire)
         assert command is not None
         assert command.mode is expected_mode(period, window)

@@ -20,7 +20,7 @@ from contract.release.checks import Bundle
 from contract.release.image import image_of
 from ecu.calibrating import release_calibration
 from ecu.in_c.c_ecu import CEcu, ecu_sources
-from tests.can_bridge.flashing.medium import UnreadableError
+from tests.can_bridge.flashing.plain_backing import UnreadableError
 from tests.can_bridge.flashing.releases import RELEASE
 from tests.can_bridge.flashing.store_ecu import KEY
 from tests.can_bridge.uds.addresses import COMMAND_ID, XCP_RESPONSE_ID

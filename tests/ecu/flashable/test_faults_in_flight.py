@@ -4,8 +4,8 @@ import struct
 
 import pytest
 
+from can_bridge.flashing.backing import MediumError
 from can_bridge.flashing.folder_backing import FolderBacking
-from can_bridge.flashing.medium import MediumError
 from can_bridge.uds.fault_codes import CODES
 from can_bridge.wire.messages import Mode, Reason
 from tests.ecu.flashable.vehicle_ecu import Rig, provision

@@ -12,8 +12,7 @@ from typing import Any
 
 import pytest
 
-from can_bridge.uds.permissions import LEVELS, ROUTINES, SERVICES
-from can_bridge.uds.services import Did, Nrc, Session
+from can_bridge.uds.services import LEVELS, ROUTINES, SERVICES, Did, Nrc, Session
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
 from contract.config.diagnosis import DiagnosisConfig

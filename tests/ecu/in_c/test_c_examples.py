@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from can_bridge.e2e.receiver import Check, E2eReceiver
+from can_bridge.e2e.receiver import E2eReceiver, FrameCheck
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import VehicleSpeed
@@ -35,7 +35,7 @@ def test_each_row_is_a_sound_frame_with_its_pressures_and_one_with_the_design_sp
     assert len(played) == len(speeds) == MOST_PERIODS
     cruises = VehicleSpeed(speed_m_per_s=config.operating_point.speed, age_ns=0)
     for period, (frame, speed) in enumerate(zip(played, speeds, strict=True)):
-        assert receiver.tick([frame]).checks == of_speed.tick([speed]).checks == (Check.OK,)
+        assert receiver.tick([frame]).checks == of_speed.tick([speed]).checks == (FrameCheck.OK,)
         assert messages.speed.parse(speed.data) == cruises
         pressure = messages.pressure.parse(frame.data)
         assert pressure is not None

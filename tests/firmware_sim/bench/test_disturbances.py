@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.bus.faults.loss_and_lateness import Drop
+from can_bridge.bus.faults.frame_faults import Drop
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.recording import dataset

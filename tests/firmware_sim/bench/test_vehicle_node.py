@@ -8,12 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.e2e import profile5
-from can_bridge.e2e.profiles import profile_of
+from can_bridge.e2e.profiles import PROFILE_5, profile_of
 from can_bridge.e2e.sender import E2eSender, SenderState, protected_frame
-from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.node import Authentication, secured
+from can_bridge.secoc.securing import Freshness
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
@@ -167,7 +166,7 @@ def driven_through(node: VehicleNode, commands: Commands, came: Iterable[bool]) 
     for k, comes in enumerate(came):
         frame = request(node)
         # Each rests on the newest pressures.
-        command = commands(0.05, echo=profile5.counter_of(frame.data))
+        command = commands(0.05, echo=PROFILE_5.counter_of(frame.data))
         moved.append(node.apply_commands([command] if comes else []).action != 0.0)
         assert parsed(frame).enable_request or not any(moved[k:])
     return moved

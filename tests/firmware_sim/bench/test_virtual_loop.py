@@ -6,9 +6,8 @@ from math import ceil, isnan
 import numpy as np
 import pytest
 
-from can_bridge.bus.faults.content import FlipBits
 from can_bridge.bus.faults.fault import FaultyBus, wrap
-from can_bridge.bus.faults.loss_and_lateness import Drop
+from can_bridge.bus.faults.frame_faults import Drop, FlipBits
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, VEHICLE_SPEED
 from can_bridge.wire.messages import Mode

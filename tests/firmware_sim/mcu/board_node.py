@@ -9,8 +9,8 @@ from udsoncan.client import Client
 from can_bridge.flashing.access_level import Level
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.tester.asking import Asking
-from can_bridge.tester.key_list import bring
 from can_bridge.tester.sequence import Flashed
+from can_bridge.tester.transfer import bring
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config

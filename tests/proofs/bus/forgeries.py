@@ -12,10 +12,8 @@ import numpy as np
 from benchmarks.common.command_line import track
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.sender import SenderState, protected_frame
-from can_bridge.secoc.freshness import Freshness
 from can_bridge.secoc.key import KEY_LENGTH, Key
-from can_bridge.secoc.receiver import VerifierState, verified
-from can_bridge.secoc.securing import secure
+from can_bridge.secoc.securing import Freshness, VerifierState, secure, verified
 from can_bridge.wire.frame import FD_LENGTHS, Frame
 from can_bridge.wire.message_sets import SECURED
 from can_bridge.wire.message_specs import FRESHNESS_LENGTH, MAC_LENGTH, MessageSpec

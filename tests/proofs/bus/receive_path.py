@@ -13,10 +13,10 @@ import can
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.slcan import LINE_LIMIT, SlcanBus
 from can_bridge.bus.backends.udp_multicast import UdpMulticastBus
-from can_bridge.bus.rejection import Rejection
+from can_bridge.bus.interface import Rejection
 from can_bridge.e2e.receiver import E2eReceiver
 from can_bridge.secoc.key import KEY_LENGTH, Key
-from can_bridge.secoc.receiver import VerifierState, verified
+from can_bridge.secoc.securing import VerifierState, verified
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import CLASSIC, FD, SECURED
 from can_bridge.wire.message_specs import MessageSpec
@@ -117,7 +117,7 @@ class ReceivePath:
 
 
 class _FedDatagrams:
-    """In place of python-can's socket."""
+    """A stand-in for python-can's socket."""
 
     def __init__(self) -> None:
         self.waiting: deque[tuple[bytes, tuple[str, int], float]] = deque()
@@ -142,7 +142,7 @@ class _FedUdpBus(UdpMulticastBus):
 
 
 class _FedPort:
-    """In place of pyserial's port."""
+    """A stand-in for pyserial's port."""
 
     is_open = True
 

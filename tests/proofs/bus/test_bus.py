@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from can_bridge.secoc import receiver
+from can_bridge.secoc import securing
 from tests.proofs.bus import forgeries, fuzz
 
 
@@ -23,7 +23,7 @@ def test_no_forgery_is_accepted_and_no_genuine_frame_refused():
 
 
 def test_without_mac_or_freshness_what_they_keep_out_passes(monkeypatch):
-    every, verified = forgeries.KINDS, receiver.verified
+    every, verified = forgeries.KINDS, securing.verified
 
     def trusting(data, spec, key):
         return int.from_bytes(data[-16:-8], "big") if len(data) == spec.length else None
@@ -33,7 +33,7 @@ def test_without_mac_or_freshness_what_they_keep_out_passes(monkeypatch):
 
     for owner, name, defect, kinds in (
         (
-            receiver,
+            securing,
             "verify",
             trusting,
             ("mutated", "replayed, next freshness", "spliced", "guessed MAC", "another key"),

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
-from can_bridge.e2e import profile5
+from can_bridge.e2e.profiles import PROFILE_5
 from can_bridge.wire.message_specs import PRESSURE
 from contract import sensors
 from contract.config.tree import Config
@@ -112,8 +112,8 @@ def _foreign(item: Delivered, rng: Random) -> Delivered:
     data, spec = item.frame.data, PRESSURE
     if item.frame.frame_id != spec.frame_id:
         return item
-    counter = (profile5.counter_of(data) + rng.randrange(20, 237)) % 256
-    protected = profile5.protect(bytes(3) + data[3:], data_id=spec.data_id, counter=counter)
+    counter = (PROFILE_5.counter_of(data) + rng.randrange(20, 237)) % 256
+    protected = PROFILE_5.protect(bytes(3) + data[3:], data_id=spec.data_id, counter=counter)
     return Delivered(replace(item.frame, data=protected), None)
 
 

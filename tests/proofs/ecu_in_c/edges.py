@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from can_bridge.command_gate import GateLimits
 from can_bridge.e2e.profiles import profile_of
-from can_bridge.e2e.receiver import Check, ReceiverState, StreamState
+from can_bridge.e2e.receiver import FrameCheck, ReceiverState, StreamState
 from can_bridge.e2e.sender import SenderState
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
@@ -99,7 +99,7 @@ class Edges:
         return ReceiverState(
             stream=stream,
             last_counter=None if last is None else (last - rng.randrange(-1, e2e.max_delta + 2)) % self._counters,
-            window=tuple(rng.choices(list(Check), weights=(3, 1, 1, 1, 2, 1), k=length)),
+            window=tuple(rng.choices(list(FrameCheck), weights=(3, 1, 1, 1, 2, 1), k=length)),
             counts=tuple(rng.choice((count, LARGEST, LARGEST - 1)) for count in state.counts),
         )
 

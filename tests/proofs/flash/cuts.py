@@ -12,10 +12,9 @@ from functools import cache
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from can_bridge.flashing.backing import Slot
+from can_bridge.flashing.backing import MediumError, Slot
 from can_bridge.flashing.boot import BootReason
-from can_bridge.flashing.medium import MediumError
-from can_bridge.flashing.state import TRIAL_BOOTS, Phase
+from can_bridge.flashing.state import TRIAL_BOOTS, SlotPhase
 from can_bridge.tester.sequence import End, Flashed, Step
 from contract.errors import StillwakeError
 from contract.release import bundle
@@ -216,7 +215,7 @@ def _judge(ecu: StoreEcu, twin: FolderPlace, asked: Asked, wrong: Callable[[str,
         wrong("confirmed_lost", f"the confirmed slot {state.active} has release {confirmed}")
     if state.least_security_version != confirmed:
         wrong("counter_moved", f"it is {state.least_security_version}, of the confirmed release {confirmed}")
-    if ecu.boot.slot is not None and state.slots[ecu.boot.slot].phase is Phase.TRIAL:
+    if ecu.boot.slot is not None and state.slots[ecu.boot.slot].phase is SlotPhase.TRIAL:
         for _ in range(TRIAL_BOOTS):
             last = StoreEcu(twin.backing)
         if _running(last, twin) != confirmed or last.boot.slot != state.active:

@@ -12,10 +12,8 @@ from pathlib import Path
 from random import Random
 from typing import Final, Self
 
-from can_bridge.flashing.backing import Backing
-from can_bridge.flashing.folder_backing import FolderBacking
-from can_bridge.flashing.folder_files import FolderFiles
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import Backing, MediumError
+from can_bridge.flashing.folder_backing import FolderBacking, FolderFiles
 
 CAPACITY: Final = 256 * 1024
 
@@ -44,7 +42,7 @@ class FolderPlace(FolderFiles):
         return FolderBacking(Path("unused"), files=self, capacity=CAPACITY)
 
     def branch(self, at: Callable[[int], bool], on_cut: OnCut | None) -> None:
-        """From now on, branch before every operation whose number `at` picks; None: no more."""
+        """Branch, from now on, before every operation whose number `at` picks; None: no more."""
         self._at, self._on_cut = at, on_cut
 
     def twin(self) -> Self:

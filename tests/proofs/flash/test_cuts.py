@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from can_bridge.flashing.remembered import Remembered
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import Store
 from contract.errors import StillwakeError
 from tests.proofs.flash import cuts, proof
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def operations() -> int:
-    """Of the whole sequence."""
+    """Calls of the whole sequence."""
     return walk(0, lambda number: False).operations
 
 
@@ -52,7 +52,7 @@ def kinds_found(picked: range) -> set[str]:
 
 @pytest.mark.proofs  # repeats the cuts for each defect
 def test_planted_defects_are_found(monkeypatch, operations):
-    """Of the store's own defects those that only the whole sequence shows; `test_store_cuts` has the others."""
+    """Those of the store's own defects that only the whole sequence shows; `test_store_cuts` has the others."""
     end, all_along = range(operations - 40, operations), range(0, operations, 5)
     activate, keep_slot = Store.activate, Remembered.keep_slot
 
@@ -61,11 +61,11 @@ def test_planted_defects_are_found(monkeypatch, operations):
         self._remembered.keep(dataclasses.replace(self.state, least_security_version=2))
 
     def uncounted(self, slot, changed):
-        if not (changed.phase is Phase.TRIAL and changed.boots_left < self.state.slots[slot].boots_left):
+        if not (changed.phase is SlotPhase.TRIAL and changed.boots_left < self.state.slots[slot].boots_left):
             keep_slot(self, slot, changed)
 
     def forgetful(self, slot, changed):
-        if changed.phase is Phase.FILLING and changed.received < changed.length:
+        if changed.phase is SlotPhase.FILLING and changed.received < changed.length:
             self.state = self.state.with_slot(slot, changed)
         else:
             keep_slot(self, slot, changed)

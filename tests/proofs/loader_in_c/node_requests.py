@@ -7,7 +7,7 @@ from typing import Final
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.uds.fault_codes import CODES
-from can_bridge.uds.fault_reports import LENGTHS, Report
+from can_bridge.uds.fault_memory import LENGTHS, FaultReport
 from can_bridge.uds.services import MAX_BLOCK, Did, Routine, Service, Session
 from contract.controller.calibration import PACKED_BYTES
 from tests.can_bridge.flashing.store_ecu import KEY
@@ -103,7 +103,7 @@ def faults(rng: Random, of: World) -> Plan:
             (_EXTENDED, bytes([Service.CLEAR_FAULTS]) + code, bytes([Service.FAULT_SETTING, rng.randrange(4)]))
         )
         yield bytes([Service.COMMUNICATION, rng.randrange(3), rng.randrange(4)])
-        for report in Report:
+        for report in FaultReport:
             option = {1: bytes([rng.randrange(256)]), 4: code + bytes([rng.choice((1, 0xFF, 2))]), 0: b""}[
                 LENGTHS[report]
             ]

@@ -19,8 +19,7 @@ from can_bridge.flashing.backing import at_once
 from can_bridge.flashing.checking import Rules, fits_as, judge_image
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Nrc
+from can_bridge.uds.services import Nrc, Refused
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Pressure

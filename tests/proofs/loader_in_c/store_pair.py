@@ -10,12 +10,11 @@ from typing import Any, Final
 
 from can_bridge.flashing import checking, report, state
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import MAX_RECORD, Kind, Slot, Work, at_once
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import MAX_RECORD, Long, MediumError, RecordKind, Slot, at_once
 from can_bridge.flashing.store import OutOfOrderError, Store
 from contract.errors import ConfigError, KeyFileError
 from contract.release.signing import public_key
-from tests.can_bridge.flashing.medium import PowerCut
+from tests.can_bridge.flashing.plain_backing import PowerCut
 from tests.can_bridge.flashing.releases import ROOT
 from tests.proofs.loader_in_c.store_library import (
     GOOD,
@@ -63,25 +62,25 @@ class Flash:
     capacity = SLOT_BYTES
 
     def __init__(self, memory: Any, unreadable: Any) -> None:
-        self.kept: dict[Kind, bytes] = {}
-        self.passed: list[tuple[Kind, bytes]] = []
+        self.kept: dict[RecordKind, bytes] = {}
+        self.passed: list[tuple[RecordKind, bytes]] = []
         """Every record that was kept in the call under way, in order."""
         self.content = {slot: bytearray(b"\xff" * SLOT_BYTES) for slot in Slot}
         self.is_worn, self.records_left, self.erases = False, NEVER, True
         self._at = dict.fromkeys(Slot, 0)
         self._memory, self._unreadable = memory, unreadable
 
-    def records(self) -> dict[Kind, bytes]:
+    def records(self) -> dict[RecordKind, bytes]:
         return dict(self.kept)
 
-    def keep(self, kind: Kind, record: bytes) -> None:
+    def keep(self, kind: RecordKind, record: bytes) -> None:
         if not self.records_left:
             raise MediumError("no place is left", 0)
         self.records_left -= 1
         self.passed.append((kind, record))
         self.kept[kind] = record
 
-    def clear(self, slot: Slot, behind: int = 0) -> Work[None]:
+    def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
         for at in range(behind, SLOT_BYTES, SECTOR):
             yield
             if not self.erases:
@@ -90,7 +89,7 @@ class Flash:
         self._at[slot] = behind
 
     def begin_again(self, slot: Slot, length: int) -> int:
-        whole = state.decode(self.kept[Kind.STATE]).slots[slot].length
+        whole = state.decode(self.kept[RecordKind.STATE]).slots[slot].length
         begin, end = _place(slot, length // WORD * WORD), _place(slot, -(-whole // WORD) * WORD)
         if length < whole and (self._memory[begin:end].strip(b"\xff") or self._fails(begin, end)):
             length = length // SECTOR * SECTOR
@@ -133,7 +132,7 @@ class Pair:
         self._unreadable = self._ffi.buffer(self._c.twin_unreadable(self._twin), length // WORD)
         self.flash = Flash(self._memory, self._unreadable)
         self._before, self.cut_at, self._seed = 0, cut_at, seed
-        self._old: dict[Kind, bytes] = {}
+        self._old: dict[RecordKind, bytes] = {}
         """Records before the call under way."""
         self._power_on()
 
@@ -210,12 +209,12 @@ class Pair:
         """Whether the C store takes no record of so many bytes now; what it takes is taken by Python's as well."""
         if self._c.sw_store_keep_faults(self._own, bytes(length), length):
             return True
-        self.flash.kept[Kind.FAULTS] = self.store.records.faults = bytes(length)
+        self.flash.kept[RecordKind.FAULTS] = self.store.records.faults = bytes(length)
         return False
 
-    def plant(self, kind: Kind, record: bytes) -> None:
+    def plant(self, kind: RecordKind, record: bytes) -> None:
         """Boot from a record that no store writes."""
-        raw = record + bytes(2 * WORD) if kind == Kind.STATE else record
+        raw = record + bytes(2 * WORD) if kind == RecordKind.STATE else record
         assert self._c.sw_records_keep(self._kept, kind, raw, len(raw)) == 0
         self.flash.kept[kind] = record
         self.boot()
@@ -231,9 +230,9 @@ class Pair:
         room = self._ffi.new("uint8_t[]", much)
         assert c.sw_store_go_on(own) == c.sw_store_failed_attempts(own, 2) == DONE
         assert c.sw_store_keep_failed_attempts(own, 2, 1) == c.sw_store_keep_faults(own, room, much) == 2
-        assert c.sw_records_keep(self._kept, Kind.FAULTS, room, much) == 1
+        assert c.sw_records_keep(self._kept, RecordKind.FAULTS, room, much) == 1
         for offset, length in ((much, 0), (0, much), (2**32 - 8, 16), (16, 2**32 - 8)):
-            assert c.sw_records_read(self._kept, Kind.STATE, offset, room, length) == 1
+            assert c.sw_records_read(self._kept, RecordKind.STATE, offset, room, length) == 1
         self._compare("beyond", None, None)
 
     def go_on(self, cut_at: int | None = None) -> None:
@@ -241,7 +240,7 @@ class Pair:
         if not self._c.twin_is_off(self._twin):
             raise ValueError("the supply did not go")
         self.cut_at = None if cut_at is None else self.operations + cut_at
-        states = [state.decode(raw) for raw in self._may_be(Kind.STATE) if raw]
+        states = [state.decode(raw) for raw in self._may_be(RecordKind.STATE) if raw]
         self._power_on(has_lost=True)
         self._boot("boot after a cut")
         if not states or any(one.active is None for one in states):
@@ -276,14 +275,14 @@ class Pair:
         self._c.sw_store_boot(self._own)
         self._compare(name, None, None)
 
-    def _may_be(self, kind: Kind) -> list[bytes]:
+    def _may_be(self, kind: RecordKind) -> list[bytes]:
         """Records of a kind that may be found after a cut in the call under way."""
         return [self._old.get(kind, b""), *(raw for one, raw in self.flash.passed if one == kind)]
 
     def _take_over(self) -> None:
         """Hold what is found against what may be, and give it to the Python store."""
         self.flash.kept = {}
-        for kind in Kind:
+        for kind in RecordKind:
             raw = self._record(kind)
             if raw not in self._may_be(kind):
                 raise MismatchError("mismatches", f"{kind.name} after a cut is none that may be: {raw.hex()}")
@@ -291,8 +290,8 @@ class Pair:
                 self.flash.kept[kind] = raw
         for slot, content in self.flash.content.items():
             content[:] = self._memory[_place(slot, 0) : _place(slot, SLOT_BYTES)]
-            if Kind.STATE in self.flash.kept:
-                standing = state.decode(self.flash.kept[Kind.STATE]).slots[slot]
+            if RecordKind.STATE in self.flash.kept:
+                standing = state.decode(self.flash.kept[RecordKind.STATE]).slots[slot]
                 behind = standing.received % WORD if standing.received < standing.length else 0
                 tail = self._ffi.buffer(self._c.twin_tail(self._twin, slot), WORD)
                 content[standing.received - behind : standing.received] = tail[:behind]
@@ -309,11 +308,11 @@ class Pair:
         except (OutOfOrderError, KeyFileError, MediumError, ConfigError) as error:
             return next(code for kind, code in _CODES.items() if isinstance(error, kind)), None
 
-    def _record(self, kind: Kind) -> bytes:
+    def _record(self, kind: RecordKind) -> bytes:
         """A record; that of the state without the bytes behind each slot's last whole word, which Python has not."""
         read, length = self._c.sw_records_read, self._c.sw_records_length(self._kept, kind)
         raw = self._text(lambda to: 0 if read(self._kept, kind, 0, to, length) else length)
-        return raw[: -2 * WORD] if kind == Kind.STATE else raw
+        return raw[: -2 * WORD] if kind == RecordKind.STATE else raw
 
     def _text(self, function: Callable[..., int], *arguments: Any) -> bytes:
         buffer = self._ffi.new("uint8_t[]", 8192)
@@ -332,7 +331,7 @@ class Pair:
             "answer": (python, found),
             "report": (report.encode(report.report_of(store)), self._text(c.sw_store_report, own)),
             "received": (0xFFFFFFFF if store.received is None else store.received, c.sw_store_received(own)),
-            **{kind.name: (self.flash.kept.get(kind, b""), self._record(kind)) for kind in Kind},
+            **{kind.name: (self.flash.kept.get(kind, b""), self._record(kind)) for kind in RecordKind},
             "calibration": (calibration or b"", self._text(lambda to: c.sw_store_calibration(own, to, 1024))),
             **{f"attempts {level}": both for level, both in zip(Level, attempts, strict=True)},
             "calibration's length": (len(calibration or b""), c.sw_store_calibration(own, self._ffi.NULL, 0)),

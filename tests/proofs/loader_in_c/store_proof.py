@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from benchmarks.common.command_line import track
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Kind, Slot
+from can_bridge.flashing.backing import RecordKind, Slot
 from contract.release import signing
 from tests.proofs.command_line import in_parts
 from tests.proofs.ecu_in_c.branch_coverage import branches, is_possible
@@ -116,7 +116,7 @@ def worn(library: Library) -> None:
         pair.call("keep_faults", b"lost")
         provision(pair)
         pair.spoil(Slot.A, FIRST_RECORD, readable=False)
-        pair.store.records.faults = pair.flash.kept.pop(Kind.FAULTS)[:0]
+        pair.store.records.faults = pair.flash.kept.pop(RecordKind.FAULTS)[:0]
         pair.wear(after)
         for count in range(1, 40):
             pair.call("keep_failed_attempts", Level.PROGRAMMING, count)

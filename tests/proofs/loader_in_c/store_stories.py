@@ -9,10 +9,10 @@ from random import Random
 from typing import Final
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Kind, Slot
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.backing import RecordKind, Slot
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.verdicts import Verdict
-from tests.can_bridge.flashing.medium import PowerCut
+from tests.can_bridge.flashing.plain_backing import PowerCut
 from tests.can_bridge.flashing.releases import RELEASE, ROOT, SECOND, STRANGER, keys
 from tests.proofs.loader_in_c.store_library import GOOD, LONG, NEVER, SLOT_BYTES, WRONG, Library
 from tests.proofs.loader_in_c.store_pair import DONE, MismatchError, Pair
@@ -173,19 +173,19 @@ def forged(pair: Pair) -> None:
     pair.go_beyond()
     for kind, length in ((0, 9), (5, 9), (1, 8193), (1, 99)):
         pair.plant_word(struct.pack(">BBH", 0xA5, kind, length))
-    good, digest = pair.flash.kept[Kind.STATE], hashlib.sha256(b"one").digest()
+    good, digest = pair.flash.kept[RecordKind.STATE], hashlib.sha256(b"one").digest()
     much = struct.pack(">II", 2**31, 2**31 + 1)
     for begin, value, end in (
         (0, b"X", 1), (6, much, 14), (6, bytes(4), 10), (115, b"\xff", 116), (200, bytes(300), 200), (200, b"", 220),
     ):  # fmt: skip
         body = good[:begin] + value + good[end:-4]
-        pair.plant(Kind.STATE, body + struct.pack(">I", zlib.crc32(body)))
+        pair.plant(RecordKind.STATE, body + struct.pack(">I", zlib.crc32(body)))
         assert pair.store.running is None
-    pair.plant(Kind.STATE, good)
+    pair.plant(RecordKind.STATE, good)
     for cut in (b"", b"2\0", b"1\1" + digest, b"1\1" + digest + b"\0\1", b"1\1" + digest + b"\4\1" + bytes(1025)):
-        pair.plant(Kind.CALIBRATION, b"SWC" + cut)
+        pair.plant(RecordKind.CALIBRATION, b"SWC" + cut)
     for listed in (LISTS[5], LISTS[8]):
-        pair.plant(Kind.KEYS, listed)
+        pair.plant(RecordKind.KEYS, listed)
         assert pair.store.running is None
     assert pair.call("take_keys", LISTS[1])[0] == DONE
     flash(pair, GOOD["two"])
@@ -295,7 +295,7 @@ def recovered(pair: Pair) -> None:
 def _runs(pair: Pair) -> bool:
     running = pair.store.running
     slot = None if running is None else pair.store.state.slots[running]
-    return slot is not None and (slot.name, slot.phase) == ("two", Phase.CONFIRMED)
+    return slot is not None and (slot.name, slot.phase) == ("two", SlotPhase.CONFIRMED)
 
 
 class Cuts:

@@ -7,8 +7,7 @@ from zlib import crc32
 
 import pytest
 
-from can_bridge.flashing.backing import Kind
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import MediumError, RecordKind
 from can_bridge.uds.fault_codes import CODES, SNAPSHOT_BYTES
 from can_bridge.uds.fault_memory import AGED_CYCLES
 from can_bridge.wire.frame import Frame
@@ -149,10 +148,10 @@ def live(of: Any, library: Library) -> None:
         course.twins.backing.keep = keep  # type: ignore[method-assign]
         course.next_cycle()
         course.reports()
-    kept = course.twins.backing.memory.records[Kind.FAULTS]
+    kept = course.twins.backing.memory.records[RecordKind.FAULTS]
     odd = b"SWF1" + (bytes([0x00, 7, 2]) + bytes(range(SNAPSHOT_BYTES))) * len(CODES)
     for damaged in (odd + crc32(odd).to_bytes(4, "big"), kept[:-1] + b"\x00", b"SWF2" + kept[4:], kept[:-1], kept):
-        course.twins.backing.keep(Kind.FAULTS, damaged)
+        course.twins.backing.keep(RecordKind.FAULTS, damaged)
         assert library.c.host_keep_faults(course.twins.c._room, damaged, len(damaged)) == 0
         course.next_cycle()
         course.reports()
@@ -170,7 +169,7 @@ def live(of: Any, library: Library) -> None:
     assert empty.twins.python.state.fail_safe.reason is Reason.NO_RELEASE
 
 
-def _worn(kind: Kind, record: bytes) -> None:
+def _worn(kind: RecordKind, record: bytes) -> None:
     raise MediumError("worn", 0)
 
 

@@ -11,14 +11,14 @@ from cryptography.hazmat.primitives.ciphers.algorithms import AES
 from cryptography.hazmat.primitives.cmac import CMAC
 
 from can_bridge.flashing import remembered
-from can_bridge.flashing.backing import Kind, Slot
+from can_bridge.flashing.backing import RecordKind, Slot
 from can_bridge.flashing.checking import Rules
 from can_bridge.flashing.remembered import Remembered
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import Store
 from can_bridge.isotp import control_info
 from can_bridge.uds import security
-from can_bridge.uds.programming import Programming
+from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.security import SecurityAccess
 from can_bridge.uds.services import Session
 from can_bridge.wire.frame import Frame
@@ -43,7 +43,7 @@ NIST = {
 
 def confirm_without_a_trial(self: Any) -> None:
     for slot, standing in zip(Slot, self._store.state.slots, strict=True):
-        if standing.phase in (Phase.CHECKED, Phase.TRIAL):
+        if standing.phase in (SlotPhase.CHECKED, SlotPhase.TRIAL):
             self._store._confirm(slot)
 
 
@@ -52,10 +52,10 @@ PLANTED_IN_PYTHON = (
     (SecurityAccess, "lock", lambda self: None),
     (SecurityAccess, "power_on", lambda self, now_ns: None),
     (Remembered, "keep_failed_attempts", lambda self, level, count: None),
-    (Remembered, "take_keys", lambda self, raw, needed: self.backing.keep(Kind.KEYS, raw)),
+    (Remembered, "take_keys", lambda self, raw, needed: self.backing.keep(RecordKind.KEYS, raw)),
     (remembered, "Rules", lambda rules=Rules, **given: rules(**{**given, "least_security_version": 0})),
     (Store, "_writable_slot", lambda self: self.state.active or Slot.A),
-    (Programming, "_confirm", confirm_without_a_trial),
+    (EcuServices, "_confirm", confirm_without_a_trial),
 )
 """Owner, name, and what stands there instead: defects of the Python ECU, which the one in C does not have."""
 
@@ -176,7 +176,7 @@ def test_no_answer_is_dropped_in_silence(of: World) -> None:
 def test_a_release_is_confirmed_after_its_self_test_alone(of: World) -> None:
     played = play_confirmations(of)
     assert played.differences == []
-    assert [slot.phase for slot in played.python.store.state.slots] == [Phase.CONFIRMED, Phase.FILLING]
+    assert [slot.phase for slot in played.python.store.state.slots] == [SlotPhase.CONFIRMED, SlotPhase.FILLING]
     # For the boot before, without a test, after one that failed, behind another announcement; then twice.
     assert (played.seen["7f 3124"], played.seen["7f 3172"]) == (4, 1)
 

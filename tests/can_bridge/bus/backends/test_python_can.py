@@ -1,6 +1,7 @@
 """The adapter over python-can's in-process bus, and over buses that misbehave as the real backends do."""
 
 import struct
+import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
@@ -8,14 +9,16 @@ from typing import Any
 import can
 import pytest
 
-from can_bridge.bus.backends.connection import GARBAGE_LIMIT
-from can_bridge.bus.backends.opening import QUEUE_SIZE
-from can_bridge.bus.backends.python_can import RECEPTION_LIMIT, PythonCanBus
+from can_bridge.bus.backends.connection import GARBAGE_LIMIT, QUEUE_SIZE, open_backend
+from can_bridge.bus.backends.python_can import RECEPTION_LIMIT, PythonCanBus, health_after, lost_frames
+from can_bridge.bus.backends.receive_thread import ReceiveThread
+from can_bridge.bus.backends.slcan import SlcanBus
 from can_bridge.bus.conversion import to_message
-from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
-from can_bridge.bus.rejection import Rejection, UnusableReceptionError
+from can_bridge.bus.interface import HEALTHY, BusHealth, BusState, Rejection, UnusableReceptionError
 from can_bridge.wire.frame import Frame
+from contract.config.vehicle import BusConfig
 from contract.errors import BusError
+from tests.can_bridge.bus.backends.ptys import PATIENCE_S, adapter
 from tests.refused import refused
 
 
@@ -89,7 +92,7 @@ def message(arbitration_id: Any, data: bytes = b"", **fields: Any) -> can.Messag
 
 
 class CausedError(can.CanOperationError):
-    """As python-can wraps what went wrong."""
+    """An error as python-can wraps what went wrong."""
 
     def __init__(self, cause: Exception) -> None:
         super().__init__("could not unpack received message")
@@ -112,7 +115,7 @@ REFUSED: dict[Rejection, list[can.Message | Exception]] = {
     # Our CAN FD message as a classic one, and the reverse.
     Rejection.WRONG_FORMAT: [message(0x120, bytes(8)), message(0x121, bytes(8), is_fd=True)],
 }
-"""As the backends of python-can are known to give them."""
+"""Messages as the backends of python-can are known to give them."""
 
 
 def test_what_is_refused_is_counted_by_reason_and_what_follows_is_received():
@@ -203,3 +206,127 @@ def test_flood_of_what_our_backends_refuse_ends_neither_the_bus_nor_the_wait():
     assert bus.receive_all() == []
     assert counts(bus) == {Rejection.GARBAGE: RECEPTION_LIMIT}
     assert len(bus.receive_all()) == 1
+
+
+def test_what_ends_the_thread_is_kept_and_raised():
+    for error in [OSError(19, "No such device"), MemoryError("out of memory"), RuntimeError("bug")]:
+        scripted = ScriptedBus([error, SOUND])
+        with ReceiveThread(PythonCanBus(scripted), lambda frame: None) as thread:
+            thread._thread.join(PATIENCE_S)
+            assert not thread._thread.is_alive(), error
+            with refused(BusError, "CAN reception ended"):
+                thread.check()
+        assert scripted.script == [SOUND], error
+
+
+TX_TIMEOUT, LOSTARB, CRTL, PROT, ACK = 0x001, 0x002, 0x004, 0x008, 0x020
+BUSOFF, BUSERROR, RESTARTED, CNT = 0x040, 0x080, 0x100, 0x200
+"""CAN_ERR_..."""
+RX_OVERFLOW, TX_OVERFLOW, RX_WARNING, TX_WARNING = 0x01, 0x02, 0x04, 0x08
+RX_PASSIVE, TX_PASSIVE, CRTL_ACTIVE = 0x10, 0x20, 0x40
+"""CAN_ERR_CRTL_..."""
+
+ACTIVE, PASSIVE, OFF = BusState.ERROR_ACTIVE, BusState.ERROR_PASSIVE, BusState.BUS_OFF
+
+
+def data(controller: int = 0, tx: int = 0, rx: int = 0) -> bytes:
+    return bytes([0, controller, 0, 0, 0, 0, tx, rx])
+
+
+def after(*frames: tuple[int, bytes]) -> BusHealth:
+    health = HEALTHY
+    for classes, content in frames:
+        health = health_after(health, classes, content)
+    return health
+
+
+def test_state_and_counters_of_the_controller():
+    for controller, state in [
+        *((controller, ACTIVE) for controller in (RX_WARNING, TX_WARNING, TX_OVERFLOW, CRTL_ACTIVE)),
+        *((controller, PASSIVE) for controller in (RX_PASSIVE, TX_PASSIVE, RX_PASSIVE | TX_PASSIVE)),
+    ]:
+        health = after((CRTL | CNT, data(controller, 100, 17)))
+        assert health == BusHealth(state=state, tx_errors=100, rx_errors=17), controller
+    # Passive by its transmit errors, it reports a warning of its receive errors.
+    assert after((CRTL, data(TX_PASSIVE)), (CRTL, data(RX_WARNING))).state is PASSIVE
+    assert after((CRTL, data(TX_PASSIVE)), (CRTL, data(CRTL_ACTIVE))).state is ACTIVE
+
+
+def test_bus_off_is_counted_until_the_restart_and_across_it():
+    off = (BUSOFF | CNT, data(tx=248))
+    assert after(off) == BusHealth(state=OFF, tx_errors=248, bus_off=1)
+    assert after(off, (CRTL, data(TX_PASSIVE))).state is OFF
+    assert after(off, (RESTARTED, data())) == BusHealth(bus_off=1)
+    assert after(off, (RESTARTED, data()), off) == BusHealth(state=OFF, tx_errors=248, bus_off=2)
+
+
+def test_older_kernels_give_counters_without_the_flag():
+    assert after((CRTL, data(RX_WARNING, 0, 96))).rx_errors == 96
+    # Zeros may mean that the driver does not know.
+    known = (CRTL | CNT, data(0, 5, 6))
+    assert after(known, (CRTL, data(RX_WARNING))).rx_errors == 6
+    assert after(known, (CRTL | CNT, data())) == HEALTHY
+
+
+def test_other_classes_do_not_concern_the_controller():
+    assert lost_frames(CRTL, data(RX_OVERFLOW))
+    assert not lost_frames(CRTL, data(TX_OVERFLOW))
+    for classes in [TX_TIMEOUT, LOSTARB, PROT, ACK, BUSERROR]:
+        # Byte 1 means other things there.
+        assert after((classes, data(TX_PASSIVE))) == HEALTHY, classes
+        assert not lost_frames(classes, data(RX_OVERFLOW)), classes
+
+
+def test_bus_that_cannot_be_opened_is_named_in_one_line(monkeypatch):
+    for interface, channel, message in [
+        ("simulated", "x", r"bus\.interface = simulated: .* must be one of python-can, .*socketcan"),
+        ("canopy", "x", r"bus\.interface = canopy: .*must be one of simulated, python-can, .*virtual"),
+        ("socketcan", "no-such-can", r"CAN bus socketcan 'no-such-can': ."),
+        ("slcan", "/dev/no-such-port", r"CAN bus slcan '/dev/no-such-port': ."),
+        ("slcan", "/dev/null@fast", r"CAN bus slcan '/dev/null@fast': ."),
+        ("udp_multicast", "not an address", r"CAN bus udp_multicast 'not an address': ."),
+        ("pcan", "PCAN_USBBUS1", r"CAN bus pcan 'PCAN_USBBUS1': ."),
+    ]:
+        with refused(BusError, message) as caught:
+            PythonCanBus.open(BusConfig(interface=interface, channel=channel), settle_s=0.0)
+        assert str(caught.value).isprintable(), (interface, channel)
+    # Without the extra `bus`.
+    for name in [*sys.modules]:
+        if name.startswith(("can.interfaces.slcan", "can_bridge.bus.backends.slcan")):
+            monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "serial", None)
+    with pytest.raises(BusError, match=r"serial.*; pip install '(stillwake|\.)\[bus\]'"):
+        PythonCanBus.open(BusConfig(interface="slcan", channel="x"))
+
+
+def test_drivers_are_given_format_and_bit_rates(monkeypatch):
+    for frames, expected in (
+        ("fd", {"fd": True, "bitrate": 500_000, "data_bitrate": 2_000_000}),
+        ("classic", {"fd": False, "bitrate": 500_000}),
+    ):
+        asked: dict[str, object] = {}
+        monkeypatch.setattr(can, "Bus", lambda asked=asked, **options: asked.update(options))
+        open_backend(BusConfig(interface="kvaser", channel="0", frames=frames))  # type: ignore[arg-type]
+        assert asked == {"interface": "kvaser", "channel": "0", "ignore_config": True, **expected}, frames
+
+
+def test_can_conf_chooses_the_bus_and_our_backend_and_is_refused_without_a_bus(tmp_path, monkeypatch):
+    path = tmp_path / "can.conf"
+    monkeypatch.setattr(can.util, "CONFIG_FILES", [str(path)])
+    for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE", "CAN_CONFIG"):
+        monkeypatch.delenv(name, raising=False)
+    with adapter() as line:
+        path.write_text(
+            "[default]\ninterface = udp_multicast\n"
+            f"[bench]\ninterface = slcan\nchannel = {line.port}\nsleep_after_open = 0\nbitrate = 250000\n"
+        )
+        with PythonCanBus.open(BusConfig(interface="python-can", channel="bench")) as bus:
+            assert isinstance(bus._bus, SlcanBus)
+            assert b"S5\r" in line.read(b"O\r", 2)
+            bus.send(Frame(frame_id=0x120, data=b"12"))
+            assert line.read(b"\r") == b"b12023132\r"
+    for text in ["", "[default]\ninterface = no-such\n", "[default]\nchannel = can0\n", "no section\n"]:
+        path.write_text(text)
+        with refused(BusError, r"CAN bus python-can 'stillwake': .") as caught:
+            PythonCanBus.open(BusConfig(interface="python-can"))
+        assert str(caught.value).isprintable(), text

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.slcan import LINE_LIMIT, SlcanBus, why_refused
-from can_bridge.bus.rejection import Rejection
+from can_bridge.bus.interface import Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
@@ -64,7 +64,7 @@ def all_of(bus: PythonCanBus, frames: int) -> list[Frame]:
 
 
 def wait_for(bus: PythonCanBus, size: int) -> None:
-    """Until so many bytes are in the port: the kernel brings them there by a thread of its own."""
+    """Wait until so many bytes are in the port: the kernel brings them there by a thread of its own."""
     deadline = time.monotonic() + PATIENCE_S
     while bus._bus.serialPortOrig.in_waiting < size and time.monotonic() < deadline:  # type: ignore[attr-defined]
         time.sleep(0.001)

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.udp_multicast import RECEIVE_QUEUE, parse_datagram
 from can_bridge.bus.conversion import to_message
-from can_bridge.bus.rejection import Rejection
+from can_bridge.bus.interface import Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
@@ -102,7 +102,7 @@ def test_what_the_kernel_had_to_drop_is_counted(pair):
 
 
 def test_group_stays_on_this_machine_and_others_are_not_heard(pair):
-    """By default Linux hands a socket the datagrams of all groups that anyone on the machine has joined."""
+    """Linux hands a socket, by default, the datagrams of all groups that anyone on the machine has joined."""
     one, other = pair
     multicast, option = other._bus._multicast, (socket.SOL_SOCKET, socket.SO_RCVBUF)
     assert multicast.hop_limit == 0

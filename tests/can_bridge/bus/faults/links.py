@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from can_bridge.bus.faults.fault import Fault, FaultyBus, wrap
+from can_bridge.bus.faults.fault import BusFault, FaultyBus, wrap
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame
@@ -41,7 +41,7 @@ class Link:
         self.now_ns += by_ns
         self._advance_to(self.now_ns)
 
-    def wrapped(self, port: Bus, *faults: Fault, seed: int = 1) -> FaultyBus:
+    def wrapped(self, port: Bus, *faults: BusFault, seed: int = 1) -> FaultyBus:
         return wrap(port, faults, self.clock, seed=seed)
 
     def stream(self, sender: Bus, receiver: Bus, periods: int, *, frame_ids: Sequence[int] = (0x120,)) -> list[list]:

@@ -4,10 +4,8 @@ from dataclasses import replace
 from itertools import product
 from typing import Literal
 
-from can_bridge.bus.faults.content import FlipBits, StuckAt, payload_bits
-from can_bridge.bus.faults.wire_errors import WireErrors
-from can_bridge.e2e import profile5
-from can_bridge.e2e.profiles import profile_of
+from can_bridge.bus.faults.frame_faults import FlipBits, StuckAt, WireErrors, payload_bits
+from can_bridge.e2e.profiles import PROFILE_5, profile_of
 from can_bridge.e2e.sender import E2eSender, SenderState, protected_frame
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import frame_bits
@@ -90,7 +88,7 @@ def test_a_frozen_node_sends_the_first_frame_of_the_span_or_its_message_with_a_c
             assert received == [sent[step] for step in frozen]
             continue
         assert [data[3:] for data in received] == [sent[step][3:] for step in frozen]
-        assert all(profile5.check(data, data_id=PRESSURE.data_id) for data in received)
+        assert all(PROFILE_5.check(data, data_id=PRESSURE.data_id) for data in received)
         assert [data[2] for data in received] == list(range(10))
 
 

@@ -5,8 +5,8 @@ from itertools import groupby
 from math import sqrt
 from typing import Any
 
-from can_bridge.bus.faults.loss_and_lateness import BurstLoss, Delay, Drop, Duplicate, Reorder
-from can_bridge.wire.bit_timing import worst_case_ns
+from can_bridge.bus.faults.frame_faults import BurstLoss, Delay, Drop, Duplicate, Reorder
+from can_bridge.wire.frame_bits import worst_case_ns
 from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, number_of, numbered, numbers, simulated_link
 
 MS = 10**6

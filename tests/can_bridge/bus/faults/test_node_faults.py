@@ -3,7 +3,7 @@
 import pytest
 
 from can_bridge.bus.faults.fault import NS, wrap
-from can_bridge.bus.faults.node_faults import MOST_AT_ONCE, Babble, ClockDrift, Disconnect, SlowConsumer
+from can_bridge.bus.faults.node_faults import MOST_BABBLED, Babble, ClockDrift, Disconnect, SlowConsumer
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
@@ -41,7 +41,7 @@ def test_a_bus_that_takes_no_more_ends_the_babble_and_not_the_node(link):
     full = Hoard(16)
     faulty = link.wrapped(full, Babble())
     # What was not taken is not made up for once there is room again; a long pause does not end in an endless burst.
-    for room, pause_ns, taken in ((16, PERIOD_NS, 16), (10**6, 0, 16), (10**6, 3600 * NS, 16 + MOST_AT_ONCE)):
+    for room, pause_ns, taken in ((16, PERIOD_NS, 16), (10**6, 0, 16), (10**6, 3600 * NS, 16 + MOST_BABBLED)):
         full.room = room
         link.advance(pause_ns)
         assert faulty.receive_all() == []

@@ -2,12 +2,10 @@
 
 from dataclasses import MISSING, fields
 
-from can_bridge.bus.faults.content import FlipBits
-from can_bridge.bus.faults.fault import Fault, FrameFault, SidedFault
-from can_bridge.bus.faults.loss_and_lateness import BurstLoss, Delay, Drop
+from can_bridge.bus.faults.fault import BusFault, FrameFault, SidedFault
+from can_bridge.bus.faults.frame_faults import BurstLoss, Delay, Drop, FlipBits, WireErrors
 from can_bridge.bus.faults.node_faults import Babble, ClockDrift, Disconnect
-from can_bridge.bus.faults.text import KINDS, parse_fault, text_of
-from can_bridge.bus.faults.wire_errors import WireErrors
+from can_bridge.bus.faults.text import BUS_FAULTS, parse_fault, text_of
 from contract.errors import ConfigError
 from tests.refused import refused
 
@@ -74,12 +72,12 @@ def test_every_fault_has_a_text():
     """All concrete classes there are, by inheritance."""
 
     def concrete(kind):
-        return {kind}.union(*map(concrete, kind.__subclasses__())) - {Fault, FrameFault, SidedFault}
+        return {kind}.union(*map(concrete, kind.__subclasses__())) - {BusFault, FrameFault, SidedFault}
 
     # An example has one of its own.
-    own = {kind for kind in concrete(Fault) if kind.__module__.startswith("can_bridge.")}
-    assert set(KINDS.values()) == own
-    for name, kind in KINDS.items():
+    own = {kind for kind in concrete(BusFault) if kind.__module__.startswith("can_bridge.")}
+    assert set(BUS_FAULTS.values()) == own
+    for name, kind in BUS_FAULTS.items():
         needed = [field.name for field in fields(kind) if field.default is MISSING]
         parameters = ",".join(f"{key}={'0' if key == 'loss' else '1'}" for key in needed)
         assert isinstance(parse_fault(f"{name}:{parameters}"), kind)

@@ -8,18 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.bus.faults.content import FlipBits
-from can_bridge.bus.faults.fault import Around, Arrivals, Fault, wrap
-from can_bridge.bus.faults.loss_and_lateness import Delay, Drop, Duplicate
+from can_bridge.bus.faults.fault import BusFault, FrameArrivals, WrappedBus, wrap
+from can_bridge.bus.faults.frame_faults import Delay, Drop, Duplicate, FlipBits, WireErrors
 from can_bridge.bus.faults.text import parse_fault
-from can_bridge.bus.faults.wire_errors import WireErrors
 from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
 from can_bridge.wire.frame import Frame
 from tests.can_bridge.bus.faults.links import PERIOD_NS, PERIOD_S, Link, number_of, numbered, numbers, simulated_link
 from tests.examples import examples
 
 
-def faults_of(texts: str) -> list[Fault]:
+def faults_of(texts: str) -> list[BusFault]:
     return [parse_fault(text) for text in texts.split()]
 
 
@@ -64,7 +62,7 @@ def test_a_fault_without_effect_or_outside_its_span_is_none(bursts, seed):
         assert [port.injectors[0].acted for port in wrapped] == [0, 0], fault
 
 
-def acts_and_clears(link: Link, fault: Fault) -> None:
+def acts_and_clears(link: Link, fault: BusFault) -> None:
     wrapped = [link.wrapped(port, replace(fault, **SPAN)) for port in (link.one, link.other)]
     for period in range(40):
         wrapped[0].send(numbered(period, now_ns=link.now_ns))
@@ -94,7 +92,7 @@ def test_every_fault_acts_and_clears(config):
 def test_the_seed_decides():
     for fault in RANDOM_FAULTS:
 
-        def run(seed: int, fault: Fault = fault) -> str:
+        def run(seed: int, fault: BusFault = fault) -> str:
             link = simulated_link()
             wrapped = [link.wrapped(port, fault, seed=seed) for port in (link.one, link.other)]
             received = link.stream(wrapped[0], wrapped[1], 40)
@@ -138,7 +136,7 @@ def test_each_fault_draws_for_itself(link):
 
 
 def test_health_comes_from_beneath_and_is_good_where_it_is_not_known(link):
-    class Ill(Around):
+    class Ill(WrappedBus):
         def health(self) -> BusHealth:
             return BusHealth(tx_errors=136)
 
@@ -152,7 +150,7 @@ def test_health_comes_from_beneath_and_is_good_where_it_is_not_known(link):
 
 
 def test_arrivals_are_stamps_where_those_can_be_meant():
-    arrivals = Arrivals()
+    arrivals = FrameArrivals()
     frames = [numbered(0, now_ns=t) for t in (3, 7, 5, 99, 8)]
     # 5 is before the frame ahead of it, 99 is in the future, and what follows was not there before that.
     assert [t for t, _ in arrivals.of(frames, 10)] == [3, 7, 7, 10, 10]

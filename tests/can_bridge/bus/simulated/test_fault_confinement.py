@@ -1,7 +1,20 @@
-"""Rule by rule: CAN Specification 2.0 (Bosch), part B, chapter 8, which ISO 11898-1 took over."""
+"""The nodes of the simulated bus: error counters, the order of a queue, and other nodes' traffic."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+from hypothesis import given
+from hypothesis import strategies as st
 
 from can_bridge.bus.interface import BusState
+from can_bridge.bus.simulated.background_node import BackgroundNode
 from can_bridge.bus.simulated.fault_confinement import FaultConfinement
+from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
+from can_bridge.bus.simulated.port import Queued, TransmitQueue
+from can_bridge.timing.periodic_message import PeriodicMessage
+from can_bridge.wire.frame import Frame, priority
+from can_bridge.wire.frame_bits import sent_bits
+from contract.config.vehicle import BusConfig
 
 ACTIVE, PASSIVE, OFF = BusState.ERROR_ACTIVE, BusState.ERROR_PASSIVE, BusState.BUS_OFF
 
@@ -45,3 +58,87 @@ def test_rules_10_and_12_bus_off_from_256_transmit_errors_on_until_the_recovery(
     assert off.transmit_error().times_off == 1
     assert off.recovered() == FaultConfinement(times_off=1)
     assert off.recovered().state is ACTIVE
+
+
+@st.composite
+def frames(draw) -> Frame:
+    extended = draw(st.booleans())
+    # Few leading bits, so that the two formats meet.
+    base, rest = draw(st.integers(0, 3)), draw(st.integers(0, 0x3FFFF))
+    return Frame(
+        frame_id=base << 18 | rest if extended else base,
+        data=draw(st.binary(max_size=2)),
+        is_extended=extended,
+        is_fd=draw(st.booleans()),
+    )
+
+
+@given(one=frames(), other=frames())
+def test_the_smaller_priority_is_the_one_whose_bits_win(one, other):
+    """The dominant one, 0, prevails at the first bit in which two frames with stuff bits differ."""
+    if priority(one) != priority(other):
+        assert (priority(one) < priority(other)) == (sent_bits(one).stuffed < sent_bits(other).stuffed)
+    else:
+        assert (one.frame_id, one.is_extended) == (other.frame_id, other.is_extended)
+
+
+@given(items=st.lists(frames(), max_size=20), takes=st.lists(st.sampled_from([None, 0, 1]), max_size=40))
+def test_a_queue_gives_the_highest_priority_and_equals_in_order(items, takes):
+    """What was sent is taken out also behind a newer head: 1 takes the second."""
+    queue, expected, coming, serial = TransmitQueue(10), list[Queued](), list(items), 0
+    for time_ns, place in enumerate(takes):
+        if place is not None and place < len(expected):
+            assert queue.head == expected[0]
+            queue.remove(expected.pop(place))
+        elif coming:
+            frame = coming.pop()
+            assert queue.put(frame, time_ns) == (len(expected) < 10)
+            if len(expected) < 10:
+                serial += 1
+                expected = sorted([*expected, Queued(priority(frame), serial, time_ns, frame)], key=lambda one: one[:2])
+        assert len(queue) == len(expected)
+
+
+MS = 10**6
+FAST = PeriodicMessage(name="fast", frame_id=0x100, is_fd=True, length=8, period_ns=10 * MS, offset_ns=3 * MS)
+SLOW = PeriodicMessage(
+    name="slow", frame_id=0x1ABCDE, is_extended=True, is_fd=False, length=2, period_ns=50 * MS, jitter_ns=4 * MS
+)
+
+
+def sent(*messages: PeriodicMessage, seed: int = 1, drift_ppm: float = 0.0) -> list[Transmission]:
+    seen: list[Transmission] = []
+    bus = SimulatedBus(BusConfig(), observe=seen.append)
+    port = bus.port("background")
+    bus.port()
+    BackgroundNode(bus, port, messages, seed, drift_ppm=drift_ppm)
+    bus.advance_to(1000 * MS)
+    assert port.refused == 0
+    return seen
+
+
+def test_a_message_comes_at_its_offset_and_every_period_late_by_its_jitter_alone():
+    seen = sent(FAST, SLOW)
+    assert sent(FAST, SLOW) == seen != sent(FAST, SLOW, seed=2)
+    fast, slow = ([item for item in seen if item.frame.is_extended is extended] for extended in (False, True))
+    assert {(item.frame.frame_id, item.frame.is_fd, len(item.frame.data)) for item in fast} == {(0x100, True, 8)}
+    assert {(item.frame.frame_id, item.frame.is_fd, len(item.frame.data)) for item in slow} == {(0x1ABCDE, False, 2)}
+    assert [item.queued_ns for item in fast] == [3 * MS + k * 10 * MS for k in range(100)]
+    late = [item.queued_ns - k * 50 * MS for k, item in enumerate(slow)]
+    assert (len(late), all(0 <= ns <= 4 * MS for ns in late)) == (20, True)
+    assert len(set(late)) > 15
+    # Random contents, and those of one message do not depend on another.
+    assert len({item.frame.data for item in seen}) > 110
+    assert [item.frame.data for item in sent(FAST)] == [item.frame.data for item in fast]
+
+
+def test_clocks_drift_apart_slowly_and_never_run_fast():
+    both = sent(FAST, replace(FAST, frame_id=0x101, offset_ns=8 * MS), drift_ppm=1000.0)
+    late = []
+    for frame_id, offset_ns in ((0x100, 3 * MS), (0x101, 8 * MS)):
+        queued = [item.queued_ns - offset_ns for item in both if item.frame.frame_id == frame_id]
+        steps = {after - before for before, after in pairwise(queued)}
+        assert len(steps) == 1
+        assert 0 < steps.pop() - FAST.period_ns < 0.001 * FAST.period_ns
+        late.append(queued[-1] - 99 * FAST.period_ns)
+    assert late[0] != late[1]

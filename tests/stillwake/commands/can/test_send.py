@@ -9,7 +9,7 @@ import can
 from cryptography.hazmat.primitives.ciphers.algorithms import AES
 from cryptography.hazmat.primitives.cmac import CMAC
 
-from can_bridge.e2e import profile5
+from can_bridge.e2e.profiles import PROFILE_5
 from tests.stillwake.commands.can.virtual_bus import VIRTUAL, taken
 
 
@@ -19,7 +19,7 @@ def test_send_puts_protected_frames_on_the_bus(cli: Callable[..., Any], peer: ca
     frames = taken(peer)
     assert [(one.arbitration_id, one.is_fd, one.bitrate_switch) for one in frames] == [(0x130, True, True)] * 3
     assert [one.data[2] for one in frames] == [254, 255, 0]
-    assert all(profile5.check(bytes(one.data), data_id=0x5702) for one in frames)
+    assert all(PROFILE_5.check(bytes(one.data), data_id=0x5702) for one in frames)
 
 
 def cmac(key: bytes, message: bytes) -> bytes:
@@ -47,4 +47,4 @@ def test_send_signs_messages_of_the_secured_set_with_a_key_that_is_written_once(
     assert [int.from_bytes(data[16:24], "big") for data in frames] == [7 << 32, 7 << 32 | 1]
     secret = bytes.fromhex(content.strip())
     assert [cmac(secret, (0x5704).to_bytes(2, "big") + data[:24])[:8] for data in frames] == [x[24:] for x in frames]
-    assert [profile5.check(data[:16], data_id=0x5704) for data in frames] == [True, True]
+    assert [PROFILE_5.check(data[:16], data_id=0x5704) for data in frames] == [True, True]

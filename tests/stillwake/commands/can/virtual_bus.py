@@ -6,7 +6,7 @@ import can
 
 from can_bridge.bus.conversion import to_message
 from can_bridge.e2e.sender import E2eSender
-from can_bridge.tools.encode import encode
+from can_bridge.tools.signals import encode
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 
 VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=test-can")

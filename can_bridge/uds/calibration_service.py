@@ -8,11 +8,9 @@ from collections.abc import Callable
 from typing import Final
 
 from can_bridge.calibration.segment import Page, Segment
-from can_bridge.flashing.medium import MediumError
+from can_bridge.flashing.backing import Long, MediumError
 from can_bridge.flashing.store import OutOfOrderError
-from can_bridge.uds.diagnostics import Long
-from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Did, Nrc
+from can_bridge.uds.services import Did, Nrc, Refused
 from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError
 
@@ -44,7 +42,7 @@ class CalibrationService:
         self._kept, self._keep, self._refusal = kept, keep, refusal
 
     def restore(self) -> ConfigError | None:
-        """After power-on: the stored values in force. Returns why they are not, if some are stored."""
+        """Put the stored values in force, after power-on. Returns why they are not, if some are stored."""
         raw = self._kept()
         if raw is None:
             return None

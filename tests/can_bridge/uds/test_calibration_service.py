@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from can_bridge.calibration.segment import Page, Segment
-from can_bridge.calibration.service import DIDS, CalibrationService
-from can_bridge.flashing.medium import MediumError
-from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Did, Nrc
+from can_bridge.flashing.backing import MediumError
+from can_bridge.uds.calibration_service import DIDS, CalibrationService
+from can_bridge.uds.services import Did, Nrc, Refused
 from tests.can_bridge.calibration.conftest import LIMITS
 from tests.can_bridge.calibration.conftest import REFERENCE as OWN
 
 WIRE = struct.Struct("<10fI")
-"""As a tool reads it that knows nothing of us."""
+"""The layout as a tool reads it that knows nothing of us."""
 
 
 class Kept:

@@ -1,56 +1,48 @@
-"""The programming part of what the UDS server asks of the ECU, over the store of releases.
+"""What a tester may ask of an ECU, over its store of releases: `Diagnostics` of the UDS server.
 
-What the store has no part in, identifiers of the vehicle, calibration and the self-test, is the job of an `Inner`.
-Answers of the routines: ERASE has the wanted offset (4), CHECK a `Verdict` (1); the others are empty, but for the
-self-test's, which is the inner one's. A request that was carried out already is answered alike when it comes again,
-because the tester may have missed the first answer.
+Answers of the routines: ERASE has the wanted offset (4), CHECK a `Verdict` (1); the others are empty. A request that
+was carried out already is answered alike when it comes again, because the tester may have missed the first answer.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import repeat
-from typing import Final, Protocol
+from typing import Final
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.medium import MediumError
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.backing import Long, MediumError
+from can_bridge.flashing.report import encode, report_of
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import OutOfOrderError, Store
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.diagnostics import Long
-from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Did, Nrc, Routine, Session
-from contract.errors import ConfigError, KeyFileError
+from can_bridge.uds.calibration_service import DIDS, CalibrationService
+from can_bridge.uds.services import Did, Nrc, Refused, Routine, Session
+from contract.errors import ConfigError, KeyFileError, StillwakeError
 
 WRITTEN: Final = 512
 """Bytes of an image that are written in one piece of work."""
+_DONE: Final = {
+    Routine.ERASE: ("update", "a release is to be written: jets shut until a reset"),
+    Routine.ACTIVATE: (
+        "activated",
+        "the release that was written is activated: booted on trial from the next reset on",
+    ),
+    Routine.CONFIRM: ("confirmed", "the release that runs is confirmed"),
+    Routine.REVERT: ("given_up", "the release before is booted from the next reset on"),
+}
+"""Events of the log, and their lines."""
 
 
-class Inner(Protocol):
-    """The rest of the ECU; every method but `reset` may raise `Refused`."""
-
-    def read(self, did: Did) -> bytes:
-        """All identifiers but CAPACITY, KEY_LIST, STORE and ACTIVE_SESSION."""
-        ...
-
-    def write(self, did: Did, value: bytes) -> Long[None]:
-        """CALIBRATION and CALIBRATION_STORED."""
-        ...
-
-    def self_test(self) -> Long[bytes]:
-        """Run the controller of the release that runs on what must lead to a finite plan; the status record."""
-        ...
-
-    def reset(self) -> None:
-        """Restart, as after power-on, as soon as what was answered has been sent."""
-
-
-class Programming:
-    """`Diagnostics` over a store, after a boot.
+class EcuServices:
+    """`Diagnostics` after a boot.
 
     Args:
+        identification: values of the identifiers that do not change.
+        calibration: None without a release.
+        self_test: runs the release on test windows; raises StillwakeError. None without a release.
         refusal: why the ECU may not be programmed now; None if it may.
-        report: what identifier STORE reads.
-        on_routine: called with each routine that was run, and its status record.
+        on_reset: called when a reset is due.
+        log: called with an event's name, its line, and its fields.
         resets_when_left: whether the end of a session after an announcement resets the ECU.
 
     Attributes:
@@ -60,18 +52,18 @@ class Programming:
     def __init__(
         self,
         store: Store,
-        inner: Inner,
+        identification: Mapping[Did, bytes],
         *,
+        calibration: CalibrationService | None,
+        self_test: Callable[[], Long[None]] | None,
         refusal: Callable[[], Nrc | None],
-        report: Callable[[Store], bytes],
-        on_routine: Callable[[Routine, bytes], None] = lambda routine, status: None,
-        resets_when_left: bool = False,
+        on_reset: Callable[[], None],
+        log: Callable[..., None],
+        resets_when_left: bool = True,
     ) -> None:
         self._store = store
-        self._inner = inner
-        self._refusal = refusal
-        self._report = report
-        self._on_routine = on_routine
+        self._identification, self._calibration, self._self_test = identification, calibration, self_test
+        self._refusal, self._on_reset, self._log = refusal, on_reset, log
         self._resets_when_left = resets_when_left
         self._announced_length = 0
         self.is_updating = False
@@ -85,7 +77,9 @@ class Programming:
     def leave(self) -> None:
         self._store.drop()
         if self._resets_when_left and self.is_updating:
-            self._inner.reset()
+            # A tester that goes away amid a transfer would leave the jets shut until the next power-on; the release
+            # that ran before is in order, and a transfer that was interrupted goes on after a reset.
+            self._on_reset()
 
     def read(self, did: Did) -> bytes:
         if did is Did.CAPACITY:
@@ -93,12 +87,15 @@ class Programming:
         if did is Did.KEY_LIST:
             return (self._store.keys.version if self._store.keys else 0).to_bytes(4, "big")
         if did is Did.STORE:
-            return self._report(self._store)
-        return self._inner.read(did)
+            return encode(report_of(self._store))
+        if did in self._identification:
+            return self._identification[did]
+        return self._calibrated(did).read(did)
 
     def write(self, did: Did, value: bytes) -> Long[None]:
         if did is not Did.KEY_LIST:
-            yield from self._inner.write(did, value)
+            yield from self._calibrated(did).write(did, value)
+            self._log("calibrated", f"a tester wrote {did.name.lower()}", identifier=did.name)
             return
         if value == self._taken_keys:
             return
@@ -110,7 +107,11 @@ class Programming:
 
     def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
         status = yield from self._run(routine, option)
-        self._on_routine(routine, status)
+        if routine is Routine.CHECK:
+            verdict = Verdict(status[0])
+            self._log("checked", f"the release that was written: {verdict.in_words}", verdict=verdict.name)
+        elif routine in _DONE:
+            self._log(*_DONE[routine])
         return status
 
     def _run(self, routine: Routine, option: bytes) -> Long[bytes]:
@@ -124,7 +125,7 @@ class Programming:
             elif routine is Routine.ACTIVATE:
                 self._store.activate()
             elif routine is Routine.SELF_TEST:
-                return (yield from self._self_test())
+                yield from self._run_self_test()
             elif routine is Routine.CONFIRM:
                 self._confirm()
             elif routine is Routine.REVERT:
@@ -159,7 +160,12 @@ class Programming:
             self._check_preconditions()
 
     def reset(self) -> None:
-        self._inner.reset()
+        self._on_reset()
+
+    def _calibrated(self, did: Did) -> CalibrationService:
+        if self._calibration is None or did not in DIDS:
+            raise Refused(Nrc.OUT_OF_RANGE)
+        return self._calibration
 
     def _check_preconditions(self) -> None:
         if (code := self._refusal()) is not None:
@@ -172,15 +178,21 @@ class Programming:
         self._announced_length = length
         return offset.to_bytes(4, "big")
 
-    def _self_test(self) -> Long[bytes]:
+    def _run_self_test(self) -> Long[None]:
         self._has_passed = False
-        status = yield from self._inner.self_test()
+        if self._self_test is None:
+            raise Refused(Nrc.CONDITIONS_NOT_CORRECT, "no release runs")
+        try:
+            yield from self._self_test()
+        except StillwakeError as error:
+            self._log("self_test_failed", str(error))
+            raise Refused(Nrc.PROGRAMMING_FAILURE, str(error)) from error
+        self._log("self_test", "self-test passed")
         self._has_passed = True
-        return status
 
     def _confirm(self) -> None:
         running = self._store.running
-        if running is not None and self._store.state.slots[running].phase == Phase.TRIAL:
+        if running is not None and self._store.state.slots[running].phase == SlotPhase.TRIAL:
             if not self._has_passed:
                 raise Refused(Nrc.SEQUENCE_ERROR, "the release on trial did not pass its self-test since this boot")
             self._store.confirm()

@@ -7,13 +7,10 @@ and hostile requests in `tests/proofs/loader_in_c`.
 import pytest
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Kind
-from can_bridge.flashing.medium import MediumError
-from can_bridge.flashing.state import Phase
+from can_bridge.flashing.backing import Long, MediumError, RecordKind
+from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.diagnostics import Long
-from can_bridge.uds.refused import Refused
-from can_bridge.uds.services import Nrc
+from can_bridge.uds.services import Nrc, Refused
 from tests.can_bridge.flashing.releases import RELEASE, SECOND, image, keys, name_of, phases, provisioned
 from tests.can_bridge.flashing.store_ecu import KEY, FlashingSteps, StoreEcu
 from tests.can_bridge.uds.scripted_ecu import MS, refused, talk
@@ -51,7 +48,7 @@ def test_a_release_is_flashed_and_confirmed(client):
     assert client.write(NEWER) == Verdict.GOOD
     # Confirmation is for what runs on trial; a tester that missed an answer is answered alike.
     client.talk(2 * "31 01 02 06 > SEQUENCE_ERROR\n31 01 02 05 > 71 01 02 05\n")
-    assert phases(client.ecu.store) == [Phase.CONFIRMED, Phase.TRIAL]
+    assert phases(client.ecu.store) == [SlotPhase.CONFIRMED, SlotPhase.TRIAL]
     client.talk("11 01 > 51 01")
     assert client.ecu.is_reset
     assert name_of(client.ecu.power_on()) == "newer"
@@ -98,7 +95,7 @@ def test_a_release_is_confirmed_after_a_self_test_that_passed_since_this_boot(cl
     client.talk("31 01 02 04 > ok\n10 01 > ok")
     client.programming()
     client.talk("31 01 02 06 > ok")
-    assert phases(client.ecu.store)[1] is Phase.CONFIRMED and client.ecu.store.state.least_security_version == 2
+    assert phases(client.ecu.store)[1] is SlotPhase.CONFIRMED and client.ecu.store.state.least_security_version == 2
 
 
 def test_only_the_bytes_that_are_missing_are_taken(client):
@@ -148,7 +145,7 @@ def test_identifiers_and_key_lists(client):
     client.talk(f"2E FD 02 {both} > ok\n2E FD 02 {keys(3).hex()} > CONDITIONS_NOT_CORRECT")
     client.talk("31 01 02 07 > CONDITIONS_NOT_CORRECT")
     client.ecu.is_wanted = False
-    client.memory.memory.records.pop(Kind.KEYS)
+    client.memory.memory.records.pop(RecordKind.KEYS)
     client.ecu.power_on()
     client.talk("22 FD 02 > 62 FD 02 00 00 00 00")
 

@@ -1,0 +1,283 @@
+"""Faults of single frames: lost, doubled, late, out of order, with other data, or with wrong bits on the wire.
+
+CAN's own CRC does not see changed data: that happens before the sender's CAN controller or behind the receiver's. It
+finds errors on the wire, and the frame is sent again: they cost time and raise the error counters up to bus-off.
+"""
+
+import heapq
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import count
+from math import log1p
+from random import Random
+from typing import Annotated, Final
+
+from can_bridge.bus.faults.fault import NS, Change, FrameFault, Injector, Probability, Receive, Send, SidedFault, Span
+from can_bridge.e2e.profiles import profile_of
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.frame_bits import frame_bits
+from can_bridge.wire.message_specs import SPECS, MessageSpec
+from contract.config.rules import AtLeastOne, Fraction, NonNegative, at_least, require
+from contract.errors import BusError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drop(SidedFault, section="drop"):
+    """Each frame is lost with the same probability, whatever became of the others. `acted` counts the lost."""
+
+    probability: Probability[float]
+
+    def change(self, random: Random) -> Change:
+        """See `SidedFault.change`."""
+        return lambda frame: [] if random.random() < self.probability else [frame]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BurstLoss(SidedFault, section="burst_loss"):
+    """Frames are lost in bursts of geometrically distributed length. `acted` counts the lost.
+
+    A Markov chain of two states, good and bad; a frame in the bad state is lost, one in the good state is not (Gilbert,
+    "Capacity of a burst-noise channel", Bell System Technical Journal 39 (1960), with Elliott's (1963) error
+    probabilities of 0 and 1). The chain moves on with each frame and begins in its stationary distribution.
+    """
+
+    loss: Fraction[float]
+    """Share of the frames that are lost in the long run."""
+    mean_burst: Annotated[float, at_least(1)]
+    """Mean number of frames lost in a row."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        most = self.mean_burst / (self.mean_burst + 1.0)
+        wording = f"at most {most:g} with bursts of {self.mean_burst:g}: one frame at least passes between two"
+        require(self.loss <= most, self, "loss", wording)
+
+    @property
+    def to_good(self) -> float:
+        """Probability that a lost frame is the last one of its burst."""
+        return 1.0 / self.mean_burst
+
+    @property
+    def to_bad(self) -> float:
+        """Probability that a burst begins behind a frame that passed."""
+        return self.to_good * self.loss / (1.0 - self.loss)
+
+    def change(self, random: Random) -> Change:
+        """See `SidedFault.change`."""
+        # A frame before the first was lost with the share of the lost: the stationary distribution, which stays.
+        bad = random.random() < self.loss
+
+        def change(frame: Frame) -> list[Frame]:
+            nonlocal bad
+            bad = random.random() < (1.0 - self.to_good if bad else self.to_bad)
+            return [] if bad else [frame]
+
+        return change
+
+
+@dataclass(frozen=True, kw_only=True)
+class Duplicate(SidedFault, section="duplicate"):
+    """Copies follow a frame directly, time stamp included. `acted` counts the frames that were copied.
+
+    On CAN itself: a sender that sees an error in the last bit of the end of frame repeats what the receivers, which
+    accepted it one bit earlier, have already (ISO 11898-1, message validation).
+    """
+
+    probability: Probability[float] = 1.0
+    copies: AtLeastOne[int] = 1
+    """Copies of each frame, without the frame itself."""
+
+    def change(self, random: Random) -> Change:
+        """See `SidedFault.change`."""
+        return lambda frame: [frame] * (1 + self.copies) if random.random() < self.probability else [frame]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Delay(FrameFault, section="delay"):
+    """Frames wait in a queue, in their order, and are received once their time has come. `acted` counts the late.
+
+    The delay counts from the arrival (`can_bridge.bus.faults.fault.Arrivals`).
+    """
+
+    delay_s: NonNegative[float]
+    """The least delay."""
+    jitter_s: NonNegative[float] = 0.0
+    """The most that is added, uniformly distributed."""
+    restamp: bool = True
+    """The frame waits ahead of where its time stamp is made, as in a gateway, so that the stamp is late, too.
+    Otherwise it waits behind it, in a queue of the receiver, and the stamp shows it."""
+
+    def acting(self, port: Injector) -> tuple[Send, Receive]:
+        """See `Fault.acting`: what is due is received, in the order of the times at which it became so."""
+        waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
+        serial, last_due_ns = count(), 0
+
+        def receive() -> list[Frame]:
+            nonlocal last_due_ns
+            now_ns = port.clock()
+            for arrived_ns, frame in port.arrived(now_ns):
+                due_ns = arrived_ns
+                if self.concerns(frame):
+                    if self.is_active(arrived_ns):
+                        due_ns += round((self.delay_s + port.random.random() * self.jitter_s) * NS)
+                    # A queue: no frame overtakes another, the frames after the fault's end included.
+                    due_ns = last_due_ns = max(due_ns, last_due_ns)
+                port.acted += due_ns > arrived_ns
+                stamp_ns = frame.timestamp_ns + (due_ns - arrived_ns if self.restamp else 0)
+                heapq.heappush(waiting, (due_ns, next(serial), replace(frame, timestamp_ns=stamp_ns)))
+            due: list[Frame] = []
+            while waiting and waiting[0][0] <= now_ns:
+                due.append(heapq.heappop(waiting)[2])
+            return due
+
+        return port.beneath.send, receive
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reorder(FrameFault, section="reorder"):
+    """So many frames are kept and then received together in a random order. `acted` counts those out of place.
+
+    No frame moves by `window` places or more. What is kept when the span ends is received at the next look.
+    """
+
+    window: Annotated[int, at_least(1)] = 2
+
+    def acting(self, port: Injector) -> tuple[Send, Receive]:
+        """See `Fault.acting`: whole windows are received, shuffled; frames that it does not concern at once."""
+        kept: list[Frame] = []
+
+        def shuffled() -> list[Frame]:
+            order = list(range(len(kept)))
+            port.random.shuffle(order)
+            port.acted += sum(place != index for place, index in enumerate(order))
+            frames = [kept[index] for index in order]
+            kept.clear()
+            return frames
+
+        def receive() -> list[Frame]:
+            now_ns = port.clock()
+            frames: list[Frame] = []
+            for arrived_ns, frame in port.arrived(now_ns):
+                if not self.concerns(frame):
+                    frames.append(frame)
+                elif not self.is_active(arrived_ns):
+                    frames += [*shuffled(), frame]
+                else:
+                    kept.append(frame)
+                    if len(kept) == self.window:
+                        frames += shuffled()
+            return frames if self.is_active(now_ns) else [*frames, *shuffled()]
+
+        return port.beneath.send, receive
+
+
+_SPECS: Final = {spec.frame_id: spec for spec in SPECS}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlipBits(SidedFault, section="flip_bits"):
+    """Bits of the data change. `acted` counts the frames that were changed."""
+
+    probability: Probability[float] = 1.0
+    """How many bits of a frame flip."""
+    bits: AtLeastOne[int] = 1
+    """Different bits that change in one frame; all, if it has fewer."""
+    before_crc: bool = False
+    """The bits change in the sender's memory before it protects the message, so that the end-to-end CRC fits what is
+    wrong; frames that are not ours pass as they are. Otherwise they change behind it: in a driver, a gateway or the
+    receiver's memory."""
+
+    def change(self, random: Random) -> Change:
+        """See `SidedFault.change`; with `before_crc`, passing on an authenticated frame raises BusError."""
+        return lambda frame: [self._flipped(frame, random) if random.random() < self.probability else frame]
+
+    def _flipped(self, frame: Frame, random: Random) -> Frame:
+        spec = _spec_of(frame) if self.before_crc else None
+        if self.before_crc and spec is None:
+            return frame
+        places = range(8 * len(frame.data)) if spec is None else payload_bits(spec)
+        changed = bytearray(frame.data)
+        for place in random.sample(places, min(self.bits, len(places))):
+            changed[place // 8] ^= 1 << place % 8
+        data = bytes(changed)
+        return replace(frame, data=data) if spec is None else _reprotected(frame, data, spec)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StuckAt(SidedFault, section="stuck_at"):
+    """A node sends the data of the first frame in the span for ever, by identifier. `acted` counts the changed."""
+
+    counter_runs: bool = False
+    """Counter and CRC go on, as when the application is stuck and the communication stack below it is not; frames that
+    are not ours pass as they are. Otherwise the whole frame is the same to the bit, as when a buffer is not refilled.
+    """
+
+    def change(self, random: Random) -> Change:
+        """See `SidedFault.change`; with `counter_runs`, passing on an authenticated frame raises BusError."""
+        first: dict[tuple[bool, int], bytes] = {}
+
+        def change(frame: Frame) -> list[Frame]:
+            data = first.setdefault((frame.is_extended, frame.frame_id), frame.data)
+            if not self.counter_runs:
+                return [replace(frame, data=data)]
+            spec = _spec_of(frame)
+            return [frame if spec is None else _reprotected(frame, data, spec)]
+
+        return change
+
+
+def _spec_of(frame: Frame) -> MessageSpec | None:
+    """The message that a frame carries; None if it is none of ours. Raises BusError for an authenticated one, which
+    only the holder of the key could make again."""
+    spec = _SPECS.get(frame.frame_id)
+    if spec is None or not spec.names(frame) or len(frame.data) != spec.length:
+        return None
+    if spec.is_secured:
+        raise BusError(f"{spec.name} is authenticated: a fault ahead of its protection would need the key")
+    return spec
+
+
+def payload_bits(spec: MessageSpec) -> range:
+    """The bits that the header leaves to the message, the least significant bit of a byte first."""
+    return range(profile_of(spec).header_bits, 8 * spec.protected)
+
+
+def _reprotected(frame: Frame, data: bytes, spec: MessageSpec) -> Frame:
+    """The frame with other data and a CRC that fits; the counter stays."""
+    profile = profile_of(spec)
+    protected = profile.protect(data, data_id=spec.data_id, counter=profile.counter_of(frame.data))
+    return replace(frame, data=protected)
+
+
+_INTERMISSION: Final = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class WireErrors(Span, section="wire_errors"):
+    """Each bit is wrong with the same probability, independent of the others; the first one in a frame counts."""
+
+    bit_error_rate: Probability[float]
+    """CAN FD's bits are shorter at the data rate and as likely to be wrong as the others."""
+    nodes: tuple[str, ...] = ()
+    """Names of the ports at which the bits are wrong; empty for all. `corrupts` asks with the sender's and is heard by
+    all nodes, `mishears` with a receiver's and is seen by this one alone."""
+    frame_ids: tuple[int, ...] = ()
+    """Identifiers of the frames that it concerns; empty for all."""
+
+    def hook(self, seed: int) -> Callable[[Frame, str, int], int | None]:
+        """A function for `corrupts` or `mishears` of a `can_bridge.bus.simulated.SimulatedBus`; each needs one of its
+        own."""
+        random = Random(f"{seed} {self.section}")
+        rate = self.bit_error_rate
+
+        def first_wrong_bit(frame: Frame, node: str, begin_ns: int) -> int | None:
+            if (self.nodes and node not in self.nodes) or (self.frame_ids and frame.frame_id not in self.frame_ids):
+                return None
+            if rate == 0.0 or not self.is_active(begin_ns):
+                return None
+            # The place of the first success among independent trials is geometric; by inversion of a uniform draw.
+            draw = random.random()
+            place = 0 if rate == 1.0 else int(log1p(-draw) / log1p(-rate))
+            return place if place < sum(frame_bits(frame)) - _INTERMISSION else None
+
+        return first_wrong_bit

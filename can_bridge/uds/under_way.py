@@ -1,0 +1,125 @@
+"""What a tester has under way: its session, the request that is worked on, and a download (ISO 14229-1 and -2)."""
+
+from collections.abc import Collection
+from typing import Final
+
+from can_bridge.flashing.backing import Long
+from can_bridge.uds.services import NEGATIVE, P2_EXTENDED_MS, P2_MS, POSITIVE, S3_MS, Nrc, Refused, Session
+
+_MS: Final = 1_000_000
+_S3_NS: Final = S3_MS * _MS
+_P2_EXTENDED_UNIT_MS: Final = 10
+_FIRST_NS: Final = P2_MS * _MS // 2
+_NEXT_NS: Final = P2_EXTENDED_MS * _MS // 2
+"""Times after which a tester hears that its request takes longer: half the limits, which are for the last moment on
+the bus."""
+
+
+class SessionTimer:
+    """Which session it is, and since when the tester has been silent."""
+
+    def __init__(self) -> None:
+        self.session = Session.DEFAULT
+        self._heard_ns = 0
+
+    def begin(self, now_ns: int, session: Session) -> None:
+        self.session, self._heard_ns = session, now_ns
+
+    def hear(self, now_ns: int) -> None:
+        """A request was answered or needs no answer, or a message is on its way."""
+        self._heard_ns = now_ns
+
+    def is_over(self, now_ns: int) -> bool:
+        return self.session is not Session.DEFAULT and now_ns - self._heard_ns >= _S3_NS
+
+
+def timing_record() -> bytes:
+    """P2 in ms and P2* in 10 ms, as the answer to DiagnosticSessionControl has them."""
+    return P2_MS.to_bytes(2, "big") + (P2_EXTENDED_MS // _P2_EXTENDED_UNIT_MS).to_bytes(2, "big")
+
+
+def negative(service: int, code: Nrc) -> bytes:
+    """A negative response."""
+    return bytes([NEGATIVE, service, code])
+
+
+class Job:
+    """Work whose return value is the answer after its first byte. `is_quiet`: the tester wants no positive answer.
+    `passed_over`: codes of refusals that it does not want, either."""
+
+    def __init__(
+        self, now_ns: int, service: int, work: Long[bytes], *, is_quiet: bool, passed_over: Collection[Nrc] = ()
+    ) -> None:
+        self.service = service
+        self._work = work
+        self._is_quiet, self._passed_over = is_quiet, passed_over
+        self._pending_ns = now_ns + _FIRST_NS
+        self.is_done = False
+
+    def go_on(self, now_ns: int) -> list[bytes]:
+        """One piece; what is to be sent now."""
+        sent = []
+        if now_ns >= self._pending_ns:
+            # A tester that received response-pending waits for the answer, even if it wanted none.
+            self._is_quiet, self._passed_over = False, ()
+            self._pending_ns = now_ns + _NEXT_NS
+            sent.append(negative(self.service, Nrc.RESPONSE_PENDING))
+        try:
+            next(self._work)
+        except StopIteration as end:
+            self.is_done = True
+            if not self._is_quiet:
+                sent.append(bytes([self.service + POSITIVE]) + end.value)
+        except Refused as refusal:
+            self.is_done = True
+            if refusal.code not in self._passed_over:
+                sent.append(negative(self.service, refusal.code))
+        return sent
+
+
+class Download:
+    """A download that was asked for.
+
+    Args:
+        offset: of its first byte in the image.
+        length: bytes that will come, in all its blocks.
+
+    Attributes:
+        is_closed: it was exited; only a repeated exit is still answered.
+    """
+
+    def __init__(self, offset: int, length: int) -> None:
+        self.offset = offset
+        self.length = length
+        self._missing = length
+        self._expected = 1
+        self._last: tuple[int, bytes] | None = None
+        self.is_closed = False
+
+    @property
+    def has_begun(self) -> bool:
+        return self._last is not None
+
+    def is_new(self, counter: int, data: bytes) -> bool:
+        """Whether to write this block; False if it is the last one again. Raises Refused with the code of what is
+        wrong with it."""
+        if self._last == (counter, data) and not self.is_closed:
+            return False
+        if self._missing == 0:
+            raise Refused(Nrc.SEQUENCE_ERROR)
+        if counter != self._expected:
+            raise Refused(Nrc.WRONG_BLOCK_COUNTER)
+        if len(data) > self._missing:
+            raise Refused(Nrc.TRANSFER_SUSPENDED)
+        return True
+
+    def taken(self, counter: int, data: bytes) -> None:
+        """This block was written."""
+        self._missing -= len(data)
+        self._expected = (counter + 1) % 256
+        self._last = counter, data
+
+    def check_complete(self) -> None:
+        """Raises Refused if bytes are missing."""
+        if self._missing:
+            raise Refused(Nrc.SEQUENCE_ERROR)
