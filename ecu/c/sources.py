@@ -6,7 +6,7 @@ from typing import Final
 from contract.controller.c_folder import c_files
 
 MONOCYPHER: Final = "4.0.3"
-"""Version of the code of others in `loader/vendor`; its own release writes it in place of `__git__`."""
+"""Version of the code of others in `store/vendor`; its own release writes it in place of `__git__`."""
 
 
 def sources_in(folder: str = "") -> dict[str, bytes]:
@@ -25,12 +25,12 @@ def firmware_sources() -> dict[str, bytes]:
 
 
 def loader_sources() -> dict[str, bytes]:
-    """The loader with diagnosis, the same for every program and vehicle, to be compiled with a library's sources.
+    """The loader, store and diagnosis, the same for every program and vehicle, to be compiled with a library's sources.
 
     Monocypher's sources are included by one of these and not compiled: their names end in `_c.h`.
     """
-    foreign = sources_in("loader/vendor")
-    return sources_in("loader") | {
+    foreign = sources_in("store/vendor")
+    return sources_in("store") | sources_in("loader") | {
         name.replace(".c", "_c.h"): text.replace(b"version __git__", f"version {MONOCYPHER}".encode())
         for name, text in foreign.items()
     }

@@ -2,25 +2,8 @@
 #ifndef SW_ECU_PARTS_H
 #define SW_ECU_PARTS_H
 
-#include "sw_compiler.h"
-#include "sw_ecu.h"
-
-/* Decisions must be those of the Python ECU to the bit: no multiplication may be fused with an addition. GCC knows no
- * such line; compile the ECU with -ffp-contract=off there. Arithmetic that cannot be right is refused in sw_compiler.h.
- */
-#ifdef __clang__
-#pragma STDC FP_CONTRACT OFF
-#endif
-
-#if defined(__DBL_MANT_DIG__)
-#if __DBL_MANT_DIG__ != 53
-#error "double: must have 64 bits; some compilers for microcontrollers need an option for it"
-#endif
-#endif
-
-#ifdef __cplusplus
-extern "C" {
-#endif
+#include "sw_ecu_state.h"
+#include "sw_exact.h"
 
 /* --- sw_inexact.c --- */
 
@@ -176,17 +159,6 @@ void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW
 /* The control step's input. */
 void sw_memory_input(const sw_memory *memory, const sw_calibration *calibration, sw_input *input);
 
-/* --- sw_estimator.c, where there is a sensor check --- */
-
-#if SW_SENSOR_CHECK
-/* The newest pressures, in Cp, by every hypothesis, into work->estimates: entry [h][i] is what the view of hypothesis h
- * gives for sensor i. Row j < SW_SENSORS leaves sensor j out with i; row SW_SENSORS + p exchanges the p-th pair and
- * leaves i out. Rows of the window have come from `first` on. Estimates are always finite.
- */
-void sw_estimate(sw_estimator_work *work, const struct sw_estimator_weights *weights,
-                 const double window[SW_WINDOW][SW_COLUMNS], int first);
-#endif
-
 /* --- sw_sensors.c --- */
 
 void sw_sensors_start(sw_sensors *sensors);
@@ -234,6 +206,9 @@ uint8_t sw_mode_on_wire(uint8_t mode);
 
 /* --- sw_calibration.c --- */
 
+/* The least and the greatest values; a release's own weights are within them. */
+void sw_calibration_bounds(const float weights[SW_TERMS], sw_calibration *low, sw_calibration *high);
+
 /* The number of the first value that is out of its limits, from 1; 0 if there is none. */
 int sw_calibration_beyond(const sw_calibration *values, const sw_release *release);
 
@@ -255,8 +230,10 @@ typedef struct {
 sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int has_previous, int64_t previous_ns,
                  int has_pressures, int64_t pressure_ns, int64_t now_ns, const sw_gate_limits *limits);
 
-#ifdef __cplusplus
-}
-#endif
+/* --- sw_frames.c --- */
+
+/* Writes a JetCommand, and an EcuStatus of the state, as protected frames; the counters in the state move on. */
+int sw_write_frames(sw_ecu_state *state, const sw_jet_command *command, uint32_t bundle_hash, int64_t now_ns,
+                    sw_frame frames_out[SW_FRAMES_OUT]);
 
 #endif

@@ -9,13 +9,9 @@
 
 #include <stdint.h>
 
-#include "sw_aes.h"
+#include "sw_crypto.h"
 #include "sw_store.h"
 #include "sw_uds_settings.h"
-
-#ifdef __cplusplus
-extern "C" {
-#endif
 
 #define SW_SEED_BYTES 16u   /* of a seed, */
 #define SW_ANSWER_BYTES 16u /* and of the key that the tester sends for it */
@@ -44,9 +40,5 @@ uint8_t sw_access_seed(sw_access *access, int64_t now_ns, uint8_t level, sw_rand
 /* Unlocks the level whose seed was given last, if the answer is right. Returns 0 or the SW_NRC_ of the refusal. */
 uint8_t sw_access_unlock(sw_access *access, sw_store *store, int64_t now_ns, uint8_t level,
                          const uint8_t key[SW_AES_BYTES], const uint8_t answer[SW_ANSWER_BYTES]);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -19,8 +19,7 @@ from tests.proofs.loader_in_c.node_library import sources
 from tests.proofs.loader_in_c.node_twin import CONFIGS
 
 _POINTED_AT: Final = re.compile(r"^(control_session|reset|hear_tester|read|give_access|write|routine|download)$|"
-                                r"^(take_block|end_transfer|went_on|write_on|waited|sw_self_test|clear_faults|report_faults)$|"
-                                r"^(control_communication|set_faults|silence\w*|\w+_faults)$")  # fmt: skip
+                                r"^(take_block|end_transfer|write_on|routine_on|control_communication|\w+_faults|end_session)$")  # fmt: skip
 """Functions that the server calls through pointers."""
 _REGISTERS: Final = re.compile(r"\{(.*)\}")
 _STACK: Final = re.compile(r"sp, (?:sp, )?#(0x[0-9a-f]+|\d+)$")

@@ -6,9 +6,10 @@
 #ifndef SW_PROGRAM_H
 #define SW_PROGRAM_H
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+#include "sw_settings.h"
+
+/* Columns of the window: the sensors, then the action. */
+#define SW_COLUMNS (SW_SENSORS + 1)
 
 struct sw_weights;
 struct sw_hot;
@@ -17,9 +18,5 @@ typedef struct {
     const struct sw_weights *weights;
     const struct sw_hot *hot; /* of an int8 library; others have none */
 } sw_program;
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

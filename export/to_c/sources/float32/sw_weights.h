@@ -6,13 +6,9 @@
 
 #include "sw_workspace.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 #define SW_CELLS (4 * SW_LSTM_P)
 
-typedef float sw_prior_number; /* of the prior's matrices (sw_prior.h) */
+typedef float sw_prior_number; /* of the prior's matrices (sw_prior_memory.h) */
 
 /* Read in place, wherever they stand: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
@@ -67,9 +63,5 @@ typedef struct sw_weights {
 /* Compiled in. */
 extern const sw_weights sw_own_weights;
 #define SW_OWN_PROGRAM {&sw_own_weights, NULL}
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -10,10 +10,6 @@
 
 #include "sw_workspace.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Tables: where the argument 0 stands, and the distance between points, in integers of the argument. */
 #define SW_ELU_START (SW_ELU_RANGE * SW_ELU_ARGUMENT_ONE)
 #define SW_ELU_STEP (SW_ELU_ARGUMENT_ONE / SW_POINTS_PER_UNIT)
@@ -38,7 +34,7 @@ enum { SW_ADJOINT_GAIN, SW_ADJOINT_SCALE };
 /* Of a layer with a norm: epsilon in its unit, and the unit of its adjoint. */
 enum { SW_LAYER_EPSILON, SW_LAYER_ADJOINT };
 
-typedef int8_t sw_prior_number; /* of the prior's matrices (sw_prior.h) */
+typedef int8_t sw_prior_number; /* of the prior's matrices (sw_prior_memory.h) */
 
 /* Read in place, wherever they stand: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
@@ -123,9 +119,5 @@ typedef struct sw_hot {
 extern const sw_weights sw_own_weights;
 extern const sw_hot sw_own_hot;
 #define SW_OWN_PROGRAM {&sw_own_weights, &sw_own_hot}
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

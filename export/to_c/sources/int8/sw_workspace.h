@@ -4,13 +4,9 @@
 
 #include <stdint.h>
 
-#include "sw_prior.h"
+#include "sw_prior_memory.h"
 #include "sw_program.h"
 #include "sw_settings.h"
-
-#ifdef __cplusplus
-extern "C" {
-#endif
 
 /* A length rounded up to whole pairs of 32-bit words of int8 weights; what is added is zero throughout. */
 #define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
@@ -88,7 +84,7 @@ typedef struct {
     int16_t hidden[SW_MAX(SW_DYN1_P, SW_DYN2_P)];
 } sw_dynamics_scratch;
 
-typedef struct {
+typedef struct sw_workspace {
     sw_program program; /* that this control step runs */
     float z[SW_LATENT];                       /* latent state now */
     float latents[SW_HORIZON_P][SW_LATENT];   /* one to SW_HORIZON steps ahead */
@@ -114,9 +110,5 @@ typedef struct {
         } tape;
     } phase;
 } sw_workspace;
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif
