@@ -3,6 +3,7 @@
  */
 #include "sw_board.h"
 #include "sw_board_equipment.h"
+#include "sw_ecu.h"
 #if SW_BOARD_LOADER
 #include "sw_image.h"
 #include "sw_layout.h"

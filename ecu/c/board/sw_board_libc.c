@@ -1,11 +1,5 @@
-/* Start-up of a bare Cortex-M7: constants that every step reads go to data TCM, then the program on it begins again. And
- * what compilers call when they clear or copy; a C library would bring it.
- */
+/* What compilers call when they clear or copy; a C library would bring it. */
 #include <stddef.h>
-
-#include "mcu_start.h"
-
-extern unsigned char mcu_hot_start[], mcu_hot_end[], mcu_hot_load[];
 
 void *memcpy(void *restrict to, const void *restrict from, size_t count);
 void *memset(void *to, int value, size_t count);
@@ -37,9 +31,3 @@ void __aeabi_memclr8(void *to, size_t count) { memset(to, 0, count); }
 void __aeabi_memcpy(void *restrict to, const void *restrict from, size_t count) { memcpy(to, from, count); }
 void __aeabi_memcpy4(void *restrict to, const void *restrict from, size_t count) { memcpy(to, from, count); }
 void __aeabi_memcpy8(void *restrict to, const void *restrict from, size_t count) { memcpy(to, from, count); }
-
-void mcu_reset(void)
-{
-    memcpy(mcu_hot_start, mcu_hot_load, (size_t)(mcu_hot_end - mcu_hot_start));
-    mcu_begin();
-}
