@@ -30,10 +30,14 @@ def loader_sources() -> dict[str, bytes]:
     Monocypher's sources are included by one of these and not compiled: their names end in `_c.h`.
     """
     foreign = sources_in("store/vendor")
-    return sources_in("store") | sources_in("loader") | {
-        name.replace(".c", "_c.h"): text.replace(b"version __git__", f"version {MONOCYPHER}".encode())
-        for name, text in foreign.items()
-    }
+    return (
+        sources_in("store")
+        | sources_in("loader")
+        | {
+            name.replace(".c", "_c.h"): text.replace(b"version __git__", f"version {MONOCYPHER}".encode())
+            for name, text in foreign.items()
+        }
+    )
 
 
 def fmu_sources() -> dict[str, bytes]:

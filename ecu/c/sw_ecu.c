@@ -352,7 +352,7 @@ int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int coun
     command.flow = steps;
     command.mode = sw_mode_on_wire(state->fail_safe.mode);
     command.enable = passed.enable;
-    /* Of the frame the command rests on: this period's, or the one behind the command that is held. */
+    /* The command rests on this period's frame, or on the one behind the command that is held. */
     command.has_counter = state->has_pressures && (inputs.usable || sw_drives_jets(state->fail_safe.mode));
     command.pressure_counter = state->pressure_counter;
     return sw_write_frames(state, &command, ecu->numbers.release->bundle_hash, now_ns, frames_out);

@@ -1,4 +1,4 @@
-/* What an ECU is given, runs on, and remembers from one control period to the next. Public only because the caller owns it. */
+/* What an ECU is given, runs on, and remembers between control periods. Public only because the caller owns it. */
 #ifndef SW_ECU_STATE_H
 #define SW_ECU_STATE_H
 

@@ -85,7 +85,7 @@ ONCE static void exchanged(sw_estimator_work *work, const double window[SW_WINDO
     }
 }
 
-/* From the first layer's values in work->values to the second layer's, both after their ReLU. */
+/* Turns the first layer's values in work->values into the second layer's, both after their ReLU. */
 static void second_layer(sw_estimator_work *work)
 {
     const sw_estimator_weights *w = work->weights;

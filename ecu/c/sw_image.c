@@ -1,4 +1,4 @@
-/* From an image to the numbers in it, none of which is an index or a bound that it cannot be. */
+/* Finds the numbers in an image, none of which is an index or a bound that it cannot be. */
 #include "sw_image.h"
 
 #include <stddef.h>
@@ -47,13 +47,11 @@ WITHIN(double_within, double, double)
 
 static int are_within(const void *values, const sw_limits *of)
 {
-    switch (of->type) {
-    case INT8: return int8_within((const int8_t *)values, of->run, of->least, of->most);
-    case UINT8: return uint8_within((const uint8_t *)values, of->run, of->least, of->most);
-    case INT32: return int32_within((const int32_t *)values, of->run, of->least, of->most);
-    case FLOAT: return float_within((const float *)values, of->run, of->least, of->most);
-    default: return double_within((const double *)values, of->run, of->least, of->most); /* DOUBLE */
-    }
+    if (of->type == INT8) return int8_within((const int8_t *)values, of->run, of->least, of->most);
+    if (of->type == UINT8) return uint8_within((const uint8_t *)values, of->run, of->least, of->most);
+    if (of->type == INT32) return int32_within((const int32_t *)values, of->run, of->least, of->most);
+    if (of->type == FLOAT) return float_within((const float *)values, of->run, of->least, of->most);
+    return double_within((const double *)values, of->run, of->least, of->most); /* DOUBLE */
 }
 
 /* --- What numbers within their limits must not be together --- */
@@ -101,7 +99,7 @@ static int can_run(const sw_payload *payload)
 
 sw_image_status sw_image_open(const uint8_t *image, sw_numbers *numbers)
 {
-    /* Behind the numbers stands a text of their layout, for tools. */
+    /* A text of their layout stands behind the numbers, for tools. */
     uint32_t differing = length_of(image) < SW_IMAGE_HEADER + sizeof(sw_payload) ? 1u : 0u;
     for (int i = 0; i < 32; i++) differing |= (uint32_t)image[LAYOUT + i] ^ (uint32_t)sw_layout_sha256[i];
     if (differing != 0u) return SW_IMAGE_OTHER_BUILD;

@@ -1,4 +1,4 @@
-/* The start of a Cortex-M7: what a program gives to it, next to a linker script with the places that sw_board_start.c names. */
+/* The start of a Cortex-M7: what a program gives to it, and a linker script with the places that sw_board_start.c names. */
 #ifndef SW_BOARD_START_H
 #define SW_BOARD_START_H
 

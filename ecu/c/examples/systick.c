@@ -73,7 +73,7 @@ static void print_frame(const char *name, const sw_frame *frame)
 
 void sw_board_tick(void) { periods++; }
 
-/* In ns since the start: whole periods, and what SysTick, which counts down, has done of this one. */
+/* The ns since the start: whole periods, and what SysTick, which counts down, has done of this one. */
 static int64_t now_ns(void)
 {
     uint32_t before, value;

@@ -27,12 +27,12 @@ static inline fmi3Status fmu_refused(const fmu_logger *to, fmi3String why)
     return fmi3Error;
 }
 
-/* At the head of a function of FMI with an instance in `found`. */
+/* Heads a function of FMI with an instance in `found`. */
 #define FMU_ONLY_IN(MODES, NAME, WHEN)                                                                        \
     if (found == NULL) return fmi3Error;                                                                      \
     if ((found->kept.mode & (uint32_t)(MODES)) == 0u) return fmu_refused(&found->logger, "fmi3" NAME ": only " WHEN)
 
-/* Of one number each for every reference. */
+/* Refuses any other than one number for each reference. */
 #define FMU_ONE_EACH(NAME) \
     if (size != count) return fmu_refused(&found->logger, "fmi3" NAME ": must have one number for each value reference")
 

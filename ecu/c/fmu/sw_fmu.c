@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "sw_codec_bytes.h"
+#include "sw_ecu.h"
 #include "sw_fmi3_calls.h"
 #include "sw_fmu_settings.h"
 
@@ -56,7 +57,7 @@ typedef struct {
     sw_ecu_state ecu;
 } saved;
 
-/* As sw_ecu_init. */
+/* Returns as sw_ecu_init. */
 static int power_on(instance *fmu)
 {
     (void)memset(&fmu->kept, 0, sizeof fmu->kept);
@@ -264,7 +265,7 @@ SW_EXPORT fmi3Status fmi3DoStep(fmi3Instance fmu, fmi3Float64 point, fmi3Float64
     if (!(until_ns < (double)SW_LATEST_NS)) {
         return fmu_refused(&found->logger, "communicationStepSize: must end within 73 years of the start");
     }
-    /* To the microsecond: a period that begins with the next communication step belongs to that. */
+    /* A period that begins with the next communication step, to the microsecond, belongs to that step. */
     while ((double)kept->next_ns < until_ns - 1e3) step(found);
     kept->values[0] = point + size;
     *reached = kept->values[0];

@@ -68,7 +68,7 @@ uint8_t sw_access_unlock(sw_access *access, sw_store *store, int64_t now_ns, uin
     if (access->asked != level) return SW_NRC_SEQUENCE_ERROR;
     access->asked = 0;
     const uint32_t count = (uint32_t)sw_store_failed_attempts(store, level) + 1u;
-    /* With the jets on no sector is left: once it is full there is no attempt until they are shut. */
+    /* A full sector is not left with the jets on: there is no attempt until they are shut. */
     if (!sw_store_has_room(store)) return SW_NRC_CONDITIONS_NOT_CORRECT;
     if (sw_store_keep_failed_attempts(store, level, count) != SW_STORE_DONE) return SW_NRC_PROGRAMMING_FAILURE;
     expected(level, key, access->seed, right);

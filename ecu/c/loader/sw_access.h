@@ -27,10 +27,10 @@ typedef struct {
     int64_t closed_until_ns[SW_LEVELS];
 } sw_access;
 
-/* After power-on: a level with too many wrong attempts before gets its delay again. */
+/* Gives a level with too many wrong attempts before power-on its delay again. */
 void sw_access_power_on(sw_access *access, const sw_store *store, int64_t now_ns);
 
-/* At the end of a session. */
+/* Locks every level: at the end of a session. */
 void sw_access_lock(sw_access *access);
 
 /* Writes a new seed, zeros if the level is unlocked already. Returns 0 or the SW_NRC_ of the refusal. */

@@ -29,7 +29,7 @@ typedef struct {
     uint8_t has_latest;              /* whether a result waits for the end of `is_off` */
     uint8_t latest;                  /* the reason that failed; SW_REASON_NONE: all tests passed */
     uint8_t latest_snapshot[SW_SNAPSHOT_BYTES];
-    /* From the control period under way. */
+    /* What the control period under way began with. */
     uint8_t has_power_on;
     uint8_t was; /* sw_operating_mode before it */
     int64_t power_on_ns;

@@ -185,7 +185,7 @@ static void put_all(sw_frame *frame, const uint8_t *data, uint32_t count)
     for (uint32_t i = 0; i < count; i++) put(frame, data[i]);
 }
 
-/* Up to the next length that a frame can have, and to 8 bytes at least. */
+/* Fills a frame up to the next length that it can have, and to 8 bytes at least. */
 static void pad(sw_frame *frame)
 {
     static const uint8_t lengths[] = {8, 12, 16, 20, 24, 32, 48, 64};

@@ -49,7 +49,7 @@ typedef struct {
     uint32_t dropped_sent;
 } sw_isotp;
 
-/* After power-on; `message` has SW_ISOTP_MOST bytes. */
+/* Starts an end, after power-on; `message` has SW_ISOTP_MOST bytes. */
 void sw_isotp_init(sw_isotp *end, uint8_t *message);
 
 /* Whether a frame is the tester's, to this ECU alone or to every one. */

@@ -62,8 +62,8 @@ static int64_t clipped(int64_t now_ns)
     return now_ns < SW_LATEST_NS ? now_ns : SW_LATEST_NS;
 }
 
-/* The control period of an ECU without a release, or whose release is no longer there: jets shut, and the reason on the bus,
- * with the counts that stand in the state. Nothing of the release is read. The twin of ecu/flashable/shut_ecu.py.
+/* A control period without a release, or whose release is no longer there: jets shut, and the reason on the bus, with the
+ * counts that stand in the state. Nothing of the release is read. The twin of ecu/flashable/shut_ecu.py.
  */
 static int shut_step(sw_node *node, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT])
 {
@@ -131,7 +131,7 @@ static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *fra
     return requests;
 }
 
-/* Before diagnosis: what its records may do, and how an erasure for later ones stands. */
+/* Sets what the records of diagnosis may do, and looks how an erasure for later ones stands. */
 static void look_after_records(sw_node *node)
 {
     if (!node->has_begun) node->begun_ns = node->services.request.now_ns;
@@ -140,8 +140,8 @@ static void look_after_records(sw_node *node)
     if (sw_store_is_erasing(&node->store) && node->store.work != SW_WORK_CLEAR) sw_records_care(&node->store.records);
 }
 
-/* Behind it, when it has nothing to do. No erasure begins while the vehicle asks for control, or may be about to, as it
- * may after power-on; one that has begun comes to its end.
+/* Cares for records when diagnosis has nothing to do. No erasure begins while the vehicle asks for control, or may be
+ * about to, as it may after power-on; one that has begun comes to its end.
  */
 static void care_for_records(sw_node *node)
 {

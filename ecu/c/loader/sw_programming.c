@@ -22,7 +22,7 @@ uint8_t sw_programming_take_keys(sw_programming *programming, const uint8_t *val
     sw_sha256_of(value, length, digest);
     const int is_again = programming->has_keys && sw_bytes_equal(digest, programming->keys_digest, sizeof digest);
     if (is_again) return SW_UDS_DONE;
-    /* To verify a signature, here and before a way back, takes a good part of a control period. */
+    /* A signature takes a good part of a control period to verify, here and before a way back. */
     uint8_t code = sw_request_refusal(programming->request);
     if (code == 0u) code = sw_store_refusal(sw_store_take_keys(programming->store, value, length));
     if (code == SW_UDS_DONE) {
@@ -46,7 +46,7 @@ uint8_t sw_programming_download(const sw_programming *programming, uint32_t offs
  */
 
 #define AMPLITUDE 0.3f /* in Cp: what a shedding wake brings at the rear edges */
-/* Of an angle of 2 pi in 25 periods, a shedding cycle. */
+/* A shedding cycle is an angle of 2 pi in 25 periods. */
 #define SINE 0.2486898872f
 #define TWICE_COSINE 1.9371663222f
 #define SLACK 1e-5f /* by which a plan in float32 may exceed the action limit */

@@ -1,4 +1,4 @@
-/* The services of UDS, and who may use them. One more service is one more row of `rows`, with a function that handles it. */
+/* The services of UDS, and who may use them. One more service is one more of `rows`, with a function that handles it. */
 #include "sw_services.h"
 
 #include <stddef.h>
@@ -40,9 +40,10 @@ static const permission routines[] = {
 };
 
 /* Whether a number may be used in this session, unlocked, with this many bytes: 0 or the refusal. */
-static uint8_t refusal(const sw_services *services, const permission *table, uint32_t rows, uint32_t number, uint32_t length)
+static uint8_t refusal(const sw_services *services, const permission *table, uint32_t count, uint32_t number,
+                       uint32_t length)
 {
-    for (uint32_t i = 0; i < rows; i++) {
+    for (uint32_t i = 0; i < count; i++) {
         if (table[i].number != number) continue;
         if ((table[i].sessions & 1u << services->uds.session) == 0u) return SW_NRC_OUT_OF_RANGE;
         if (sw_uds_is_locked(&services->uds, table[i].level)) return SW_NRC_SECURITY_ACCESS_DENIED;

@@ -19,7 +19,7 @@
 /* Whatever the services work on; the server only hands it to them. */
 typedef struct sw_services sw_services;
 
-/* In which sessions something is there, a bit each. */
+/* The sessions in which something is there, a bit each. */
 #define SW_IN_DEFAULT (1u << SW_SESSION_DEFAULT)
 #define SW_IN_PROGRAMMING (1u << SW_SESSION_PROGRAMMING)
 #define SW_IN_EXTENDED (1u << SW_SESSION_EXTENDED)

@@ -51,7 +51,7 @@ static void mix(sw_sha256 *hash)
 
 void sw_sha256_begin(sw_sha256 *hash)
 {
-    /* Of the square roots of the first 8 primes. */
+    /* The same of the square roots of the first 8 primes. */
     static const uint32_t start[8] = {
         0x6a09e667u, 0xbb67ae85u, 0x3c6ef372u, 0xa54ff53au, 0x510e527fu, 0x9b05688cu, 0x1f83d9abu, 0x5be0cd19u,
     };
@@ -93,7 +93,7 @@ void sw_sha256_of(const uint8_t *data, uint32_t length, uint8_t digest[SW_SHA256
 #define ROUNDS 10
 #define COLUMNS 4
 
-/* In GF(2^8) of AES. */
+/* Twice a number, in GF(2^8) of AES. */
 static uint8_t doubled(uint8_t a) { return (uint8_t)((uint32_t)a << 1 ^ (0x1bu & (0u - ((uint32_t)a >> 7)))); }
 
 static uint8_t multiplied(uint8_t a, uint8_t b)

@@ -17,7 +17,7 @@
 
 #define SW_MAX_RECORD 8192u
 
-/* As can_bridge/flashing/backing.py numbers them. */
+/* The numbers are those of can_bridge/flashing/backing.py. */
 typedef enum {
     SW_RECORD_STATE = 1,
     SW_RECORD_KEYS = 2,
@@ -51,7 +51,7 @@ typedef struct {
 /* Find the records, after power-on; writes nothing. */
 void sw_records_open(sw_records *records, const sw_flash *flash);
 
-/* Before the control begins: a blank sector next to one that is filling up. A failure shows when it is needed. */
+/* Blanks the sector next to one that is filling up, before the control begins. A failure shows when it is needed. */
 void sw_records_tidy(sw_records *records);
 
 /* A piece of work for later records: blanks the other sector, or leaves one that has been filling up. */

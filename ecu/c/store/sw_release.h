@@ -12,7 +12,7 @@
 /* Whether a list was signed by the root key and is in order. */
 int sw_key_list_is_good(const uint8_t *data, uint32_t length, const uint8_t root[32]);
 
-/* Of a list that is good, or of zeros, which stand for none: its version is 0, and no key is in it. */
+/* The version of a list that is good, or of zeros, which stand for none: it is 0 then, and no key is in the list. */
 uint32_t sw_key_list_version(const uint8_t *list);
 int sw_key_is_allowed(const uint8_t *list, const uint8_t key[32]);
 int sw_key_is_revoked(const uint8_t *list, const uint8_t key[32]);
@@ -66,7 +66,7 @@ typedef struct {
 sw_verdict sw_release_judge(const uint8_t header[SW_HEADER_BYTES], uint32_t length, const uint8_t payload_sha256[32],
                             const uint8_t *keys, const sw_rules *rules, uint32_t least_security_version);
 
-/* Of a header that is GOOD. */
+/* Reads a header that is GOOD. */
 void sw_release_read(const uint8_t header[SW_HEADER_BYTES], sw_release_facts *facts);
 
 #endif

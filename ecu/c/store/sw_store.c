@@ -151,7 +151,7 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
         next->received = wanted;
         return announced(store);
     }
-    /* Until it is announced, what a cut leaves behind these bytes does not count. */
+    /* What a cut leaves behind these bytes does not count until the slot is announced. */
     sw_store_state *state = without(store, slot);
     if (wanted != SW_NO_OFFSET) {
         next->received = wanted;
@@ -300,7 +300,7 @@ sw_store_result sw_store_confirm(sw_store *store)
     sw_store_state *next = sw_state_draft(store);
     sw_slot_state *standing = &next->slots[slot];
     if (standing->phase == SW_PHASE_CONFIRMED) return SW_STORE_DONE;
-    /* By a key that was taken off the list it would not boot again, and the one before may be too old from now on. */
+    /* A release of a key that was taken off the list would not boot again, and the one before may be too old from now on. */
     if (standing->phase != SW_PHASE_TRIAL || !sw_key_is_allowed(store->keys, standing->facts.signer)) {
         return SW_STORE_OUT_OF_ORDER;
     }
@@ -316,7 +316,7 @@ sw_store_result sw_store_confirm(sw_store *store)
 sw_store_result sw_store_revert(sw_store *store)
 {
     const uint32_t trial = sw_state_in_phase(&store->state, SW_PHASE_TRIAL);
-    /* By what runs: if the answer is lost, and the request comes again, it must not lead back to where it was. */
+    /* What runs decides: a request that comes again, its answer lost, must not lead back to where it was. */
     const uint32_t now = store->running != SW_NO_SLOT ? store->running : store->state.active;
     drop_work(store);
     if (trial != SW_NO_SLOT) {

@@ -66,7 +66,7 @@ static sw_verdict judged(sw_store *store, uint32_t slot)
 {
     sw_judge_begin(store, slot);
     while (sw_judge_go_on(store)) {
-        /* At once. */
+        /* All pieces at once. */
     }
     return sw_judge_end(store);
 }

@@ -59,7 +59,7 @@ static uint32_t encoded(const sw_store_state *state, uint8_t *data)
     return at + 2u * SW_FLASH_WORD;
 }
 
-/* Of a record that this store wrote, as its CRC says; 0: it is another version's. */
+/* Reads a record that this store wrote, as its CRC says; 0: it is another version's. */
 static int decoded(const uint8_t *data, uint32_t length, sw_store_state *state)
 {
     uint32_t at = MAGIC;
@@ -217,7 +217,7 @@ static uint32_t found(const sw_store *store, const uint8_t digest[DIGEST], uint3
     return 0;
 }
 
-/* As `found`, 0 also where it cannot be read. */
+/* Finds it like `found`; 0 also where it cannot be read. */
 static uint32_t readable(const sw_store *store, const uint8_t digest[DIGEST], uint32_t *place)
 {
     uint8_t data[DIGEST];
@@ -252,7 +252,7 @@ static int is_before(const uint8_t one[DIGEST], const uint8_t other[DIGEST])
     return one[i] < other[i];
 }
 
-/* In the record stand the calibrations of the releases that are here, by their digests. */
+/* The record has the calibrations of the releases that are here, by their digests. */
 sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, uint32_t length)
 {
     uint8_t head[HEAD], own_head[ENTRY], other_head[ENTRY];

@@ -39,7 +39,7 @@ int mcu_step(void)
     return (int)status;
 }
 
-/* With a weight that no prior knows all iterations run. */
+/* A weight that no prior knows has all iterations run. */
 int mcu_longest_step(void)
 {
     mcu_input.weights[SW_RATE] += 1e-6f;

@@ -1,5 +1,5 @@
-/* In front of the plant's FMU, which is Python: the order of calls, references, numbers and times are judged here, and what
- * is in order goes on to the binary of pythonfmu3 beside this one, for which each error in Python is fatal.
+/* The front of the plant's FMU, which is Python: order of calls, references, numbers and times are judged here, and what is
+ * in order goes on to the binary of pythonfmu3 beside this one, for which each error in Python is fatal.
  */
 #define _GNU_SOURCE /* dladdr */
 #include <dlfcn.h>
@@ -116,7 +116,7 @@ SW_EXPORT void fmi3FreeInstance(fmi3Instance fmu)
     free(found);
 }
 
-/* After a call that went on: the mode that it leads to, unless it failed. */
+/* Enters the mode that a call leads to, unless it failed. */
 static fmi3Status led_to(instance *found, fmi3Status status, uint32_t mode)
 {
     if (status <= fmi3Warning) found->kept.mode = mode;

@@ -1,5 +1,5 @@
-/* The numbers of a trained program; sw_weights.c, generated, defines those that are compiled in. Matrices are stored with their shorter side, or their inputs, as
- * rows, so that rows are long; what feeds a norm is centred (sw_norm.h).
+/* The numbers of a trained program; sw_weights.c, generated, defines those that are compiled in. Matrices are stored with
+ * their shorter side, or their inputs, as rows, so that rows are long; what feeds a norm is centred (sw_norm.h).
  */
 #ifndef SW_WEIGHTS_H
 #define SW_WEIGHTS_H
