@@ -6,13 +6,13 @@
  * largest of their vector. Both products are exact, and the rest has one order, so that all cores have the same bits.
  */
 #include "sw_ecu_settings.h"
+#include "sw_exact.h"
 
 #if SW_SENSOR_CHECK
 
 #include <stddef.h>
 
 #include "sw_estimator.h"
-#include "sw_exact.h"
 
 /* Most columns of a product, for sw_dots.h. */
 #define SW_DOTS_COLUMNS SW_ESTIMATOR_LONGEST
