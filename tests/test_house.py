@@ -15,7 +15,7 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 64_400, "benchmarks": 4_810, "tests": 52_560, "own C": 12_641, "JavaScript": 2_267, "docs": 2_150,
+    "source": 64_400, "benchmarks": 4_810, "tests": 52_560, "own C": 12_632, "JavaScript": 2_267, "docs": 2_150,
     "examples": 1_731,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""

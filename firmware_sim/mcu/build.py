@@ -15,8 +15,6 @@ from ecu.in_c.uds_settings import uds_settings
 from firmware_sim.mcu.cores import CORTEX_M7, Core
 
 LINKER_SCRIPT: Final = "cortex_m7.ld"
-LIBC: Final = "sw_board_libc.c"
-"""What compilers call when they clear or copy."""
 MISSING: Final = f"the compiler is missing: {install('mcu')}"
 # Contraction within an expression, as the language allows it, is the same for every target with fused operations.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
@@ -45,7 +43,8 @@ def compile_for_cortex_m7(
         board: files next to the firmware's, or in place of those of the same name.
     """
     folder = files("firmware_sim").joinpath("mcu/c")
-    firmware = {item.name: item.read_bytes() for item in folder.iterdir()} | {LIBC: sources_in("board")[LIBC]}
+    firmware = {item.name: item.read_bytes() for item in folder.iterdir()}
+    firmware["sw_board_libc.c"] = sources_in("board")["sw_board_libc.c"]
     with tempfile.TemporaryDirectory() as place:
         image = Path(place, "firmware.elf")
         _compile(library_sources(sources) | firmware | dict(board or {}), image, _flags(LINKER_SCRIPT, core))

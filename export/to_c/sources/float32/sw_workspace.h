@@ -6,16 +6,6 @@
 #include "sw_program.h"
 #include "sw_settings.h"
 
-/* A vector's length rounded up to whole vector registers; what is added is zero throughout. */
-#define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
-
-/* Tables start at a cache line where the compiler can align them; only speed depends on it, and images do. */
-#if defined(__GNUC__)
-#define SW_ALIGNED __attribute__((aligned(SW_ALIGNMENT)))
-#else
-#define SW_ALIGNED
-#endif
-
 #define SW_LSTM_P SW_PADDED(SW_LSTM)
 #define SW_HEAD_P SW_PADDED(SW_HEAD)
 #define SW_DYN1_P SW_PADDED(SW_DYN1)

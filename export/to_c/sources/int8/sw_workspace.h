@@ -8,9 +8,6 @@
 #include "sw_program.h"
 #include "sw_settings.h"
 
-/* A length rounded up to whole pairs of 32-bit words of int8 weights; what is added is zero throughout. */
-#define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
-
 #if SW_LANES != 8
 #error "constants of outputs stand in eights, and so do the loops over them"
 #endif
@@ -32,13 +29,6 @@
 #define SW_MAX(a, b) ((a) > (b) ? (a) : (b))
 #define SW_WIDEST SW_MAX(SW_MAX(SW_DYN1_P, SW_DYN2_P), SW_STATE_P)
 #define SW_LONGEST SW_MAX(SW_WIDEST, SW_MAX(SW_DECODER_P, SW_MAX(SW_LSTM_P, SW_MAX(SW_HEAD_P, SW_ROW_P))))
-
-/* Tables start at 16 bytes; products on Cortex-M read whole words. Images are for compilers that can align them. */
-#if defined(__GNUC__)
-#define SW_ALIGNED __attribute__((aligned(SW_ALIGNMENT)))
-#else
-#define SW_ALIGNED
-#endif
 
 /* What the adjoint needs of a layer's forward pass, of eight outputs (sw_norm.h). */
 typedef struct {
