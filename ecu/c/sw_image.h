@@ -6,7 +6,7 @@
 #ifndef SW_IMAGE_H
 #define SW_IMAGE_H
 
-#include "sw_ecu_state.h"
+#include "sw_ecu.h"
 #include "sw_layout.h"
 #include "sw_weights.h"
 

@@ -2,7 +2,7 @@
 #ifndef SW_IMAGE_H
 #define SW_IMAGE_H
 
-#include "sw_ecu_state.h"
+#include "sw_ecu.h"
 
 #define SW_IMAGE_HEADER 512
 
