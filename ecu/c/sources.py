@@ -6,7 +6,7 @@ from typing import Final
 from contract.controller.c_folder import c_files
 
 MONOCYPHER: Final = "4.0.3"
-"""Version of the code of others in `loader/vendor`; its own release writes it in place of `__git__`."""
+"""Version of the code of others in `store/vendor`; its own release writes it in place of `__git__`."""
 
 
 def sources_in(folder: str = "") -> dict[str, bytes]:
@@ -18,22 +18,24 @@ def firmware_sources() -> dict[str, bytes]:
     """The sources of the ECU around a control step, the same for every program and vehicle; in `board/` and `loader/`
     those of the firmware around it.
 
-    What is generated for one of each is not among them: `sw_ecu_settings.h` (`ecu.in_c.c_settings`).
-    """
+    What is generated for one of each is not among them: `sw_ecu_settings.h` (`ecu.in_c.c_settings`)."""
     around = {"board": sources_in("board"), "loader": loader_sources()}
     return sources_in() | {f"{part}/{name}": text for part in around for name, text in around[part].items()}
 
 
 def loader_sources() -> dict[str, bytes]:
-    """The loader with diagnosis, the same for every program and vehicle, to be compiled with a library's sources.
+    """The loader, store and diagnosis, the same for every program and vehicle, to be compiled with a library's sources.
 
-    Monocypher's sources are included by one of these and not compiled: their names end in `_c.h`.
-    """
-    foreign = sources_in("loader/vendor")
-    return sources_in("loader") | {
-        name.replace(".c", "_c.h"): text.replace(b"version __git__", f"version {MONOCYPHER}".encode())
-        for name, text in foreign.items()
-    }
+    Monocypher's sources are included by one of these and not compiled: their names end in `_c.h`."""
+    foreign = sources_in("store/vendor")
+    return (
+        sources_in("store")
+        | sources_in("loader")
+        | {
+            name.replace(".c", "_c.h"): text.replace(b"version __git__", f"version {MONOCYPHER}".encode())
+            for name, text in foreign.items()
+        }
+    )
 
 
 def fmu_sources() -> dict[str, bytes]:
@@ -50,6 +52,5 @@ def plant_fmu_sources() -> dict[str, bytes]:
 def example_sources() -> dict[str, bytes]:
     """Programs with a `main` of their own around the ECU, by their names in a folder.
 
-    What one of them plays is generated: `examples/pressures.h` (`ecu.in_c.c_examples`).
-    """
+    What one of them plays is generated: `examples/pressures.h` (`ecu.in_c.c_examples`)."""
     return {f"examples/{name}": content for name, content in sources_in("examples").items()}

@@ -30,7 +30,7 @@ static measured stated_at(const sw_release *release, double speed)
     return last;
 }
 
-/* In units of the release's wake at this speed. */
+/* Measures both in units of the release's wake at this speed. */
 static measured measure(const sw_release *release, const double *cp, double speed)
 {
     const measured stated = stated_at(release, speed);
@@ -63,7 +63,7 @@ static int helps(const sw_benefit *benefit)
 
 static uint32_t one_less(uint32_t count) { return count > 0u ? count - 1u : 0u; }
 
-/* With this period in the means without control, which are over so many. */
+/* Takes this period into the means without control, which are over so many. */
 static void rested(sw_benefit *benefit, measured now, uint32_t over)
 {
     benefit->resting_suction += (now.suction - benefit->resting_suction) / (double)over;
@@ -109,7 +109,7 @@ static void drive(sw_benefit *benefit, const sw_release *release, const double *
     if (benefit->doubt >= SW_BENEFIT_DOUBT) benefit->tested_at = speed;
 }
 
-/* In a test what control was is compared with the wake since the jets were shut, of which more cycles count. */
+/* A test compares what control was with the wake since the jets were shut, of which more cycles count. */
 static uint8_t test(sw_benefit *benefit, const sw_release *release, const double *cp, double speed)
 {
     if (cp == NULL) return SW_REASON_NONE;

@@ -3,23 +3,32 @@
  */
 #include "sw_ecu_parts.h"
 
-static const sw_calibration least = SW_LEAST_CALIBRATION;
 static const sw_calibration greatest = SW_GREATEST_CALIBRATION;
 
 /* No number is within any limits. */
 static int is_within(float value, float low, float high) { return value >= low && value <= high; }
 
-int sw_calibration_beyond(const sw_calibration *values, const sw_release *release)
+void sw_calibration_bounds(const float weights[SW_TERMS], sw_calibration *low, sw_calibration *high)
 {
+    static const sw_calibration least = SW_LEAST_CALIBRATION;
+    *low = least;
+    *high = greatest;
     for (int i = 0; i < SW_TERMS; i++) {
         /* A release may have a greater weight than others can be given. */
-        const float own = release->weights[i];
-        const float most = own > greatest.weights[i] ? own : greatest.weights[i];
-        if (!is_within(values->weights[i], least.weights[i], most)) return i + 1;
+        if (weights[i] > high->weights[i]) high->weights[i] = weights[i];
     }
-    if (!is_within(values->action_limit, least.action_limit, greatest.action_limit)) return SW_TERMS + 1;
-    if (!is_within(values->command_step, least.command_step, greatest.command_step)) return SW_TERMS + 2;
-    return values->delay_steps <= greatest.delay_steps ? 0 : SW_TERMS + 3;
+}
+
+int sw_calibration_beyond(const sw_calibration *values, const sw_release *release)
+{
+    sw_calibration low, high;
+    sw_calibration_bounds(release->weights, &low, &high);
+    for (int i = 0; i < SW_TERMS; i++) {
+        if (!is_within(values->weights[i], low.weights[i], high.weights[i])) return i + 1;
+    }
+    if (!is_within(values->action_limit, low.action_limit, high.action_limit)) return SW_TERMS + 1;
+    if (!is_within(values->command_step, low.command_step, high.command_step)) return SW_TERMS + 2;
+    return values->delay_steps <= high.delay_steps ? 0 : SW_TERMS + 3;
 }
 
 void sw_calibration_own(const sw_release *release, sw_calibration *own)

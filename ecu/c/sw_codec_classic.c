@@ -81,7 +81,7 @@ void sw_emit_status(uint8_t *data, const sw_ecu_status *status)
     /* Four counts of six bits. */
     sw_put_word(&data[3], overruns | (missed << 6) | (crc_errors << 12));
     data[5] = (uint8_t)((crc_errors >> 4) | (refused << 2));
-    /* Of the hash its upper half. */
+    /* The upper half of the hash. */
     sw_put_word(&data[6], status->bundle_hash >> 16);
 }
 

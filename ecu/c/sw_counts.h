@@ -4,7 +4,7 @@
 
 #include <stdint.h>
 
-/* By pairs, fours and bytes: the same work for every value. */
+/* Counts by pairs, fours and bytes: the same work for every value. */
 static inline int sw_bit_count(uint64_t bits)
 {
     const uint64_t pairs = bits - ((bits >> 1) & UINT64_C(0x5555555555555555));

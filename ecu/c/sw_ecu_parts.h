@@ -2,25 +2,8 @@
 #ifndef SW_ECU_PARTS_H
 #define SW_ECU_PARTS_H
 
-#include "sw_compiler.h"
-#include "sw_ecu.h"
-
-/* Decisions must be those of the Python ECU to the bit: no multiplication may be fused with an addition. GCC knows no
- * such line; compile the ECU with -ffp-contract=off there. Arithmetic that cannot be right is refused in sw_compiler.h.
- */
-#ifdef __clang__
-#pragma STDC FP_CONTRACT OFF
-#endif
-
-#if defined(__DBL_MANT_DIG__)
-#if __DBL_MANT_DIG__ != 53
-#error "double: must have 64 bits; some compilers for microcontrollers need an option for it"
-#endif
-#endif
-
-#ifdef __cplusplus
-extern "C" {
-#endif
+#include "sw_ecu_state.h"
+#include "sw_exact.h"
 
 /* --- sw_inexact.c --- */
 
@@ -31,7 +14,7 @@ uint8_t sw_inexact(void);
 
 /* --- sw_timing.c --- */
 
-/* After the step at now_ns. */
+/* Moves on to the step at now_ns. */
 void sw_timing_next(sw_timing *timing, int64_t now_ns);
 
 /* --- sw_e2e.c: the profile of the messages in use, SW_E2E_PROFILE --- */
@@ -71,7 +54,7 @@ typedef struct {
     uint32_t bus_off, tx_errors, rx_errors;
 } sw_ecu_status;
 
-/* From SW_PRESSURE_BYTES bytes. */
+/* Reads SW_PRESSURE_BYTES bytes. */
 void sw_parse_pressure(const uint8_t *data, sw_pressure *pressure);
 
 #if SW_PAST > 0
@@ -82,7 +65,7 @@ typedef struct {
     int64_t age_ns;
 } sw_speed;
 
-/* From SW_SPEED_BYTES bytes. */
+/* Reads SW_SPEED_BYTES bytes. */
 void sw_parse_speed(const uint8_t *data, sw_speed *speed);
 #endif
 
@@ -124,19 +107,19 @@ void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *
 /* Whether what a frame carries is of now, or older by at most oldest_ns. */
 int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t oldest_ns);
 
-/* After the step at step_ns with these frames: commands and statuses among them are another ECU's. */
+/* Moves on to the step at step_ns with these frames: commands and statuses among them are another ECU's. */
 void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count, int64_t step_ns);
 
 /* --- sw_speed.c: the vehicle's speed, where a release serves a range of speeds --- */
 
 #if SW_PAST > 0
-/* After a period's frames. */
+/* Moves on by a period's frames. */
 void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_frame *frames, int count, int64_t now_ns);
 
 /* Pa at Cp = 1; 0 without a speed. */
 double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release);
 
-/* Of the vehicle, in design speeds: within the release's range, and 1 where it is not known or too far out. */
+/* The vehicle's speed in design speeds: within the release's range, and 1 where it is not known or too far out. */
 double sw_speed_present(const sw_speed_state *speed, const sw_release *release);
 #endif
 
@@ -146,7 +129,7 @@ double sw_speed_present(const sw_speed_state *speed, const sw_release *release);
 double sw_followed(double before, double to, double share);
 
 #if SW_PAST > 0
-/* With this period's row, whose pressures follow those of the row before it. */
+/* Adds this period's row, whose pressures follow those of the row before it. */
 void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed);
 
 void sw_past_empty(sw_past *past);
@@ -157,17 +140,17 @@ uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS])
 
 /* --- sw_memory.c: window, plan and actions under way --- */
 
-/* With a row for this period at a speed, in design speeds. */
+/* Adds a row for this period at a speed, in design speeds. */
 void sw_memory_observed(sw_memory *memory, const double cp[SW_SENSORS], double speed);
 void sw_memory_bridged(sw_memory *memory);
 void sw_memory_emptied(sw_memory *memory);
 void sw_memory_commanded(sw_memory *memory, double action);
 void sw_memory_without_plan(sw_memory *memory);
 
-/* Of the newest row, in design speeds. */
+/* The speed of the newest row, in design speeds. */
 double sw_memory_speed(const sw_memory *memory);
 
-/* With so many frozen actions, fewer than SW_HORIZON: another delay of the actuator. */
+/* Takes on another delay of the actuator: so many frozen actions, fewer than SW_HORIZON. */
 void sw_memory_freeze(sw_memory *memory, int frozen);
 
 /* Other pressures of one sensor in the rows that have come; values has a row a row of the window, or of the past. */
@@ -176,23 +159,12 @@ void sw_memory_with_column(sw_memory *memory, int sensor, const double values[SW
 /* The control step's input. */
 void sw_memory_input(const sw_memory *memory, const sw_calibration *calibration, sw_input *input);
 
-/* --- sw_estimator.c, where there is a sensor check --- */
-
-#if SW_SENSOR_CHECK
-/* The newest pressures, in Cp, by every hypothesis, into work->estimates: entry [h][i] is what the view of hypothesis h
- * gives for sensor i. Row j < SW_SENSORS leaves sensor j out with i; row SW_SENSORS + p exchanges the p-th pair and
- * leaves i out. Rows of the window have come from `first` on. Estimates are always finite.
- */
-void sw_estimate(sw_estimator_work *work, const struct sw_estimator_weights *weights,
-                 const double window[SW_WINDOW][SW_COLUMNS], int first);
-#endif
-
 /* --- sw_sensors.c --- */
 
 void sw_sensors_start(sw_sensors *sensors);
 
 #if SW_SENSOR_CHECK
-/* After a period with the memory's window; cp is NULL without pressures, and `reading` has them as they came, whatever
+/* Judges a period with the memory's window; cp is NULL without pressures, and `reading` has them as they came, whatever
  * the speed is. Returns the SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
  */
 uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estimator_work *work, const sw_memory *memory,
@@ -202,7 +174,7 @@ uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estim
 /* --- sw_benefit.c --- */
 
 #if SW_BENEFIT_CHECK
-/* After a period with these pressures; cp is NULL without any. `speed` is the vehicle's in design speeds, `drives`
+/* Judges a period with these pressures; cp is NULL without any. `speed` is the vehicle's in design speeds, `drives`
  * whether the jets could run up to now. Returns the SW_REASON_ for which the ECU must switch itself off, or
  * SW_REASON_NONE.
  */
@@ -226,13 +198,16 @@ typedef struct {
 void sw_fail_safe_start(sw_fail_safe *fail_safe);
 void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs);
 
-/* After a fault of the ECU's own that shows only in the course of the period. */
+/* Latches a fault of the ECU's own that shows only in the course of the period. */
 void sw_fail_safe_latch(sw_fail_safe *fail_safe, uint8_t reason);
 
 int sw_drives_jets(uint8_t mode);
 uint8_t sw_mode_on_wire(uint8_t mode);
 
 /* --- sw_calibration.c --- */
+
+/* The least and the greatest values; a release's own weights are within them. */
+void sw_calibration_bounds(const float weights[SW_TERMS], sw_calibration *low, sw_calibration *high);
 
 /* The number of the first value that is out of its limits, from 1; 0 if there is none. */
 int sw_calibration_beyond(const sw_calibration *values, const sw_release *release);
@@ -255,8 +230,10 @@ typedef struct {
 sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int has_previous, int64_t previous_ns,
                  int has_pressures, int64_t pressure_ns, int64_t now_ns, const sw_gate_limits *limits);
 
-#ifdef __cplusplus
-}
-#endif
+/* --- sw_frames.c --- */
+
+/* Writes a JetCommand, and an EcuStatus of the state, as protected frames; the counters in the state move on. */
+int sw_write_frames(sw_ecu_state *state, const sw_jet_command *command, uint32_t bundle_hash, int64_t now_ns,
+                    sw_frame frames_out[SW_FRAMES_OUT]);
 
 #endif

@@ -5,9 +5,14 @@
  * Activations are int16: readings in steps of 1 / SW_ESTIMATOR_ONE, hidden ones in steps of 1 / SW_INT16_QMAX of the
  * largest of their vector. Both products are exact, and the rest has one order, so that all cores have the same bits.
  */
-#include "sw_ecu_parts.h"
+#include "sw_ecu_settings.h"
+#include "sw_exact.h"
 
 #if SW_SENSOR_CHECK
+
+#include <stddef.h>
+
+#include "sw_estimator.h"
 
 /* Most columns of a product, for sw_dots.h. */
 #define SW_DOTS_COLUMNS SW_ESTIMATOR_LONGEST
@@ -80,7 +85,7 @@ ONCE static void exchanged(sw_estimator_work *work, const double window[SW_WINDO
     }
 }
 
-/* From the first layer's values in work->values to the second layer's, both after their ReLU. */
+/* Turns the first layer's values in work->values into the second layer's, both after their ReLU. */
 static void second_layer(sw_estimator_work *work)
 {
     const sw_estimator_weights *w = work->weights;

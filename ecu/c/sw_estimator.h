@@ -1,4 +1,4 @@
-/* The network that estimates each pressure from the other ones: its scratch memory, and its numbers, from a release's
+/* The network that estimates each pressure from the other ones: its scratch memory, its numbers, from a release's
  * sensors.onnx. sw_estimator_weights.c, generated, defines those that are compiled in.
  *
  * Matrices are int8 with one scale an output, as in that file, laid out as in sw_dots.h.
@@ -11,10 +11,6 @@
 #include "sw_estimator_settings.h"
 #include "sw_settings.h"
 #include "sw_workspace.h"
-
-#ifdef __cplusplus
-extern "C" {
-#endif
 
 /* Read in place, wherever they stand: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_estimator_weights {
@@ -53,8 +49,11 @@ typedef struct {
     double estimates[SW_SENSORS + SW_SENSORS * (SW_SENSORS - 1) / 2][SW_SENSORS]; /* sw_estimate's answer */
 } sw_estimator_work;
 
-#ifdef __cplusplus
-}
-#endif
+/* The newest pressures, in Cp, by every hypothesis, into work->estimates: entry [h][i] is what the view of hypothesis h
+ * gives for sensor i. Row j < SW_SENSORS leaves sensor j out with i; row SW_SENSORS + p exchanges the p-th pair and
+ * leaves i out. Rows of the window have come from `first` on. Estimates are always finite.
+ */
+void sw_estimate(sw_estimator_work *work, const sw_estimator_weights *weights,
+                 const double window[SW_WINDOW][SW_COLUMNS], int first);
 
 #endif

@@ -252,7 +252,7 @@ void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs)
     now.lost = sw_bit_count(lost);
     const transition *row = taken(fail_safe->mode, &now);
     if (row->to == SW_FAULT && fail_safe->mode != SW_FAULT) {
-        /* As at power-on: it must be seen low from now on, or a rise that was not heard would end the fault. */
+        /* It must be seen low from now on, as at power-on, or a rise that was not heard would end the fault. */
         now.request = !inputs->has_request || inputs->enable_request;
     }
     fail_safe->mode = row->to;

@@ -16,7 +16,7 @@ static double clamp(double value, double low, double high) { return smaller(larg
 
 static int is_finite(double value) { return value >= -DBL_MAX && value <= DBL_MAX; }
 
-/* Of two times; any two, if `to` is not the earlier one. */
+/* The time between any two, if `to` is not the earlier one. */
 static uint64_t elapsed_ns(int64_t from_ns, int64_t to_ns) { return (uint64_t)to_ns - (uint64_t)from_ns; }
 
 static sw_gated shut(uint8_t why)

@@ -1,7 +1,7 @@
-/* From an image to the numbers in it, none of which is an index or a bound that it cannot be. */
+/* Finds the numbers in an image, none of which is an index or a bound that it cannot be. */
 #include "sw_image.h"
 
-#include "sw_ecu_parts.h"
+#include <stddef.h>
 
 #define LENGTH 8 /* of the whole image, 4 bytes */
 #define LAYOUT 48
@@ -30,62 +30,28 @@ static uint32_t length_of(const uint8_t *image)
 
 /* --- What no number is within --- */
 
-static int int8_within(const int8_t *values, uint32_t count, int32_t least, int32_t most)
-{
-    int within = 1;
-    for (uint32_t i = 0; i < count; i++) within &= (values[i] >= least) & (values[i] <= most);
-    return within;
-}
+#define WITHIN(NAME, TYPE, BOUND)                                                                 \
+    static int NAME(const TYPE *values, uint32_t count, double lowest, double highest)            \
+    {                                                                                             \
+        const BOUND least = (BOUND)lowest, most = (BOUND)highest;                                 \
+        int within = 1;                                                                           \
+        for (uint32_t i = 0; i < count; i++) within &= (values[i] >= least) & (values[i] <= most); \
+        return within;                                                                            \
+    }
 
-static int uint8_within(const uint8_t *values, uint32_t count, int32_t least, int32_t most)
-{
-    int within = 1;
-    for (uint32_t i = 0; i < count; i++) within &= (values[i] >= least) & (values[i] <= most);
-    return within;
-}
-
-static int int32_within(const int32_t *values, uint32_t count, int32_t least, int32_t most)
-{
-    int within = 1;
-    for (uint32_t i = 0; i < count; i++) within &= (values[i] >= least) & (values[i] <= most);
-    return within;
-}
-
-static int float_within(const float *values, uint32_t count, float least, float most)
-{
-    int within = 1;
-    for (uint32_t i = 0; i < count; i++) within &= (values[i] >= least) & (values[i] <= most);
-    return within;
-}
-
-static int double_within(const double *values, uint32_t count, double least, double most)
-{
-    int within = 1;
-    for (uint32_t i = 0; i < count; i++) within &= (values[i] >= least) & (values[i] <= most);
-    return within;
-}
+WITHIN(int8_within, int8_t, int32_t)
+WITHIN(uint8_within, uint8_t, int32_t)
+WITHIN(int32_within, int32_t, int32_t)
+WITHIN(float_within, float, float)
+WITHIN(double_within, double, double)
 
 static int are_within(const void *values, const sw_limits *of)
 {
-    int within = 0;
-    switch (of->type) {
-    case INT8:
-        within = int8_within((const int8_t *)values, of->run, (int32_t)of->least, (int32_t)of->most);
-        break;
-    case UINT8:
-        within = uint8_within((const uint8_t *)values, of->run, (int32_t)of->least, (int32_t)of->most);
-        break;
-    case INT32:
-        within = int32_within((const int32_t *)values, of->run, (int32_t)of->least, (int32_t)of->most);
-        break;
-    case FLOAT:
-        within = float_within((const float *)values, of->run, (float)of->least, (float)of->most);
-        break;
-    default: /* DOUBLE */
-        within = double_within((const double *)values, of->run, of->least, of->most);
-        break;
-    }
-    return within;
+    if (of->type == INT8) return int8_within((const int8_t *)values, of->run, of->least, of->most);
+    if (of->type == UINT8) return uint8_within((const uint8_t *)values, of->run, of->least, of->most);
+    if (of->type == INT32) return int32_within((const int32_t *)values, of->run, of->least, of->most);
+    if (of->type == FLOAT) return float_within((const float *)values, of->run, of->least, of->most);
+    return double_within((const double *)values, of->run, of->least, of->most); /* DOUBLE */
 }
 
 /* --- What numbers within their limits must not be together --- */
@@ -133,7 +99,7 @@ static int can_run(const sw_payload *payload)
 
 sw_image_status sw_image_open(const uint8_t *image, sw_numbers *numbers)
 {
-    /* Behind the numbers stands a text of their layout, for tools. */
+    /* A text of their layout stands behind the numbers, for tools. */
     uint32_t differing = length_of(image) < SW_IMAGE_HEADER + sizeof(sw_payload) ? 1u : 0u;
     for (int i = 0; i < 32; i++) differing |= (uint32_t)image[LAYOUT + i] ^ (uint32_t)sw_layout_sha256[i];
     if (differing != 0u) return SW_IMAGE_OTHER_BUILD;

@@ -10,7 +10,7 @@
 /* Periods without pressures that the window may bridge. */
 #define LONGEST_GAP (SW_HOLD_PERIODS + SW_DECAY_PERIODS)
 
-/* To 0 .. last. */
+/* Clips an index to 0 .. last. */
 static int clipped(int index, int last)
 {
     if (index < 0) return 0;
@@ -49,7 +49,7 @@ void sw_memory_bridged(sw_memory *memory)
     } else if (memory->rows > 0) {
         extended(memory, memory->window[SW_WINDOW - 1], sw_memory_speed(memory));
     } else {
-        /* Before the first row there is none to stand in. */
+        /* There is no row yet that could stand in. */
     }
 }
 

@@ -1,4 +1,4 @@
-/* From one control period's frames to pressures that may be planned on, or why there are none. In this order: the
+/* Turns a control period's frames into pressures that may be planned on, or says why there are none. In this order: the
  * end-to-end check, the age, the sensors' own diagnosis. And whether another ECU is on the bus.
  */
 #include "sw_counts.h"

@@ -60,7 +60,7 @@ static double mean_of(const double values[SW_SENSORS])
     return (((values[0] + values[1]) + values[2]) + values[3]) / (double)SW_SENSORS;
 }
 
-/* Of the others' values. */
+/* The mean of the others' values. */
 static double others_mean(const double values[SW_SENSORS], int own)
 {
     const double sum = ((values[0] + values[1]) + values[2]) + values[3];
@@ -129,7 +129,7 @@ static void average_all(sw_sensors *sensors, const sw_release *release, const do
     sensors->judged = 1;
 }
 
-/* Of a row of values by sensor: its own entry over those of the others. */
+/* A sensor's own entry of a row of values over those of the others. */
 static double alone_in(const double values[SW_SENSORS], int own)
 {
     return values[own] / (1.0 + others_mean(values, own));
@@ -169,7 +169,7 @@ static levels levels_of(const sw_sensors *sensors, const sw_release *release)
     return found;
 }
 
-/* By how much a column of the window changed from row `first` on. */
+/* How much a column of the window changed from row `first` on. */
 static double moved(const double window[SW_WINDOW][SW_COLUMNS], int first, int column)
 {
     double least = window[first][column], most = least;

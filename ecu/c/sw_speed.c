@@ -5,7 +5,7 @@
 
 #if SW_PAST > 0
 
-/* From the latest measurement to now; 0 if the clock is behind it. */
+/* The time since the latest measurement; 0 if the clock is behind it. */
 static uint64_t age_of(const sw_speed_state *speed, int64_t now_ns)
 {
     return now_ns > speed->measured_ns ? (uint64_t)now_ns - (uint64_t)speed->measured_ns : 0u;
@@ -21,7 +21,7 @@ static int is_plausible(const sw_speed_state *speed, const sw_release *release, 
     return !speed->known || (change <= most && change >= -most);
 }
 
-/* With the speed of a frame, unless that is old, not known or not plausible. */
+/* Takes the speed of a frame, unless that is old, not known or not plausible. */
 static void believe(sw_speed_state *speed, const sw_release *release, const sw_frame *frame, int64_t now_ns)
 {
     sw_speed stated;

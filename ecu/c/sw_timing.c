@@ -6,7 +6,7 @@
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
 
-/* Of the latest steps that are judged together. */
+/* The latest steps that are judged together. */
 #define JUDGED (UINT32_MAX >> (32 - SW_DEADLINE_WINDOW))
 
 /* Rounded down, as C rounds towards zero. */

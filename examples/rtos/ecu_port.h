@@ -14,7 +14,7 @@
 /* Never returns. */
 void controller_task(void);
 
-/* Of a clock that is never set, the same in tasks and interrupts. */
+/* The time of a clock that is never set, the same in tasks and interrupts. */
 int64_t clock_ns(void);
 
 void sleep_until(int64_t due_ns);

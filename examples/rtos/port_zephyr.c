@@ -37,7 +37,7 @@ int take_frames(sw_frame *taken, int room)
     return count;
 }
 
-/* With a callback can_send does not wait for the end of the frame. */
+/* A callback, with which can_send does not wait for the end of the frame. */
 static void sent(const struct device *device, int error, void *unused) { (void)device, (void)error, (void)unused; }
 
 void send_frame(const sw_frame *frame)

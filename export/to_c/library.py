@@ -95,7 +95,7 @@ def _in_c(name: str, values: Values) -> npt.NDArray[Any]:
 
 def static_sources(precision: Precision) -> dict[str, bytes]:
     """The control step's sources that are the same for every program."""
-    folders = ("common", "networks", precision)
+    folders = ("common", precision, "step")
     return {name: text for folder in folders for name, text in sources_in(folder).items()}
 
 

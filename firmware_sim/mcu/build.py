@@ -8,6 +8,7 @@ from typing import Final
 
 from contract.controller.c_folder import BOARD, library_sources
 from contract.errors import LibraryError, McuError, install
+from ecu.c.sources import sources_in
 from ecu.in_c.compiler import compile_c, zig_compiler
 from ecu.in_c.uds_settings import HEADER as UDS_SETTINGS
 from ecu.in_c.uds_settings import uds_settings
@@ -43,6 +44,7 @@ def compile_for_cortex_m7(
     """
     folder = files("firmware_sim").joinpath("mcu/c")
     firmware = {item.name: item.read_bytes() for item in folder.iterdir()}
+    firmware["sw_board_libc.c"] = sources_in("board")["sw_board_libc.c"]
     with tempfile.TemporaryDirectory() as place:
         image = Path(place, "firmware.elf")
         _compile(library_sources(sources) | firmware | dict(board or {}), image, _flags(LINKER_SCRIPT, core))

@@ -21,7 +21,7 @@ NEEDED = (
     "contract/release/shipped/controller.onnx",
     "contract/release/shipped/manifest.json",
     "contract/release/shipped/manifest.sig",
-    "export/to_c/sources/common/stillwake.h",
+    "export/to_c/sources/step/stillwake.h",
 )
 
 

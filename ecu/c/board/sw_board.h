@@ -8,12 +8,9 @@
 
 #include <stdint.h>
 
-#include "sw_ecu.h"
+#include "sw_board_start.h"
+#include "sw_ecu_state.h"
 #include "sw_flash.h"
-
-#ifdef __cplusplus
-extern "C" {
-#endif
 
 /* --- The board --- */
 
@@ -37,15 +34,10 @@ extern "C" {
 
 #define SW_BOARD_REGISTER(address) (*(volatile uint32_t *)(uintptr_t)(address))
 
-/* Clocks, pins, watchdog: nothing on the emulated board. Runs before memory is cleared. */
-void sw_board_power_on(void);
-
 /* Once a turn of the loop, which takes a control period and a half at most, and after a start, which may erase a sector:
  * here a watchdog is fed. Nothing on the emulated board.
  */
 void sw_board_alive(void);
-
-void sw_board_main(void);
 
 /* ns since power-on. */
 int64_t sw_board_now_ns(void);
@@ -86,9 +78,5 @@ int sw_board_can_is_idle(void);
 
 /* The error counters of now; a controller that went bus-off is counted, and starts again. */
 void sw_board_can_health(sw_bus_health *health);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

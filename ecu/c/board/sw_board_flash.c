@@ -22,7 +22,7 @@
 #define CORE_CONFIGURATION SW_BOARD_REGISTER(0xe000ed14u)
 #define IGNORE_BUS_FAULTS (1u << 8)
 
-/* For a controller that hangs there is the watchdog. */
+/* Waits for the controller; the watchdog ends a wait for one that hangs. */
 static void wait(void)
 {
     while ((FLASH(SR) & SR_AT_WORK) != 0u && (FLASH(SR) & SR_ERRORS) == 0u) {

@@ -3,6 +3,7 @@
  */
 #include "sw_board.h"
 #include "sw_board_equipment.h"
+#include "sw_ecu.h"
 #if SW_BOARD_LOADER
 #include "sw_image.h"
 #include "sw_layout.h"
@@ -59,7 +60,7 @@ static int control(int64_t now_ns, int count, sw_frame *answers)
     return sw_node_control(&node, now_ns, received, count, answers);
 }
 
-/* Of these new frames. Returns when the next look is due. */
+/* Looks at diagnosis with these new frames. Returns when the next look is due. */
 static int64_t serve(const sw_frame *frames, int count, int64_t now_ns)
 {
     sw_frame answers[SW_ISOTP_BURST];
@@ -78,7 +79,7 @@ static int64_t serve(const sw_frame *frames, int count, int64_t now_ns)
 
 static sw_ecu ecu;
 
-/* For whoever looks from outside: a debugger, a test bench. */
+/* The ECU for whoever looks from outside: a debugger, a test bench. */
 sw_ecu *const sw_board_ecu = &ecu;
 
 static void begin(void) { (void)sw_ecu_init(&ecu); }

@@ -158,7 +158,7 @@ static int receive(int bus)
     return count;
 }
 
-/* Without waiting: a full queue is the bus's affair, and the next period's frames are newer; -1 if the interface fails.
+/* Sends without waiting: the next period's frames are newer than those of a full queue; -1 if the interface fails.
  */
 static int send_frames(int bus, const sw_frame *frames, int count)
 {

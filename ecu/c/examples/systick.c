@@ -1,7 +1,8 @@
 /* The ECU on a bare Cortex-M7: an interrupt of SysTick every control period, and a main loop that steps.
  *
  *     python -m ziglang cc -target thumb-freestanding-eabihf -mcpu=cortex_m7+fp_armv8d16sp -std=c99 -O2 -ffreestanding \
- *         -ffp-contract=on -I. sw_*.c examples/systick.c -T examples/mps2_an500.ld -Wl,-e,reset -o ecu.elf
+ *         -ffp-contract=on -I. -Iboard sw_*.c board/sw_board_start.c board/sw_board_libc.c examples/systick.c \
+ *         -T examples/mps2_an500.ld -Wl,-e,sw_board_start -o ecu.elf
  *     qemu-system-arm -M mps2-an500 -nographic -icount shift=1,sleep=off -semihosting -kernel ecu.elf
  *
  * The program brings its own vehicle: pressures.h, generated, has the frames of its control periods, in which
@@ -11,6 +12,7 @@
  * controller first, are not held up by it.
  */
 #include "pressures.h"
+#include "sw_board_start.h"
 #include "sw_ecu.h"
 
 #define CLOCK_HZ INT64_C(25000000) /* of SysTick on this board */
@@ -20,49 +22,9 @@
 #define SYSTICK_CONTROL REGISTER(0xe000e010u)
 #define SYSTICK_RELOAD REGISTER(0xe000e014u)
 #define SYSTICK_VALUE REGISTER(0xe000e018u)
-#define COPROCESSORS REGISTER(0xe000ed88u)
-
-extern unsigned char data_start[], data_end[], data_load[], bss_start[], bss_end[], stack_top[];
-
-void *memcpy(void *restrict to, const void *restrict from, size_t count);
-void *memset(void *to, int value, size_t count);
-void __aeabi_memclr(void *to, size_t count);
-void __aeabi_memclr4(void *to, size_t count);
-void __aeabi_memclr8(void *to, size_t count);
-void __aeabi_memcpy(void *restrict to, const void *restrict from, size_t count);
-void __aeabi_memcpy4(void *restrict to, const void *restrict from, size_t count);
-void __aeabi_memcpy8(void *restrict to, const void *restrict from, size_t count);
-void reset(void);
-void start(void);
-void tick(void);
-void unexpected(void);
 
 static sw_ecu ecu;
 static volatile uint32_t periods; /* since the start; written by the interrupt alone */
-
-/* --- What compilers call when they clear or copy; a C library would bring it. --- */
-
-void *memcpy(void *restrict to, const void *restrict from, size_t count)
-{
-    unsigned char *target = to;
-    const unsigned char *source = from;
-    for (size_t i = 0; i < count; i++) target[i] = source[i];
-    return to;
-}
-
-void *memset(void *to, int value, size_t count)
-{
-    unsigned char *target = to;
-    for (size_t i = 0; i < count; i++) target[i] = (unsigned char)value;
-    return to;
-}
-
-void __aeabi_memclr(void *to, size_t count) { memset(to, 0, count); }
-void __aeabi_memclr4(void *to, size_t count) { memset(to, 0, count); }
-void __aeabi_memclr8(void *to, size_t count) { memset(to, 0, count); }
-void __aeabi_memcpy(void *restrict to, const void *restrict from, size_t count) { memcpy(to, from, count); }
-void __aeabi_memcpy4(void *restrict to, const void *restrict from, size_t count) { memcpy(to, from, count); }
-void __aeabi_memcpy8(void *restrict to, const void *restrict from, size_t count) { memcpy(to, from, count); }
 
 /* --- The host, by semihosting: a debugger or an emulator prints. --- */
 
@@ -109,9 +71,9 @@ static void print_frame(const char *name, const sw_frame *frame)
 
 /* --- Time --- */
 
-void tick(void) { periods++; }
+void sw_board_tick(void) { periods++; }
 
-/* In ns since the start: whole periods, and what SysTick, which counts down, has done of this one. */
+/* The ns since the start: whole periods, and what SysTick, which counts down, has done of this one. */
 static int64_t now_ns(void)
 {
     uint32_t before, value;
@@ -188,7 +150,9 @@ static void step(figures *seen, uint32_t period)
     print_frame("command", &answers[0]);
 }
 
-void start(void)
+void sw_board_power_on(void) {}
+
+void sw_board_main(void)
 {
     figures seen = {0, 0, 0, 0};
     (void)sw_ecu_init(&ecu); /* what it refuses, the reason at the end has */
@@ -209,34 +173,13 @@ void start(void)
     print_number("overruns", ecu.state.overruns);
     print_number("longest_us", (uint32_t)(seen.longest_ns / 1000));
     end(seen.left_out != 0u);
-}
-
-/* The floating-point unit is off after a reset, and must be on before the first function that might use it. */
-void reset(void)
-{
-    COPROCESSORS |= 0xfu << 20;
-    __asm__ volatile("dsb\n isb" ::: "memory");
-    memcpy(data_start, data_load, (size_t)(data_end - data_start));
-    memset(bss_start, 0, (size_t)(bss_end - bss_start));
-    start();
     for (;;) __asm__ volatile("wfi");
 }
 
 /* Any exception but SysTick. */
-void unexpected(void)
+void sw_board_unexpected(void)
 {
     print("unexpected exception\n");
     end(1);
     for (;;) __asm__ volatile("wfi");
 }
-
-typedef void (*handler)(void);
-
-__attribute__((section(".vectors"), used)) static const struct {
-    unsigned char *stack;
-    handler handlers[15];
-} vectors = {
-    stack_top,
-    {reset, unexpected, unexpected, unexpected, unexpected, unexpected, unexpected, unexpected, unexpected, unexpected,
-     unexpected, unexpected, unexpected, unexpected, tick},
-};

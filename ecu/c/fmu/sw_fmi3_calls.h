@@ -4,7 +4,14 @@
 #ifndef SW_FMI3_CALLS_H
 #define SW_FMI3_CALLS_H
 
+#include <string.h>
+
 #include "sw_fmi3.h"
+
+/* Functions have the standard's parameters, whatever they do with them. */
+#if defined(__GNUC__)
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#endif
 
 /* Bits, so that several may be named. */
 enum { INSTANTIATED = 1, INITIALISING = 2, STEPPING = 4, TERMINATED = 8 };
@@ -20,18 +27,27 @@ static inline fmi3Status fmu_refused(const fmu_logger *to, fmi3String why)
     return fmi3Error;
 }
 
-/* At the head of a function of FMI with an instance in `found`. */
+/* Heads a function of FMI with an instance in `found`. */
 #define FMU_ONLY_IN(MODES, NAME, WHEN)                                                                        \
     if (found == NULL) return fmi3Error;                                                                      \
     if ((found->kept.mode & (uint32_t)(MODES)) == 0u) return fmu_refused(&found->logger, "fmi3" NAME ": only " WHEN)
 
-/* Of one number each for every reference. */
+/* Refuses any other than one number for each reference. */
 #define FMU_ONE_EACH(NAME) \
     if (size != count) return fmu_refused(&found->logger, "fmi3" NAME ": must have one number for each value reference")
 
 static inline int fmu_is_number(double value)
 {
     return value >= -1.7976931348623157e308 && value <= 1.7976931348623157e308;
+}
+
+/* What is wrong with the first call for an FMU of this token, or NULL. */
+static inline fmi3String fmu_wrong_instance(fmi3String token, fmi3String own, fmi3Boolean event_mode)
+{
+    if (token == NULL || strcmp(token, own) != 0) {
+        return "instantiationToken: is not of this FMU; read it from its modelDescription.xml";
+    }
+    return event_mode ? "eventModeUsed: this FMU has no event mode; pass false" : NULL;
 }
 
 /* What is wrong with an experiment's times, or NULL. */

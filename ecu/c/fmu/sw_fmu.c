@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "sw_codec_bytes.h"
+#include "sw_ecu.h"
 #include "sw_fmi3_calls.h"
 #include "sw_fmu_settings.h"
 
@@ -56,7 +57,7 @@ typedef struct {
     sw_ecu_state ecu;
 } saved;
 
-/* As sw_ecu_init. */
+/* Returns as sw_ecu_init. */
 static int power_on(instance *fmu)
 {
     (void)memset(&fmu->kept, 0, sizeof fmu->kept);
@@ -184,38 +185,16 @@ static void step(instance *fmu)
 
 /* --- Instances --- */
 
-SW_EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
-
-SW_EXPORT fmi3Status fmi3SetDebugLogging(fmi3Instance fmu, fmi3Boolean on, size_t count, const fmi3String categories[])
-{
-    (void)fmu;
-    (void)on;
-    (void)count;
-    (void)categories;
-    return fmi3OK;
-}
-
 SW_EXPORT fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources,
                                                    fmi3Boolean visible, fmi3Boolean logging, fmi3Boolean event_mode,
                                                    fmi3Boolean early_return, const fmi3ValueReference intermediate[],
                                                    size_t count, fmi3InstanceEnvironment environment,
                                                    fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update)
 {
-    (void)name;
-    (void)resources;
-    (void)visible;
-    (void)logging;
-    (void)early_return;
-    (void)intermediate;
-    (void)count;
-    (void)update;
     const fmu_logger logger = {environment, log};
-    if (token == NULL || strcmp(token, SW_FMU_TOKEN) != 0) {
-        (void)fmu_refused(&logger, "instantiationToken: is not of this FMU; read it from its modelDescription.xml");
-        return NULL;
-    }
-    if (event_mode) {
-        (void)fmu_refused(&logger, "eventModeUsed: this FMU has no event mode; pass false");
+    const fmi3String wrong = fmu_wrong_instance(token, SW_FMU_TOKEN, event_mode);
+    if (wrong != NULL) {
+        (void)fmu_refused(&logger, wrong);
         return NULL;
     }
     char *room = calloc(1, sizeof(instance) + ALIGNMENT);
@@ -239,8 +218,6 @@ SW_EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance fmu, fmi3Boolean h
 {
     instance *found = fmu;
     const fmi3String wrong = fmu_wrong_times(start, has_stop, stop);
-    (void)has_tolerance;
-    (void)tolerance;
     FMU_ONLY_IN(INSTANTIATED, "EnterInitializationMode", "once, and after fmi3Reset");
     if (wrong != NULL) return fmu_refused(&found->logger, wrong);
     found->kept.start = start;
@@ -280,7 +257,6 @@ SW_EXPORT fmi3Status fmi3DoStep(fmi3Instance fmu, fmi3Float64 point, fmi3Float64
     memory *kept = &found->kept;
     const fmi3String wrong = fmu_wrong_step(kept->values[0], point, size);
     const double until_ns = (point + size - kept->start) * 1e9;
-    (void)no_earlier_state;
     *event = false;
     *terminate = false;
     *early = false;
@@ -289,7 +265,7 @@ SW_EXPORT fmi3Status fmi3DoStep(fmi3Instance fmu, fmi3Float64 point, fmi3Float64
     if (!(until_ns < (double)SW_LATEST_NS)) {
         return fmu_refused(&found->logger, "communicationStepSize: must end within 73 years of the start");
     }
-    /* To the microsecond: a period that begins with the next communication step belongs to that. */
+    /* A period that begins with the next communication step, to the microsecond, belongs to that step. */
     while ((double)kept->next_ns < until_ns - 1e3) step(found);
     kept->values[0] = point + size;
     *reached = kept->values[0];
@@ -378,7 +354,6 @@ SW_EXPORT fmi3Status fmi3SetFMUState(fmi3Instance fmu, fmi3FMUState state)
 
 SW_EXPORT fmi3Status fmi3FreeFMUState(fmi3Instance fmu, fmi3FMUState *state)
 {
-    (void)fmu;
     free(*state);
     *state = NULL;
     return fmi3OK;
@@ -386,8 +361,6 @@ SW_EXPORT fmi3Status fmi3FreeFMUState(fmi3Instance fmu, fmi3FMUState *state)
 
 SW_EXPORT fmi3Status fmi3SerializedFMUStateSize(fmi3Instance fmu, fmi3FMUState state, size_t *size)
 {
-    (void)fmu;
-    (void)state;
     *size = sizeof(saved);
     return fmi3OK;
 }

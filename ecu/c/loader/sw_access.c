@@ -1,6 +1,8 @@
 /* Security access: seeds and answers. */
 #include "sw_access.h"
 
+#include "sw_bytes.h"
+
 #define LABEL "stillwake access"
 #define LABEL_BYTES 16u
 
@@ -63,16 +65,14 @@ uint8_t sw_access_unlock(sw_access *access, sw_store *store, int64_t now_ns, uin
                          const uint8_t key[SW_AES_BYTES], const uint8_t answer[SW_ANSWER_BYTES])
 {
     uint8_t right[SW_ANSWER_BYTES];
-    uint32_t differences = 0;
     if (access->asked != level) return SW_NRC_SEQUENCE_ERROR;
     access->asked = 0;
     const uint32_t count = (uint32_t)sw_store_failed_attempts(store, level) + 1u;
-    /* With the jets on no sector is left: once it is full there is no attempt until they are shut. */
+    /* A full sector is not left with the jets on: there is no attempt until they are shut. */
     if (!sw_store_has_room(store)) return SW_NRC_CONDITIONS_NOT_CORRECT;
     if (sw_store_keep_failed_attempts(store, level, count) != SW_STORE_DONE) return SW_NRC_PROGRAMMING_FAILURE;
     expected(level, key, access->seed, right);
-    for (uint32_t i = 0; i < SW_ANSWER_BYTES; i++) differences |= (uint32_t)right[i] ^ answer[i];
-    if (differences != 0u) {
+    if (!sw_bytes_equal(right, answer, SW_ANSWER_BYTES)) {
         if (count < SW_ACCESS_ATTEMPTS) return SW_NRC_INVALID_KEY;
         close(access, place_of(level), now_ns);
         return SW_NRC_EXCEEDED_ATTEMPTS;

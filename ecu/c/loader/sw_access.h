@@ -9,13 +9,9 @@
 
 #include <stdint.h>
 
-#include "sw_aes.h"
+#include "sw_crypto.h"
 #include "sw_store.h"
 #include "sw_uds_settings.h"
-
-#ifdef __cplusplus
-extern "C" {
-#endif
 
 #define SW_SEED_BYTES 16u   /* of a seed, */
 #define SW_ANSWER_BYTES 16u /* and of the key that the tester sends for it */
@@ -31,10 +27,10 @@ typedef struct {
     int64_t closed_until_ns[SW_LEVELS];
 } sw_access;
 
-/* After power-on: a level with too many wrong attempts before gets its delay again. */
+/* Gives a level with too many wrong attempts before power-on its delay again. */
 void sw_access_power_on(sw_access *access, const sw_store *store, int64_t now_ns);
 
-/* At the end of a session. */
+/* Locks every level: at the end of a session. */
 void sw_access_lock(sw_access *access);
 
 /* Writes a new seed, zeros if the level is unlocked already. Returns 0 or the SW_NRC_ of the refusal. */
@@ -44,9 +40,5 @@ uint8_t sw_access_seed(sw_access *access, int64_t now_ns, uint8_t level, sw_rand
 /* Unlocks the level whose seed was given last, if the answer is right. Returns 0 or the SW_NRC_ of the refusal. */
 uint8_t sw_access_unlock(sw_access *access, sw_store *store, int64_t now_ns, uint8_t level,
                          const uint8_t key[SW_AES_BYTES], const uint8_t answer[SW_ANSWER_BYTES]);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -1,41 +1,13 @@
 /* Calibration by diagnosis: in force, stored, restored. */
 #include "sw_calibrating.h"
 
+#include <stddef.h>
+
+#include "sw_ecu.h"
 #include "sw_ecu_parts.h"
-#include "sw_node.h"
 
 #define REVERT 0u
 #define STORE 1u
-
-static const sw_calibration least = SW_LEAST_CALIBRATION;
-
-static const sw_calibration greatest = SW_GREATEST_CALIBRATION;
-
-/* A release may have a greater weight than others can be given. */
-static sw_calibration greatest_of(const sw_calibration *release)
-{
-    sw_calibration most = greatest;
-    for (int i = 0; i < SW_TERMS; i++) {
-        if (release->weights[i] > most.weights[i]) most.weights[i] = release->weights[i];
-    }
-    return most;
-}
-
-static int are_equal(const sw_calibration *one, const sw_calibration *other)
-{
-    int equal = one->delay_steps == other->delay_steps;
-    for (int i = 0; i < SW_TERMS; i++) equal &= one->weights[i] <= other->weights[i] && one->weights[i] >= other->weights[i];
-    equal &= one->action_limit <= other->action_limit && one->action_limit >= other->action_limit;
-    return equal & (one->command_step <= other->command_step && one->command_step >= other->command_step);
-}
-
-static sw_calibration unpacked(const uint8_t *value)
-{
-    sw_calibration values;
-    uint8_t *bytes = (uint8_t *)&values;
-    for (size_t i = 0; i < sizeof values; i++) bytes[i] = value[i];
-    return values;
-}
 
 static void put(sw_answer *answer, const sw_calibration *values)
 {
@@ -43,68 +15,74 @@ static void put(sw_answer *answer, const sw_calibration *values)
 }
 
 /* Puts values in force, if all of them are in the limits. Returns whether they are. */
-static int set(sw_node *node, const uint8_t *value)
+static int set(sw_calibrating *calibrating, const uint8_t *value)
 {
-    const sw_calibration values = unpacked(value);
-    const int allowed = sw_calibration_beyond(&values, node->ecu.numbers.release) == 0;
-    if (allowed) node->calibrating.working = values;
+    sw_calibration values;
+    sw_bytes_copy((uint8_t *)&values, value, sizeof values);
+    const int allowed = sw_calibration_beyond(&values, calibrating->ecu->numbers.release) == 0;
+    if (allowed) {
+        calibrating->working = values;
+        calibrating->is_changed = 1;
+    }
     return allowed;
 }
 
-void sw_calibrating_restore(sw_node *node)
+void sw_calibrating_restore(sw_calibrating *calibrating)
 {
     uint8_t kept[sizeof(sw_calibration)];
-    node->calibrating.release = node->ecu.calibration;
-    node->calibrating.working = node->ecu.calibration;
-    const uint32_t length = sw_store_calibration(&node->store, kept, sizeof kept);
-    node->calibrating.is_kept = length > 0u;
-    if (length == sizeof(sw_calibration)) (void)set(node, kept);
+    calibrating->release = calibrating->ecu->calibration;
+    calibrating->working = calibrating->release;
+    const uint32_t length = sw_store_calibration(calibrating->store, kept, sizeof kept);
+    calibrating->is_kept = length > 0u;
+    if (length == sizeof(sw_calibration)) (void)set(calibrating, kept);
 }
 
-void sw_calibrating_hand_over(sw_node *node)
+void sw_calibrating_hand_over(sw_calibrating *calibrating)
 {
-    if (!are_equal(&node->calibrating.working, &node->ecu.calibration)) {
-        (void)sw_ecu_calibrate(&node->ecu, &node->calibrating.working);
-    }
+    if (calibrating->is_changed) (void)sw_ecu_calibrate(calibrating->ecu, &calibrating->working);
+    calibrating->is_changed = 0;
 }
 
-uint8_t sw_calibrating_read(const sw_node *node, uint32_t number, sw_answer *answer)
+uint8_t sw_calibrating_read(const sw_calibrating *calibrating, uint32_t number, sw_answer *answer)
 {
-    const sw_calibration *release = &node->calibrating.release;
-    if (node->is_shut) return SW_NRC_OUT_OF_RANGE;
+    if (calibrating->ecu->numbers.release == NULL) return SW_NRC_OUT_OF_RANGE;
     if (number == SW_DID_CALIBRATION) {
-        put(answer, &node->calibrating.working);
+        put(answer, &calibrating->working);
     } else if (number == SW_DID_CALIBRATION_LIMITS) {
-        const sw_calibration most = greatest_of(release);
+        sw_calibration least, greatest;
+        sw_calibration_bounds(calibrating->release.weights, &least, &greatest);
         put(answer, &least);
-        put(answer, &most);
-        put(answer, release);
+        put(answer, &greatest);
+        put(answer, &calibrating->release);
     } else {
-        sw_answer_byte(answer, node->calibrating.is_kept ? STORE : REVERT);
+        sw_answer_byte(answer, calibrating->is_kept ? STORE : REVERT);
     }
     return 0;
 }
 
-/* Writing a flash memory can take longer than a control period. */
-static uint8_t keep(sw_node *node, const sw_calibration *values)
+/* Keeps `length` bytes of the values in force, none for 0. Writing a flash memory can take longer than a control period. */
+static uint8_t keep(sw_calibrating *calibrating, uint32_t length)
 {
-    if (node->drives_jets) return SW_NRC_CONDITIONS_NOT_CORRECT;
-    const uint32_t length = values == NULL ? 0u : (uint32_t)sizeof *values;
-    const sw_store_result result = sw_store_keep_calibration(&node->store, (const uint8_t *)values, length);
-    if (result == SW_STORE_DONE) node->calibrating.is_kept = length > 0u;
-    return sw_programming_refusal(result);
+    if (calibrating->request->drives_jets) return SW_NRC_CONDITIONS_NOT_CORRECT;
+    const uint8_t *values = (const uint8_t *)&calibrating->working;
+    const sw_store_result result = sw_store_keep_calibration(calibrating->store, values, length);
+    if (result == SW_STORE_DONE) calibrating->is_kept = length > 0u;
+    return sw_store_refusal(result);
 }
 
-uint8_t sw_calibrating_write(sw_node *node, uint32_t number, const uint8_t *value)
+uint8_t sw_calibrating_write(sw_calibrating *calibrating, uint32_t number, const uint8_t *value)
 {
     uint8_t code = 0;
-    if (node->is_shut) return SW_NRC_OUT_OF_RANGE;
-    if (number == SW_DID_CALIBRATION) return set(node, value) ? 0u : SW_NRC_OUT_OF_RANGE;
+    if (calibrating->ecu->numbers.release == NULL) return SW_NRC_OUT_OF_RANGE;
+    if (number == SW_DID_CALIBRATION) return set(calibrating, value) ? 0u : SW_NRC_OUT_OF_RANGE;
     if (value[0] == STORE) {
-        code = keep(node, &node->calibrating.working);
+        code = keep(calibrating, sizeof calibrating->working);
     } else if (value[0] == REVERT) {
-        if (node->calibrating.is_kept) code = keep(node, NULL);
-        if (code == 0u) node->calibrating.working = node->calibrating.release;
+        if (calibrating->is_kept) code = keep(calibrating, 0);
+        if (code == 0u) {
+            calibrating->working = calibrating->release;
+            calibrating->is_changed = 1;
+        }
     } else {
         code = SW_NRC_OUT_OF_RANGE;
     }

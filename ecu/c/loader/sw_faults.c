@@ -1,9 +1,9 @@
 /* The fault memory, and what testers read of it. */
 #include "sw_faults.h"
 
-#include "sw_bytes.h"
+#include <stddef.h>
+
 #include "sw_ecu_parts.h"
-#include "sw_node.h"
 
 /* Bits of a status (ISO 14229-1, table D.1). */
 #define TEST_FAILED 0x01u
@@ -81,7 +81,7 @@ static void packed(const sw_faults *faults, uint8_t record[RECORD_BYTES])
     for (uint32_t i = 0; i < SW_FAULT_COUNT; i++) {
         const sw_fault *fault = &faults->faults[i];
         uint8_t *at = &record[MAGIC + i * FAULT_BYTES];
-        /* Without what the next power-on changes in any case. */
+        /* What the next power-on changes in any case is left out. */
         uint32_t status = fault->status & ~TEST_FAILED;
         if ((status & (PENDING | CONFIRMED)) == 0u) status |= NOT_COMPLETED_THIS_CYCLE;
         at[0] = (uint8_t)status;
@@ -98,11 +98,10 @@ static int is_sound(const uint8_t *record, uint32_t length)
            && sw_big_u32(&record[BODY_END]) == sw_crc32(0, record, BODY_END);
 }
 
-void sw_faults_open(sw_node *node)
+void sw_faults_open(sw_faults *faults)
 {
-    sw_faults *faults = &node->faults;
     uint8_t record[RECORD_BYTES];
-    const uint32_t length = sw_store_faults(&node->store, record, RECORD_BYTES);
+    const uint32_t length = sw_store_faults(faults->store, record, RECORD_BYTES);
     const int sound = is_sound(record, length);
     for (uint32_t i = 0; i < SW_FAULT_COUNT; i++) {
         sw_fault *fault = &faults->faults[i];
@@ -119,14 +118,14 @@ void sw_faults_open(sw_node *node)
 }
 
 /* Keeps the record if it is not the one that is kept. Returns an sw_store_result. */
-static sw_store_result keep_if_different(sw_node *node)
+static sw_store_result keep_if_different(sw_faults *faults)
 {
     uint8_t record[RECORD_BYTES];
     uint8_t kept[RECORD_BYTES];
-    packed(&node->faults, record);
-    const uint32_t length = sw_store_faults(&node->store, kept, RECORD_BYTES);
+    packed(faults, record);
+    const uint32_t length = sw_store_faults(faults->store, kept, RECORD_BYTES);
     if (length == RECORD_BYTES && sw_bytes_equal(record, kept, RECORD_BYTES)) return SW_STORE_DONE;
-    return sw_store_keep_faults(&node->store, record, RECORD_BYTES);
+    return sw_store_keep_faults(faults->store, record, RECORD_BYTES);
 }
 
 /* --- From control periods --- */
@@ -181,10 +180,9 @@ static uint32_t bits_of(float value)
     return bits;
 }
 
-static void take_snapshot(sw_node *node, int64_t since_power_on_ns)
+static void take_snapshot(sw_faults *faults, int64_t since_power_on_ns)
 {
-    sw_faults *faults = &node->faults;
-    const sw_ecu_state *state = &node->ecu.state;
+    const sw_ecu_state *state = &faults->ecu->state;
     sw_answer kept = {faults->latest_snapshot, SW_SNAPSHOT_BYTES, 0};
     const int64_t past_ns = since_power_on_ns < 0 ? 0 : since_power_on_ns;
     sw_answer_number(&kept, least((uint64_t)(past_ns / NS_PER_MS), UINT32_MAX), 4);
@@ -194,20 +192,19 @@ static void take_snapshot(sw_node *node, int64_t since_power_on_ns)
     for (int i = 0; i < SW_SENSORS; i++) sw_answer_number(&kept, bits_of(faults->pressures_cp[i]), 4);
 }
 
-void sw_faults_before(sw_node *node)
+void sw_faults_before(sw_faults *faults)
 {
-    const sw_ecu_state *state = &node->ecu.state;
-    take_waiting(&node->faults);
-    node->faults.was = state->fail_safe.mode;
+    const sw_ecu_state *state = &faults->ecu->state;
+    take_waiting(faults);
+    faults->was = state->fail_safe.mode;
     for (int i = 0; i < SW_SENSORS; i++) {
-        node->faults.pressures_cp[i] = (float)state->memory.window[SW_WINDOW - 1][i];
+        faults->pressures_cp[i] = (float)state->memory.window[SW_WINDOW - 1][i];
     }
 }
 
-void sw_faults_after(sw_node *node, int64_t now_ns)
+void sw_faults_after(sw_faults *faults, int64_t now_ns)
 {
-    sw_faults *faults = &node->faults;
-    const sw_fail_safe *fail_safe = &node->ecu.state.fail_safe;
+    const sw_fail_safe *fail_safe = &faults->ecu->state.fail_safe;
     const int is_first = !faults->has_power_on;
     if (is_first) faults->power_on_ns = now_ns;
     faults->has_power_on = 1;
@@ -215,20 +212,19 @@ void sw_faults_after(sw_node *node, int64_t now_ns)
     if (fail_safe->mode == SW_CONTROL) {
         note(faults, SW_REASON_NONE);
     } else if (fail_safe->mode == SW_FAULT && place_of_reason(fail_safe->reason) >= 0) {
-        take_snapshot(node, now_ns - faults->power_on_ns);
+        take_snapshot(faults, now_ns - faults->power_on_ns);
         note(faults, fail_safe->reason);
     } else {
         /* No test has a result. */
     }
 }
 
-void sw_faults_settle(sw_node *node)
+void sw_faults_settle(sw_faults *faults)
 {
-    sw_faults *faults = &node->faults;
     take_waiting(faults);
-    if (faults->is_changed && !node->drives_jets && !sw_store_is_erasing(&node->store)) {
+    if (faults->is_changed && !faults->request->drives_jets && !sw_store_is_erasing(faults->store)) {
         faults->is_changed = 0;
-        (void)keep_if_different(node);
+        (void)keep_if_different(faults);
     }
 }
 
@@ -243,18 +239,17 @@ static int place_of_code(uint32_t code)
     return place;
 }
 
-uint8_t sw_faults_clear(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+uint8_t sw_faults_clear(sw_faults *faults, const uint8_t *body, uint32_t length)
 {
-    (void)answer;
     if (length != CODE_BYTES) return SW_NRC_INCORRECT_LENGTH;
     const uint32_t group = sw_number(body, CODE_BYTES);
     const int place = place_of_code(group);
     if (group != ALL_GROUPS && place < 0) return SW_NRC_OUT_OF_RANGE;
-    if (node->drives_jets) return SW_NRC_CONDITIONS_NOT_CORRECT;
+    if (faults->request->drives_jets) return SW_NRC_CONDITIONS_NOT_CORRECT;
     for (int i = 0; i < (int)SW_FAULT_COUNT; i++) {
-        if (group == ALL_GROUPS || i == place) untested(&node->faults.faults[i]);
+        if (group == ALL_GROUPS || i == place) untested(&faults->faults[i]);
     }
-    return sw_programming_refusal(keep_if_different(node));
+    return sw_store_refusal(keep_if_different(faults));
 }
 
 static void put_fault(const sw_faults *faults, uint32_t place, sw_answer *answer)
@@ -307,9 +302,8 @@ static uint8_t put_record(const sw_faults *faults, const uint8_t *body, sw_answe
     return SW_UDS_DONE;
 }
 
-uint8_t sw_faults_report(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+uint8_t sw_faults_report(const sw_faults *faults, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
-    const sw_faults *faults = &node->faults;
     const int is_record = body[0] == SW_REPORT_SNAPSHOT || body[0] == SW_REPORT_EXTENDED;
     const int is_masked = body[0] == SW_REPORT_COUNT || body[0] == SW_REPORT_BY_STATUS;
     if (!is_record && !is_masked && body[0] != SW_REPORT_SUPPORTED) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
@@ -331,11 +325,11 @@ uint8_t sw_faults_report(sw_node *node, const uint8_t *body, uint32_t length, sw
     return SW_UDS_DONE;
 }
 
-uint8_t sw_faults_set(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+uint8_t sw_faults_set(sw_faults *faults, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     if (body[0] != ON && body[0] != OFF) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
     if (length != 1u) return SW_NRC_INCORRECT_LENGTH;
-    node->faults.is_off = (uint8_t)(body[0] == OFF);
+    faults->is_off = (uint8_t)(body[0] == OFF);
     sw_answer_byte(answer, body[0]);
     return SW_UDS_DONE;
 }

@@ -8,13 +8,9 @@
 
 #include <stdint.h>
 
-#include "sw_answer.h"
-#include "sw_ecu.h"
-#include "sw_uds.h"
-
-#ifdef __cplusplus
-extern "C" {
-#endif
+#include "sw_bytes.h"
+#include "sw_ecu_state.h"
+#include "sw_request.h"
 
 typedef struct {
     uint8_t status;
@@ -24,36 +20,35 @@ typedef struct {
 } sw_fault;
 
 typedef struct {
+    const sw_ecu *ecu;
+    sw_store *store;
+    const sw_vehicle_request *request;
     sw_fault faults[SW_FAULT_COUNT]; /* in the order of SW_FAULT_CODES */
     uint8_t is_off;                  /* a tester wants no faults to be entered */
     uint8_t is_changed;              /* since the record was looked at */
     uint8_t has_latest;              /* whether a result waits for the end of `is_off` */
     uint8_t latest;                  /* the reason that failed; SW_REASON_NONE: all tests passed */
     uint8_t latest_snapshot[SW_SNAPSHOT_BYTES];
-    /* From the control period under way. */
+    /* What the control period under way began with. */
     uint8_t has_power_on;
     uint8_t was; /* sw_operating_mode before it */
     int64_t power_on_ns;
     float pressures_cp[SW_SENSORS]; /* the newest before it */
 } sw_faults;
 
-/* Power-on, once the store is open: the next operation cycle of what was kept. */
-void sw_faults_open(sw_node *node);
+/* Begins the next operation cycle of what was kept: at power-on, once the store is open. */
+void sw_faults_open(sw_faults *faults);
 
-/* Before and after each control period. */
-void sw_faults_before(sw_node *node);
-void sw_faults_after(sw_node *node, int64_t now_ns);
+/* Looks at the ECU before and after each control period. */
+void sw_faults_before(sw_faults *faults);
+void sw_faults_after(sw_faults *faults, int64_t now_ns);
 
 /* Takes a result that waits, and keeps what changed if that is allowed now. A memory that fails is not tried again. */
-void sw_faults_settle(sw_node *node);
+void sw_faults_settle(sw_faults *faults);
 
-/* Services 0x14, 0x19 and 0x85, as `sw_service` has them. */
-uint8_t sw_faults_clear(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer);
-uint8_t sw_faults_report(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer);
-uint8_t sw_faults_set(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer);
-
-#ifdef __cplusplus
-}
-#endif
+/* Services 0x14, 0x19 and 0x85. Each returns SW_UDS_DONE or the SW_NRC_ of the refusal. */
+uint8_t sw_faults_clear(sw_faults *faults, const uint8_t *body, uint32_t length);
+uint8_t sw_faults_report(const sw_faults *faults, const uint8_t *body, uint32_t length, sw_answer *answer);
+uint8_t sw_faults_set(sw_faults *faults, const uint8_t *body, uint32_t length, sw_answer *answer);
 
 #endif

@@ -1,6 +1,9 @@
 /* ISO-TP: messages from frames, and frames from messages. */
 #include "sw_isotp.h"
 
+#include <stddef.h>
+
+#include "sw_bytes.h"
 #include "sw_counts.h"
 
 enum { SINGLE, FIRST, CONSECUTIVE, FLOW }; /* the high half of a frame's first byte */
@@ -23,11 +26,6 @@ enum { IDLE, READY, WAITING, SENDING };
 /* Bytes of the longest message that fits a single frame of this length. */
 static uint32_t capacity(uint32_t frame_length) { return frame_length - (frame_length <= CLASSIC ? 1u : 2u); }
 
-static void copy(uint8_t *to, const uint8_t *from, uint32_t count)
-{
-    for (uint32_t i = 0; i < count; i++) to[i] = from[i];
-}
-
 /* --- Reception --- */
 
 static void abort_reception(sw_isotp *end)
@@ -43,7 +41,7 @@ static uint32_t single_of(const sw_frame *frame, uint8_t *message)
     const uint32_t header = frame->length <= CLASSIC ? 1u : 2u;
     const uint32_t length = header == 1u ? low : frame->data[1];
     if ((header == 2u && low != 0u) || length == 0u || length > frame->length - header) return 0;
-    copy(message, &frame->data[header], length);
+    sw_bytes_copy(message, &frame->data[header], length);
     return length;
 }
 
@@ -64,8 +62,7 @@ static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
     const uint8_t *data = frame->data;
     const uint32_t length = (data[0] & 0xfu) << 8 | data[1];
     if (length == 0u) {
-        const uint32_t longer = (uint32_t)data[2] << 24 | (uint32_t)data[3] << 16 | (uint32_t)data[4] << 8 | data[5];
-        if (longer > SW_ISOTP_MOST) {
+        if (sw_big_u32(&data[2]) > SW_ISOTP_MOST) {
             abort_reception(end);
             end->answer = FLOW_OVERFLOW;
         }
@@ -83,7 +80,7 @@ static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
     end->next_number = 1;
     end->next_until_ns = now_ns + SW_ISOTP_WAIT_NS;
     end->answer = FLOW_CONTINUE;
-    copy(end->message, &data[2], end->received);
+    sw_bytes_copy(end->message, &data[2], end->received);
 }
 
 /* The next piece. Only a last frame may be shorter than the first: a shorter one is ignored, and the next one then has
@@ -101,7 +98,7 @@ static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame
     const uint32_t missing = (uint32_t)end->wanted - end->received;
     const uint32_t taken = missing < count ? missing : count;
     if (count > longest || (count < longest && count < missing)) return 0;
-    copy(&end->message[end->received], &frame->data[1], taken);
+    sw_bytes_copy(&end->message[end->received], &frame->data[1], taken);
     end->received = (uint16_t)(end->received + taken);
     end->next_number = (uint8_t)((end->next_number + 1u) % NUMBERS);
     end->next_until_ns = now_ns + SW_ISOTP_WAIT_NS;
@@ -113,12 +110,18 @@ static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame
 
 /* --- Transmission --- */
 
+/* Bytes of the message under way, and of those that wait. */
+static uint32_t used(const sw_isotp_queue *queue)
+{
+    uint32_t bytes = queue->under_way;
+    for (uint32_t i = 0; i < queue->count; i++) bytes += queue->lengths[i];
+    return bytes;
+}
+
 static void end_transmission(sw_isotp *end)
 {
     sw_isotp_queue *queue = &end->queue;
-    uint32_t waiting = 0;
-    for (uint32_t i = 0; i < queue->count; i++) waiting += queue->lengths[i];
-    copy(queue->bytes, &queue->bytes[queue->under_way], waiting);
+    sw_bytes_copy(queue->bytes, &queue->bytes[queue->under_way], used(queue) - queue->under_way);
     queue->under_way = 0;
     end->state = IDLE;
 }
@@ -182,7 +185,7 @@ static void put_all(sw_frame *frame, const uint8_t *data, uint32_t count)
     for (uint32_t i = 0; i < count; i++) put(frame, data[i]);
 }
 
-/* Up to the next length that a frame can have, and to 8 bytes at least. */
+/* Fills a frame up to the next length that it can have, and to 8 bytes at least. */
 static void pad(sw_frame *frame)
 {
     static const uint8_t lengths[] = {8, 12, 16, 20, 24, 32, 48, 64};
@@ -269,8 +272,7 @@ static void tick(sw_isotp *end, int64_t now_ns)
 
 void sw_isotp_init(sw_isotp *end, uint8_t *message)
 {
-    uint8_t *bytes = (uint8_t *)end;
-    for (size_t i = 0; i < sizeof *end; i++) bytes[i] = 0;
+    sw_bytes_fill((uint8_t *)end, 0, sizeof *end);
     end->message = message;
     end->whole = message;
     end->answer = NO_ANSWER;
@@ -322,14 +324,6 @@ int sw_isotp_is_receiving(const sw_isotp *end) { return end->wanted > 0u; }
 int sw_isotp_is_sending(const sw_isotp *end) { return end->state != IDLE || end->queue.count > 0u; }
 
 int sw_isotp_is_full(const sw_isotp *end) { return end->queue.count + SW_ISOTP_KEPT >= SW_ISOTP_QUEUE; }
-
-/* Bytes of the message under way, and of those that wait. */
-static uint32_t used(const sw_isotp_queue *queue)
-{
-    uint32_t bytes = queue->under_way;
-    for (uint32_t i = 0; i < queue->count; i++) bytes += queue->lengths[i];
-    return bytes;
-}
 
 int sw_isotp_is_occupied(const sw_isotp *end) { return used(&end->queue) > SW_ISOTP_BESIDE; }
 

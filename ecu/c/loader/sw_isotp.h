@@ -8,12 +8,8 @@
 
 #include <stdint.h>
 
-#include "sw_ecu.h"
+#include "sw_ecu_state.h"
 #include "sw_uds_settings.h"
-
-#ifdef __cplusplus
-extern "C" {
-#endif
 
 #define SW_ISOTP_MOST 4095u /* bytes that the 12-bit length of a first frame can name */
 
@@ -53,7 +49,7 @@ typedef struct {
     uint32_t dropped_sent;
 } sw_isotp;
 
-/* After power-on; `message` has SW_ISOTP_MOST bytes. */
+/* Starts an end, after power-on; `message` has SW_ISOTP_MOST bytes. */
 void sw_isotp_init(sw_isotp *end, uint8_t *message);
 
 /* Whether a frame is the tester's, to this ECU alone or to every one. */
@@ -91,9 +87,5 @@ void sw_isotp_send(sw_isotp *end, uint32_t length);
  * first, then what we send. What has no room comes with a later call. Returns how many.
  */
 int sw_isotp_poll(sw_isotp *end, int64_t now_ns, int room, sw_frame frames[SW_ISOTP_BURST]);
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

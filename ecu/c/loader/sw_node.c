@@ -19,7 +19,7 @@ static int opens(const uint8_t *image)
 static const uint8_t *image_of(const sw_node *node)
 {
     const sw_store *store = &node->store;
-    const sw_equipment *equipment = node->equipment;
+    const sw_equipment *equipment = node->services.equipment;
     if (store->running == SW_NO_SLOT || equipment->image == NULL) return sw_store_image(store);
     const uint32_t length = store->state.slots[store->running].length;
     const uint32_t count = length < equipment->image_bytes ? length : equipment->image_bytes;
@@ -31,12 +31,10 @@ static void start_ecu(sw_node *node)
 {
     const uint8_t *image = image_of(node);
     sw_numbers numbers;
-    node->is_shut = 1;
     if (image != NULL && sw_image_open(image, &numbers) == SW_IMAGE_OK) {
-        node->is_shut = 0;
         (void)sw_ecu_init_of(&node->ecu, &numbers);
         node->bundle_hash = numbers.release->bundle_hash;
-        sw_calibrating_restore(node);
+        sw_calibrating_restore(&node->services.calibrating);
     } else {
         node->ecu.surroundings.fault = SW_REASON_NONE;
         node->ecu.state.fail_safe.mode = SW_FAULT;
@@ -45,14 +43,12 @@ static void start_ecu(sw_node *node)
 
 int sw_node_init(sw_node *node, const sw_equipment *equipment, const sw_flash *flash, uint8_t *message)
 {
-    uint8_t *bytes = (uint8_t *)node;
-    for (size_t i = 0; i < sizeof *node; i++) bytes[i] = 0;
-    node->equipment = equipment;
+    sw_bytes_fill((uint8_t *)node, 0, sizeof *node);
     sw_isotp_init(&node->isotp, message);
-    sw_uds_init(&node->uds);
+    sw_services_init(&node->services, equipment, &node->store, &node->isotp, &node->ecu);
     sw_store_open(&node->store, flash, equipment->rules, opens);
     sw_store_boot(&node->store);
-    sw_faults_open(node);
+    sw_faults_open(&node->services.faults);
     start_ecu(node);
     node->store.records.limit = SW_RECORDS_MOVE;
     return (int)sw_inexact();
@@ -66,37 +62,48 @@ static int64_t clipped(int64_t now_ns)
     return now_ns < SW_LATEST_NS ? now_ns : SW_LATEST_NS;
 }
 
-int sw_node_has_release(const sw_node *node) { return !node->is_shut && node->store.running != SW_NO_SLOT; }
-
-uint8_t sw_node_refusal(const sw_node *node)
+/* A control period without a release, or whose release is no longer there: jets shut, and the reason on the bus, with the
+ * counts that stand in the state. Nothing of the release is read. The twin of ecu/flashable/shut_ecu.py.
+ */
+static int shut_step(sw_node *node, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT])
 {
-    const int asks = node->has_asked && node->service_ns - node->asked_ns < SW_REMEMBERED_NS;
-    return node->drives_jets || asks ? SW_NRC_CONDITIONS_NOT_CORRECT : 0u;
+    sw_ecu_state *state = &node->ecu.state;
+    sw_jet_command command = {0};
+    const int updating = node->ecu.surroundings.updating; /* once it is, until a reset */
+    state->fail_safe.mode = updating ? SW_UPDATE : SW_FAULT;
+    state->fail_safe.reason = updating ? SW_REASON_UPDATING : SW_REASON_NO_RELEASE;
+    state->health = node->ecu.surroundings.health;
+    state->sensors.set_aside = -1;
+    command.mode = sw_mode_on_wire(state->fail_safe.mode);
+    return sw_write_frames(state, &command, node->bundle_hash, now_ns, frames_out);
 }
 
 int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count,
                     sw_frame frames_out[SW_FRAMES_OUT])
 {
     sw_ecu *ecu = &node->ecu;
+    sw_services *services = &node->services;
+    sw_vehicle_request *request = &services->request;
+    const int has_release = sw_programming_has_release(&services->programming);
     const uint32_t missed = ecu->state.missed;
     int sent;
-    sw_faults_before(node);
+    sw_faults_before(&services->faults);
     /* What is booted next knows nothing of the jets that run now. */
-    ecu->surroundings.fault = node->wants_reset ? SW_REASON_UPDATING : SW_REASON_NONE;
-    ecu->surroundings.updating = node->programming.is_updating;
-    if (!sw_node_has_release(node)) {
-        sent = sw_shut_step(ecu, node->bundle_hash, now_ns, frames_out);
-    } else {
-        sw_calibrating_hand_over(node);
+    ecu->surroundings.fault = services->uds.wants_reset ? SW_REASON_UPDATING : SW_REASON_NONE;
+    ecu->surroundings.updating = services->programming.is_updating;
+    if (has_release) {
+        sw_calibrating_hand_over(&services->calibrating);
         sent = sw_ecu_step(ecu, now_ns, frames_in, count, frames_out);
+    } else {
+        sent = shut_step(node, now_ns, frames_out);
     }
-    sw_faults_after(node, clipped(now_ns));
-    node->drives_jets = (uint8_t)sw_drives_jets(ecu->state.fail_safe.mode);
-    if (sw_node_has_release(node) && ecu->state.missed == missed && ecu->state.fail_safe.enable_request) {
-        node->has_asked = 1;
-        node->asked_ns = clipped(now_ns);
+    sw_faults_after(&services->faults, clipped(now_ns));
+    request->drives_jets = (uint8_t)sw_drives_jets(ecu->state.fail_safe.mode);
+    if (has_release && ecu->state.missed == missed && ecu->state.fail_safe.enable_request) {
+        request->has_asked = 1;
+        request->asked_ns = clipped(now_ns);
     }
-    return node->uds.is_silent && !node->drives_jets ? 0 : sent;
+    return services->uds.is_silent && !request->drives_jets ? 0 : sent;
 }
 
 /* --- Diagnosis --- */
@@ -110,35 +117,37 @@ static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *fra
     uint32_t requests = 0;
     for (int i = 0; i < count; i++) {
         if (!sw_isotp_is_request(&frames_in[i])) continue;
-        node->isotp.is_held = (uint8_t)sw_uds_holds_message(&node->uds);
+        node->isotp.is_held = (uint8_t)sw_uds_holds_message(&node->services.uds);
         const uint32_t functional = sw_isotp_functional(&frames_in[i], single);
         const uint32_t length =
             functional > 0u ? functional : sw_isotp_receive(&node->isotp, now_ns, &frames_in[i], single);
         if (length == 0u || requests == SW_ISOTP_QUEUE) continue;
         requests++;
         if (!sw_isotp_is_full(&node->isotp)) {
-            sw_uds_request(node, now_ns, functional > 0u ? single : node->isotp.whole, length, functional > 0u);
+            sw_uds_request(&node->services.uds, now_ns, functional > 0u ? single : node->isotp.whole, length,
+                           functional > 0u);
         }
     }
     return requests;
 }
 
-/* Before diagnosis: what its records may do, and how an erasure for later ones stands. */
+/* Sets what the records of diagnosis may do, and looks how an erasure for later ones stands. */
 static void look_after_records(sw_node *node)
 {
-    if (!node->has_begun) node->begun_ns = node->service_ns;
+    if (!node->has_begun) node->begun_ns = node->services.request.now_ns;
     node->has_begun = 1;
-    node->store.records.limit = node->drives_jets ? SW_RECORDS_APPEND : SW_RECORDS_MOVE;
+    node->store.records.limit = node->services.request.drives_jets ? SW_RECORDS_APPEND : SW_RECORDS_MOVE;
     if (sw_store_is_erasing(&node->store) && node->store.work != SW_WORK_CLEAR) sw_records_care(&node->store.records);
 }
 
-/* Behind it, when it has nothing to do. No erasure begins while the vehicle asks for control, or may be about to, as it
- * may after power-on; one that has begun comes to its end.
+/* Cares for records when diagnosis has nothing to do. No erasure begins while the vehicle asks for control, or may be
+ * about to, as it may after power-on; one that has begun comes to its end.
  */
 static void care_for_records(sw_node *node)
 {
-    const int is_quiet = node->service_ns - node->begun_ns >= SW_REMEMBERED_NS && sw_node_refusal(node) == 0u;
-    if (!sw_store_is_erasing(&node->store) && (node->programming.is_updating || is_quiet)) {
+    const sw_vehicle_request *request = &node->services.request;
+    const int is_quiet = request->now_ns - node->begun_ns >= SW_REMEMBERED_NS && sw_request_refusal(request) == 0u;
+    if (!sw_store_is_erasing(&node->store) && (node->services.programming.is_updating || is_quiet)) {
         sw_records_care(&node->store.records);
     }
 }
@@ -155,16 +164,17 @@ int sw_node_service(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
                     sw_frame frames_out[SW_ISOTP_BURST])
 {
     const int64_t time_ns = clipped(now_ns);
-    const int was_busy = sw_uds_is_busy(&node->uds);
-    if (node->wants_reset) return node->is_full ? sent_now(node, time_ns, room, frames_out) : 0;
-    node->service_ns = time_ns;
+    sw_uds *uds = &node->services.uds;
+    const int was_busy = sw_uds_is_busy(uds);
+    if (uds->wants_reset) return node->is_full ? sent_now(node, time_ns, room, frames_out) : 0;
+    node->services.request.now_ns = time_ns;
     look_after_records(node);
-    sw_faults_settle(node);
-    sw_uds_look(node, time_ns);
+    sw_faults_settle(&node->services.faults);
+    sw_uds_look(uds, time_ns);
     const int looked_at = count < (int)SW_MOST_FRAMES ? count : (int)SW_MOST_FRAMES;
     const uint32_t requests = take_requests(node, time_ns, frames_in, looked_at);
     /* A request that begins long work has done its first piece; those that come amid it do none. */
-    if (was_busy || requests == 0u || !sw_uds_is_busy(&node->uds)) sw_uds_tick(node, time_ns);
+    if (was_busy || requests == 0u || !sw_uds_is_busy(uds)) sw_uds_tick(uds, time_ns);
     if (!was_busy && requests == 0u) care_for_records(node);
     return sent_now(node, time_ns, room, frames_out);
 }
@@ -178,14 +188,20 @@ int sw_node_step(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int c
 
 int sw_node_is_busy(const sw_node *node)
 {
-    return node->wants_reset || node->is_sending || sw_uds_is_busy(&node->uds);
+    return node->services.uds.wants_reset || node->is_sending || sw_uds_is_busy(&node->services.uds);
 }
 
-int sw_node_waits(const sw_node *node) { return node->wants_reset || (!node->is_sending && sw_uds_waits(node)); }
+int sw_node_waits(const sw_node *node)
+{
+    return node->services.uds.wants_reset || (!node->is_sending && sw_uds_waits(&node->services.uds));
+}
 
-int sw_node_wants_reset(const sw_node *node) { return node->wants_reset && !node->is_full; }
+int sw_node_wants_reset(const sw_node *node) { return node->services.uds.wants_reset && !node->is_full; }
 
-int sw_node_needs_reset(const sw_node *node) { return node->wants_reset || node->programming.is_updating; }
+int sw_node_needs_reset(const sw_node *node)
+{
+    return node->services.uds.wants_reset || node->services.programming.is_updating;
+}
 
 size_t sw_node_bytes(void) { return sizeof(sw_node); }
 

@@ -13,9 +13,9 @@
  *     whenever what was sent is on the bus and sw_node_wants_reset: reset the microcontroller.
  *
  * An image runs where it stands in the flash, or from a copy (sw_equipment). Flash memory that cannot be read while a
- * sector of it is erased, a second on some chips, needs the copy: else a control period waits as long. A transfer may replace the very image that runs on trial: from its
- * announcement on, which a reset alone leads out of, the ECU sends the counts and the pressure counter as they stood, and
- * refuses the self-test.
+ * sector of it is erased, a second on some chips, needs the copy: else a control period waits as long. A transfer may
+ * replace the very image that runs on trial: from its announcement on, which a reset alone leads out of, the ECU sends the
+ * counts and the pressure counter as they stood, and refuses the self-test.
  *
  * A call does at most one piece of long work. No call may interrupt another one of the same node.
  */
@@ -24,14 +24,10 @@
 
 #include <stdint.h>
 
-#include "sw_access.h"
-#include "sw_calibrating.h"
 #include "sw_ecu.h"
-#include "sw_faults.h"
 #include "sw_isotp.h"
-#include "sw_programming.h"
+#include "sw_services.h"
 #include "sw_store.h"
-#include "sw_uds.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -39,42 +35,17 @@ extern "C" {
 
 #define SW_NODE_FRAMES (SW_FRAMES_OUT + SW_ISOTP_BURST) /* that a step sends at most */
 
-/* What an ECU is given at production; no reset changes it, and it outlives the node. */
 typedef struct {
-    const sw_rules *rules;     /* by which images and key lists are judged */
-    const uint8_t *access_key; /* shared with the tester, SW_AES_BYTES */
-    const char *hardware;      /* its name; UTF-8, as the following */
-    const char *serial;        /* number of this ECU */
-    const char *software;      /* version of the loader */
-    sw_random random;
-    void *context; /* for `random` */
-    uint8_t *image; /* for a copy of the image that runs, at a multiple of 64 bytes; NULL: it runs in the flash */
-    uint32_t image_bytes; /* of the copy: SW_IMAGE_HEADER + sizeof(sw_payload) */
-} sw_equipment;
-
-struct sw_node {
-    const sw_equipment *equipment;
     sw_store store;
     sw_isotp isotp;
-    sw_uds uds;
-    sw_access access;
-    sw_programming programming;
-    sw_calibrating calibrating;
-    sw_faults faults;
-    uint8_t is_shut;     /* no release was booted */
-    uint32_t bundle_hash; /* of the one that was; 0 without one */
-    uint8_t wants_reset; /* the caller must reset the ECU */
+    sw_services services;
+    uint32_t bundle_hash; /* of the release that was booted; 0 without one */
     uint8_t is_sending;
-    uint8_t is_full; /* whether more might be sent than there was room for */
-    /* The vehicle's request for control, as seen in the control periods: while it stands nothing is flashed. */
-    uint8_t has_asked;
-    uint8_t drives_jets;
+    uint8_t is_full;   /* whether more might be sent than there was room for */
     uint8_t has_begun; /* whether diagnosis was looked at since power-on, at begun_ns first */
     int64_t begun_ns;
-    int64_t asked_ns; /* the latest period with usable pressures that asked for control */
-    int64_t service_ns;
     sw_ecu ecu; /* last; the caller writes `ecu.surroundings.health` as for sw_ecu_step */
-};
+} sw_node;
 
 /* Power-on: boots the flash memory's release. `message` has SW_ISOTP_MOST bytes; all that is given outlives the node.
  * Returns as sw_ecu_init.
@@ -104,21 +75,8 @@ int sw_node_waits(const sw_node *node);
 
 int sw_node_wants_reset(const sw_node *node);
 
-/* Whether the image that was booted still stands where it was. */
-int sw_node_has_release(const sw_node *node);
-
 /* Whether only a reset leads out of the shut jets: an image is being written, or a reset was asked for. */
 int sw_node_needs_reset(const sw_node *node);
-
-/* Why nothing may be flashed now: the SW_NRC_, or 0. */
-uint8_t sw_node_refusal(const sw_node *node);
-
-/* --- sw_shut.c --- */
-
-/* The control period of an ECU without a release, or whose release is no longer there: jets shut, and the reason on the
- * bus, with the counts that stand in the state. Nothing of the release is read.
- */
-int sw_shut_step(sw_ecu *ecu, uint32_t bundle_hash, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT]);
 
 /* sizeof(sw_node), and that without its sw_ecu, for callers in other languages. */
 size_t sw_node_bytes(void);

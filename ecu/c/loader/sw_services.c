@@ -1,8 +1,7 @@
-/* The services of UDS, and who may use them. The twin of can_bridge/uds/services.py and of the handlers in server.py.
- *
- * One more service is one more row of `services`, with a function that handles it.
- */
-#include "sw_node.h"
+/* The services of UDS, and who may use them. One more service is one more of `rows`, with a function that handles it. */
+#include "sw_services.h"
+
+#include <stddef.h>
 
 #define HARD_RESET 1u
 #define START 1u
@@ -41,144 +40,191 @@ static const permission routines[] = {
 };
 
 /* Whether a number may be used in this session, unlocked, with this many bytes: 0 or the refusal. */
-static uint8_t refusal(const sw_node *node, const permission *table, uint32_t rows, uint32_t number, uint32_t length)
+static uint8_t refusal(const sw_services *services, const permission *table, uint32_t count, uint32_t number,
+                       uint32_t length)
 {
-    for (uint32_t i = 0; i < rows; i++) {
+    for (uint32_t i = 0; i < count; i++) {
         if (table[i].number != number) continue;
-        if ((table[i].sessions & 1u << node->uds.session) == 0u) return SW_NRC_OUT_OF_RANGE;
-        if (sw_uds_is_locked(node, table[i].level)) return SW_NRC_SECURITY_ACCESS_DENIED;
+        if ((table[i].sessions & 1u << services->uds.session) == 0u) return SW_NRC_OUT_OF_RANGE;
+        if (sw_uds_is_locked(&services->uds, table[i].level)) return SW_NRC_SECURITY_ACCESS_DENIED;
         return table[i].length == ANY || table[i].length == length ? 0u : SW_NRC_INCORRECT_LENGTH;
     }
     return SW_NRC_OUT_OF_RANGE;
 }
 
-static uint8_t control_session(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+static uint8_t control_session(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     const uint8_t session = body[0];
     if (session < SW_SESSION_DEFAULT || session > SW_SESSION_EXTENDED) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
     if (length != 1u) return SW_NRC_INCORRECT_LENGTH;
     if (session == SW_SESSION_PROGRAMMING) {
-        const uint8_t code = sw_node_refusal(node);
+        const uint8_t code = sw_request_refusal(&services->request);
         if (code != 0u) return code;
     }
-    sw_uds_change_session(node, node->uds.now_ns, session);
+    sw_uds_change_session(&services->uds, session);
     sw_answer_byte(answer, session);
     sw_answer_number(answer, SW_P2_MS, 2);
     sw_answer_number(answer, SW_P2_EXTENDED_MS / P2_UNIT_MS, 2);
     return SW_UDS_DONE;
 }
 
-static uint8_t reset(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+static uint8_t reset(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     if (body[0] != HARD_RESET) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
     if (length != 1u) return SW_NRC_INCORRECT_LENGTH;
-    const uint8_t code = sw_programming_before_reset(node);
+    const uint8_t code = sw_programming_before_reset(&services->programming);
     if (code != 0u) return code;
-    node->uds.reset_is_due = 1;
+    services->uds.reset_is_due = 1;
     sw_answer_byte(answer, body[0]);
     return SW_UDS_DONE;
 }
 
-static uint8_t control_communication(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+static uint8_t control_communication(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     if (body[0] != ENABLE && body[0] != DISABLE_SENDING) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
     if (length != 2u) return SW_NRC_INCORRECT_LENGTH;
     if (body[1] != NORMAL && body[1] != NORMAL_AND_NETWORK) return SW_NRC_OUT_OF_RANGE;
     /* Under the conditions of a reset: no control is interrupted. */
-    const uint8_t code = body[0] == DISABLE_SENDING ? sw_programming_before_reset(node) : 0u;
+    const uint8_t code = body[0] == DISABLE_SENDING ? sw_programming_before_reset(&services->programming) : 0u;
     if (code != 0u) return code;
-    node->uds.is_silent = (uint8_t)(body[0] == DISABLE_SENDING);
+    services->uds.is_silent = (uint8_t)(body[0] == DISABLE_SENDING);
     sw_answer_byte(answer, body[0]);
     return SW_UDS_DONE;
 }
 
-static uint8_t hear_tester(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+static uint8_t hear_tester(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
-    (void)node;
+    (void)services;
     if (body[0] != 0u) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
     if (length != 1u) return SW_NRC_INCORRECT_LENGTH;
     sw_answer_byte(answer, body[0]);
     return SW_UDS_DONE;
 }
 
+/* Writes the value of an identifier behind what the answer has. Returns 0, or the SW_NRC_ for one that is not there. */
+static uint8_t identifier(const sw_services *services, uint32_t number, sw_answer *answer)
+{
+    static const uint8_t dbc[] = SW_DBC_SHA256_BYTES;
+    uint8_t report[SW_MAX_REPORT];
+    uint8_t code = 0;
+    switch (number) {
+    case SW_DID_ACTIVE_SESSION:
+        sw_answer_byte(answer, services->uds.session);
+        break;
+    case SW_DID_SERIAL_NUMBER:
+        sw_answer_text(answer, services->equipment->serial);
+        break;
+    case SW_DID_HARDWARE:
+        sw_answer_text(answer, services->equipment->hardware);
+        break;
+    case SW_DID_SOFTWARE_VERSION:
+        sw_answer_text(answer, services->equipment->software);
+        break;
+    case SW_DID_DBC_SHA256:
+        sw_answer_bytes(answer, dbc, sizeof dbc);
+        break;
+    case SW_DID_PERIOD_NS:
+        sw_answer_number(answer, (uint64_t)SW_PERIOD_NS, 8);
+        break;
+    case SW_DID_CAPACITY:
+        sw_answer_number(answer, SW_SLOT_BYTES, 4);
+        break;
+    case SW_DID_KEY_LIST:
+        sw_answer_number(answer, sw_key_list_version(services->store->keys), 4);
+        break;
+    case SW_DID_STORE:
+        sw_answer_bytes(answer, report, sw_store_report(services->store, report));
+        break;
+    case SW_DID_CALIBRATION:
+    case SW_DID_CALIBRATION_LIMITS:
+    case SW_DID_CALIBRATION_STORED:
+        code = sw_calibrating_read(&services->calibrating, number, answer);
+        break;
+    default:
+        code = SW_NRC_OUT_OF_RANGE;
+        break;
+    }
+    return code;
+}
+
 /* The standard leaves out what is not there, if anything else is. */
-static uint8_t read(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+static uint8_t read(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     const uint32_t before = answer->length;
     if (length == 0u || length % 2u != 0u || length > 2u * SW_MAX_DIDS) return SW_NRC_INCORRECT_LENGTH;
     for (uint32_t at = 0; at < length; at += 2u) {
         const uint32_t start = answer->length;
         sw_answer_bytes(answer, &body[at], 2);
-        if (sw_programming_read(node, sw_number(&body[at], 2), answer) != 0u) answer->length = start;
+        if (identifier(services, sw_number(&body[at], 2), answer) != 0u) answer->length = start;
     }
     if (answer->length == before) return SW_NRC_OUT_OF_RANGE;
     return answer->length > SW_LONGEST_ANSWER ? SW_NRC_RESPONSE_TOO_LONG : SW_UDS_DONE;
 }
 
 /* A level's seed has its number, the answer to the seed the next one. */
-static uint8_t give_access(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+static uint8_t give_access(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     const int is_answer = body[0] % 2u == 0u;
     const uint8_t level = (uint8_t)(is_answer ? body[0] - 1u : body[0]);
-    uint8_t session = SW_SESSION_EXTENDED;
-    if (level == SW_LEVEL_PROGRAMMING) {
-        session = SW_SESSION_PROGRAMMING;
-    } else if (level != SW_LEVEL_CALIBRATION) {
-        return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
-    } else {
-        /* The extended session's level. */
-    }
-    if (node->uds.session != session) return SW_NRC_SUB_FUNCTION_NOT_IN_SESSION;
+    const uint8_t session = level == SW_LEVEL_PROGRAMMING ? SW_SESSION_PROGRAMMING : SW_SESSION_EXTENDED;
+    if (level != SW_LEVEL_PROGRAMMING && level != SW_LEVEL_CALIBRATION) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
+    if (services->uds.session != session) return SW_NRC_SUB_FUNCTION_NOT_IN_SESSION;
     if (length != (is_answer ? 1u + SW_ANSWER_BYTES : 1u)) return SW_NRC_INCORRECT_LENGTH;
     sw_answer_byte(answer, body[0]);
     if (is_answer) {
-        return sw_access_unlock(&node->access, &node->store, node->uds.now_ns, level, node->equipment->access_key,
-                                &body[1]);
+        return sw_access_unlock(&services->access, services->store, services->uds.now_ns, level,
+                                services->equipment->access_key, &body[1]);
     }
     uint8_t seed[SW_SEED_BYTES];
-    const uint8_t code = sw_access_seed(&node->access, node->uds.now_ns, level, node->equipment->random,
-                                        node->equipment->context, seed);
+    const uint8_t code = sw_access_seed(&services->access, services->uds.now_ns, level, services->equipment->random,
+                                        services->equipment->context, seed);
     sw_answer_bytes(answer, seed, SW_SEED_BYTES);
     return code;
 }
 
-static uint8_t write(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+static uint8_t write(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     if (length <= 2u) return SW_NRC_INCORRECT_LENGTH;
     const uint32_t number = sw_number(body, 2);
-    const uint8_t code = refusal(node, writable, COUNT(writable), number, length - 2u);
+    const uint8_t code = refusal(services, writable, COUNT(writable), number, length - 2u);
     if (code != 0u) return code;
     sw_answer_bytes(answer, body, 2);
-    return sw_programming_write(node, number, &body[2], length - 2u);
+    if (number != SW_DID_KEY_LIST) return sw_calibrating_write(&services->calibrating, number, &body[2]);
+    return sw_programming_take_keys(&services->programming, &body[2], length - 2u);
 }
 
-static uint8_t routine(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+static uint8_t routine(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     if (body[0] != START) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
     if (length < 3u) return SW_NRC_INCORRECT_LENGTH;
     const uint32_t number = sw_number(&body[1], 2);
-    const uint8_t code = refusal(node, routines, COUNT(routines), number, length - 3u);
+    const uint8_t code = refusal(services, routines, COUNT(routines), number, length - 3u);
     if (code != 0u) return code;
-    if (number == SW_ROUTINE_ERASE) node->uds.transfer.state = SW_NO_TRANSFER;
-    for (uint32_t i = 0; i < sizeof node->uds.head; i++) node->uds.head[i] = body[i];
-    node->uds.piece = 0;
-    sw_answer_bytes(answer, body, sizeof node->uds.head);
-    return sw_programming_routine(node, number, &body[3], answer);
+    if (number == SW_ROUTINE_ERASE) services->transfer.state = SW_NO_TRANSFER;
+    sw_answer_bytes(answer, body, 3);
+    return sw_programming_begin(&services->programming, number, &body[3], answer);
+}
+
+static uint8_t routine_on(sw_services *services, sw_answer *answer)
+{
+    sw_answer_byte(answer, START);
+    sw_answer_number(answer, services->programming.routine, 2);
+    return sw_programming_go_on(&services->programming, answer);
 }
 
 /* --- A download: blocks in their order. A tester that missed an answer sends its request again. --- */
 
-static uint8_t download(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+static uint8_t download(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
-    sw_transfer *transfer = &node->uds.transfer;
+    sw_transfer *transfer = &services->transfer;
     if (length < 2u) return SW_NRC_INCORRECT_LENGTH;
     if (body[0] != PLAIN || body[1] != FOUR_AND_FOUR) return SW_NRC_OUT_OF_RANGE;
     if (length != 2u + 4u + 4u) return SW_NRC_INCORRECT_LENGTH;
-    if (sw_uds_is_locked(node, SW_LEVEL_PROGRAMMING)) return SW_NRC_SECURITY_ACCESS_DENIED;
+    if (sw_uds_is_locked(&services->uds, SW_LEVEL_PROGRAMMING)) return SW_NRC_SECURITY_ACCESS_DENIED;
     const uint32_t offset = sw_number(&body[2], 4);
     const uint32_t bytes = sw_number(&body[6], 4);
     if (transfer->state != SW_TRANSFER_OPEN) {
-        const uint8_t code = sw_programming_download(node, offset, bytes);
+        const uint8_t code = sw_programming_download(&services->programming, offset, bytes);
         if (code != 0u) return code;
         transfer->state = SW_TRANSFER_OPEN;
         transfer->offset = offset;
@@ -199,8 +245,8 @@ static uint8_t download(sw_node *node, const uint8_t *body, uint32_t length, sw_
 /* Whether to write this block: SW_UDS_MORE; SW_UDS_DONE if it is the last one again, or what is wrong with it. */
 static uint8_t judged(const sw_transfer *transfer, uint8_t counter, uint32_t bytes, const uint8_t *digest)
 {
-    int is_last = transfer->has_last && transfer->last == counter;
-    for (uint32_t i = 0; i < SW_BLOCK_DIGEST_BYTES; i++) is_last &= transfer->last_digest[i] == digest[i];
+    const int is_last = transfer->has_last && transfer->last == counter
+                        && sw_bytes_equal(transfer->last_digest, digest, SW_SHA256_BYTES);
     if (transfer->state != SW_TRANSFER_OPEN) return SW_NRC_SEQUENCE_ERROR;
     if (is_last) return SW_UDS_DONE;
     if (transfer->missing == 0u) return SW_NRC_SEQUENCE_ERROR;
@@ -215,20 +261,20 @@ static uint8_t block_written(sw_transfer *transfer, uint8_t code)
     return code;
 }
 
-static uint8_t write_on(sw_node *node, sw_answer *answer)
+static uint8_t write_on(sw_services *services, sw_answer *answer)
 {
-    sw_answer_byte(answer, node->uds.transfer.last);
-    return block_written(&node->uds.transfer, sw_programming_refusal(sw_store_go_on(&node->store)));
+    sw_answer_byte(answer, services->transfer.last);
+    return block_written(&services->transfer, sw_store_refusal(sw_store_go_on(services->store)));
 }
 
-static uint8_t take_block(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+static uint8_t take_block(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
-    sw_transfer *transfer = &node->uds.transfer;
-    uint8_t digest[SW_BLOCK_DIGEST_BYTES];
+    sw_transfer *transfer = &services->transfer;
+    uint8_t digest[SW_SHA256_BYTES];
     if (length < 2u || length >= SW_MAX_BLOCK) return SW_NRC_INCORRECT_LENGTH;
-    if (sw_uds_is_locked(node, SW_LEVEL_PROGRAMMING)) return SW_NRC_SECURITY_ACCESS_DENIED;
+    if (sw_uds_is_locked(&services->uds, SW_LEVEL_PROGRAMMING)) return SW_NRC_SECURITY_ACCESS_DENIED;
     const uint32_t bytes = length - 1u;
-    sw_programming_digest(&body[1], bytes, digest);
+    sw_sha256_of(&body[1], bytes, digest);
     const uint8_t verdict = judged(transfer, body[0], bytes, digest);
     sw_answer_byte(answer, body[0]);
     if (verdict != SW_UDS_MORE) return verdict;
@@ -237,47 +283,92 @@ static uint8_t take_block(sw_node *node, const uint8_t *body, uint32_t length, s
     transfer->expected = (uint8_t)(body[0] + 1u);
     transfer->has_last = 1;
     transfer->last = body[0];
-    for (uint32_t i = 0; i < SW_BLOCK_DIGEST_BYTES; i++) transfer->last_digest[i] = digest[i];
-    node->uds.work = write_on;
-    return block_written(transfer, sw_programming_append(node, &body[1], bytes));
+    sw_bytes_copy(transfer->last_digest, digest, SW_SHA256_BYTES);
+    return block_written(transfer, sw_store_refusal(sw_store_append(services->store, &body[1], bytes)));
 }
 
 /* All bytes came; the routine that checks finds out whether they are the announced ones. */
-static uint8_t end_transfer(sw_node *node, const uint8_t *body, uint32_t length, sw_answer *answer)
+static uint8_t end_transfer(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
-    sw_transfer *transfer = &node->uds.transfer;
+    sw_transfer *transfer = &services->transfer;
     (void)body;
     (void)answer;
     if (length != 0u) return SW_NRC_INCORRECT_LENGTH;
-    if (sw_uds_is_locked(node, SW_LEVEL_PROGRAMMING)) return SW_NRC_SECURITY_ACCESS_DENIED;
+    if (sw_uds_is_locked(&services->uds, SW_LEVEL_PROGRAMMING)) return SW_NRC_SECURITY_ACCESS_DENIED;
     if (transfer->state == SW_NO_TRANSFER || transfer->missing > 0u) return SW_NRC_SEQUENCE_ERROR;
     transfer->state = SW_TRANSFER_CLOSED;
     return SW_UDS_DONE;
 }
 
-static const sw_service services[] = {
-    {SW_SERVICE_SESSION, SW_IN_ALL, 1, 0, control_session},
+/* --- Faults: sw_faults.c has these services --- */
+
+static uint8_t clear_faults(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
+{
+    (void)answer;
+    return sw_faults_clear(&services->faults, body, length);
+}
+
+static uint8_t report_faults(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
+{
+    return sw_faults_report(&services->faults, body, length, answer);
+}
+
+static uint8_t set_faults(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
+{
+    return sw_faults_set(&services->faults, body, length, answer);
+}
+
+static const sw_service rows[] = {
+    {SW_SERVICE_SESSION, SW_IN_ALL, 1, 0, control_session, NULL},
     /* The programming session begins only while the jets are shut; the reset looks again. */
-    {SW_SERVICE_RESET, SW_IN_PROGRAMMING, 1, 0, reset},
-    {SW_SERVICE_CLEAR_FAULTS, SW_IN_ALL, 0, 1, sw_faults_clear},
-    {SW_SERVICE_REPORT_FAULTS, SW_IN_ALL, 1, 0, sw_faults_report},
-    {SW_SERVICE_READ, SW_IN_ALL, 0, 0, read},
-    {SW_SERVICE_SECURITY, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 1, give_access},
-    {SW_SERVICE_COMMUNICATION, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 0, control_communication},
-    {SW_SERVICE_WRITE, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 0, 1, write},
-    {SW_SERVICE_ROUTINE, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 1, routine},
-    {SW_SERVICE_DOWNLOAD, SW_IN_PROGRAMMING, 0, 0, download},
-    {SW_SERVICE_TRANSFER, SW_IN_PROGRAMMING, 0, 1, take_block},
-    {SW_SERVICE_EXIT, SW_IN_PROGRAMMING, 0, 0, end_transfer},
-    {SW_SERVICE_TESTER_PRESENT, SW_IN_ALL, 1, 0, hear_tester},
-    {SW_SERVICE_FAULT_SETTING, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 0, sw_faults_set},
+    {SW_SERVICE_RESET, SW_IN_PROGRAMMING, 1, 0, reset, NULL},
+    {SW_SERVICE_CLEAR_FAULTS, SW_IN_ALL, 0, 1, clear_faults, NULL},
+    {SW_SERVICE_REPORT_FAULTS, SW_IN_ALL, 1, 0, report_faults, NULL},
+    {SW_SERVICE_READ, SW_IN_ALL, 0, 0, read, NULL},
+    {SW_SERVICE_SECURITY, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 1, give_access, NULL},
+    {SW_SERVICE_COMMUNICATION, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 0, control_communication, NULL},
+    {SW_SERVICE_WRITE, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 0, 1, write, NULL},
+    {SW_SERVICE_ROUTINE, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 1, routine, routine_on},
+    {SW_SERVICE_DOWNLOAD, SW_IN_PROGRAMMING, 0, 0, download, NULL},
+    {SW_SERVICE_TRANSFER, SW_IN_PROGRAMMING, 0, 1, take_block, write_on},
+    {SW_SERVICE_EXIT, SW_IN_PROGRAMMING, 0, 0, end_transfer, NULL},
+    {SW_SERVICE_TESTER_PRESENT, SW_IN_ALL, 1, 0, hear_tester, NULL},
+    {SW_SERVICE_FAULT_SETTING, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 0, set_faults, NULL},
 };
 
-const sw_service *sw_service_of(uint8_t number)
+/* Drops a transfer that is under way; it can be resumed after a reset. A tester that goes away amid it would leave the jets
+ * shut until the next power-on; the release that ran before is in order.
+ */
+static void end_session(sw_services *services, uint8_t next)
 {
-    const sw_service *found = NULL;
-    for (uint32_t i = 0; i < COUNT(services); i++) {
-        if (services[i].service == number) found = &services[i];
+    sw_uds *uds = &services->uds;
+    if (uds->session != SW_SESSION_DEFAULT) {
+        sw_store_drop(services->store);
+        if (services->programming.is_updating) uds->wants_reset = 1;
     }
-    return found;
+    if (next == SW_SESSION_DEFAULT) services->faults.is_off = 0;
+    services->transfer.state = SW_NO_TRANSFER;
+}
+
+void sw_services_init(sw_services *services, const sw_equipment *equipment, sw_store *store, sw_isotp *isotp,
+                      sw_ecu *ecu)
+{
+    static const sw_service_table table = {rows, COUNT(rows), end_session};
+    services->equipment = equipment;
+    services->store = store;
+    services->uds.table = &table;
+    services->uds.services = services;
+    services->uds.isotp = isotp;
+    services->uds.access = &services->access;
+    services->uds.store = store;
+    services->uds.session = SW_SESSION_DEFAULT;
+    services->programming.ecu = ecu;
+    services->programming.store = store;
+    services->programming.request = &services->request;
+    services->calibrating.ecu = ecu;
+    services->calibrating.store = store;
+    services->calibrating.request = &services->request;
+    services->faults.ecu = ecu;
+    services->faults.store = store;
+    services->faults.request = &services->request;
 }

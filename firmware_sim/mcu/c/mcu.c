@@ -1,9 +1,12 @@
 /* The control step on a bare Cortex-M7: one call per row of the window. A test bench, or a bus driver, fills mcu_row and
  * reads mcu_output. While the window fills, rows are only pushed.
  */
-#include "mcu_start.h"
+#include <stddef.h>
+
 #include "stillwake.h"
 
+void *memcpy(void *restrict to, const void *restrict from, size_t count);
+void mcu_reset(void);
 int mcu_push(void);
 int mcu_step(void);
 int mcu_longest_step(void);
@@ -13,7 +16,14 @@ sw_input mcu_input;
 sw_output mcu_output;
 static sw_workspace workspace;
 
-void mcu_begin(void) { (void)sw_input_reset(&mcu_input); } /* every step looks at the arithmetic again */
+extern unsigned char mcu_hot_start[], mcu_hot_end[], mcu_hot_load[];
+
+/* Constants that every step reads go to data TCM, then the program on it begins again. */
+void mcu_reset(void)
+{
+    memcpy(mcu_hot_start, mcu_hot_load, (size_t)(mcu_hot_end - mcu_hot_start));
+    (void)sw_input_reset(&mcu_input); /* every step looks at the arithmetic again */
+}
 
 int mcu_push(void)
 {
@@ -29,7 +39,7 @@ int mcu_step(void)
     return (int)status;
 }
 
-/* With a weight that no prior knows all iterations run. */
+/* A weight that no prior knows has all iterations run. */
 int mcu_longest_step(void)
 {
     mcu_input.weights[SW_RATE] += 1e-6f;

@@ -51,5 +51,6 @@ def exported(built_for, random_release) -> dict[str, bytes]:
 def folder(exported) -> dict[str, bytes]:
     """The same flat and without documents: the tests' compiler takes no folders in folders."""
     names = [name for name in exported if name.endswith((".c", ".h", ".ld")) and name.split("/")[0] not in BOARD]
-    taken = {name: exported[name] for name in names}
+    start = [f"board/sw_board_{name}" for name in ("start.h", "start.c", "libc.c")]
+    taken = {name: exported[name] for name in (*names, *start)}
     return without({Path(name).name: text for name, text in taken.items()}, "replay.c")

@@ -10,7 +10,7 @@ import pytest
 
 from contract.controller.c_folder import write_folder
 
-PAGE = Path(__file__).resolve().parents[5] / "docs" / "how-to" / "integrate-the-ecu.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "how-to" / "integrate-the-ecu.md"
 
 
 @pytest.mark.compiler

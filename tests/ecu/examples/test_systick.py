@@ -25,7 +25,7 @@ pytestmark = [
 QEMU, ZIG = shutil.which("qemu-system-arm") or "", zig_compiler() or []
 CORTEX_M7 = (
     "-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m7+fp_armv8d16sp", "-ffreestanding", "-O2",
-    "-ffp-contract=on", "-g0", "-T", "mps2_an500.ld", "-Wl,-e,reset",
+    "-ffp-contract=on", "-g0", "-T", "mps2_an500.ld", "-Wl,-e,sw_board_start",
 )  # fmt: skip
 
 

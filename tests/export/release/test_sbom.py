@@ -64,7 +64,7 @@ def test_the_bill_of_a_c_folder_has_every_file_the_release_and_the_code_of_other
     monocypher = parts["monocypher"]
     assert monocypher["licenses"] == [{"expression": "BSD-2-Clause OR CC0-1.0"}]
     assert monocypher["purl"] == "pkg:github/loupvaillant/monocypher@4.0.3" and monocypher["version"] == "4.0.3"
-    about = files("ecu").joinpath("c/loader/vendor/README.md").read_text()
+    about = files("ecu").joinpath("c/store/vendor/README.md").read_text()
     assert about.count("Monocypher 4.0.3, unchanged") == 1
     assert all(b"__git__" not in text for text in contents.values())
     depends = {item["ref"]: item.get("dependsOn", []) for item in bom["dependencies"]}

@@ -30,7 +30,7 @@ def flags_of(folder: Path) -> list[str]:
 def test_samples_and_sources_in_place_are_parsed_by_their_flags(samples):
     for kind in ("float32", "int8"):
         parse(samples / kind, flags_of(samples / kind))
-    for folder in ("common", "networks", "float32", "int8"):
+    for folder in ("step", "float32", "int8"):
         flags = flags_of(SOURCES / folder)
         assert any(SAMPLES in flag for flag in flags)
         parse(SOURCES / folder, [flag.replace(SAMPLES, str(samples)) for flag in flags])

@@ -1,6 +1,6 @@
 """Deviations of the ECU's C, and of the loader's, from MISRA C:2012, by cppcheck's addon: what it prints is read.
 
-`misra.toml` in a folder of sources lists those that stay, a rule and its files with the reason. The addon has the
+`ecu/c/misra.toml` lists those that stay, a rule and its files with the reason. The addon has the
 rules' numbers, not their texts, which are sold; it checks most of those that a machine can check.
 """
 
@@ -67,14 +67,14 @@ def deviations_of(contents: Mapping[str, bytes], chosen: list[str], own: Iterabl
     return Deviations((match["file"], match["rule"]) for match in lines)
 
 
-def listed(folder: str = "") -> set[tuple[str, str]]:
-    """The deviations that stay, of a folder of sources."""
-    text = files("ecu").joinpath("c", folder, "misra.toml").read_text(encoding="utf-8")
+def listed() -> set[tuple[str, str]]:
+    """The deviations that stay."""
+    text = files("ecu").joinpath("c/misra.toml").read_text(encoding="utf-8")
     return {(file, item["rule"]) for item in tomllib.loads(text)["deviation"] for file in item["files"]}
 
 
-def unlisted(occurring: Deviations, folder: str = "") -> list[str]:
+def unlisted(occurring: Deviations) -> list[str]:
     """What occurs and is not listed, or is listed and does not occur."""
-    new = [f"{file}: rule {rule} is not listed" for file, rule in occurring.keys() - listed(folder)]
-    gone = [f"{file}: rule {rule} is listed and does not occur" for file, rule in listed(folder) - occurring.keys()]
+    new = [f"{file}: rule {rule} is not listed" for file, rule in occurring.keys() - listed()]
+    gone = [f"{file}: rule {rule} is listed and does not occur" for file, rule in listed() - occurring.keys()]
     return sorted(new + gone)

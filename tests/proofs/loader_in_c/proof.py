@@ -40,13 +40,8 @@ def main(
     faults: Annotated[bool, typer.Option(help="Plant faults in the store, and count its branches, too.")] = True,
 ) -> None:
     """Compare, cut and fuzz; then print what was lost or differed, which must be nothing."""
-    sizes_of: dict[str, Any] = {
-        "images": images,
-        "calls": calls,
-        "seconds": seconds,
-        "eighths": eighths,
-        "faults": faults,
-    }
+    sizes_of: dict[str, Any] = {"images": images, "calls": calls, "seconds": seconds, "eighths": eighths}
+    sizes_of |= {"faults": faults}
     storage = storage_figures(seed=seed, processes=processes, **sizes_of)
     differences, compared = list[str](), 0
     with tempfile.TemporaryDirectory() as name:

@@ -1,6 +1,7 @@
 """The figures of the store in C: cuts, calls, altered images, planted faults, branches."""
 
 import tempfile
+import tomllib
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -13,11 +14,12 @@ from can_bridge.flashing.backing import RecordKind, Slot
 from contract.release import signing
 from tests.proofs.command_line import in_parts
 from tests.proofs.ecu_in_c.branch_coverage import branches, is_possible
-from tests.proofs.loader_in_c import node_library, store_planted
+from tests.proofs.ecu_in_c.planted import Planted
+from tests.proofs.loader_in_c import node_library
 from tests.proofs.loader_in_c.store_fuzz import SANITISED, fuzz
 from tests.proofs.loader_in_c.store_library import GEOMETRY, GOOD, LONG, MEASURED, WRONG, Library, built, sources
 from tests.proofs.loader_in_c.store_pair import DONE, FIRST_RECORD, Pair
-from tests.proofs.loader_in_c.store_stories import LISTS, RARE, Cuts, any_calls, flash, provision, transfer
+from tests.proofs.loader_in_c.store_stories import LISTS, RARE, Cuts, any_calls, cared, flash, provision, transfer
 
 CALLS: Final = 200
 """Calls of one seed."""
@@ -26,22 +28,32 @@ UNREACHED: Final = {
     ("sw_records.c", "gathered(records, of, begin,"): "the call has just read them; they would have to fail in between",
 }
 """Branches that nothing leads to, by the text of their line, and why they stand there all the same."""
+PLANTED: Final = tuple(
+    Planted(variant="", **item)
+    for item in tomllib.loads(Path(__file__).with_name("store_planted.toml").read_text(encoding="utf-8"))["planted"]
+)
+"""Faults in C, one at a time: the comparison, or the cuts, have to notice every one."""
+
+
+def is_found(item: Planted, folder: Path) -> bool:
+    """By calls at random, by care for records, or by cuts."""
+    # A fault may look odd to the compiler.
+    flags = ("-O1", "-shared", "-fPIC", "-w")
+    library = Library(built(folder / f"planted_{PLANTED.index(item)}.so", item.into(sources()), flags))
+    try:
+        for seed in range(6):
+            any_calls(Pair(library), str(seed), 150)
+        cared(Pair(library))
+        return bool(Cuts(library, 0, every=5).findings)
+    except AssertionError:
+        return True
 
 
 def storage_figures(
     *, seed: int, processes: int, images: int, calls: int, seconds: int, eighths: int = 8, faults: bool = True
 ) -> dict[str, Any]:
-    """All figures.
-
-    Args:
-        seed: of everything.
-        processes: at the same time.
-        images: that are altered.
-        calls: at random.
-        seconds: second cuts in the recovery from each first one.
-        eighths: of the flash memory's operations, in which the supply is cut.
-        faults: whether faults are planted, and branches counted, too.
-    """
+    """All figures: of altered `images`, of `calls` at random, of a supply cut in `eighths` of the flash memory's
+    operations and `seconds` times in the recovery from each; with `faults`, of planted ones and of branches, too."""
     cuts, findings, verdicts, different = Counter[str](), list[str](), Counter[str](), list[str]()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -53,12 +65,12 @@ def storage_figures(
         for counts, found in in_parts(partial(_judged, program, seed), images, _IMAGES, processes, "images"):
             verdicts.update(counts)
             different += found
-        planted = track(store_planted.PLANTED if faults else (), "planted", "faults")
+        planted = track(PLANTED if faults else (), "planted", "faults")
         figures: dict[str, Any] = {
             **cuts, "first_findings": findings[:10], "calls": called, "images": images,
             "image_verdicts": dict(verdicts), "image_mismatches": len(different),
-            "planted": len(store_planted.PLANTED) if faults else 0,
-            "planted_missed": [one.what for one in planted if not store_planted.is_found(one, folder)],
+            "planted": len(PLANTED) if faults else 0,
+            "planted_missed": [one.what for one in planted if not is_found(one, folder)],
         }  # fmt: skip
         if faults and is_possible():
             figures |= branch_figures(folder / "branches")

@@ -30,12 +30,12 @@ PLANTED = (
     ("status &= ~PENDING;", ""),
     ("(fault->status & FAILED_THIS_CYCLE) == 0u", "1"),
     ("status |= NOT_COMPLETED_THIS_CYCLE;", ""),
-    ("if (faults->is_changed && !node->drives_jets)", "if (faults->is_changed)"),
-    ("if (node->drives_jets) return", "if (0) return"),
+    ("if (faults->is_changed && !faults->request->drives_jets)", "if (faults->is_changed)"),
+    ("if (faults->request->drives_jets) return", "if (0) return"),
     ("faults->has_latest = 0;", ""),
     ("group == ALL_GROUPS || i == place", "1"),
     ("fail_safe->mode == faults->was && !is_first", "fail_safe->mode == faults->was"),
-    ("node->faults.was = state->fail_safe.mode;", ""),
+    ("faults->was = state->fail_safe.mode;", ""),
     ("== sw_crc32(0, record, BODY_END)", "!= 0u"),
 )
 

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -22,10 +23,9 @@ from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.security import SecurityAccess
 from can_bridge.uds.services import Session
 from can_bridge.wire.frame import Frame
-from tests.proofs.ecu_in_c.branch_coverage import is_possible
-from tests.proofs.loader_in_c.node_coverage import missed
+from tests.proofs.ecu_in_c.branch_coverage import branches, is_possible
 from tests.proofs.loader_in_c.node_fuzz import SANITISED, VIOLATIONS, corpus, fuzz
-from tests.proofs.loader_in_c.node_library import SESSION, Library, build, sources
+from tests.proofs.loader_in_c.node_library import QUICK, SESSION, Library, build, sources
 from tests.proofs.loader_in_c.node_planted import PLANTED, noticed
 from tests.proofs.loader_in_c.node_program import play, play_confirmations
 from tests.proofs.loader_in_c.node_sizes import sizes
@@ -216,6 +216,46 @@ def test_sanitisers_and_the_witness_find_nothing(requests: int, of: World, tmp_p
 def test_it_fits(tmp_path: Path) -> None:
     found = sizes(tmp_path)
     assert found["loader_flash_kib"] <= 48 and found["loader_ram_kib"] <= 8 and found["stack_b"] <= 2048, found
+
+
+MEASURED = [f"sw_{name}.c" for name in ("access", "calibrating", "isotp", "node", "programming", "services", "uds")]
+UNREACHED = {
+    ("sw_access.c", "level, 0) != SW_STORE_DONE"): "the memory would have to fail between two records of one call",
+    ("sw_isotp.c", "frame->length > SW_FRAME_BYTES"): "no CAN controller gives such a frame; the fuzzer does",
+    ("sw_isotp.c", "if (end->queue.count == SW_ISOTP_QUEUE || length > room)"): "no request is begun without a place",
+    ("sw_node.c", "sw_image_open(image, &numbers) == SW_IMAGE_OK"): "the boot judged the build before",
+    ("sw_node.c", "sw_store_read_image(store"): "the memory would have to fail behind the judgement of the boot",
+    ("sw_node.c", "if (now_ns < 0) return 0;"): "no clock here begins before 0; the fuzzer's does",
+}
+"""Branches that nothing leads to, by the text of their line, and why they stand there all the same."""
+
+
+def missed(folder: Path, seeds: Sequence[int], requests: int = 60) -> list[str]:
+    """Branches of `MEASURED` that programs of these seeds do not take, `file:line: text`, and those of `UNREACHED` that
+    they do."""
+    found = dict[str, int]()
+    for kind, config in CONFIGS.items():
+        place, contents = folder / kind, sources(config)
+        library = Library(contents, build(contents, place, f"{kind}.so", (*QUICK, "--coverage", "-DHOST_COVERAGE")))
+        of = world(kind, library)
+        for seed in seeds:
+            assert play(of, seed, requests, trouble=(0.001, 0.02, 0.1)[seed % 3]).differences == []
+        erased_beside(of)
+        with_few_places(of)
+        beside_jets(of)
+        library.c.host_dump()
+        for file, at, counts in branches(place):
+            if file in MEASURED:
+                for number, taken in enumerate(counts):
+                    name = f"{file}:{at} #{number}"
+                    found[name] = found.get(name, 0) + taken
+    assert found, "gcovr found no branch"
+    never = [name for name, count in found.items() if count == 0]
+    named = {key: [name for name in never if name.startswith(key[0]) and key[1] in name] for key in UNREACHED}
+    return [
+        *(set(never) - {*chain(*named.values())}),
+        *(f"{key} is taken" for key, names in named.items() if not names),
+    ]
 
 
 @pytest.mark.proofs  # two libraries without optimisation, and gcovr

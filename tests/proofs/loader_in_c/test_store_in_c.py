@@ -9,11 +9,10 @@ from contract.release import key_list
 from contract.release.signing import public_key
 from tests.can_bridge.flashing.releases import ROOT
 from tests.proofs.ecu_in_c.branch_coverage import is_possible
-from tests.proofs.loader_in_c import store_planted
+from tests.proofs.loader_in_c import store_proof
 from tests.proofs.loader_in_c.store_fuzz import SANITISED, fuzz
 from tests.proofs.loader_in_c.store_library import Library, built
 from tests.proofs.loader_in_c.store_pair import Pair
-from tests.proofs.loader_in_c.store_proof import UNREACHED, branch_figures, storage_figures, verdicts_on_vectors, worn
 from tests.proofs.loader_in_c.store_stories import LISTS, RARE, Cuts, any_calls
 
 pytestmark = pytest.mark.compiler
@@ -36,7 +35,7 @@ def test_a_cut_in_any_operation_leaves_a_state_of_the_specification_and_a_releas
 
 
 def test_published_signatures_are_judged_as_in_python(library):
-    found = verdicts_on_vectors(library)
+    found = store_proof.verdicts_on_vectors(library)
     assert all(python == c for _, python, c in found)
     assert found["valid", True, True] == 86
     assert found["invalid", False, False] == 63
@@ -74,27 +73,27 @@ def test_what_is_rare_has_the_same_answer(library):
 
 @pytest.mark.slow  # compiles, and wears hundreds of words
 def test_worn_words_are_passed_over(library):
-    worn(library)
+    store_proof.worn(library)
 
 
 @pytest.mark.slow  # compiles each
 def test_planted_faults_are_found(tmp_path):
-    for item in store_planted.PLANTED[1:20:6]:
-        assert store_planted.is_found(item, tmp_path), item.what
+    for item in store_proof.PLANTED[1:20:6]:
+        assert store_proof.is_found(item, tmp_path), item.what
 
 
 @pytest.mark.proofs
 def test_every_branch_is_taken_or_named(tmp_path):
     if not is_possible():
         pytest.skip("gcc or gcovr is missing")
-    found = branch_figures(tmp_path / "branches")
+    found = store_proof.branch_figures(tmp_path / "branches")
     assert found["branches_missed"] == []
-    assert found["branches_explained"] == len(UNREACHED) and found["branches"] > 500
+    assert found["branches_explained"] == len(store_proof.UNREACHED) and found["branches"] > 500
 
 
 @pytest.mark.proofs
 def test_the_whole_proof(tmp_path):
-    figures = storage_figures(seed=1, processes=2, images=1_000_000, calls=20_000, seconds=2)
+    figures = store_proof.storage_figures(seed=1, processes=2, images=1_000_000, calls=20_000, seconds=2)
     wrong = ("bricked", "confirmed_lost", "unsigned", "mismatches", "image_mismatches")
     assert {name: figures[name] for name in wrong} == dict.fromkeys(wrong, 0)
     assert figures["planted_missed"] == figures.get("branches_missed", []) == []

@@ -1,5 +1,5 @@
-/* In front of the plant's FMU, which is Python: the order of calls, references, numbers and times are judged here, and what
- * is in order goes on to the binary of pythonfmu3 beside this one, for which each error in Python is fatal.
+/* The front of the plant's FMU, which is Python: order of calls, references, numbers and times are judged here, and what is
+ * in order goes on to the binary of pythonfmu3 beside this one, for which each error in Python is fatal.
  */
 #define _GNU_SOURCE /* dladdr */
 #include <dlfcn.h>
@@ -13,22 +13,27 @@
 #define TIME 0u
 
 /* Its functions, with their names of the standard. */
+#define FUNCTIONS(OF)                                                                                                     \
+    OF(fmi3Instance, InstantiateCoSimulation, fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean, fmi3Boolean,  \
+       fmi3Boolean, const fmi3ValueReference[], size_t, fmi3InstanceEnvironment, fmi3LogMessageCallback,                  \
+       fmi3IntermediateUpdateCallback)                                                                                    \
+    OF(void, FreeInstance, fmi3Instance)                                                                                  \
+    OF(fmi3Status, EnterInitializationMode, fmi3Instance, fmi3Boolean, fmi3Float64, fmi3Float64, fmi3Boolean,             \
+       fmi3Float64)                                                                                                       \
+    OF(fmi3Status, ExitInitializationMode, fmi3Instance)                                                                  \
+    OF(fmi3Status, Terminate, fmi3Instance)                                                                               \
+    OF(fmi3Status, Reset, fmi3Instance)                                                                                   \
+    OF(fmi3Status, DoStep, fmi3Instance, fmi3Float64, fmi3Float64, fmi3Boolean, fmi3Boolean *, fmi3Boolean *,             \
+       fmi3Boolean *, fmi3Float64 *)                                                                                      \
+    OF(fmi3Status, GetFloat64, fmi3Instance, const fmi3ValueReference[], size_t, fmi3Float64[], size_t)                   \
+    OF(fmi3Status, SetFloat64, fmi3Instance, const fmi3ValueReference[], size_t, const fmi3Float64[], size_t)             \
+    OF(fmi3Status, GetFMUState, fmi3Instance, fmi3FMUState *)                                                             \
+    OF(fmi3Status, SetFMUState, fmi3Instance, fmi3FMUState)                                                               \
+    OF(fmi3Status, FreeFMUState, fmi3Instance, fmi3FMUState *)
+
+#define MEMBER(ANSWER, NAME, ...) ANSWER (*NAME)(__VA_ARGS__);
 typedef struct {
-    fmi3Instance (*InstantiateCoSimulation)(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean, fmi3Boolean,
-                                            fmi3Boolean, const fmi3ValueReference[], size_t, fmi3InstanceEnvironment,
-                                            fmi3LogMessageCallback, fmi3IntermediateUpdateCallback);
-    void (*FreeInstance)(fmi3Instance);
-    fmi3Status (*EnterInitializationMode)(fmi3Instance, fmi3Boolean, fmi3Float64, fmi3Float64, fmi3Boolean, fmi3Float64);
-    fmi3Status (*ExitInitializationMode)(fmi3Instance);
-    fmi3Status (*Terminate)(fmi3Instance);
-    fmi3Status (*Reset)(fmi3Instance);
-    fmi3Status (*DoStep)(fmi3Instance, fmi3Float64, fmi3Float64, fmi3Boolean, fmi3Boolean *, fmi3Boolean *, fmi3Boolean *,
-                         fmi3Float64 *);
-    fmi3Status (*GetFloat64)(fmi3Instance, const fmi3ValueReference[], size_t, fmi3Float64[], size_t);
-    fmi3Status (*SetFloat64)(fmi3Instance, const fmi3ValueReference[], size_t, const fmi3Float64[], size_t);
-    fmi3Status (*GetFMUState)(fmi3Instance, fmi3FMUState *);
-    fmi3Status (*SetFMUState)(fmi3Instance, fmi3FMUState);
-    fmi3Status (*FreeFMUState)(fmi3Instance, fmi3FMUState *);
+    FUNCTIONS(MEMBER)
 } functions;
 
 typedef struct {
@@ -65,36 +70,14 @@ static void *beside(void)
     return library;
 }
 
-#define LOOK_UP(NAME)                                        \
+#define LOOK_UP(ANSWER, NAME, ...)                              \
     *(void **)&found->call.NAME = dlsym(library, "fmi3" #NAME); \
-    if (found->call.NAME == NULL) return 0
+    if (found->call.NAME == NULL) return 0;
 
 static int looked_up(instance *found, void *library)
 {
-    LOOK_UP(InstantiateCoSimulation);
-    LOOK_UP(FreeInstance);
-    LOOK_UP(EnterInitializationMode);
-    LOOK_UP(ExitInitializationMode);
-    LOOK_UP(Terminate);
-    LOOK_UP(Reset);
-    LOOK_UP(DoStep);
-    LOOK_UP(GetFloat64);
-    LOOK_UP(SetFloat64);
-    LOOK_UP(GetFMUState);
-    LOOK_UP(SetFMUState);
-    LOOK_UP(FreeFMUState);
+    FUNCTIONS(LOOK_UP)
     return 1;
-}
-
-SW_EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
-
-SW_EXPORT fmi3Status fmi3SetDebugLogging(fmi3Instance fmu, fmi3Boolean on, size_t count, const fmi3String categories[])
-{
-    (void)fmu;
-    (void)on;
-    (void)count;
-    (void)categories;
-    return fmi3OK;
 }
 
 SW_EXPORT fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources,
@@ -104,12 +87,9 @@ SW_EXPORT fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String t
                                                    fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update)
 {
     const fmu_logger logger = {environment, log};
-    if (token == NULL || strcmp(token, SW_PLANT_TOKEN) != 0) {
-        (void)fmu_refused(&logger, "instantiationToken: is not of this FMU; read it from its modelDescription.xml");
-        return NULL;
-    }
-    if (event_mode) {
-        (void)fmu_refused(&logger, "eventModeUsed: this FMU has no event mode; pass false");
+    const fmi3String wrong = fmu_wrong_instance(token, SW_PLANT_TOKEN, event_mode);
+    if (wrong != NULL) {
+        (void)fmu_refused(&logger, wrong);
         return NULL;
     }
     instance *found = calloc(1, sizeof *found);
@@ -136,7 +116,7 @@ SW_EXPORT void fmi3FreeInstance(fmi3Instance fmu)
     free(found);
 }
 
-/* After a call that went on: the mode that it leads to, unless it failed. */
+/* Enters the mode that a call leads to, unless it failed. */
 static fmi3Status led_to(instance *found, fmi3Status status, uint32_t mode)
 {
     if (status <= fmi3Warning) found->kept.mode = mode;
@@ -232,9 +212,6 @@ SW_EXPORT fmi3Status fmi3SetFloat64(fmi3Instance fmu, const fmi3ValueReference r
     return found->call.SetFloat64(found->plant, references, count, values, size);
 }
 
-#if defined(__GNUC__)
-#pragma GCC diagnostic ignored "-Wunused-parameter"
-#endif
 #define NONE_GOT_OR_SET(NAME)                         \
     FMU_NONE_OF(Get##NAME, fmi3##NAME values[], size_t size) \
     FMU_NONE_OF(Set##NAME, const fmi3##NAME values[], size_t size)

@@ -6,8 +6,21 @@
 #ifndef SW_PROGRAM_H
 #define SW_PROGRAM_H
 
-#ifdef __cplusplus
-extern "C" {
+#include "sw_settings.h"
+
+/* Columns of the window: the sensors, then the action. */
+#define SW_COLUMNS (SW_SENSORS + 1)
+
+/* A length rounded up to whole registers, or to whole pairs of words of int8 weights; what is added is zero throughout. */
+#define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
+
+/* Tables start at SW_ALIGNMENT bytes where the compiler can align them: a cache line, or the words that products on a
+ * Cortex-M read whole. Images are for compilers that can.
+ */
+#if defined(__GNUC__)
+#define SW_ALIGNED __attribute__((aligned(SW_ALIGNMENT)))
+#else
+#define SW_ALIGNED
 #endif
 
 struct sw_weights;
@@ -17,9 +30,5 @@ typedef struct {
     const struct sw_weights *weights;
     const struct sw_hot *hot; /* of an int8 library; others have none */
 } sw_program;
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

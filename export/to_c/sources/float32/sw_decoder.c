@@ -1,8 +1,8 @@
 /* (Cd, Cl) = f_dec(z) for the whole horizon at once, and its adjoint; norms as in sw_norm.h, one per step. */
 #include "sw_kernels.h"
 #include "sw_math.h"
+#include "sw_networks.h"
 #include "sw_norm.h"
-#include "sw_parts.h"
 #include "sw_weights.h"
 
 static void fill(float rows[][SW_HORIZON_P], const float *values, int count)

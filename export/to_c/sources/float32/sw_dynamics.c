@@ -1,7 +1,7 @@
 /* z_{k+1} = z_k + f_dyn(z_k, a_k) over the horizon, and its adjoint backwards. */
 #include "sw_kernels.h"
+#include "sw_networks.h"
 #include "sw_norm.h"
-#include "sw_parts.h"
 #include "sw_weights.h"
 
 void sw_roll_out(sw_workspace *work)

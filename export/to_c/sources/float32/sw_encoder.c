@@ -1,8 +1,8 @@
 /* z_t = f_enc(window): LSTM over the rows from a zero state, layer norm of its last output, two linear layers. */
 #include "sw_kernels.h"
 #include "sw_math.h"
+#include "sw_networks.h"
 #include "sw_norm.h"
-#include "sw_parts.h"
 #include "sw_weights.h"
 
 /* c = sigmoid(f) c + sigmoid(i) tanh(g), h = sigmoid(o) tanh(c). */

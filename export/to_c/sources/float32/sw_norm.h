@@ -13,7 +13,7 @@
 #include "sw_kernels.h"
 #include "sw_math.h"
 
-/* From u, in `hidden`, to h in its place, xhat and slope; `width` counts what is not padding. */
+/* Makes h of u, in its place in `hidden`, xhat and slope; `width` counts what is not padding. */
 static inline void sw_norm_elu(float *restrict hidden, float *restrict xhat, float *restrict slope,
                                const float *restrict gain, const float *restrict offset, int width, int padded)
 {
@@ -32,7 +32,7 @@ static inline void sw_norm_elu(float *restrict hidden, float *restrict xhat, flo
     }
 }
 
-/* From dJ/dh, in `d`, to dJ/du in its place. */
+/* Makes dJ/du of dJ/dh, in its place in `d`. */
 static inline void sw_norm_elu_adjoint(float *restrict d, const float *restrict xhat, const float *restrict slope,
                                        int width, int padded)
 {

@@ -1,18 +1,14 @@
-/* The numbers of a trained program; sw_weights.c, generated, defines those that are compiled in. Matrices are stored with their shorter side, or their inputs, as
- * rows, so that rows are long; what feeds a norm is centred (sw_norm.h).
+/* The numbers of a trained program; sw_weights.c, generated, defines those that are compiled in. Matrices are stored with
+ * their shorter side, or their inputs, as rows, so that rows are long; what feeds a norm is centred (sw_norm.h).
  */
 #ifndef SW_WEIGHTS_H
 #define SW_WEIGHTS_H
 
 #include "sw_workspace.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 #define SW_CELLS (4 * SW_LSTM_P)
 
-typedef float sw_prior_number; /* of the prior's matrices (sw_prior.h) */
+typedef float sw_prior_number; /* of the prior's matrices (sw_prior_memory.h) */
 
 /* Read in place, wherever they stand: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
@@ -67,9 +63,5 @@ typedef struct sw_weights {
 /* Compiled in. */
 extern const sw_weights sw_own_weights;
 #define SW_OWN_PROGRAM {&sw_own_weights, NULL}
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -2,23 +2,9 @@
 #ifndef SW_WORKSPACE_H
 #define SW_WORKSPACE_H
 
-#include "sw_prior.h"
+#include "sw_prior_memory.h"
 #include "sw_program.h"
 #include "sw_settings.h"
-
-#ifdef __cplusplus
-extern "C" {
-#endif
-
-/* A vector's length rounded up to whole vector registers; what is added is zero throughout. */
-#define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
-
-/* Tables start at a cache line where the compiler can align them; only speed depends on it, and images do. */
-#if defined(__GNUC__)
-#define SW_ALIGNED __attribute__((aligned(SW_ALIGNMENT)))
-#else
-#define SW_ALIGNED
-#endif
 
 #define SW_LSTM_P SW_PADDED(SW_LSTM)
 #define SW_HEAD_P SW_PADDED(SW_HEAD)
@@ -52,7 +38,7 @@ typedef struct {
     float head[SW_HEAD_P];
 } sw_encoder_scratch;
 
-typedef struct {
+typedef struct sw_workspace {
     sw_program program; /* that this control step runs */
     float z[SW_LATENT];                       /* latent state now */
     float latents[SW_LATENT][SW_HORIZON_P];   /* one to SW_HORIZON steps ahead */
@@ -74,9 +60,5 @@ typedef struct {
         } tape;
     } phase;
 } sw_workspace;
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -1,8 +1,8 @@
 /* (Cd, Cl) = f_dec(z) for every step of the horizon, and its adjoint, in integers. No step waits for another, so they are
  * taken two at a time.
  */
+#include "sw_networks.h"
 #include "sw_norm.h"
-#include "sw_parts.h"
 
 /* A long function that is called: a copy for each of its calls would take 2 KiB of flash. */
 #if defined(__GNUC__)

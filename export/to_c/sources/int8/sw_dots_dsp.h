@@ -26,7 +26,7 @@
 #define SW_EIGHT_COLUMNS SW_ONE_TILE SW_ONE_TILE
 #define SW_SIXTEEN_COLUMNS "2:\n" "subs %[count], #1\n" SW_EIGHT_COLUMNS SW_EIGHT_COLUMNS "bne 2b\n"
 
-/* On the stack: y, the rows left, a vector's bytes, and sixteens of its columns. */
+/* The stack has y, the rows left, a vector's bytes, and sixteens of its columns. */
 #define SW_FOUR_ROWS(columns)                                                                            \
     __asm__ volatile("sub sp, #16\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \
                      "ldr %[wa], [%[w]], #4\n" "ldr %[wb], [%[w]], #4\n"                                     \

@@ -1,6 +1,6 @@
 /* z_{k+1} = z_k + f_dyn(z_k, a_k) over the horizon and its adjoint backwards: states in float, layers in integers. */
+#include "sw_networks.h"
 #include "sw_norm.h"
-#include "sw_parts.h"
 
 void sw_roll_out(sw_workspace *work)
 {

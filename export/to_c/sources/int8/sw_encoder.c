@@ -1,8 +1,8 @@
 /* z_t = f_enc(window): LSTM over the rows from a zero state, layer norm of its last output, two linear layers. Products
  * in integers, the rest in float.
  */
+#include "sw_networks.h"
 #include "sw_norm.h"
-#include "sw_parts.h"
 
 /* A gate's argument as sw_logistic_points takes it. */
 static inline int32_t gate(const sw_encoder_scratch *e, const sw_weights *w, int number, int k)

@@ -21,7 +21,7 @@
 #include "sw_norm_plain.h"
 #endif
 
-/* From the sums of a product to xhat, h and ELU'; returns r. Sums are scratch afterwards. */
+/* Makes xhat, h and ELU' of the sums of a product; returns r. Sums are scratch afterwards. */
 static inline float sw_norm_elu(int32_t *restrict sums, sw_tape_eight *restrict tape, int16_t *restrict hidden,
                                 const int32_t channel[][4][8], const float layer[2], int width)
 {
@@ -56,7 +56,7 @@ static inline sw_fine sw_fine_of(float bound, float top)
 /* The bits of a number's magnitude, or all those below its highest. */
 static inline uint32_t sw_bits_of(int32_t value) { return (uint32_t)(value ^ (value >> 31)); }
 
-/* From dJ/dh in `unit`, in sums, to dJ/du times the scales of the rows in front, as int16 for the transposed product.
+/* Makes dJ/du times the scales of the rows in front, as int16 for the transposed product, of dJ/dh in `unit`, in sums.
  * Returns what that product's sums have to be multiplied by. Sums are scratch afterwards.
  */
 static inline float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restrict vector,

@@ -22,7 +22,7 @@ static inline int32_t sw_norm_sums(int32_t *restrict sums, const int32_t channel
     return sum;
 }
 
-/* From u, xhat = shift + u factor, and h and ELU' of gain xhat + offset. */
+/* Makes xhat = shift + u factor, and h and ELU' of gain xhat + offset. */
 static inline void sw_norm_outputs(const int32_t *restrict u, sw_tape_eight *restrict tape, int16_t *restrict hidden,
                                    const int32_t channel[][4][8], int32_t factor, int32_t shift, int width)
 {

@@ -1,6 +1,6 @@
-/* The numbers of a trained program; sw_weights.c, generated, defines those that are compiled in. Matrices are int8 with one scale an output, W[o][i] ~ scale[o]
- * q[o][i]. They are laid out as in sw_dots.h, and SW_AHEAD zeros follow each for loads ahead of their use. The adjoint
- * has a transposed copy of its own.
+/* The numbers of a trained program; sw_weights.c, generated, defines those that are compiled in. Matrices are int8 with one
+ * scale an output, W[o][i] ~ scale[o] q[o][i]. They are laid out as in sw_dots.h, and SW_AHEAD zeros follow each for loads
+ * ahead of their use. The adjoint has a transposed copy of its own.
  *
  * An activation is scale times its int16. Forward scales are constants from calibration; an adjoint's scale is found
  * when it is rounded.
@@ -9,10 +9,6 @@
 #define SW_WEIGHTS_H
 
 #include "sw_workspace.h"
-
-#ifdef __cplusplus
-extern "C" {
-#endif
 
 /* Tables: where the argument 0 stands, and the distance between points, in integers of the argument. */
 #define SW_ELU_START (SW_ELU_RANGE * SW_ELU_ARGUMENT_ONE)
@@ -30,15 +26,15 @@ extern const uint32_t sw_logistic_points[2 * SW_LOGISTIC_START / SW_LOGISTIC_STE
  */
 enum { SW_SCALE, SW_BIAS, SW_GAIN, SW_OFFSET };
 
-/* Of an output in the adjoint: its gain as part of the layer's largest, in 1 / 2^22, and its row's scale as part of the
+/* An output in the adjoint has its gain as part of the layer's largest, in 1 / 2^22, and its row's scale as part of the
  * matrix's largest, in 1 / 2^23.
  */
 enum { SW_ADJOINT_GAIN, SW_ADJOINT_SCALE };
 
-/* Of a layer with a norm: epsilon in its unit, and the unit of its adjoint. */
+/* A layer with a norm has epsilon in its unit, and the unit of its adjoint. */
 enum { SW_LAYER_EPSILON, SW_LAYER_ADJOINT };
 
-typedef int8_t sw_prior_number; /* of the prior's matrices (sw_prior.h) */
+typedef int8_t sw_prior_number; /* of the prior's matrices (sw_prior_memory.h) */
 
 /* Read in place, wherever they stand: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_weights {
@@ -123,9 +119,5 @@ typedef struct sw_hot {
 extern const sw_weights sw_own_weights;
 extern const sw_hot sw_own_hot;
 #define SW_OWN_PROGRAM {&sw_own_weights, &sw_own_hot}
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -4,16 +4,9 @@
 
 #include <stdint.h>
 
-#include "sw_prior.h"
+#include "sw_prior_memory.h"
 #include "sw_program.h"
 #include "sw_settings.h"
-
-#ifdef __cplusplus
-extern "C" {
-#endif
-
-/* A length rounded up to whole pairs of 32-bit words of int8 weights; what is added is zero throughout. */
-#define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
 
 #if SW_LANES != 8
 #error "constants of outputs stand in eights, and so do the loops over them"
@@ -36,13 +29,6 @@ extern "C" {
 #define SW_MAX(a, b) ((a) > (b) ? (a) : (b))
 #define SW_WIDEST SW_MAX(SW_MAX(SW_DYN1_P, SW_DYN2_P), SW_STATE_P)
 #define SW_LONGEST SW_MAX(SW_WIDEST, SW_MAX(SW_DECODER_P, SW_MAX(SW_LSTM_P, SW_MAX(SW_HEAD_P, SW_ROW_P))))
-
-/* Tables start at 16 bytes; products on Cortex-M read whole words. Images are for compilers that can align them. */
-#if defined(__GNUC__)
-#define SW_ALIGNED __attribute__((aligned(SW_ALIGNMENT)))
-#else
-#define SW_ALIGNED
-#endif
 
 /* What the adjoint needs of a layer's forward pass, of eight outputs (sw_norm.h). */
 typedef struct {
@@ -88,7 +74,7 @@ typedef struct {
     int16_t hidden[SW_MAX(SW_DYN1_P, SW_DYN2_P)];
 } sw_dynamics_scratch;
 
-typedef struct {
+typedef struct sw_workspace {
     sw_program program; /* that this control step runs */
     float z[SW_LATENT];                       /* latent state now */
     float latents[SW_HORIZON_P][SW_LATENT];   /* one to SW_HORIZON steps ahead */
@@ -114,9 +100,5 @@ typedef struct {
         } tape;
     } phase;
 } sw_workspace;
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

@@ -50,9 +50,9 @@ static uint32_t drawn(uint32_t below)
 static void look(void)
 {
     const sw_store *store = &ecu->node.store;
-    if (ecu->node.access.unlocked != 0u && (offered & 1u << ecu->node.access.unlocked) == 0u) counted.unlocked_without_key++;
-    if (ecu->node.access.unlocked == 0u) offered = 0;
-    if (ecu->node.uds.session == SW_SESSION_DEFAULT && ecu->node.access.unlocked != 0u) counted.unlocked_without_key++;
+    if (ecu->node.services.access.unlocked != 0u && (offered & 1u << ecu->node.services.access.unlocked) == 0u) counted.unlocked_without_key++;
+    if (ecu->node.services.access.unlocked == 0u) offered = 0;
+    if (ecu->node.services.uds.session == SW_SESSION_DEFAULT && ecu->node.services.access.unlocked != 0u) counted.unlocked_without_key++;
     for (uint32_t slot = 0; slot < 2u; slot++) {
         const sw_slot_state *standing = &store->state.slots[slot];
         uint32_t found = 0;
@@ -72,7 +72,7 @@ static void power_on(void)
     offered = 0;
     counted.boots++;
     counted.trials += ecu->node.store.reason == SW_BOOT_TRIAL;
-    if (ecu->node.is_shut) counted.releases_lost++;
+    if (ecu->node.ecu.numbers.release == NULL) counted.releases_lost++;
     look();
 }
 
@@ -252,7 +252,7 @@ int main(int argc, char **argv)
     memcpy(&rules, parts[0].bytes, sizeof rules);
     ecu = malloc(sizeof *ecu);
     host_init(ecu, &rules, parts[1].bytes, "bench", "0815", "bench");
-    sw_programming_digest(parts[3].bytes, parts[3].length, digest);
+    sw_sha256_of(parts[3].bytes, parts[3].length, digest);
     if (host_provision(ecu, parts[2].bytes, parts[2].length, parts[3].bytes, parts[3].length, digest) != 0) return 3;
     good_count = parts[4].length / 32u;
     memcpy(good, parts[4].bytes, parts[4].length);

@@ -45,11 +45,16 @@ int sw_calibration_beyond(const sw_calibration *values, const sw_release *releas
 }
 int sw_drives_jets(uint8_t mode) { return mode; }
 uint8_t sw_mode_on_wire(uint8_t mode) { return mode; }
-void sw_emit_command(uint8_t *data, const sw_jet_command *command) { (void)data, (void)command; }
-void sw_emit_status(uint8_t *data, const sw_ecu_status *status) { (void)data, (void)status; }
-void sw_e2e_protect(uint8_t *data, int length, uint16_t data_id, uint8_t counter)
+void sw_calibration_bounds(const float *weights, sw_calibration *low, sw_calibration *high)
 {
-    (void)data, (void)length, (void)data_id, (void)counter;
+    (void)weights, (void)low, (void)high;
+}
+void sw_calibration_own(const sw_release *release, sw_calibration *own) { (void)release, (void)own; }
+int sw_write_frames(sw_ecu_state *state, const sw_jet_command *command, uint32_t bundle_hash, int64_t now_ns,
+                    sw_frame *frames_out)
+{
+    (void)state, (void)command, (void)bundle_hash, (void)now_ns, (void)frames_out;
+    return SW_FRAMES_OUT;
 }
 sw_status sw_control_step_of(const sw_program *program, sw_workspace *work, const sw_input *input, sw_output *output)
 {

@@ -1,5 +1,6 @@
 /* The store over a flash memory that is played here: words are written once, and the supply may go in any operation. */
-#include "sw_store_parts.h"
+#include "sw_bytes.h"
+#include "sw_store.h"
 
 #define WORDS (SW_FLASH_BYTES / SW_FLASH_WORD)
 #define NEVER UINT64_MAX

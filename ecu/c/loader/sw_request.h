@@ -1,0 +1,41 @@
+/* Why something is not done now, in codes of UDS: the vehicle asks for control, or the store answered so. The twin of
+ * ecu/flashable/vehicle_request.py.
+ */
+#ifndef SW_REQUEST_H
+#define SW_REQUEST_H
+
+#include <stdint.h>
+
+#include "sw_store.h"
+#include "sw_uds_settings.h"
+
+/* What a handler returns besides a negative response code (SW_NRC_). */
+#define SW_UDS_DONE 0u /* the answer is positive */
+#define SW_UDS_MORE 1u /* its service goes on with it, a piece a call */
+
+/* The vehicle's request for control, as the control periods saw it: while it stands nothing is flashed. */
+typedef struct {
+    uint8_t has_asked;
+    uint8_t drives_jets;
+    int64_t asked_ns; /* the latest period with usable pressures that asked for control */
+    int64_t now_ns;   /* the latest look at diagnosis */
+} sw_vehicle_request;
+
+/* Why nothing may be flashed now: the SW_NRC_, or 0. */
+static inline uint8_t sw_request_refusal(const sw_vehicle_request *request)
+{
+    const int asks = request->has_asked && request->now_ns - request->asked_ns < SW_REMEMBERED_NS;
+    return (uint8_t)(request->drives_jets || asks ? SW_NRC_CONDITIONS_NOT_CORRECT : 0u);
+}
+
+/* The refusal for what the store answers; SW_UDS_DONE and SW_UDS_MORE for what is none. */
+static inline uint8_t sw_store_refusal(sw_store_result result)
+{
+    static const uint8_t codes[] = { /* in the order of sw_store_result */
+        SW_UDS_DONE, SW_UDS_MORE, SW_NRC_OUT_OF_RANGE, SW_NRC_SEQUENCE_ERROR, SW_NRC_OUT_OF_RANGE,
+        SW_NRC_PROGRAMMING_FAILURE,
+    };
+    return codes[result];
+}
+
+#endif

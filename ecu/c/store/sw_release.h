@@ -1,0 +1,72 @@
+/* Which keys may sign releases (contract/release/key_list.py); the header of a release as an image
+ * (contract/release/controller_image.py), and whether this ECU may run it.
+ */
+#ifndef SW_RELEASE_H
+#define SW_RELEASE_H
+
+#include <stdint.h>
+
+#define SW_MOST_KEYS 16u
+#define SW_KEY_LIST_BYTES (48u + 2u * SW_MOST_KEYS * 32u + 64u) /* of the longest list */
+
+/* Whether a list was signed by the root key and is in order. */
+int sw_key_list_is_good(const uint8_t *data, uint32_t length, const uint8_t root[32]);
+
+/* The version of a list that is good, or of zeros, which stand for none: it is 0 then, and no key is in the list. */
+uint32_t sw_key_list_version(const uint8_t *list);
+int sw_key_is_allowed(const uint8_t *list, const uint8_t key[32]);
+int sw_key_is_revoked(const uint8_t *list, const uint8_t key[32]);
+
+#define SW_HEADER_BYTES 512u
+#define SW_NAME_BYTES 64u
+
+/* The checks in the order in which they are made, as can_bridge/flashing/verdicts.py has them; also on the wire. */
+typedef enum {
+    SW_VERDICT_GOOD = 0,
+    SW_VERDICT_INCOMPLETE = 1,
+    SW_VERDICT_WRONG_HASH = 2,
+    SW_VERDICT_DAMAGED = 3,
+    SW_VERDICT_UNSIGNED = 4,
+    SW_VERDICT_BAD_SIGNATURE = 5,
+    SW_VERDICT_UNKNOWN_KEY = 6,
+    SW_VERDICT_REVOKED_KEY = 7,
+    SW_VERDICT_WRONG_DBC = 8,
+    SW_VERDICT_WRONG_HARDWARE = 9,
+    SW_VERDICT_WRONG_PERIOD = 10,
+    SW_VERDICT_WRONG_VEHICLE = 11,
+    SW_VERDICT_TOO_OLD = 12,
+    SW_VERDICT_UNREADABLE = 13,
+    SW_VERDICT_EMPTY = 14,
+    SW_VERDICT_WRONG_BUILD = 15, /* judged behind WRONG_DBC; and last, of an image that sw_image_open refuses */
+    SW_VERDICT_NONE = 0xff       /* not judged yet */
+} sw_verdict;
+
+/* What this ECU is. */
+typedef struct {
+    uint8_t root[32];        /* Ed25519 key that signs key lists */
+    uint8_t layout[32];      /* SHA-256 that names the build's layout of the payload */
+    uint8_t dbc[32];         /* SHA-256 of stillwake.dbc */
+    uint8_t hardware[64];    /* UTF-8, zero padded */
+    uint8_t vehicle[44];     /* bytes 148..191 of the header of every image that fits: control period, operating point,
+                                action limit, number of sensors */
+} sw_rules;
+
+/* What the store keeps of an image in order. */
+typedef struct {
+    uint32_t security_version;
+    uint8_t digest[32]; /* of the release */
+    uint8_t name[SW_NAME_BYTES];
+    uint8_t name_length;
+    uint8_t signer[32];
+} sw_release_facts;
+
+/* Judge the header of an image of `length` bytes, its payload's SHA-256 being as given, by a key list. WRONG_HASH,
+ * INCOMPLETE, UNREADABLE and EMPTY are for the caller to find, and whether the build can run the payload.
+ */
+sw_verdict sw_release_judge(const uint8_t header[SW_HEADER_BYTES], uint32_t length, const uint8_t payload_sha256[32],
+                            const uint8_t *keys, const sw_rules *rules, uint32_t least_security_version);
+
+/* Reads a header that is GOOD. */
+void sw_release_read(const uint8_t header[SW_HEADER_BYTES], sw_release_facts *facts);
+
+#endif

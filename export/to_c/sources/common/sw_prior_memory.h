@@ -1,0 +1,52 @@
+/* The prior of the plan: its numbers, and its scratch memory. Without one SW_PRIOR_UNITS is 0. */
+#ifndef SW_PRIOR_MEMORY_H
+#define SW_PRIOR_MEMORY_H
+
+#include <stdint.h>
+
+#include "sw_settings.h"
+
+/* A row of the past: the differences of the sensors' pairs, then the action. */
+#define SW_PRIOR_ROW (SW_SENSORS / 2 + 1)
+#define SW_PRIOR_PAST (SW_PRIOR_MEMORY * SW_PRIOR_ROW)
+
+#if SW_PRIOR_UNITS > 0
+
+/* Inputs of the units: the filtered rows. Of their gates: the filtered sums of the sensors' pairs. */
+#define SW_PRIOR_INPUTS (SW_PRIOR_FILTERS * SW_PRIOR_ROW)
+#define SW_PRIOR_SUMS (SW_PRIOR_FILTERS * (SW_PRIOR_ROW - 1))
+/* The units, filled up with zeros to eight at a time. */
+#define SW_PRIOR_OUTPUTS ((SW_PRIOR_UNITS + 7) / 8 * 8)
+
+/* Members of sw_weights: the first row of a past that each filter reads, and how many; the rows' weights, filter by filter;
+ * the layers. The two matrices are the numbers times their scales, which are 1 in a float32 library: a unit's weights on
+ * its inputs, each for all that schedules it, and those of its gate on the sums.
+ */
+#define SW_PRIOR_NUMBERS                                                                        \
+    SW_ALIGNED int32_t prior_filter_rows[SW_PRIOR_FILTERS][2];                                  \
+    SW_ALIGNED float prior_filter[SW_PRIOR_FILTER_ROWS];                                        \
+    SW_ALIGNED sw_prior_number prior_first[SW_PRIOR_OUTPUTS][SW_PRIOR_INPUTS][SW_SCHEDULED];    \
+    SW_ALIGNED float prior_first_scale[SW_PRIOR_OUTPUTS][SW_SCHEDULED];                         \
+    SW_ALIGNED float prior_gate[SW_PRIOR_OUTPUTS][SW_SCHEDULED];                                \
+    SW_ALIGNED sw_prior_number prior_sums[SW_PRIOR_OUTPUTS][SW_PRIOR_SUMS];                     \
+    SW_ALIGNED float prior_sums_scale[SW_PRIOR_OUTPUTS];                                        \
+    SW_ALIGNED float prior_output[SW_PRIOR_OUTPUTS];                                            \
+    SW_ALIGNED float prior_predictor[SW_PRIOR_ROW - 1][SW_PRIOR_PAST];
+
+#else
+#define SW_SCHEDULED 1
+#define SW_PRIOR_INPUTS 1
+#define SW_PRIOR_OUTPUTS 1
+#define SW_PRIOR_NUMBERS
+#endif
+
+typedef struct {
+    float rows[SW_PRIOR_MEMORY + SW_HORIZON][SW_PRIOR_ROW]; /* oldest first: what was, then what is predicted */
+    float schedule[SW_SCHEDULED];
+    float inputs[SW_PRIOR_INPUTS];
+    float weight[SW_PRIOR_INPUTS][SW_PRIOR_OUTPUTS]; /* as they are scheduled in this control step */
+    float outputs[SW_PRIOR_OUTPUTS];
+    float gated[SW_PRIOR_OUTPUTS]; /* the last layer's weights times the gates */
+} sw_prior_scratch;
+
+#endif

@@ -1,0 +1,13 @@
+/* The cost J = weights . terms: its terms, and its gradient. */
+#ifndef SW_COST_H
+#define SW_COST_H
+
+#include "stillwake.h"
+
+/* Unweighted cost terms of work->forces and work->plan. */
+void sw_cost_terms(const sw_workspace *work, float previous_action, float terms[SW_TERMS]);
+
+/* dJ/dforces, work->d_forces, and dJ/da with the forces held fixed, work->gradient. */
+void sw_cost_gradient(sw_workspace *work, float previous_action, const float weights[SW_TERMS]);
+
+#endif

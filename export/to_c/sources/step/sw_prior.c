@@ -1,0 +1,185 @@
+/* The plan that the optimiser starts from: a feedback on the past, followed over the horizon on predicted differences. */
+#include "sw_prior.h"
+
+#include "sw_math.h"
+#include "sw_weights.h"
+
+#if SW_PRIOR_UNITS > 0
+
+/* What schedules the units and their gates, in the order of their weights. */
+enum { ONE, SPEED, EFFORT, LIFT, LIMIT };
+
+#if SW_SCHEDULED != 5
+#error "five weights of a unit on an input are added up here"
+#endif
+
+/* Where a weight of the cost lies in the range that the prior knows. */
+static float root_of(float weight, float dearest)
+{
+    if (weight < dearest) return sw_sqrt(weight / dearest);
+    return weight > 0.0f ? 1.0f : 0.0f;
+}
+
+/* Speed and goal as contract/controller/goal.py has them. */
+static void take_schedule(float schedule[SW_SCHEDULED], const sw_workspace *work, const sw_input *input)
+{
+    const float *weights = input->weights, share = work->limit / work->program.weights->action_limit;
+    schedule[ONE] = 1.0f;
+    schedule[SPEED] = (input->speed - 1.0f) / SW_SPEED_SCALE;
+    schedule[EFFORT] = root_of(weights[SW_EFFORT], SW_DEAREST_EFFORT * weights[SW_DRAG_MEAN]);
+    schedule[LIFT] = root_of(weights[SW_LIFT], SW_DEAREST_LIFT * weights[SW_DRAG_MEAN]);
+    schedule[LIMIT] = sw_min(sw_max((1.0f - share) / (1.0f - SW_NARROWEST), 0.0f), 1.0f);
+}
+
+/* The weights of the units on their inputs at the present speed and goal. */
+static void take_weights(sw_prior_scratch *prior, const sw_weights *w)
+{
+    for (int u = 0; u < SW_PRIOR_OUTPUTS; u++) {
+        float s[SW_SCHEDULED];
+        for (int j = 0; j < SW_SCHEDULED; j++) s[j] = prior->schedule[j] * w->prior_first_scale[u][j];
+        for (int i = 0; i < SW_PRIOR_INPUTS; i++) {
+            const sw_prior_number *of = w->prior_first[u][i];
+            const float own = s[ONE] * (float)of[ONE] + s[SPEED] * (float)of[SPEED];
+            const float prices = s[EFFORT] * (float)of[EFFORT] + s[LIFT] * (float)of[LIFT];
+            prior->weight[i][u] = own + prices + s[LIMIT] * (float)of[LIMIT];
+        }
+    }
+}
+
+/* Rows before the present one, and the differences of the present one. The window does not hold the oldest, which is taken
+ * to be like the one after it.
+ */
+static void take_past(sw_prior_scratch *prior, const float window[SW_WINDOW][SW_COLUMNS])
+{
+    const float(*newest)[SW_COLUMNS] = &window[SW_WINDOW - SW_PRIOR_MEMORY];
+    for (int row = 1; row <= SW_PRIOR_MEMORY; row++) {
+        for (int p = 0; p < SW_PRIOR_ROW - 1; p++) {
+            prior->rows[row][p] = newest[row - 1][2 * p] - newest[row - 1][2 * p + 1];
+        }
+        if (row < SW_PRIOR_MEMORY) prior->rows[row][SW_PRIOR_ROW - 1] = newest[row][SW_SENSORS];
+    }
+    for (int c = 0; c < SW_PRIOR_ROW; c++) prior->rows[0][c] = prior->rows[1][c];
+}
+
+/* The sum of products of weights with values, `apart` numbers from each other: two sums do not wait for each other. */
+static float product(const float *weights, const float *values, int apart, int count)
+{
+    float sum = 0.0f, other = 0.0f;
+    for (int i = 1; i < count; i += 2) {
+        sum += weights[i - 1] * values[0];
+        other += weights[i] * values[apart];
+        values += 2 * apart;
+    }
+    if (count % 2 != 0) sum += weights[count - 1] * values[0];
+    return sum + other;
+}
+
+/* What is read of the past that begins at a row: the first columns of its rows, filtered. */
+static void filter_past(sw_prior_scratch *prior, const sw_weights *w, int begin, int columns)
+{
+    const float *weight = w->prior_filter;
+    for (int f = 0; f < SW_PRIOR_FILTERS; f++) {
+        const int first = begin + (int)w->prior_filter_rows[f][0], count = (int)w->prior_filter_rows[f][1];
+        for (int c = 0; c < columns; c++) {
+            prior->inputs[f * columns + c] = product(weight, &prior->rows[first][c], SW_PRIOR_ROW, count);
+        }
+        weight += count;
+    }
+}
+
+/* The last layer's weights behind the gates, which read the sums of the newest rows; `rows` holds these meanwhile. */
+static void take_gates(sw_prior_scratch *prior, const sw_weights *w, const float window[SW_WINDOW][SW_COLUMNS])
+{
+    const float(*newest)[SW_COLUMNS] = &window[SW_WINDOW - SW_PRIOR_MEMORY];
+    for (int row = 0; row < SW_PRIOR_MEMORY; row++) {
+        for (int p = 0; p < SW_PRIOR_ROW - 1; p++) {
+            prior->rows[row][p] = newest[row][2 * p] + newest[row][2 * p + 1];
+        }
+    }
+    filter_past(prior, w, 0, SW_PRIOR_ROW - 1);
+    for (int u = 0; u < SW_PRIOR_OUTPUTS; u++) {
+        const float gate = product(w->prior_gate[u], prior->schedule, 1, SW_SCHEDULED);
+        float by_sums = 0.0f;
+        for (int i = 0; i < SW_PRIOR_SUMS; i++) by_sums += (float)w->prior_sums[u][i] * prior->inputs[i];
+        prior->gated[u] = w->prior_output[u] * (1.0f + sw_tanh(gate + w->prior_sums_scale[u] * by_sums));
+    }
+}
+
+/* The products of the weights with the inputs: eight units at a time share the loads of the inputs, and their sums do not
+ * wait for each other.
+ */
+static void multiply(float *outputs, const float *weights, const float *inputs)
+{
+    for (int first = 0; first < SW_PRIOR_OUTPUTS; first += 8) {
+        float s0 = 0.0f, s1 = 0.0f, s2 = 0.0f, s3 = 0.0f, s4 = 0.0f, s5 = 0.0f, s6 = 0.0f, s7 = 0.0f;
+        const float *of = &weights[first];
+        for (int i = 0; i < SW_PRIOR_INPUTS; i++) {
+            const float value = inputs[i];
+            s0 += of[0] * value;
+            s1 += of[1] * value;
+            s2 += of[2] * value;
+            s3 += of[3] * value;
+            s4 += of[4] * value;
+            s5 += of[5] * value;
+            s6 += of[6] * value;
+            s7 += of[7] * value;
+            of += SW_PRIOR_OUTPUTS;
+        }
+        outputs[first] = s0;
+        outputs[first + 1] = s1;
+        outputs[first + 2] = s2;
+        outputs[first + 3] = s3;
+        outputs[first + 4] = s4;
+        outputs[first + 5] = s5;
+        outputs[first + 6] = s6;
+        outputs[first + 7] = s7;
+    }
+}
+
+/* The action that the feedback wants, before it is scaled by what the jets can do. */
+static float wanted(sw_prior_scratch *prior)
+{
+    float sum = 0.0f, other = 0.0f;
+    multiply(prior->outputs, &prior->weight[0][0], prior->inputs);
+    for (int u = 0; u < SW_PRIOR_OUTPUTS; u += 2) {
+        sum += prior->gated[u] * sw_tanh(prior->outputs[u]);
+        other += prior->gated[u + 1] * sw_tanh(prior->outputs[u + 1]);
+    }
+    return sw_tanh(sum + other);
+}
+
+/* The next differences after the past that begins at a row. */
+static void predict(sw_prior_scratch *prior, const sw_weights *w, int begin)
+{
+    for (int p = 0; p < SW_PRIOR_ROW - 1; p++) {
+        prior->rows[begin + SW_PRIOR_MEMORY][p] = product(w->prior_predictor[p], prior->rows[begin], 1, SW_PRIOR_PAST);
+    }
+}
+
+void sw_start_plan(sw_workspace *work, const sw_input *input)
+{
+    const sw_weights *w = work->program.weights;
+    sw_prior_scratch *prior = &work->phase.prior;
+    take_schedule(prior->schedule, work, input);
+    take_weights(prior, w);
+    take_gates(prior, w, input->window);
+    take_past(prior, input->window);
+    const float most = (1.0f - (1.0f - SW_NARROWEST) * prior->schedule[LIMIT]) * w->action_limit;
+    for (int k = 0; k < SW_HORIZON; k++) {
+        float *action = &prior->rows[SW_PRIOR_MEMORY + k][SW_PRIOR_ROW - 1];
+        if (k > 0) predict(prior, w, k);
+        filter_past(prior, w, k, SW_PRIOR_ROW);
+        const float free = sw_min(sw_max(most * wanted(prior), -work->limit), work->limit);
+        *action = input->free[k] > 0.5f ? free : input->plan[k + 1 < SW_HORIZON ? k + 1 : k];
+        work->plan[k] = *action;
+    }
+}
+
+#else
+
+void sw_start_plan(sw_workspace *work, const sw_input *input)
+{
+    for (int k = 0; k < SW_HORIZON; k++) work->plan[k] = input->plan[k + 1 < SW_HORIZON ? k + 1 : k];
+}
+
+#endif
