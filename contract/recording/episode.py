@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
-from contract.arrays import Array
+from contract.arrays import Array, Index
 from contract.errors import DatasetError
 from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
 
@@ -69,6 +69,10 @@ class Episode:
     def previous_action(self) -> Array:
         """a_{k-1} for every k, shape (n,): the encoder's input next to Cp_k."""
         return np.concatenate([[self.initial_action], self.series["action"][:-1]])
+
+    def rows(self, columns: Index, sign: float = 1.0) -> Array:
+        """(n, S+1): rows (Cp_k, a_{k-1}) of S sensors; the mirror image of an action has another sign."""
+        return np.column_stack([self.series["Cp"][:, columns], sign * self.previous_action])
 
     @property
     def ledger(self) -> DragLedger[Array]:

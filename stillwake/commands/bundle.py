@@ -2,7 +2,6 @@
 
 import secrets
 from datetime import date
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -126,6 +125,10 @@ def renew(
     private = signing.read_private_key(key)
     loaded = settings("bundle renew", given, uses=["operating_point", "mpc.weights"])
     with progress("batches") as report:
+        made = None
+        if dataset is not None:
+            old = bundles.load(path, trusted, any_dbc=True).manifest
+            made = fitted_estimator(dataset, old.sensors, old.window, report)
         renewed = bundles.renew(
             path,
             output,
@@ -138,7 +141,7 @@ def renew(
             security_version=security_version,
             hardware=hardware,
             speeds=None if speeds is None else _speeds(speeds),
-            estimator=None if dataset is None else partial(fitted_estimator, dataset, report),
+            estimator=made,
             judge=judge,
         )
     console.print(*describe(renewed), sep="\n")
