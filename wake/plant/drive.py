@@ -80,8 +80,13 @@ class Drive:
     def substeps(self, flow: FlowConfig, point: OperatingPoint) -> FlowConfig:
         """The flow's settings with as many more time steps as its fastest stream needs."""
         fastest = max(self.speeds) / point.speed + (0.0 if self.gust is None else self.gust.amplitude)
-        # 42 and not 43 for 30 times 1.4.
-        return replace(flow, substeps=ceil(flow.substeps * max(1.0, fastest) - 1e-9))
+        return at_speed(flow, fastest)
+
+
+def at_speed(flow: FlowConfig, fastest: float) -> FlowConfig:
+    """The flow's settings with as many more time steps as a stream of so many times U needs."""
+    # 42 and not 43 for 30 times 1.4.
+    return replace(flow, substeps=ceil(flow.substeps * max(1.0, fastest) - 1e-9))
 
 
 _PROFILES: Final[Mapping[str, Sequence[tuple[float, float]]]] = {
