@@ -11,7 +11,7 @@ from typing import Final
 
 from contract.config.listing import Setting, sections, shown
 from contract.config.loading import load_config
-from contract.config.sources import Source
+from contract.config.rules import Source
 from contract.config.tree import Config
 
 ROOT: Final = Path(__file__).resolve().parents[1]

@@ -21,7 +21,7 @@ from contract.config.plant import FlowConfig
 from contract.results import versions
 from train.fitting.threads import without_denormals
 from wake.truck.averages import over_cycles
-from wake.truck.regrid import moved
+from wake.truck.develop import moved
 from wake.truck.state import State, developed_state
 from wake.truck.tape import Tape, no_weights
 from wake.truck.truck_wake import TruckWake

@@ -7,9 +7,7 @@ Re = 500: the operating point sets clocks and scales, it does not make the wake 
 from dataclasses import dataclass
 from typing import Annotated
 
-from contract.config.rules import Settings, within
-from contract.config.sources import ours
-from contract.config.units import Unit
+from contract.config.rules import Settings, Unit, ours, within
 
 
 @dataclass(frozen=True, kw_only=True)

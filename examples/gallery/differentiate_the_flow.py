@@ -22,7 +22,7 @@ import numpy as np
 from rich import print
 
 from contract.config.plant import FlowConfig
-from wake.truck.regrid import moved
+from wake.truck.develop import moved
 from wake.truck.state import developed_state
 from wake.truck.tape import Tape, no_weights
 from wake.truck.truck_wake import TruckWake

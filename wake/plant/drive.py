@@ -1,22 +1,50 @@
-"""The speed of a vehicle in the course of time: a shipped profile, or a file of one's own.
+"""The stream in the course of time: the speed of a vehicle, by a shipped profile or a file of one's own, and gusts.
 
 The plant computes in units of one speed U, the operating point's. At the speed v it is a free stream of v / U: Reynolds
 number and dynamic pressure follow, the viscosity, the size and the control period stay.
+
+A gust is wind against the body that varies in time, the same everywhere far from it. It is the wind of a body whose
+speed through the air varies, in the body's own frame (`wake.solver.navier_stokes`), so that pressures stay relative to
+the free stream. Forces and pressures keep the unit of the mean U_inf.
 """
 
 import csv
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from math import ceil, isfinite
+from math import ceil, inf, isfinite, pi, sin
 from pathlib import Path
 from typing import Final
 
 from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.errors import ConfigError
-from wake.plant.gust import Gust, Wind
+
+Wind = Callable[[float], float]
+"""Time in t_c to how much the wind exceeds U_inf, in U_inf."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gust:
+    """A sine about U_inf.
+
+    Attributes:
+        amplitude: in U_inf.
+        period, start: in t_c.
+        cycles: how many periods it lasts; a whole number, so that it ends at U_inf as it begins.
+    """
+
+    amplitude: float
+    period: float
+    start: float = 0.0
+    cycles: float = inf
+
+    def __call__(self, t: float) -> float:
+        """See `Wind`."""
+        phase = (t - self.start) / self.period
+        return self.amplitude * sin(2.0 * pi * phase) if 0.0 <= phase <= self.cycles else 0.0
+
 
 HEADER: Final = ("t_s", "speed_m_per_s")
 MOST_RATIO: Final = 2.0

@@ -6,7 +6,7 @@ from contract.arrays import Array
 from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.sensor_layout import SensorLayout
-from wake.plant.gust import Wind
+from wake.plant.drive import Wind
 from wake.plant.sample import Sample
 from wake.solver.grid import Grid
 

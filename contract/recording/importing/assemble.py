@@ -17,8 +17,7 @@ from contract.recording.findings import LIMIT_TOLERANCE, STEP_TOLERANCE, clock_p
 from contract.recording.importing.forces import FORCES
 from contract.recording.importing.openfoam import case_of, read_case
 from contract.recording.importing.source_file import Contents, read_source
-from contract.recording.importing.stored import GAP
-from contract.recording.importing.stored_files import INITIAL_ACTION
+from contract.recording.importing.stored import GAP, INITIAL_ACTION
 from contract.recording.importing.units import Reference
 from contract.sensor_layout import SensorLayout
 

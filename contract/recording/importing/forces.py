@@ -13,7 +13,7 @@ from contract.errors import DatasetError
 from contract.recording.facts import ForcesClock
 from contract.recording.importing.csv_table import read_csv
 from contract.recording.importing.source_file import SUFFIXES
-from contract.recording.importing.stored_files import BINARY, stored_arrays
+from contract.recording.importing.stored import BINARY, stored_arrays
 from contract.recording.importing.units import Reference, factor, seconds_in, split_unit
 
 FORCES: Final = ("Cd", "Cl")

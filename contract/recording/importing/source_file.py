@@ -10,8 +10,7 @@ import numpy as np
 from contract.arrays import Array
 from contract.errors import DatasetError
 from contract.recording.importing.csv_table import read_csv
-from contract.recording.importing.stored import Stored
-from contract.recording.importing.stored_files import BINARY, INITIAL_ACTION, stored_arrays
+from contract.recording.importing.stored import BINARY, INITIAL_ACTION, Stored, stored_arrays
 from contract.recording.importing.units import Reference, factor, split_unit
 from contract.sensor_layout import SensorLayout
 

@@ -103,7 +103,7 @@ def import_(
     have examples.
     """
     from contract.recording.dataset import write
-    from contract.recording.importing.sensor_table import read_sensors
+    from contract.recording.importing.csv_table import read_sensors
     from contract.recording.importing.units import references_of
 
     roles = roles_of(files or [])

@@ -4,7 +4,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from contract.recording.int16_series import pack, unpack
+from contract.recording.dataset import pack, unpack
 
 FINEST, COARSEST = 2.0**-15, 2.0**-8
 LIMIT = 32767 * COARSEST

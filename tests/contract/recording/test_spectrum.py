@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from contract.recording.spectrum import dominant_frequency, share_near
+from contract.recording.plausible import dominant_frequency, share_near
 
 PERIOD = 0.25
 

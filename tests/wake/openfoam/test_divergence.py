@@ -16,8 +16,8 @@ from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from wake.openfoam.measurements import Readings
 from wake.openfoam.plant import OpenFoamWake
-from wake.openfoam.sensing import pressure_points
 from wake.openfoam.state import FoamState
+from wake.openfoam.wall import pressure_points
 
 # Every file has a row for good steps and one for bad ones.
 SOLVER = """#!{python}

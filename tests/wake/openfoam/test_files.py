@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from contract.errors import PlantError
-from wake.openfoam import fields, state
+from wake.openfoam import foam_files, state
 from wake.openfoam.measurements import Follower, Instruments, Readings, read_all
-from wake.openfoam.sensing import pressure_points
+from wake.openfoam.wall import pressure_points
 
 HEADER = b'FoamFile\n{\n    format      binary;\n    arch        "LSB;label=32;scalar=64";\n}\n'
 
@@ -21,20 +21,20 @@ def _field(values: list[float], kind: str, count: int) -> bytes:
 
 
 def test_fields_are_read_as_written(tmp_path):
-    assert fields.parse_cells(_field([1.5, -2.0, 1e-300], "scalar", 3), "p").tolist() == [1.5, -2.0, 1e-300]
-    assert fields.parse_cells(_field([1.0, 2, 3, 4, 5, 6], "vector", 2), "U").tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert foam_files.parse_cells(_field([1.5, -2.0, 1e-300], "scalar", 3), "p").tolist() == [1.5, -2.0, 1e-300]
+    assert foam_files.parse_cells(_field([1.0, 2, 3, 4, 5, 6], "vector", 2), "U").tolist() == [[1, 2, 3], [4, 5, 6]]
     for content, what in (
         (_field([1.0, 2.0], "scalar", 3)[:-24], "p: holds 1[0-9] of 24 bytes"),
         (b"format ascii;\ninternalField   nonuniform List<scalar>\n1\n(1\n)", "must hold a binary list"),
     ):
         with pytest.raises(PlantError, match=what):
-            fields.parse_cells(content, "p")
-    assert fields.latest(tmp_path) is None
+            foam_files.parse_cells(content, "p")
+    assert foam_files.latest(tmp_path) is None
     for name in ("0", "5", "10", "9.5", "system", "20"):
         (tmp_path / name).mkdir()
     for name in ("0", "5", "10", "9.5"):
         (tmp_path / name / "p").touch()
-    assert fields.latest(tmp_path) == tmp_path / "10"
+    assert foam_files.latest(tmp_path) == tmp_path / "10"
 
 
 def _write_measurements(folder, start: str, times, *, probes: int, value=lambda t: t) -> None:

@@ -14,9 +14,8 @@ from pathlib import Path
 import pytest
 
 from contract.errors import PlantError
-from wake.openfoam import jets
-from wake.openfoam.coupling import JetPipes
-from wake.openfoam.process import IcoFoam
+from wake.openfoam import wall
+from wake.openfoam.process import IcoFoam, JetPipes
 
 READER = """
 import sys, time
@@ -32,12 +31,12 @@ exec(after)
 
 @pytest.fixture
 def case(coarse_mesh, tmp_path) -> Path:
-    jets.write_pipes(tmp_path, coarse_mesh, dt=0.01, steps=10, action=0.0)
+    wall.write_pipes(tmp_path, coarse_mesh, dt=0.01, steps=10, action=0.0)
     return tmp_path
 
 
 def _reader(case: Path, steps: int, after: str) -> IcoFoam:
-    pipes = [str(jets.pipe(case, jet)) for jet in jets.JETS]
+    pipes = [str(wall.pipe(case, jet)) for jet in wall.JETS]
     return IcoFoam(case, (sys.executable, "-c", READER, *pipes, str(steps), after))
 
 

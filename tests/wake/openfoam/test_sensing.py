@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import quad
 
 from contract import sensors
-from wake.openfoam import jets
-from wake.openfoam.sensing import pressure_points, sensor_weights
+from wake.openfoam import wall
+from wake.openfoam.wall import pressure_points, sensor_weights
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +32,8 @@ def test_a_linear_pressure_is_read_exactly_on_its_side(probes):
 
 
 def test_jet_files_name_every_step_and_lead_to_one_pipe(coarse_mesh, tmp_path):
-    jets.write_pipes(tmp_path, coarse_mesh, dt=0.01, steps=40, action=0.0)
-    for jet in jets.JETS:
+    wall.write_pipes(tmp_path, coarse_mesh, dt=0.01, steps=40, action=0.0)
+    for jet in wall.JETS:
         data = tmp_path / "constant" / "boundaryData" / jet
         instants = sorted(float(item.name) for item in data.iterdir() if item.name not in ("0", "points"))
         steps = 0.01 * np.arange(1, 41)
@@ -41,16 +41,16 @@ def test_jet_files_name_every_step_and_lead_to_one_pipe(coarse_mesh, tmp_path):
         # Never before the step's end, or the file would be read a step early.
         assert (np.array(instants) > steps).all()
         assert {(data / item.name).resolve() for item in data.iterdir() if item.is_symlink()} == {
-            jets.pipe(tmp_path, jet).parent
+            wall.pipe(tmp_path, jet).parent
         }
-        assert jets.pipe(tmp_path, jet).is_fifo()
+        assert wall.pipe(tmp_path, jet).is_fifo()
         assert re.match(r"2\n\(\n\(0 0 0\)\n\(0 0 0\)\n\)\n", (data / "0" / "U").read_text().replace("-0", "0"))
 
 
 def test_jets_are_parabolas_averaged_over_each_face(coarse_mesh):
     action = 0.06
     for jet, sign, bottom in (("jetUpper", 1.0, 0.45), ("jetLower", -1.0, -0.5)):
-        speed = jets.slot_velocity(coarse_mesh, jet, action)
+        speed = wall.slot_velocity(coarse_mesh, jet, action)
         edges = coarse_mesh.points[coarse_mesh.patches[jet]][:, :, 1]
         assert speed[:, 1] == pytest.approx(0.0, abs=0)
         for (a, b), u in zip(edges, speed[:, 0], strict=True):

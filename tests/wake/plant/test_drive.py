@@ -8,8 +8,7 @@ import pytest
 from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.errors import ConfigError
-from wake.plant.drive import PROFILES, Drive, find_drive
-from wake.plant.gust import Gust
+from wake.plant.drive import PROFILES, Drive, Gust, find_drive
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
-from wake.plant.gust import Gust, Wind
+from wake.plant.drive import Gust, Wind
 from wake.solver import boundary
 from wake.solver.flow import Flow
 from wake.solver.grid import from_faces

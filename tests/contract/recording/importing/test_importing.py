@@ -13,7 +13,7 @@ from contract.recording import dataset
 from contract.recording.dataset import CP_QUANTUM, QUANTUM, REQUIRED, Dataset
 from contract.recording.facts import PlantFacts
 from contract.recording.importing.assemble import Source, assemble
-from contract.recording.importing.sensor_table import read_sensors
+from contract.recording.importing.csv_table import read_sensors
 from contract.recording.importing.units import references_of
 from contract.sensor_layout import SensorLayout
 from tests import foreign_plant
