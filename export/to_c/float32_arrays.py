@@ -13,7 +13,7 @@ import numpy.typing as npt
 from contract.arrays import Array
 from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT, NARROWEST, SCHEDULED, SPEED_SCALE
 from contract.errors import ExportError
-from export.int8.nearest import Int8Matrix
+from export.int8.rounded_program import Int8Matrix
 from export.program.controller_program import ControllerProgram
 from export.program.float32 import float32_within
 from export.program.weights import PriorWeights

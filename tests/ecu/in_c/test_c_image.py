@@ -26,7 +26,7 @@ from ecu.in_c.compiler import compile_c, host_compiler
 from examples.c_samples import MODEL, MPC
 from examples.random_programs import random_program
 from export.int8.calibrate import rounded_on
-from export.int8.rounded_estimator import rounded_estimator
+from export.int8.rounded_program import rounded_estimator
 from export.program.windows import random_windows
 from export.release.lowering import library_of
 from export.to_c.estimator import estimator_files

@@ -14,8 +14,7 @@ from contract.errors import ExportError
 from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits, check_quantisation, compare_answers, exact_answers
 from export.int8.calibrate import DAMPING, quantise_on
-from export.int8.nearest import quantise_matrix
-from export.int8.rounded_program import rounded_to_nearest
+from export.int8.rounded_program import quantise_matrix, rounded_to_nearest
 from export.program.windows import random_window
 from export.reference.mpc import control_step
 

@@ -12,7 +12,7 @@ from examples.random_programs import random_program
 from export.int8.calibrate import rounded_on
 from export.int8.layer_inputs import layer_inputs
 from export.int8.rounded_program import rounded_to_nearest
-from export.program.matrices import matrices
+from export.program.controller_program import matrices
 from export.program.windows import random_windows
 from export.reference.model import decode, encode, step
 from export.to_onnx.control_step import build_controller

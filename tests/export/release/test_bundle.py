@@ -21,7 +21,7 @@ from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
-from export.int8.rounded_estimator import rounded_estimator
+from export.int8.rounded_program import rounded_estimator
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window, random_windows
 from export.reference.mpc import control_step
