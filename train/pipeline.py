@@ -17,8 +17,7 @@ from contract.recording.findings import findings, left_out, refuse_unfit, traina
 from contract.release.manifest import Scaling
 from contract.sensor_layout import SensorLayout
 from train import model_store
-from train.distillation.distil import distil, encode_all
-from train.distillation.distil_predictor import distil_predictor
+from train.distillation.distil import distil, distil_predictor, encode_all
 from train.distillation.evaluate import evaluate_model
 from train.distillation.lessons import teach
 from train.fitting import checkpoint, unfinished
@@ -28,8 +27,7 @@ from train.fitting.threads import torch_threads
 from train.fitting.unfinished import Identity
 from train.model_store import TrainedModel
 from train.networks.model import Encoder, Predictor, WakeModel
-from train.samples.rows import Rows, prepare
-from train.samples.scaling import fit_scaling
+from train.samples.rows import Rows, fit_scaling, prepare
 from train.selection.methods import select, select_by_hand
 from train.selection.ranking import GIVEN, Ranking, SensorChoice, check_count
 from train.selection.shap_ranking import ShapRanker, rank

@@ -28,6 +28,8 @@ NOISE: Final = 0.5
 HELD: Final = 0.4
 """Largest share of rows that repeat the one before."""
 WEIGHT_DECAY: Final = 1e-3
+SEED: Final = 0
+"""Of initial weights, draws and noise; another one would do."""
 
 
 def fit_estimator(
@@ -36,7 +38,6 @@ def fit_estimator(
     window: int,
     *,
     epochs: float = EPOCHS,
-    seed: int = 0,
     threads: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> EstimatorNetwork:
@@ -65,7 +66,7 @@ def fit_estimator(
     mean, std = together.mean(axis=0), together.std(axis=0)
     mean[-1] = 0.0
     with torch_threads(threads):
-        return _fit(learned, mean, std, window, epochs=epochs, seed=seed, progress=progress)
+        return _fit(learned, mean, std, window, epochs=epochs, progress=progress)
 
 
 def _fit(
@@ -75,10 +76,9 @@ def _fit(
     window: int,
     *,
     epochs: float,
-    seed: int,
     progress: Callable[[int, int], None],
 ) -> EstimatorNetwork:
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(SEED)
     sensors = len(mean) - 1
     rows = torch.tensor((np.concatenate(learned) - mean) / std, dtype=torch.float32)
     begins = np.cumsum([0, *(len(item) for item in learned[:-1])])
@@ -92,7 +92,7 @@ def _fit(
     unit = torch.tensor(np.sqrt(np.square(std[:-1]).mean()) / std[:-1], dtype=torch.float32)
     sizes = (window * (sensors + 1) + sensors, *WIDTHS, sensors)
     with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
+        torch.manual_seed(SEED)
         linear = [nn.Linear(before, after) for before, after in pairwise(sizes)]
     model = nn.Sequential(linear[0], nn.ReLU(), linear[1], nn.ReLU(), linear[2])
     batches = max(1, round(epochs * len(starts) / BATCH))

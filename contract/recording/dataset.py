@@ -17,13 +17,12 @@ import numpy.typing as npt
 from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import ConfigError, DatasetError
+from contract.recording.episode import FACTS, PlantFacts, facts_in, first_known, problems_of
 from contract.recording.episode import REQUIRED as REQUIRED
 from contract.recording.episode import ROLES as ROLES
 from contract.recording.episode import UNITS as UNITS
 from contract.recording.episode import Episode as Episode
 from contract.recording.episode import Role as Role
-from contract.recording.episode import problems_of
-from contract.recording.facts import FACTS, PlantFacts, facts_in, first_known
 from contract.recording.hdf5 import opened
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK

@@ -11,7 +11,7 @@ from contract.config.tree import Config
 from contract.errors import DatasetError
 from contract.recording import needs
 from contract.recording.dataset import Dataset, Episode
-from contract.recording.facts import FACTS, facts_in
+from contract.recording.episode import FACTS, facts_in
 from contract.recording.needs import Need
 from contract.recording.plausible import dominant_frequency, implausible, longest_run, share_near
 

@@ -14,7 +14,7 @@ import numpy as np
 from contract.arrays import Index
 from contract.config.controller import MpcConfig
 from contract.config.operating_point import OperatingPoint
-from contract.controller.image_limits import LEAST_FIGURE, MOST_FIGURE
+from contract.controller.image_payload import LEAST_FIGURE, MOST_FIGURE
 from contract.controller.interface import Sizes
 from contract.errors import BundleManifestError, ConfigError
 from contract.printable import MAX_NAME, is_name, quoted, shown

@@ -18,8 +18,7 @@ from contract.release import bundle as bundles
 from contract.release import key_list, signing
 from contract.release.checks import Bundle, Check, dbc_sha256, sha256
 from contract.release.container import read_files
-from contract.release.difference import differences
-from contract.release.image_contents import described, is_image, opened
+from contract.release.difference import described, differences, is_image, opened
 from contract.release.key_list import KeyList
 from contract.release.manifest import SpeedRange
 from contract.release.signing import PublicKey

@@ -4,7 +4,7 @@
     z_{t+1}   = z_t + f_dyn(z_t, a_t)
     C_t       = f_dec(z_t)              C = (Cd, Cl)
 
-Everything here is standardised (`train.samples.scaling`); shapes name B samples, L the window, F the features of a
+Everything here is standardised (`train.samples.rows`); shapes name B samples, L the window, F the features of a
 row, N_z the latent dimension.
 """
 

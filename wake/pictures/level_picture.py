@@ -58,21 +58,18 @@ def view_of(body: BodyConfig) -> View:
 class LevelPicture:
     """Draws a plant's vorticity as it is now; 0 inside the body.
 
-    Args:
-        width: of the picture in pixels.
-
     Attributes:
         view: x and y limits in W.
         size: (width, height) in pixels.
     """
 
-    def __init__(self, wake: Drawable, width: int = WIDTH) -> None:
+    def __init__(self, wake: Drawable) -> None:
         self._wake = wake
         self.view = view_of(wake.body)
-        self._raster = Raster.of(wake.grid.xf[1:-1], wake.grid.yf[1:-1], self.view, width)
+        self._raster = Raster.of(wake.grid.xf[1:-1], wake.grid.yf[1:-1], self.view, WIDTH)
         x, y = self._raster.x, self._raster.y
         self._flow = ((x[None, :] < 0.0) | (x[None, :] > wake.body.length)) | (np.abs(y[:, None]) > HALF_WIDTH)
-        self.size = (width, len(y))
+        self.size = (WIDTH, len(y))
 
     def levels(self) -> Levels:
         """Levels of the present state, (height, width)."""

@@ -13,7 +13,7 @@ from contract import sensors
 from contract.errors import DatasetError
 from contract.recording import dataset
 from contract.recording.dataset import REQUIRED, UNITS, Dataset
-from contract.recording.facts import PlantFacts
+from contract.recording.episode import PlantFacts
 from contract.sensor_layout import SensorLayout
 from tests.contract.recording.random_episodes import episode
 from tests.examples import examples

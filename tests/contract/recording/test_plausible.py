@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from contract.recording.dataset import Dataset, Episode
-from contract.recording.facts import PlantFacts
+from contract.recording.episode import PlantFacts
 from contract.recording.plausible import implausible
 from contract.sensor_layout import SensorLayout
 from tests.oscillating_wake import FILES, LIMIT, NAMES, PERIOD, POSITIONS, Array, series

@@ -11,8 +11,7 @@ from train.distillation.distil import distil, encode_all
 from train.distillation.evaluate import latent_error
 from train.fitting.fit import seeded
 from train.networks.model import WakeModel
-from train.samples.rows import prepare
-from train.samples.scaling import fit_scaling
+from train.samples.rows import fit_scaling, prepare
 
 
 def test_encode_all_is_the_encoder_window_by_window(small_recording, small_config):

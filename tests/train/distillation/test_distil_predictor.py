@@ -5,8 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from train.distillation.distil import encode_all
-from train.distillation.distil_predictor import distil_predictor
+from train.distillation.distil import distil_predictor, encode_all
 from train.distillation.evaluate import rollout_starts
 from train.distillation.lessons import teach
 from train.networks.model import Predictor

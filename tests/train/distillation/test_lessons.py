@@ -10,8 +10,7 @@ from contract.release.manifest import Scaling
 from train.distillation.distil import encode_all
 from train.distillation.lessons import Lessons, teach
 from train.networks.model import WakeModel
-from train.samples.rows import Rows, prepare
-from train.samples.scaling import fit_scaling
+from train.samples.rows import Rows, fit_scaling, prepare
 
 
 @pytest.fixture(scope="module")

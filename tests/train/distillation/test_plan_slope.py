@@ -11,7 +11,7 @@ from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
 from export.program.weights import DecoderWeights, DynamicsWeights
 from export.reference.mpc import gradient
-from train.distillation.plan_slope import force_slope, plan_slope, predict
+from train.distillation.lessons import force_slope, plan_slope, predict
 from train.networks.model import Predictor
 
 MODEL = ModelConfig(dynamics_width=12, decoder_width=10, latent=3, dropout=0.0)

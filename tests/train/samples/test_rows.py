@@ -6,8 +6,7 @@ import pytest
 import torch
 
 from contract import sensors
-from train.samples.rows import prepare
-from train.samples.scaling import fit_scaling
+from train.samples.rows import fit_scaling, prepare
 
 
 def test_rows_are_standardised_with_the_action_before_them(rows):

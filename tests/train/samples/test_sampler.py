@@ -6,9 +6,8 @@ import torch
 
 from contract import sensors
 from contract.errors import DatasetError
-from train.samples.rows import Rows, prepare
+from train.samples.rows import Rows, fit_scaling, prepare
 from train.samples.sampler import SegmentSampler, add_sensor_noise
-from train.samples.scaling import fit_scaling
 
 WINDOW, AHEAD = 8, 5
 

@@ -9,8 +9,7 @@ import torch
 from contract import sensors
 from contract.errors import DatasetError
 from contract.recording.dataset import Episode
-from train.samples.rows import prepare
-from train.samples.scaling import fit_scaling
+from train.samples.rows import fit_scaling, prepare
 
 
 def with_series(episode: Episode, **series: np.ndarray) -> Episode:
