@@ -1,4 +1,4 @@
-"""From a recording to a stored model: joint fit, choice of sensors, distillation, held-out figures."""
+"""The way from a recording to a stored model: joint fit, choice of sensors, distillation, held-out figures."""
 
 import hashlib
 import platform
@@ -195,6 +195,6 @@ def _listed(numbers: Iterable[int]) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Of what a training computes with."""
+    """The versions of what a training computes with."""
     packages = {name: version(name) for name in ("stillwake", "torch", "numpy", "shap")}
     return {"python": platform.python_version(), **packages}

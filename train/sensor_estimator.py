@@ -29,7 +29,7 @@ HELD: Final = 0.4
 """Largest share of rows that repeat the one before."""
 WEIGHT_DECAY: Final = 1e-3
 SEED: Final = 0
-"""Of initial weights, draws and noise; another one would do."""
+"""The seed of initial weights, draws and noise; another would do."""
 
 
 def fit_estimator(

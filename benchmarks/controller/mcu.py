@@ -55,7 +55,7 @@ CASES = (
     (64, 32, 3, "int8"),
 )
 SMALLER: Final = ((96, 64, 3, "int8"), (64, 32, 5, "int8"), (64, 32, 3, "int8"))
-"""On the Cortex-M4F."""
+"""The sizes that are measured on the Cortex-M4F."""
 Case = tuple[int, int, int, str]
 _ROWS = 4
 _PERIODS = 300

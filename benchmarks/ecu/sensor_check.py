@@ -102,7 +102,7 @@ class Lab:
     def read(
         self, passage: Passage, first: int = 0, last: int | None = None
     ) -> Iterator[tuple[int, Callable[[SensorCheckState], SensorCheckState]]]:
-        """For each step what the check makes of a state in it."""
+        """Yield each step with what the check makes of a state in it."""
         length = self.network.window
         windows = _windows(passage, length)[first:last]
         ahead = Ahead(_estimates(self.network, windows))

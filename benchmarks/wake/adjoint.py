@@ -114,7 +114,7 @@ def _drag(plant: TruckWake, start: State, actions: Array) -> float:
 
 
 def _mean_drag(plant: TruckWake, start: State) -> float:
-    """Of the wake without jets, over the cycles of the last half."""
+    """The mean drag of the wake without jets, over the cycles of the last half."""
     plant.reset(start)
     samples = [plant.advance(0.0) for _ in range(LONG)][LONG // 2 :]
     t, Cl, Cd = (np.array([getattr(sample, name) for sample in samples]) for name in ("t", "Cl", "Cd"))

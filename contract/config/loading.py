@@ -70,7 +70,7 @@ RELEASE = "release"
 PAPER = "paper"
 """Name of the bare defaults."""
 BASE_KEY = "base"
-"""In a TOML file: which of the two it goes on top of."""
+"""The key in a TOML file that states which of the two it goes on top of."""
 RETIRED: Final = {"refine.iterations": False}
 """Settings that earlier versions wrote down and this one lacks, with the value that they may still be read with."""
 

@@ -1,4 +1,4 @@
-"""From the non-dimensional flow to the engineering units of the bus, and back.
+"""The scales between the non-dimensional flow and the engineering units of the bus.
 
 The defaults are a full-size truck on a motorway. The flow behind them stays the paper's two-dimensional
 Re = 500: the operating point sets clocks and scales, it does not make the wake a truck's.

@@ -24,9 +24,9 @@ from contract.errors import BundleContainerError
 
 LEAST_FIGURE: Final = 1e-9
 MOST_FIGURE: Final = 1e3
-"""In Cp, of sound residuals and of the wake without jets, whose squares are divided by."""
+"""Bounds in Cp, of sound residuals and of the wake without jets, whose squares are divided by."""
 _TYPES: Final = ("int8", "uint8", "int32", "float32", "float64")
-"""By their numbers in `sw_image.c`."""
+"""Types by their numbers in `sw_image.c`."""
 _POSITIVE: Final = frozenset(
     {
         *("design_speed", "design_density", "window_factor", "force_std", "action_limit", "action_factor", "factor"),
@@ -36,10 +36,10 @@ _POSITIVE: Final = frozenset(
 )
 _NOT_NEGATIVE: Final = frozenset({"weights", "default_weights", "slowest", "decoder_largest"})
 _ESTIMATOR_MOST: Final = 2.0**17
-"""With numbers up to this every estimate is finite."""
+"""The largest number with which every estimate is finite."""
 _GAIN_ONE: Final = 2.0**22
 _ROW_SCALE_ONE: Final = 2.0**23
-"""As in `export.to_c.int8_format`."""
+"""The same as in `export.to_c.int8_format`."""
 _OF_ELU_MOST: Final = 65535.0
 """An ELU's integer in those of the decoder's residuals."""
 
@@ -49,7 +49,8 @@ Range = tuple[float, float]
 
 
 class Limits(NamedTuple):
-    """Of numbers in a payload: `groups` of `run` numbers each, `stride` bytes apart from the place of the first."""
+    """The bounds of numbers in a payload: `groups` of `run` numbers each, `stride` bytes apart from the place of the
+    first."""
 
     name: str
     dtype: str
@@ -177,7 +178,7 @@ _TITLE: Final = "layout 2 of a stillwake controller image\n"
 """Its number rises when a member's meaning changes and its size does not: in the first, the wake without jets was in
 shares of the design speed's."""
 _STRUCTS: Final = ("SW_RELEASE", "SW_WEIGHTS", "SW_HOT", "SW_ESTIMATOR")
-"""Of a payload, in its order."""
+"""The structs of a payload, in its order."""
 
 
 def layout_of(files: Mapping[str, bytes]) -> str:

@@ -43,7 +43,7 @@ class PlantFacts:
                 raise DatasetError(f"{name} = {value}: must be positive and finite")
 
     def as_dict(self) -> dict[str, float | None]:
-        """By name, in order; the names are those of the settings `flow.*`."""
+        """The facts by name, in order; the names are those of the settings `flow.*`."""
         return {name: getattr(self, name) for name in FACTS}
 
 

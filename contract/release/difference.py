@@ -25,7 +25,7 @@ _FEW: Final = 8
 
 
 def is_image(path: Path) -> bool:
-    """By its name."""
+    """Whether the file's name is that of an image."""
     return path.suffix.lower() == SUFFIX
 
 

@@ -53,7 +53,7 @@ sensitivity = tape.bar.faces_u.copy()
 
 
 def mean_drag(actions: np.ndarray) -> float:
-    """Of a run from the same start."""
+    """The sum of a run from the same start."""
     plant.reset(start)
     return float(np.mean([plant.advance(float(action)).Cd for action in actions]))
 

@@ -33,7 +33,7 @@ class Lowered:
 
     @property
     def program_sha256(self) -> str:
-        """As the bundle's manifest and the library's header have it."""
+        """The hash as the bundle's manifest and the library's header have it."""
         return program_sha256(self.effective)
 
 

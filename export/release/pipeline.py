@@ -1,4 +1,4 @@
-"""From a model folder to a release bundle and, on request, a C library: read, round, lower, gate, write.
+"""The way from a model folder to a release bundle and, if asked for, a C library: read, round, lower, gate, write.
 
 Every lowering has passed its gates before the first file is written.
 """

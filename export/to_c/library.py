@@ -35,7 +35,7 @@ _TABLES: Final = ("sw_elu_points", "sw_logistic_points")
 """The same for every program, and so compiled in."""
 _HOT: Final = ("sw_dyn1_rows", "sw_dyn1_adjoint_rows", "sw_dyn2_rows", "sw_dyn2_adjoint_rows", "sw_dyn3_rows",
                "sw_dyn3_adjoint_rows")  # fmt: skip
-"""Of `sw_hot`."""
+"""Members of `sw_hot`."""
 
 
 @overload

@@ -46,7 +46,7 @@ class Prediction:
 
 
 def predict(model: Predicts, latent: Tensor, actions: Tensor) -> Prediction:
-    """From (B, N_z) latents at t under (B, H) actions at t .. t+H-1."""
+    """Roll out from (B, N_z) latents at t under (B, H) actions at t .. t+H-1."""
     latents = torch.cat([latent[None], model.dynamics.rollout(latent, actions)])
     return Prediction(latents=latents, forces=model.decoder(latents))
 

@@ -46,7 +46,7 @@ class Encoder(nn.Module):
         return self.read_out(last)
 
     def encode_stream(self, segments: Tensor) -> Tensor:
-        """As `encode_segments`, with the state carried through each stretch instead of reset in every window.
+        """Encode as `encode_segments`, with the state carried through each stretch instead of reset in every window.
 
         One LSTM step a row where windows take L. The latent at row k has read all rows of its stretch up to k.
         """

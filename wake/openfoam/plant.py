@@ -205,7 +205,8 @@ class OpenFoamWake(NeverCopied):
 
     @cached_property
     def _to_grid(self) -> CellInterpolation:
-        """To the centres of `grid`'s cells: a run's every still needs it, and the triangles take seconds."""
+        """Interpolation to the centres of `grid`'s cells: a run's every still needs it, and the triangles take
+        seconds."""
         x, y = np.meshgrid(self.grid.xc, self.grid.yc, indexing="ij")
         return CellInterpolation(self.mesh, np.column_stack([x.ravel(), y.ravel()]))
 

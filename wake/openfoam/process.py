@@ -107,7 +107,7 @@ def _ended(status: int) -> str:
 
 
 def _die_with_parent() -> None:
-    """In the child: the kernel is to end it when the thread that started it does, however that happens."""
+    """Have the kernel end the child when the thread that started it does, however that happens."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 

@@ -41,7 +41,7 @@ class FoamState:
 
     @property
     def velocity(self) -> Array:
-        """In the mesh's cells, (m, 2)."""
+        """The velocity in the mesh's cells, (m, 2)."""
         return foam_files.parse_cells(self.files["U"], "U of a state")[:, :2]
 
     @property

@@ -42,7 +42,7 @@ WIDTH: Final = 480
 _BEFORE_BASE: Final = 3.0
 _BEHIND_BASE: Final = 9.0
 _HALF_HEIGHT: Final = 2.25
-"""In W; the picture has 40 pixels a width and is 180 high."""
+"""Extents in W; the picture has 40 pixels a width and is 180 high."""
 
 
 def view_of(body: BodyConfig) -> View:

@@ -80,7 +80,7 @@ class Drive:
 
     @property
     def duration_s(self) -> float:
-        """From the first instant to the last."""
+        """The time from the first instant to the last."""
         return self.times[-1] - self.times[0]
 
     def speed(self, t_s: float) -> float:
@@ -96,7 +96,7 @@ class Drive:
         return replace(self, times=tuple(t + seconds for t in self.times))
 
     def wind(self, point: OperatingPoint, begin: float = 0.0) -> Wind:
-        """By how much the stream exceeds U, for a plant whose clock shows `begin` in t_c at the drive's time 0."""
+        """The excess of the stream over U, for a plant whose clock shows `begin` in t_c at the drive's time 0."""
         # No closure, so that a plant with it can be pickled.
         return partial(self._exceeds, point, begin)
 

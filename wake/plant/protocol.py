@@ -54,7 +54,7 @@ class Drawable(Protocol):
         """Measure now."""
 
     def vorticity(self) -> Array:
-        """In the grid's inner corners, (nx - 1, ny - 1); units U_inf / W."""
+        """The vorticity in the grid's inner corners, (nx - 1, ny - 1); units U_inf / W."""
 
     def pressure(self) -> Array | None:
         """Cp in the grid's cells, (nx, ny); None if the plant gives it on the walls only."""

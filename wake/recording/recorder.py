@@ -169,7 +169,7 @@ def jobs_for(
 
 
 def task_of(jobs: Sequence[EpisodeJob]) -> dict[str, Any]:
-    """By what one recording's parts differ from another's, as plain JSON."""
+    """The settings by which a recording's parts differ from another's, as plain JSON."""
     return {"plans": [asdict(job.plan) for job in jobs], "block_steps": jobs[0].block_steps, **jobs[0].setting}
 
 

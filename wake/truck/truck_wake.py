@@ -207,7 +207,7 @@ class TruckWake(CopiedWhole):
         return Surface(self.grid, self.boundary, viscosity, self._profile, self.body, self.layout)
 
     def wind_from(self, t: float) -> Wind | None:
-        """By how much the wind exceeds U_inf, by the time since t; None if it is steady."""
+        """The excess of the wind over U_inf, by the time since t; None if it is steady."""
         wind = self.wind
         return None if wind is None else lambda after: wind(t + after)
 

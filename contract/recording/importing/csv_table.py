@@ -127,7 +127,7 @@ def _with_header(content: list[str]) -> list[str]:
 
 
 def _number(cell: str) -> float:
-    """As tables have it; Python also takes 1_000. Raises ValueError."""
+    """Read a number as tables have it; Python also takes 1_000. Raises ValueError."""
     return float(cell.replace("_", "?"))
 
 

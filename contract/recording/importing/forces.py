@@ -53,8 +53,8 @@ class TimeSeries:
             )
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> Array:
-        """On straight lines between the rows. Raises DatasetError for times outside the rows, or in a gap; the message
-        names both.
+        """The values on straight lines between the rows. Raises DatasetError for times outside the rows, or in a gap;
+        the message names both.
 
         Args:
             times: of the rows wanted, rising, (m,), in the unit of `t`.

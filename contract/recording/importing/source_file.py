@@ -63,7 +63,7 @@ class Reference:
 
 
 def references_of(texts: Sequence[str]) -> dict[str, Reference]:
-    """By the name, those of --reference NAME=NUMBER[UNIT]; raises ConfigError for anything else."""
+    """The references of --reference NAME=NUMBER[UNIT] by name; raises ConfigError for anything else."""
     found: dict[str, Reference] = {}
     for text in texts:
         option = f"--reference {text}"

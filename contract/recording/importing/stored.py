@@ -40,7 +40,7 @@ class Stored:
 
     @property
     def unit(self) -> str | None:
-        """As the file states it; None if it states none."""
+        """The unit as the file states it; None if it states none."""
         text = np.ravel(self.attributes.get("units", "")).tolist()[:1]
         unit = text[0].decode(errors="replace") if text and isinstance(text[0], bytes) else "".join(map(str, text))
         return unit.strip() or None
