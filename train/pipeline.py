@@ -17,7 +17,8 @@ from contract.recording.findings import findings, left_out, refuse_unfit, traina
 from contract.release.manifest import Scaling
 from contract.sensor_layout import SensorLayout
 from train import model_store
-from train.distillation.distil import distil, distil_predictor, encode_all
+from train.distillation.distil import distil, encode_all
+from train.distillation.distil_predictor import distil_predictor
 from train.distillation.evaluate import evaluate_model
 from train.distillation.lessons import teach
 from train.fitting import checkpoint, unfinished

@@ -4,30 +4,18 @@
 
 The mean over the latent dimensions, as in the joint loss (`train.networks.loss.prediction_loss`), is a constant factor
 that Adam undoes. The teacher is frozen, so its latents of every window are computed once.
-
-Narrower dynamics and decoder for small ECUs are distilled from the trained ones on roll-outs (ours). The paper slims
-the encoder alone. Nearly all work of a control step is in the other two networks, which the optimiser rolls out
-`horizon` steps ahead, forth and back, in every iteration. So the student is trained as it will serve: on whole
-roll-outs of that length, in which the small errors of single steps add up, from the latents of the encoder that it will
-serve with, and on the slope of the cost along the plan, which is all that the optimiser takes from it (Czarnecki et al.
-2017 call that Sobolev training).
 """
 
-from collections.abc import Mapping
-
-import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from contract.arrays import Index
-from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.tree import Config
-from train.distillation.lessons import Lessons, plan_slope, predict
 from train.fitting.fit import Checkpoints, Schedule, optimise, seeded
 from train.fitting.progress import Phase, Progress, silent
 from train.fitting.streaming import fit_stream
 from train.networks.loss import prediction_loss
-from train.networks.model import Encoder, Predictor
+from train.networks.model import Encoder
 from train.samples.rows import Rows
 from train.samples.sampler import SegmentSampler, add_sensor_noise
 
@@ -90,56 +78,3 @@ def distil(
 
         optimise(slim, loss, schedule, phase=Phase.DISTIL, progress=progress, checkpoints=checkpoints)
     return slim
-
-
-_FEWER = 4
-"""Times fewer roll-outs a batch than windows in training: each holds H predictions."""
-
-
-def distil_predictor(
-    lessons: Lessons,
-    model: ModelConfig,
-    settings: TrainConfig,
-    *,
-    progress: Progress = silent,
-    checkpoints: Checkpoints | None = None,
-) -> Predictor:
-    """Train dynamics and decoder of the slim widths to roll out as the teacher's do.
-
-    The loss is the mean square of the latents' difference over h = 1 .. H plus the forces' Smooth L1 over h = 0 .. H,
-    both in standard deviations, plus `slope_weight` times the square of the difference of the slopes, relative to the
-    teacher's. Returns the student in evaluation mode, on the device of the lessons. The student has the slim widths of
-    `model`.
-    """
-    device = lessons.actions.device
-    batch_size = max(2, settings.batch_size // _FEWER)
-    schedule = Schedule(
-        steps=max(1, round(settings.predictor_epochs * len(lessons) / batch_size)),
-        learning_rate=settings.learning_rate,
-        shape=settings.schedule,
-    )
-    with seeded(settings.seed, device):
-        student = Predictor(model.slim).to(device)
-
-        def loss(step: int) -> Mapping[str, Tensor]:
-            generator = np.random.default_rng((settings.seed, step))
-            drawn = torch.as_tensor(generator.integers(len(lessons), size=batch_size), device=device)
-            lesson = lessons.drawn(drawn)
-            latents, forces, by_force = (
-                value.transpose(0, 1) for value in (lesson.latents, lesson.forces, lesson.by_force)
-            )
-            actions = lesson.actions.requires_grad_(True)
-            predicted = predict(student, latents[0], actions)
-            terms = {
-                "prediction": prediction_loss(predicted.latents[1:], latents[1:]),
-                "force": nn.functional.smooth_l1_loss(predicted.forces, forces),
-            }
-            total = terms["prediction"] + terms["force"]
-            if settings.slope_weight:
-                slope = plan_slope(predicted, actions, by_force, differentiable=True)
-                terms["slope"] = (slope - lesson.slope).square().mean() / lesson.slope.square().mean()
-                total = total + settings.slope_weight * terms["slope"]
-            return {"total": total, **terms}
-
-        optimise(student, loss, schedule, phase=Phase.PREDICTOR, progress=progress, checkpoints=checkpoints)
-    return student

@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from contract import sensors
-from train.distillation.distil import distil, distil_predictor, encode_all
+from train.distillation.distil import distil, encode_all
+from train.distillation.distil_predictor import distil_predictor
 from train.distillation.evaluate import latent_error, rollout_starts
 from train.distillation.lessons import teach
 from train.fitting.fit import seeded
