@@ -13,7 +13,7 @@ import numpy as np
 from contract import sensors
 from contract.arrays import Array
 from contract.errors import PlantError
-from contract.openfoam_tables import read_foam_table
+from contract.recording.openfoam_tables import read_foam_table
 from wake.openfoam.case import FORCES, PRESSURES, WAKE
 from wake.openfoam.mesh import Mesh
 from wake.openfoam.wall import JETS, sensor_weights
