@@ -100,7 +100,7 @@ def release() -> str:
 
 @cache
 def sources_hash(folder: str) -> str:
-    """Of the sources in C of one folder, without their comments."""
+    """The hash of the sources in C of a folder, without their comments."""
     everything = hashlib.sha256()
     sources = firmware_part(_OF_ECU[folder]) if folder in _OF_ECU else step_part(folder)
     for name, content in sorted(sources.items()):

@@ -8,7 +8,7 @@ from typing import Final
 
 from contract.config.listing import Section, Setting, sections, shown
 from contract.config.loading import load_config
-from contract.config.sources import Source
+from contract.config.rules import Source
 
 _SIGNS: Final = {"at least ": "≥", "positive": "", "non-negative": "≥0", "in ": ""}
 """How the beginning of a bound is written on the page; positive is what is not written."""

@@ -14,7 +14,7 @@ from ecu.fit import check_sensors
 
 
 class BundlePolicy:
-    """Follows `wake.recording.feedback.Policy`: zero until the window is full, then the first action of each plan.
+    """Follows `wake.recording.episode_job.Policy`: zero until the window is full, then the first action of each plan.
 
     The memory holds the number of rows in the window, the window of rows (Cp_k, a_{k-1}), and the last plan as it came
     out: the graph shifts it, so that its first action, the one that exploration changed, is not used again. Nothing

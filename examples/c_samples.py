@@ -18,11 +18,10 @@ from contract.controller.c_folder import COMPILE_FLAGS, EXPECTED, RECORDED, rows
 from ecu.in_c.compiler import STANDARD
 from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
-from export.int8.activation_ranges import activation_ranges
 from export.int8.calibrate import rounded_on
+from export.int8.layer_inputs import activation_ranges
 from export.program.windows import random_windows
-from export.to_c.folder_files import documents, replay
-from export.to_c.library import c_library
+from export.to_c.library import c_library, documents, replay
 
 MODEL = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
 MPC = MpcConfig(horizon=8)

@@ -163,7 +163,7 @@ class Film:
 
     @staticmethod
     def palette() -> Array:
-        """At most 256 colours, (n, 3) from 0 to 1, for a GIF."""
+        """Colours, at most 256, (n, 3) from 0 to 1, for a GIF."""
         scales = [GLOW(np.linspace(0.0, 1.0, 176))[:, :3]]
         for colour, count in ((PALE, 20), (CALM, 20), (BLOWING, 10), (SUCKING, 10), (DIM, 10), (FAINT, 5)):
             share = np.linspace(0.0, 1.0, count + 1)[1:, None]

@@ -25,9 +25,9 @@ SENSORS = ("upper_39", "lower_39", "base_0", "base_9")
 MEMORY, TRANSIENT = 64, 500
 """Control steps that the model reads, and that are left out at the start of each episode."""
 RIDGE = 1e-3
-"""Of the regression, on regressors with a mean square of 1."""
+"""The penalty of the regression, on regressors with a mean square of 1."""
 WEIGHTS, ACTION_WEIGHT = (10.0, 10.0, 1.0, 1.0), 100.0
-"""On the squares of what is predicted, and of the action."""
+"""Weights on the squares of the predictions, and of the action."""
 
 
 def identified() -> Array:

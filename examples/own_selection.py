@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from contract.recording.dataset import read
-from train.samples.rows import Rows, prepare
-from train.samples.scaling import fit_scaling
+from train.samples.rows import Rows, fit_scaling, prepare
 
 
 def select_by_forces(rows: Rows, count: int) -> tuple[int, ...]:

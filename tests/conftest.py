@@ -192,7 +192,7 @@ class Coarse:
 
 @pytest.fixture(scope="session")
 def coarse(shared_wake, tmp_path_factory) -> Coarse:
-    from wake.truck.regrid import moved
+    from wake.truck.develop import moved
     from wake.truck.state import developed_state, save_state
     from wake.truck.truck_wake import TruckWake
 

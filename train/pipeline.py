@@ -1,4 +1,4 @@
-"""From a recording to a stored model: joint fit, choice of sensors, distillation, held-out figures."""
+"""The way from a recording to a stored model: joint fit, choice of sensors, distillation, held-out figures."""
 
 import hashlib
 import platform
@@ -28,8 +28,7 @@ from train.fitting.threads import torch_threads
 from train.fitting.unfinished import Identity
 from train.model_store import TrainedModel
 from train.networks.model import Encoder, Predictor, WakeModel
-from train.samples.rows import Rows, prepare
-from train.samples.scaling import fit_scaling
+from train.samples.rows import Rows, fit_scaling, prepare
 from train.selection.methods import select, select_by_hand
 from train.selection.ranking import GIVEN, Ranking, SensorChoice, check_count
 from train.selection.shap_ranking import ShapRanker, rank
@@ -197,6 +196,6 @@ def _listed(numbers: Iterable[int]) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Of what a training computes with."""
+    """The versions of what a training computes with."""
     packages = {name: version(name) for name in ("stillwake", "torch", "numpy", "shap")}
     return {"python": platform.python_version(), **packages}

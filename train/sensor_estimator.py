@@ -1,11 +1,10 @@
 """Fit the network that estimates each pressure of a controller from its other ones, for the ECU's sensor check.
 
-It learns from the recording's "train" episodes and their mirror images, and is measured on those it never saw. While it
-learns, readings get noise and rows are held as the ECU holds them over lost frames, so that neither upsets it later.
+It learns from the recording's "train" episodes and their mirror images. While it learns, readings get noise and rows
+are held as the ECU holds them over lost frames, so that neither upsets it later.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
@@ -13,11 +12,10 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from contract.arrays import Array, Index
-from contract.controller.estimator import REACH, EstimatorNetwork, Hypotheses, views
+from contract.arrays import Array
+from contract.controller.estimator import EstimatorNetwork, views
 from contract.errors import DatasetError
-from contract.recording.dataset import Dataset, Episode
-from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimator
+from contract.recording.dataset import Dataset
 from train.fitting.threads import torch_threads
 
 WIDTHS: Final = (64, 64)
@@ -30,21 +28,8 @@ NOISE: Final = 0.5
 HELD: Final = 0.4
 """Largest share of rows that repeat the one before."""
 WEIGHT_DECAY: Final = 1e-3
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FittedEstimator:
-    """A network and what it leaves.
-
-    Attributes:
-        r2: of each sensor by its others, on the episodes that `judged_on` names.
-        judged_on: the roles of those episodes.
-    """
-
-    network: EstimatorNetwork
-    figures: SensorEstimator
-    r2: tuple[float, ...]
-    judged_on: tuple[str, ...]
+SEED: Final = 0
+"""The seed of initial weights, draws and noise; another would do."""
 
 
 def fit_estimator(
@@ -53,18 +38,15 @@ def fit_estimator(
     window: int,
     *,
     epochs: float = EPOCHS,
-    seed: int = 0,
-    rounded: Callable[[EstimatorNetwork], EstimatorNetwork] = lambda network: network,
     threads: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> FittedEstimator:
+) -> EstimatorNetwork:
     """Fit it for the sensors and the window of a controller. Raises ConfigError if the recording has no such sensor, or
     fewer than one thread; DatasetError if no training episode holds a window, or a pressure or the action never
     changes.
 
     Args:
         epochs: passes over the training windows.
-        rounded: what becomes of the numbers when they are stored; residuals are measured after it.
         threads: of torch while it fits; the caller's number is restored.
         progress: called with (batches done, batches in all).
     """
@@ -73,27 +55,18 @@ def fit_estimator(
     used = [item for item in recording.with_role("train") if len(item) > window]
     if not used:
         raise DatasetError(f"no training episode is longer than the window of {window} control steps")
-    learned = [_rows(item, columns) for item in used]
+    learned = [item.rows(columns) for item in used]
     # Before pooling, in which the mirror image of a dead sensor would hide it.
     for name, spread in zip((*sensors, "the action"), np.ptp(np.concatenate(learned), axis=0), strict=True):
         if spread == 0.0:
             raise DatasetError(f"{name} is constant in all training episodes: nothing to learn from")
     if mirror is not None:
-        learned += [_rows(item, mirror, sign=-1.0) for item in used]
+        learned += [item.rows(mirror, sign=-1.0) for item in used]
     together = np.concatenate(learned)
     mean, std = together.mean(axis=0), together.std(axis=0)
     mean[-1] = 0.0
     with torch_threads(threads):
-        fitted = _fit(learned, mean, std, window, epochs=epochs, seed=seed, progress=progress)
-    network = rounded(fitted)
-    judged = [item for item in recording.episodes if item.role != "train" and len(item) > window + SLOW_PERIODS]
-    roles = tuple(sorted({item.role for item in judged}))
-    return _measured(network, [_rows(item, columns) for item in judged or used], roles or ("train",))
-
-
-def _rows(episode: Episode, columns: Index, sign: float = 1.0) -> Array:
-    """(n, S+1), rows (Cp_k, a_{k-1})."""
-    return np.column_stack([episode.series["Cp"][:, columns], sign * episode.previous_action])
+        return _fit(learned, mean, std, window, epochs=epochs, progress=progress)
 
 
 def _fit(
@@ -103,10 +76,9 @@ def _fit(
     window: int,
     *,
     epochs: float,
-    seed: int,
     progress: Callable[[int, int], None],
 ) -> EstimatorNetwork:
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(SEED)
     sensors = len(mean) - 1
     rows = torch.tensor((np.concatenate(learned) - mean) / std, dtype=torch.float32)
     begins = np.cumsum([0, *(len(item) for item in learned[:-1])])
@@ -120,7 +92,7 @@ def _fit(
     unit = torch.tensor(np.sqrt(np.square(std[:-1]).mean()) / std[:-1], dtype=torch.float32)
     sizes = (window * (sensors + 1) + sensors, *WIDTHS, sensors)
     with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
+        torch.manual_seed(SEED)
         linear = [nn.Linear(before, after) for before, after in pairwise(sizes)]
     model = nn.Sequential(linear[0], nn.ReLU(), linear[1], nn.ReLU(), linear[2])
     batches = max(1, round(epochs * len(starts) / BATCH))
@@ -160,52 +132,3 @@ def _disturbed(seen: Tensor, unit: Tensor, generator: torch.Generator) -> Tensor
     source = torch.where(held, 0, torch.arange(length)).cummax(dim=1).values
     readings = torch.gather(readings, 1, source[:, :, None].expand(-1, -1, columns - 1))
     return torch.cat([readings, seen[:, :, -1:]], dim=2)
-
-
-def _measured(network: EstimatorNetwork, judged: Sequence[Array], roles: tuple[str, ...]) -> FittedEstimator:
-    """Root mean squares of the residuals, averaged over time as the check does it."""
-    residuals = [_residuals(network, rows) for rows in judged]
-    alone = np.concatenate([np.einsum("nii->ni", item) for item in residuals])
-    spread = np.concatenate([rows[network.window - 1 :, :-1] for rows in judged]).var(axis=0)
-    r2 = 1.0 - np.square(alone).mean(axis=0) / spread
-    return FittedEstimator(
-        network=network,
-        figures=SensorEstimator(fast=_deviation(residuals, FAST_PERIODS), slow=_deviation(residuals, SLOW_PERIODS)),
-        r2=tuple(r2.tolist()),
-        judged_on=roles,
-    )
-
-
-def _residuals(network: EstimatorNetwork, rows: Array) -> Array:
-    """(n - L + 1, S, S): entry [., j, i] of sensor i with j left out as well."""
-    sensors, length = network.sensors, network.window
-    windows = np.lib.stride_tricks.sliding_window_view(rows, length, axis=0).transpose(0, 2, 1)
-    hypotheses = Hypotheses.of(sensors)
-    weight, bias = network.layers[0]
-    deviations = np.empty((len(windows), sensors, sensors))
-    scaled = np.clip((windows - network.mean) / network.std, -REACH, REACH)
-    for row, view in enumerate(views(sensors)):
-        if view.exchanged:
-            break
-        seen = np.ones(sensors + 1)
-        seen[list(view.left_out)] = 0.0
-        values = (scaled * seen).reshape(len(windows), -1) @ weight[:, : length * (sensors + 1)].T
-        values += weight[:, length * (sensors + 1) :] @ (1.0 - seen[:-1]) + bias
-        for matrix, offset in network.layers[1:]:
-            values = np.maximum(values, 0.0) @ matrix.T + offset
-        estimates = values * network.std[:-1] + network.mean[:-1]
-        for j, i in np.argwhere(hypotheses.view[:sensors] == row):
-            deviations[:, j, i] = windows[:, -1, i] - estimates[:, i]
-    return deviations
-
-
-def _deviation(residuals: Sequence[Array], periods: int) -> tuple[tuple[float, ...], ...]:
-    """(S, S) root mean squares of the residuals' running means over so many periods."""
-    squares = []
-    for item in residuals:
-        mean = np.zeros(item.shape[1:])
-        for number, value in enumerate(item):
-            mean = mean + (value - mean) / periods
-            if number >= periods or len(item) <= periods:
-                squares.append(np.square(mean))
-    return tuple(tuple(row) for row in np.sqrt(np.mean(squares, axis=0)).tolist())

@@ -25,7 +25,7 @@ Observation = npt.NDArray[np.float32]
 LEDGER: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action", "Cd_slot", "Cd_net")
 """What `info` holds of a `wake.plant.sample.Sample`: all but the pressures."""
 _SILENCE_S: Final = 3.0
-"""After which a reset reports what it is doing; a compiled one takes less."""
+"""Time after which a reset reports what it is doing; a compiled one takes less."""
 
 
 class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float32]]):

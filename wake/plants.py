@@ -10,7 +10,7 @@ from contract.config.tree import Config
 from contract.errors import PlantError
 from wake.plant.protocol import LivePlant
 from wake.solver.grid import box_grid
-from wake.truck.regrid import SETTLE_TIME, moved
+from wake.truck.develop import SETTLE_TIME, moved
 from wake.truck.state import State, check_body, developed_state, develops, load_state, start_name
 from wake.truck.truck_wake import TruckWake
 

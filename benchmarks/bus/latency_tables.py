@@ -13,7 +13,7 @@ HEADS: Final = ("", "p50", "p99", "p99.9", "max", "misses", "p50", "p99", "p99.9
 
 
 def tables(results: Path) -> dict[str, str]:
-    """By its marker."""
+    """The table by its marker."""
     return {"latency": latency(read(results / "latency.json"))}
 
 

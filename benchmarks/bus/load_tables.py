@@ -12,7 +12,7 @@ HEADS: Final = (
 
 
 def tables(results: Path) -> dict[str, str]:
-    """By its marker."""
+    """The table by its marker."""
     return {"can_load": can_load(results)}
 
 

@@ -134,7 +134,7 @@ def bus_faults(results: Path) -> str:
 
 
 def _names(waits: dict[str, float]) -> list[str]:
-    """By priority, whichever set they are of; runs of earlier versions have no speed."""
+    """The messages by priority, whichever set they are of; runs of earlier versions have no speed."""
     return sorted(waits, key=lambda name: ("Pressure", "VehicleSpeed", "JetCommand", "EcuStatus").index(_base(name)))
 
 

@@ -1,8 +1,9 @@
 """What the benchmarks' command lines share: options, the two consoles, and where figures go."""
 
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+from datetime import date
 from pathlib import Path
-from typing import Annotated, Final, TypeVar
+from typing import Annotated, Any, Final, TypeVar
 
 import typer
 
@@ -26,6 +27,16 @@ Dataset = Annotated[Path, typer.Option("--dataset", help="Recording to take wind
 Parts = Annotated[Path, typer.Option("--parts", help="Folder of finished parts; a stopped run continues.")]
 
 save: Final = save_json
+
+
+def report(json_file: Path | None, figures: Any, facts: Mapping[str, Any], *tables: Callable[[Any], str]) -> None:
+    """Write the figures as `save` does, and print the documents' tables that are made of them."""
+    found = {"date": date.today().isoformat(), "figures": figures, "facts": facts}
+    for made in tables:
+        console.print(made(found), markup=False, highlight=False, soft_wrap=True)
+    save(json_file, figures=figures, facts=facts)
+
+
 MODEL: Final = SHIPPED
 """The model of the shipped bundle."""
 

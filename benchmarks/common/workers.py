@@ -3,22 +3,17 @@
 import multiprocessing
 import signal
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 
 
 @contextmanager
-def process_pool(workers: int, initializer: Callable[[], None] | None = None) -> Iterator[ProcessPoolExecutor]:
-    """A pool of fresh processes; an error or a stop ends them in the middle of their work.
-
-    Args:
-        workers: so many.
-        initializer: called in each of them before its work.
-    """
+def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """A pool of so many fresh processes; an error or a stop ends them in the middle of their work."""
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory(prefix="stillwake-", ignore_cleanup_errors=True) as scratch:
-        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(scratch, initializer))
+        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(scratch,))
         before = multiprocessing.active_children()
         try:
             yield pool
@@ -32,10 +27,8 @@ def process_pool(workers: int, initializer: Callable[[], None] | None = None) ->
             raise
 
 
-def _begin(scratch: str, initializer: Callable[[], None] | None) -> None:
+def _begin(scratch: str) -> None:
     # Ctrl-C and SIGTERM often reach a whole group; only the parent decides what they mean, and it ends this process.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     tempfile.tempdir = scratch
-    if initializer is not None:
-        initializer()

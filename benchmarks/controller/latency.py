@@ -15,9 +15,9 @@ from typing import Annotated, Any
 import numpy as np
 import torch
 import typer
-from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, console, save, track
+from benchmarks.common.command_line import JsonFile, report, track
+from benchmarks.controller import tables
 from benchmarks.controller.eager import EagerController
 from benchmarks.controller.floors import CoreLimits, Work, measure_core
 from contract.config.controller import MpcConfig
@@ -29,8 +29,7 @@ from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
 from export.gates.parity import control_cases
 from export.int8.rounded_program import Program, rounded_to_nearest
-from export.program.controller_program import ControllerProgram
-from export.program.matrices import matrices
+from export.program.controller_program import ControllerProgram, matrices
 from export.program.windows import random_window
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
@@ -100,9 +99,8 @@ def main(
         "threads": 1,
         "c_flags": " ".join(OPTIMISED),
     }
-    _print(figures)
     used = versions("torch", "onnxruntime", "numpy") | {"c_compiler": compiler_version(compiler)}
-    save(json_file, figures=figures, facts={"settings": settings, "versions": used})
+    report(json_file, figures, {"settings": settings, "versions": used}, tables.latency)
 
 
 def _floors(program: ControllerProgram, compiler: Sequence[str], figures: Mapping[str, float]) -> dict[str, Any]:
@@ -128,36 +126,3 @@ def _both_times(step: Callable[[], object]) -> tuple[float, float]:
     wall, processor = time.perf_counter(), time.thread_time()
     step()
     return (time.perf_counter() - wall) * 1e3, (time.thread_time() - processor) * 1e3
-
-
-def _print(figures: dict[str, Any]) -> None:
-    heads = ("median ms", "min ms", "times faster", "processor ms", "times faster", "over the floor", "KB")
-    table = Table("one control step", *heads)
-    rows: tuple[tuple[str, str, str | None], ...] = (
-        ("eager PyTorch", "eager_ms", None),
-        ("ONNX float32", "onnx_ms", "onnx_bytes"),
-    )
-    rows += (("ONNX int8 weights", "onnx_int8_ms", "onnx_int8_bytes"), ("C float32", "c_ms", None))
-    rows += (("C int8, integer products", "c_int8_ms", None),)
-    processor = figures["processor"]
-    for label, key, size in rows:
-        table.add_row(
-            label,
-            f"{figures[key]:.2f}",
-            f"{figures['min'][key]:.2f}",
-            f"{figures['eager_ms'] / figures[key]:.1f}",
-            f"{processor[key]:.2f}",
-            f"{processor['eager_ms'] / processor[key]:.1f}",
-            f"{figures['floors']['over_floor'][key]:.1f}",
-            "" if size is None else f"{figures[size] / 1024:.0f}",
-        )
-    floors = figures["floors"]["floor_ms"]
-    table.add_row("floor, float32 and C int8", f"{floors['c_ms']:.3f}, {floors['c_int8_ms']:.3f}")
-    table.add_row(
-        "session load, ONNX float32",
-        f"{figures['onnx_load_ms']:.1f}",
-        f"{figures['min']['onnx_load_ms']:.1f}",
-        "",
-        f"{processor['onnx_load_ms']:.1f}",
-    )
-    console.print(table)

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
-from rich.table import Table
 
-from benchmarks.common.command_line import MODEL, Dataset, JsonFile, Model, Parts, console, save
+from benchmarks.common.command_line import MODEL, Dataset, JsonFile, Model, Parts, console, report
 from benchmarks.common.commands import LOOP, stillwake
 from benchmarks.common.markdown import read
+from benchmarks.controller import tables
 from contract.errors import StillwakeError
 from contract.model.model_folder import DESCRIPTION
 from contract.results import versions
@@ -51,9 +51,11 @@ def main(
             stillwake("export", model, bundle, *options)
     spans = {"lead_in": lead_in, "controlled": controlled, "settle": settle}
     rows = compared([_run(folder, lowering, precision, spans) for lowering, precision in CASES])
-    _print(rows)
     facts = {**spans, "weights_sha256": weights, "versions": versions("stillwake", "onnxruntime", "numpy", "numba")}
-    save(json_file, figures=rows, facts=facts)
+    report(json_file, rows, facts, tables.loop)
+    worst = max(abs(row["points"]) for row in rows if row["precision"] == "int8")
+    verdict = "within" if worst <= ALLOWED_POINTS else "NOT within"
+    console.print(f"int8 changes the reduction by {worst:.2f} percentage points: {verdict} {ALLOWED_POINTS}")
 
 
 def compared(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -82,22 +84,3 @@ def _weights_sha256(model: Path) -> str:
         raise StillwakeError(f"{model / DESCRIPTION}: {error.strerror or error}") from error
     except (json.JSONDecodeError, KeyError, TypeError) as error:
         raise StillwakeError(f"{model / DESCRIPTION}: not a model's description ({error})") from error
-
-
-def _print(rows: list[dict[str, Any]]) -> None:
-    table = Table("", "less drag, %", "points", "mean |Cl|", "mean Cl", "rms action", "step ms p50", "p99")
-    for row in rows:
-        table.add_row(
-            f"{row['lowering']} {row['precision']}",
-            f"{row['reduction_percent']:.2f}",
-            f"{row['points']:+.2f}",
-            f"{row['abs_Cl_controlled']:.3f}",
-            f"{row['mean_Cl_controlled']:+.3f}",
-            f"{row['rms_action']:.4f}",
-            f"{row['mpc_ms_p50']:.2f}",
-            f"{row['mpc_ms_p99']:.2f}",
-        )
-    console.print(table)
-    worst = max(abs(row["points"]) for row in rows if row["precision"] == "int8")
-    verdict = "within" if worst <= ALLOWED_POINTS else "NOT within"
-    console.print(f"int8 changes the reduction by {worst:.2f} percentage points: {verdict} {ALLOWED_POINTS}")

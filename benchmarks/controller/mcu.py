@@ -14,9 +14,9 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 import typer
-from rich.table import Table
 
-from benchmarks.common.command_line import MODEL, JsonFile, console, save, track
+from benchmarks.common.command_line import MODEL, JsonFile, report, track
+from benchmarks.controller import tables
 from benchmarks.controller.ecu_measure import measure_ecu
 from benchmarks.controller.instruction_spread import instruction_spread
 from can_bridge.e2e.sender import E2eSender
@@ -55,7 +55,7 @@ CASES = (
     (64, 32, 3, "int8"),
 )
 SMALLER: Final = ((96, 64, 3, "int8"), (64, 32, 5, "int8"), (64, 32, 3, "int8"))
-"""On the Cortex-M4F."""
+"""The sizes that are measured on the Cortex-M4F."""
 Case = tuple[int, int, int, str]
 _ROWS = 4
 _PERIODS = 300
@@ -68,12 +68,10 @@ def main(
     """Measure every size and print a table."""
     rows = [_measured(case, CORTEX_M7) for case in track(CASES, "sizes on a Cortex-M7", "sizes")]
     smaller = [_measured(case, CORTEX_M4F) for case in track(SMALLER, "sizes on a Cortex-M4F", "sizes")]
-    _print(rows, "480")
-    _print(smaller, "170")
     release = _release(windows)
-    console.print(release)
     facts = {"horizon": MpcConfig().horizon, "versions": versions("ziglang", "unicorn", "capstone")}
-    save(json_file, figures={"release": release, "sizes": rows, "cortex_m4f": smaller}, facts=facts)
+    figures = {"release": release, "sizes": rows, "cortex_m4f": smaller}
+    report(json_file, figures, facts, tables.mcu, tables.mcu_release)
 
 
 def _measured(case: Case, core: Core) -> dict[str, Any]:
@@ -142,30 +140,3 @@ def _periods(config: Config, rows: Rows, count: int) -> Iterator[tuple[int, list
         now_ns = (k + 1) * config.period_ns
         frames = [speeds.frame(cruises, now_ns=now_ns), sender.frame(pressure.emit(message), now_ns=now_ns)]
         yield now_ns, frames
-
-
-def _print(rows: list[dict[str, Any]], clock: str) -> None:
-    table = Table(
-        "size",
-        "M MAC",
-        "flash KiB",
-        "RAM KiB",
-        "stack B",
-        "M instr.",
-        f"ms at {clock} MHz, 1 a cycle",
-        "modelled",
-        "=host",
-    )
-    for row in rows:
-        table.add_row(
-            f"{row['dynamics_width']}/{row['decoder_width']} x {row['iterations']} {row['precision']}",
-            f"{row['multiply_accumulates'] / 1e6:.1f}",
-            f"{row['flash_bytes'] / 1024:.0f}",
-            f"{row['ram_bytes'] / 1024:.0f}",
-            str(row["stack_bytes"]),
-            f"{row['instructions'] / 1e6:.1f}",
-            f"{row['one_per_cycle_ms'][clock]:.1f}",
-            f"{row['modelled_ms'][clock]:.1f}",
-            str(row["identical"]),
-        )
-    console.print(table)

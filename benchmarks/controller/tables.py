@@ -11,14 +11,14 @@ _NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
 def tables(results: Path) -> dict[str, str]:
     """Every table by its marker, which is the name of its file."""
     return {
-        "controller_loop": loop(results / "controller_loop.json"),
-        "controller": latency(results / "controller.json"),
-        "mcu": mcu(results / "mcu.json"),
-        "mcu_release": mcu_release(results / "mcu.json"),
+        "controller_loop": loop(read(results / "controller_loop.json")),
+        "controller": latency(read(results / "controller.json")),
+        "mcu": mcu(read(results / "mcu.json")),
+        "mcu_release": mcu_release(read(results / "mcu.json")),
     }
 
 
-def loop(path: Path) -> str:
+def loop(found: Any) -> str:
     """Drag, lift and action of the four loops, and what each changes of the first one's reduction."""
     rows = [
         (
@@ -28,15 +28,14 @@ def loop(path: Path) -> str:
             *(row[name] for name in ("abs_Cl_controlled", "mean_Cl_controlled", "rms_action")),
             f"{row['mpc_ms_p50']:.2f} / {row['mpc_ms_p99']:.2f}",
         )
-        for row in read(path)["figures"]
+        for row in found["figures"]
     ]
     heads = ("", "less drag", "points", "mean abs Cl", "mean Cl", "rms action", "ECU step, ms p50 / p99")
     return table(heads, rows)
 
 
-def latency(path: Path) -> str:
+def latency(found: Any) -> str:
     """A row for each lowering: times, what they are of eager PyTorch's and of the floor, and the graph's size."""
-    found = read(path)
     figures, facts = found["figures"], found["facts"]
     rows = [
         (
@@ -66,9 +65,8 @@ The C library, compiled with `{facts["settings"]["c_flags"]}` by
 {by_median:.1f} times faster than ONNX float32 by the median, {by_minimum:.1f} times by the minimum."""
 
 
-def mcu(path: Path) -> str:
+def mcu(found: Any) -> str:
     """Work, memory and time of each size on the emulated cores."""
-    found = read(path)
     figures = found["figures"]
     horizon = found["facts"]["horizon"]
     return f"""Measured on {found["date"]}: the control step alone, random weights, {horizon} steps of horizon.
@@ -103,9 +101,8 @@ def _sizes(rows: list[dict[str, Any]], clocks: tuple[str, ...]) -> str:
     )
 
 
-def mcu_release(path: Path) -> str:
+def mcu_release(found: Any) -> str:
     """The whole ECU of the shipped release on the emulated Cortex-M7."""
-    found = read(path)
     row = found["figures"]["release"]
     step = row["control_step"]
     alike = step["windows"] - step["unlike"]

@@ -19,10 +19,10 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 import typer
-from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, Parts, bars, console, save
+from benchmarks.common.command_line import JsonFile, Parts, bars, console, report
 from benchmarks.common.parts import part
+from benchmarks.ecu import tables
 from benchmarks.ecu.lockstep import Lockstep
 from contract.config.loading import load_config
 from contract.config.tree import Config
@@ -93,7 +93,6 @@ def main(
         one["row"] | {"largest_command_difference": largest_difference(commands[kind], commands[C])}
         for kind, one in found.items()
     ]
-    _print(rows, config)
     facts = {
         "bundle": release.digest,
         "spans": {"lead_in": lead_in, "controlled": controlled, "settle": settle},
@@ -102,7 +101,9 @@ def main(
         "compared_with": " ".join(COMPARED),
         "versions": versions("stillwake", "onnxruntime", "numpy", "numba", "ziglang", "unicorn", "capstone"),
     }
-    save(json_file, figures=rows, facts=facts)
+    report(json_file, rows, facts, tables.loops)
+    for line in rows[0]["differences"]:
+        console.print(line)
 
 
 def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEcu | None) -> RunLog:
@@ -138,26 +139,3 @@ def largest_difference(one: Any, other: Any) -> float:
     """The difference of two series of commands, in U_inf W; steps that were skipped in one of them are left out."""
     apart = np.abs(np.asarray(one) - np.asarray(other))
     return float(np.max(apart[np.isfinite(apart)], initial=0.0))
-
-
-def _print(rows: list[dict[str, Any]], config: Config) -> None:
-    table = Table("ECU", "less drag, %", "mean |Cl|", "in control", "modelled ms, median", "max", "command, from C's")
-    for row in rows:
-        ecu, reduction = row["ecu"], row["reduction_percent"]
-        table.add_row(
-            row["kind"],
-            "none claimed" if reduction is None else f"{reduction:.2f}",
-            "" if row["abs_Cl_controlled"] is None else f"{row['abs_Cl_controlled']:.3f}",
-            f"{row['periods_in_control']} / {row['periods_requested']}",
-            *("" if ecu[name] is None else f"{ecu[name]:.2f}" for name in ("modelled_ms", "modelled_ms_max")),
-            f"{row['largest_command_difference']:.2g}",
-        )
-    console.print(table)
-    core = rows[0]
-    console.print(
-        f"the emulated core against this machine: {core['differing_frames']} of {core['frames_compared']} frames and "
-        f"{core['differing_states']} of {core['steps_compared']} states differ; the period is "
-        f"{config.period_ns / 1e6:g} ms"
-    )
-    for line in core["differences"]:
-        console.print(line)

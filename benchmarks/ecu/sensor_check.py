@@ -22,13 +22,13 @@ from typing import Annotated, Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import typer
-from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, console, save, track
+from benchmarks.common.command_line import JsonFile, console, report, track
+from benchmarks.ecu.tables import alarms, faults
 from can_bridge.wire.message_specs import PRESSURE_RESOLUTION_PA
 from contract.arrays import Array
 from contract.config.tree import Config
-from contract.controller.estimator import ESTIMATOR, REACH, EstimatorNetwork, pairs, views
+from contract.controller.estimator import ESTIMATOR, EstimatorNetwork, pairs
 from contract.errors import StillwakeError
 from contract.recording import dataset
 from contract.release.checks import Bundle
@@ -102,7 +102,7 @@ class Lab:
     def read(
         self, passage: Passage, first: int = 0, last: int | None = None
     ) -> Iterator[tuple[int, Callable[[SensorCheckState], SensorCheckState]]]:
-        """For each step what the check makes of a state in it."""
+        """Yield each step with what the check makes of a state in it."""
         length = self.network.window
         windows = _windows(passage, length)[first:last]
         ahead = Ahead(_estimates(self.network, windows))
@@ -148,32 +148,31 @@ def main(
     if check is None:
         raise StillwakeError(f"bundle {release.manifest.name}: has no sensor estimator")
     passages = _passages(release, config)
-    alarms, moments = [], list[Moment]()
+    heard, moments = [], list[Moment]()
     lab = Lab(check=check, network=read_estimator(release.files[ESTIMATOR]).network)
     lab.agrees(passages[0])
     for through in DISTURBED:
         places = every if through == "none" else None
         for passage in track(passages, f"sound sensors, {through}", "episodes"):
             found = list(_false_alarms(lab, _read_through(passage, through), places))
-            alarms.append((through, passage.role, len(passage.cp), sum(isinstance(one, str) for one in found)))
+            heard.append((through, passage.role, len(passage.cp), sum(isinstance(one, str) for one in found)))
             moments += [one for one in found if isinstance(one, Moment)]
     figures: dict[str, Any] = {
-        "false_alarms": _rates(alarms, config),
+        "false_alarms": _rates(heard, config),
         "faults": _faults(lab, release, moments),
         "step_us": _times(check, moments[0], release.manifest.window),
     }
-    for name in ("false_alarms", "faults"):
-        rows = figures[name]
-        table = Table(*rows[0])
-        for row in rows:
-            table.add_row(*(f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()))
-        console.print(table)
     console.print(
         "a step of the check: " + ", ".join(f"{name} {value:.0f} us" for name, value in figures["step_us"].items())
     )
-    save(json_file, figures=figures, facts={"bundle": release.manifest.name, "digest": release.digest, "every": every,
-         "longest": LONGEST, "sensor_check": vars(config.ecu.sensor_check),
-         "versions": versions("numpy", "onnxruntime")})  # fmt: skip
+    facts = {
+        "bundle": release.manifest.name,
+        "digest": release.digest,
+        **{"every": every, "longest": LONGEST, "sensor_check": vars(config.ecu.sensor_check)},
+        "versions": versions("numpy", "onnxruntime"),
+    }
+    shown = (lambda found: alarms(found["figures"]["false_alarms"]), lambda found: faults(found["figures"]["faults"]))
+    report(json_file, figures, facts, *shown)
 
 
 def _passages(release: Bundle, config: Config) -> list[Passage]:
@@ -210,27 +209,9 @@ def _windows(passage: Passage, length: int) -> Array:
 
 
 def _estimates(network: EstimatorNetwork, windows: Array) -> Array:
-    """(n, V, S) of the windows, in single precision."""
-    sensors, found = network.sensors, []
-    scaled = _scaled(network, windows)
-    layers = [(weight.T.astype(np.float32), bias.astype(np.float32)) for weight, bias in network.layers]
-    for view in views(sensors):
-        order = view.order(sensors)
-        seen = scaled
-        if view.exchanged:
-            seen = _scaled(network, windows[:, :, order])
-        kept = np.ones(sensors + 1, dtype=np.float32)
-        kept[list(view.left_out)] = 0.0
-        hidden = np.broadcast_to(1.0 - kept[:-1], (len(windows), sensors))
-        values = np.concatenate([(seen * kept).reshape(len(windows), -1), hidden], axis=1)
-        for number, (weight, bias) in enumerate(layers):
-            values = (np.maximum(values, 0.0) if number else values) @ weight + bias
-        found.append(values * network.std[:-1] + network.mean[:-1])
-    return np.stack(found, axis=1)
-
-
-def _scaled(network: EstimatorNetwork, windows: Array) -> npt.NDArray[np.float32]:
-    return np.clip((windows - network.mean) / network.std, -REACH, REACH).astype(np.float32)
+    """(n, V, S) of the windows."""
+    parts = (windows[first : first + 500] for first in range(0, len(windows), 500))
+    return np.concatenate([network.estimates(part) for part in parts])
 
 
 def _false_alarms(lab: Lab, passage: Passage, every: int | None) -> Iterator[str | Moment]:

@@ -16,7 +16,7 @@ def tables(results: Path) -> dict[str, str]:
         "sensor_check_alarms": alarms(figures["false_alarms"]),
         "sensor_check_faults": faults(figures["faults"]),
         "ecu_c": twin(results / "ecu_c.json"),
-        "ecu_loop": loops(results / "ecu_loop.json"),
+        "ecu_loop": loops(read(results / "ecu_loop.json")),
     }
 
 
@@ -39,9 +39,8 @@ Measured on {found["date"]} in {len(facts["variants"])} kinds of vehicles, with
 {facts["compiler"]}."""
 
 
-def loops(path: Path) -> str:
+def loops(found: Any) -> str:
     """The wake driven by each ECU, and what differs between the emulated core and this machine."""
-    found = read(path)
     rows = [
         (
             row["kind"],

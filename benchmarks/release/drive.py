@@ -49,7 +49,7 @@ class Case(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As it is chosen, and kept."""
+        """The name by which a row is chosen, and kept."""
         return ", ".join((self.drive, *self.disturbed))
 
 

@@ -10,7 +10,6 @@ control steps may change. The error at h = 1 .. H is the distance between the fo
 those that the flow had then.
 """
 
-from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,11 +17,10 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 import typer
-from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, bars, console, save
+from benchmarks.common.command_line import JsonFile, bars
 from benchmarks.common.pictures import PICTURES, draw
-from benchmarks.release import release_drawings
+from benchmarks.release import release_drawings, tables
 from contract.arrays import Array
 from contract.config.loading import load_config
 from contract.controller.interface import ControlStep, RunnableController
@@ -90,7 +88,7 @@ def main(
     listening = Listening(inner=OnnxController.of(release))
     forecasts: list[Array] = []
     first, settled = round(lead_in / period), round((lead_in + settle) / period)
-    with open_plant("wake", run, config) as wake, progress("periods", console=bars) as report:
+    with open_plant("wake", run, config) as wake, progress("periods", console=bars) as shown:
         assert isinstance(wake, TruckWake)
         means = [TimeMean(wake.grid.shape) for _ in range(2)]
 
@@ -99,7 +97,7 @@ def main(
             forecasts.append(np.full((horizon, 2), np.nan) if step is None else step.forces)
             if done <= first or done > settled:
                 means[done > first].add(wake.flow)
-            report("closed loop", done, total, f"Cd {row.sample.Cd:.3f}")
+            shown("closed loop", done, total, f"Cd {row.sample.Cd:.3f}")
 
         log = run_closed_loop(
             run,
@@ -119,11 +117,10 @@ def main(
         "lead_in": lead_in, "controlled": controlled, "settle": settle,
         "period": period, "versions": log.metadata.versions,
     }  # fmt: skip
-    save(json_file, figures=figures, facts=facts)
+    report(json_file, figures, facts, tables.release_forecasts, tables.release_distributions)
     drawn = release_drawings.drawn(figures) | {"release_mean_flow": release_drawings.mean_flows(wake, flows)}
     # Without a file of results the run is what they were drawn from.
     draw(drawn, RunFolder(run).summary if json_file is None else json_file.resolve(), folder=pictures)
-    _print(figures)
 
 
 def measured(log: RunLog, forecasts: Array, settled: int) -> dict[str, Any]:
@@ -198,25 +195,3 @@ def _mean(wake: TruckWake, flow: Flow) -> dict[str, Any]:
         "Cl": float(seen.Cl),
         "Cp": np.asarray(seen.Cp).tolist(),
     }
-
-
-def _print(figures: Mapping[str, Any]) -> None:
-    table = Table(
-        "h", "|Cd error|, mean", "10 to 90 %", "|Cl error|, mean", "10 to 90 %", title="forecasts in the loop"
-    )
-    for row in figures["forecast"]:
-        if row["h"] in (1, 5, 10, 15, 20, 25):
-            cells = [
-                cell
-                for name in ("drag", "lift")
-                for cell in (f"{row[name]['mean']:.4f}", f"{row[name]['p10']:.4f} to {row[name]['p90']:.4f}")
-            ]
-            table.add_row(str(row["h"]), *cells)
-    console.print(table)
-    before_and_under = Table("", *CASES)
-    for label, name in (("base Cp", "base_Cp"), ("Uy at the probe", "Uy")):
-        before_and_under.add_row(
-            label, *(f"{figures[name][c]['mean']:.3f} +- {figures[name][c]['std']:.3f}" for c in CASES)
-        )
-    before_and_under.add_row("bubble / W", *(f"{one['recirculation_length']:.2f}" for one in figures["mean"]))
-    console.print(before_and_under)

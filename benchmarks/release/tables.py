@@ -15,14 +15,13 @@ def tables(results: Path) -> dict[str, str]:
         "limits": limits(results),
         "steady": steady(results),
         "bundle_fuzz": bundle_fuzz(results),
-        "release_forecasts": release_forecasts(results),
-        "release_distributions": release_distributions(results),
+        "release_forecasts": release_forecasts(read(results / "release_figures.json")),
+        "release_distributions": release_distributions(read(results / "release_figures.json")),
     }
 
 
-def release_forecasts(results: Path) -> str:
+def release_forecasts(found: Any) -> str:
     """Errors of the controller's forecasts in the loop."""
-    found = read(results / "release_figures.json")
     figures = found["figures"]
     sigma = figures["sigma"]["uncontrolled"]
     rows = [
@@ -45,9 +44,9 @@ Measured on {found["date"]} with {found["facts"]["bundle"]["name"]}, over the la
 {sigma["drag"]:.3f}, Cl by {sigma["lift"]:.3f}."""
 
 
-def release_distributions(results: Path) -> str:
+def release_distributions(found: Any) -> str:
     """Base pressure, velocity at the probe and the bubble, ours and the paper's."""
-    figures = read(results / "release_figures.json")["figures"]
+    figures = found["figures"]
     base, probe, mean = figures["base_Cp"], figures["Uy"], figures["mean"]
     cases = ("uncontrolled", "controlled")
     rows = [

@@ -37,7 +37,7 @@ from firmware_sim.campaign.starts import phases_apart
 from firmware_sim.runs.summary import summary
 from stillwake.parts.differentiable_wake import mesh_of
 from wake.solver.grid import box_grid
-from wake.truck.regrid import SETTLE_TIME, moved
+from wake.truck.develop import SETTLE_TIME, moved
 from wake.truck.state import developed_state, load_state, save_state
 from wake.truck.truck_wake import TruckWake
 

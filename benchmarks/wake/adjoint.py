@@ -21,7 +21,7 @@ from contract.config.plant import FlowConfig
 from contract.results import versions
 from train.fitting.threads import without_denormals
 from wake.truck.averages import over_cycles
-from wake.truck.regrid import moved
+from wake.truck.develop import moved
 from wake.truck.state import State, developed_state
 from wake.truck.tape import Tape, no_weights
 from wake.truck.truck_wake import TruckWake
@@ -114,7 +114,7 @@ def _drag(plant: TruckWake, start: State, actions: Array) -> float:
 
 
 def _mean_drag(plant: TruckWake, start: State) -> float:
-    """Of the wake without jets, over the cycles of the last half."""
+    """The mean drag of the wake without jets, over the cycles of the last half."""
     plant.reset(start)
     samples = [plant.advance(0.0) for _ in range(LONG)][LONG // 2 :]
     t, Cl, Cd = (np.array([getattr(sample, name) for sample in samples]) for name in ("t", "Cl", "Cd"))

@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Final
 
-from contract.config.rules import Rule, Settings, require, within
-from contract.config.sources import paper
-from contract.config.units import WIDTHS
+from contract.config.rules import WIDTHS, Rule, Settings, paper, require, within
 from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 
 _LENGTH: Final = Rule(

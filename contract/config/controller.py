@@ -4,9 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from typing import Annotated
 
-from contract.config.rules import AtLeastOne, Finite, NonNegative, Positive, Settings, at_least
-from contract.config.sources import ours, paper
-from contract.config.units import STEPS
+from contract.config.rules import STEPS, AtLeastOne, Finite, NonNegative, Positive, Settings, at_least, ours, paper
 
 
 @dataclass(frozen=True, kw_only=True)

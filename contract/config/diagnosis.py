@@ -7,8 +7,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Annotated, Final, NamedTuple
 
-from contract.config.rules import Rule, Settings, require
-from contract.config.sources import ours, standard
+from contract.config.rules import Rule, Settings, ours, require, standard
 
 MOST_STANDARD: Final = 0x7FF
 MOST_EXTENDED: Final = 0x1FFF_FFFF

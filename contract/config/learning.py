@@ -4,6 +4,9 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Final, Literal
 
 from contract.config.rules import (
+    PASSES,
+    STEPS,
+    WINDOWS,
     AtLeastOne,
     AtLeastOneOrNone,
     Fraction,
@@ -11,11 +14,11 @@ from contract.config.rules import (
     Positive,
     Settings,
     at_least,
+    ours,
+    paper,
     require,
     within,
 )
-from contract.config.sources import ours, paper
-from contract.config.units import PASSES, STEPS, WINDOWS
 
 SelectionMethod = Literal["shap", "qr", "greedy", "random", "hand"]
 """How the slim encoder's sensors are chosen (`train.selection`)."""

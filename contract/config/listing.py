@@ -12,10 +12,8 @@ from functools import cache
 from itertools import pairwise
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from contract.config.rules import Rule
-from contract.config.sources import Source
+from contract.config.rules import Rule, Source, Unit
 from contract.config.tree import Config
-from contract.config.units import Unit
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,25 +1,76 @@
-"""Configuration from TOML files and `key.path=value` overrides."""
+"""Configuration from TOML files and `key.path=value` overrides, and what a wrong name was meant to be."""
 
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass
+from difflib import SequenceMatcher, get_close_matches
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal, get_args, get_origin, get_type_hints
 
-from contract.config.names import check_names, takes_text
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.printable import quoted
 from contract.toml_file import read_toml
 from contract.typed import LONGEST_SHOWN, typed
 
+
+def check_names(tree: Mapping[str, Any], above: str = "") -> None:
+    """Refuse a tree with a name that is not in `Config`, a value for a section, or a section for a value. Raises
+    ConfigError, which names what is wrong and what comes nearest to it."""
+    for key, value in tree.items():
+        name = f"{above}.{key}" if above else key
+        if name not in _hints():
+            raise ConfigError(_unknown(above, key))
+        if is_dataclass(_hints()[name]):
+            if not isinstance(value, Mapping):
+                raise ConfigError(f"{name} is a section: write {name}.key=value")
+            check_names(value, name)
+        elif isinstance(value, Mapping):
+            raise ConfigError(f"{name} is a value, not a section: it has no {', '.join(map(repr, value))}")
+
+
+def takes_text(name: str) -> bool:
+    """Whether the setting of that dotted name holds text; False for a name that does not exist."""
+    hint = _hints().get(name)
+    words = get_args(hint)
+    return hint is str or str in words or (get_origin(hint) is Literal and all(isinstance(one, str) for one in words))
+
+
+def _unknown(section: str, key: str) -> str:
+    """The error for a section, or for the tree if it is "", without such a key, with the nearest ones."""
+    inside = [name.rpartition(".")[2] for name in _hints() if name.rpartition(".")[0] == section]
+    if not section:
+        inside.sort(key=lambda name: -SequenceMatcher(None, key, name).ratio())
+        return f"there is no section {key!r}; the sections are {', '.join(inside)}"
+    elsewhere = [name for name, hint in _hints().items() if name.endswith(f".{key}") and not is_dataclass(hint)]
+    if meant := elsewhere or get_close_matches(key, inside, n=1, cutoff=0.5):
+        return f"{section} has no {key!r}: did you mean {' or '.join(meant)}?"
+    return f"{section} has no {key!r}; it has {', '.join(inside)}"
+
+
+@cache
+def _hints() -> Mapping[str, Any]:
+    """The type without metadata of every setting, and the dataclass of every section, by dotted name."""
+    return dict(_walk(Config, ""))
+
+
+def _walk(group: Any, above: str) -> Iterator[tuple[str, Any]]:
+    hints = get_type_hints(group)
+    for field in fields(group):
+        hint = hints[field.name]
+        yield f"{above}{field.name}", hint
+        if is_dataclass(hint):
+            yield from _walk(hint, f"{above}{field.name}.")
+
+
 RELEASE = "release"
 """Name of the packaged settings the shipped bundle was made with."""
 PAPER = "paper"
 """Name of the bare defaults."""
 BASE_KEY = "base"
-"""In a TOML file: which of the two it goes on top of."""
+"""The key in a TOML file that states which of the two it goes on top of."""
 RETIRED: Final = {"refine.iterations": False}
 """Settings that earlier versions wrote down and this one lacks, with the value that they may still be read with."""
 

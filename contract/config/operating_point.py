@@ -1,4 +1,4 @@
-"""From the non-dimensional flow to the engineering units of the bus, and back.
+"""The scales between the non-dimensional flow and the engineering units of the bus.
 
 The defaults are a full-size truck on a motorway. The flow behind them stays the paper's two-dimensional
 Re = 500: the operating point sets clocks and scales, it does not make the wake a truck's.
@@ -7,9 +7,7 @@ Re = 500: the operating point sets clocks and scales, it does not make the wake 
 from dataclasses import dataclass
 from typing import Annotated
 
-from contract.config.rules import Settings, within
-from contract.config.sources import ours
-from contract.config.units import Unit
+from contract.config.rules import Settings, Unit, ours, within
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,9 +3,19 @@
 from dataclasses import dataclass
 from typing import Annotated, Final
 
-from contract.config.rules import AtLeastOne, Fraction, NonNegative, Positive, Settings, within
-from contract.config.sources import ours, paper
-from contract.config.units import FLOW_RATE, FREQUENCY, TIME
+from contract.config.rules import (
+    FLOW_RATE,
+    FREQUENCY,
+    TIME,
+    AtLeastOne,
+    Fraction,
+    NonNegative,
+    Positive,
+    Settings,
+    ours,
+    paper,
+    within,
+)
 
 _MESH: Final = "explanation/mesh-study.md"
 _SUBSTEPS: Final = within(1, 10_000, "more take hours a period")

@@ -1,19 +1,85 @@
-"""What a setting may hold, stated in its type and checked when the setting is built.
+"""Metadata of a setting's type: what it may hold, what it is counted in, where its default comes from.
 
-    epochs: Positive[float] = 300.0
+    horizon: Annotated[int, at_least(2), STEPS, paper("section 2.4")] = 25
 
-A rule is metadata of an `Annotated` type. `Settings` checks the rules of its fields; a condition on two fields is a
-`require` in the class's own `__post_init__`.
+`Settings` checks the rules of its fields when it is built; a condition on two fields is a `require` in the class's own
+`__post_init__`. A number without a unit is a ratio, or counts what its name states; nothing is converted. A field
+without a source of its own has that of its section.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import isfinite
-from typing import Annotated, Any, ClassVar, Final, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar, get_args, get_type_hints
 
-from contract.config.sources import Source
 from contract.errors import ConfigError
 from contract.printable import LARGEST, quoted
+
+
+@dataclass(frozen=True)
+class Source:
+    """Metadata of an `Annotated` type, and of a class of settings: where defaults come from.
+
+    Attributes:
+        place: in the paper, or the name of the standard; "" where the default is ours.
+        note: how the default follows from it; for ours the reason.
+        page: of `docs/`, with more about it; "" for none.
+    """
+
+    kind: Literal["paper", "standard", "ours"]
+    place: str = ""
+    note: str = ""
+    page: str = ""
+
+    @property
+    def name(self) -> str:
+        """Who gives the default, and where: "paper, section 2.1", "SAE J2284-4", "ours"."""
+        return self.place if self.kind == "standard" else ", ".join(filter(None, (self.kind, self.place)))
+
+
+def paper(place: str, note: str = "") -> Source:
+    """A number that the paper gives at that place, e.g. "section 2.1"; a note where it follows without being written.
+
+    Numbers of equations are those of the manuscript, counted through.
+    """
+    return Source("paper", place=place, note=note)
+
+
+def standard(name: str, note: str) -> Source:
+    """A number of a published standard."""
+    return Source("standard", place=name, note=note)
+
+
+def ours(reason: str, *, page: str = "") -> Source:
+    """A number of this project: why it is this one, and the page with more about it, if there is one."""
+    return Source("ours", note=reason, page=page)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Metadata of an `Annotated` type: a unit as it is written behind a number."""
+
+    name: str
+
+
+WIDTHS: Final = Unit("W")
+"""Widths of the body."""
+TIME: Final = Unit("t_c")
+"""Convective times, W / U_inf."""
+FREQUENCY: Final = Unit("1/t_c")
+FLOW_RATE: Final = Unit("U_inf W")
+"""Flow rate of the jets by unit span: the unit of actions."""
+STEPS: Final = Unit("control steps")
+PERIODS: Final = Unit("periods")
+"""Control periods, on the clock of the vehicle."""
+FRAMES: Final = Unit("frames")
+BIT_RATE: Final = Unit("bit/s")
+MILLISECONDS: Final = Unit("ms")
+PASSES: Final = Unit("passes")
+"""Over the recording."""
+WINDOWS: Final = Unit("windows")
+"""Stretches of consecutive rows of a recording."""
+
 
 T = TypeVar("T", int, float)
 

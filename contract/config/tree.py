@@ -1,6 +1,6 @@
 """One tree of settings for every room.
 
-A default is the paper's number where the paper has one. Each names its source (`contract.config.sources`).
+A default is the paper's number where the paper has one. Each names its source (`contract.config.rules`).
 
 Lengths in W, times in t_c, actions a = jet flow rate in U_inf W. A value is checked where it is built, so a `Config`
 that exists is valid (`contract.config.rules`). `contract.config.loading` reads trees from TOML and applies overrides.

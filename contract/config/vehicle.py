@@ -4,9 +4,25 @@ from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal
 
 from contract.config.diagnosis import DiagnosisConfig
-from contract.config.rules import AtLeastOne, Fraction, NonNegative, Positive, Settings, require, within
-from contract.config.sources import ours, paper, standard
-from contract.config.units import BIT_RATE, FLOW_RATE, FRAMES, MILLISECONDS, PERIODS, STEPS, Unit
+from contract.config.rules import (
+    BIT_RATE,
+    FLOW_RATE,
+    FRAMES,
+    MILLISECONDS,
+    PERIODS,
+    STEPS,
+    AtLeastOne,
+    Fraction,
+    NonNegative,
+    Positive,
+    Settings,
+    Unit,
+    ours,
+    paper,
+    require,
+    standard,
+    within,
+)
 
 LARGEST_NOMINAL_BITRATE: Final = 1_000_000
 LARGEST_DATA_BITRATE: Final = 8_000_000

@@ -66,7 +66,7 @@ class Calibration:
 
     @property
     def values(self) -> tuple[float, ...]:
-        """In the order of `NAMES`."""
+        """The values in the order of `NAMES`."""
         return (*self.weights.as_tuple(), self.action_limit, self.command_step, float(self.delay_steps))
 
     @classmethod

@@ -128,14 +128,15 @@ class EstimatorNetwork:
         return len(self.mean) - 1
 
     def estimates(self, window: Array) -> Array:
-        """(V, S) for a window (L, S+1), as the graph computes them."""
+        """(V, S) for a window (L, S+1), as the graph computes them; (n, V, S) for n windows."""
         sensors, rows = self.sensors, []
         for view in views(sensors):
             seen = np.ones(sensors + 1)
             seen[list(view.left_out)] = 0.0
-            scaled = np.clip((window[:, view.order(sensors)] - self.mean) / self.std, -REACH, REACH) * seen
-            rows.append(np.concatenate([scaled.ravel(), 1.0 - seen[:-1]]))
-        values = np.stack(rows)
+            scaled = np.clip((window[..., view.order(sensors)] - self.mean) / self.std, -REACH, REACH) * seen
+            hidden = np.broadcast_to(1.0 - seen[:-1], (*window.shape[:-2], sensors))
+            rows.append(np.concatenate([scaled.reshape(*hidden.shape[:-1], -1), hidden], axis=-1))
+        values = np.stack(rows, axis=-2)
         for number, (weight, bias) in enumerate(self.layers):
             values = (np.maximum(values, 0.0) if number else values) @ weight.T + bias
         estimates: Array = values * self.std[:-1] + self.mean[:-1]

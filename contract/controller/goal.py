@@ -18,7 +18,7 @@ DEAREST_LIFT: Final = 1.0
 NARROWEST: Final = 0.5
 """The least limit of the jets that it is trained for, as a share of the release's."""
 SPEED_SCALE: Final = 0.4
-"""Of the speed less the design speed, in design speeds: how far a vehicle's may be from it."""
+"""The scale of the speed less the design speed, in design speeds: how far a vehicle's may be from it."""
 SCHEDULED: Final = ("one", "speed", "effort", "lift", "limit")
 """What schedules a prior's units besides the sums, in the order of its tensors: 1, the scaled speed, a goal's parts."""
 

@@ -4,18 +4,164 @@
 which the places of the numbers depend, or their meaning. Its SHA-256 names the layout in the image's header and in
 `sw_layout.h` of a build; numbers of another layout are not for that build. A library's headers have nothing else that
 belongs to a release, but for what identifies the one that is compiled in.
+
+No ECU may use a number as an index or a bound that it cannot be. The rules stand here once: a build's `sw_layout.h` has
+them as a table, by which `sw_image_open` judges an image, and `check_numbers` judges one in Python. Numbers in floating
+point are finite. Those that are divided by, or are widths, are positive; integers stay where no sum of the int8
+library's can overflow. What no table has is in C and in `_together`.
 """
 
 import hashlib
-from collections.abc import Mapping
-from typing import Any, Final
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from contract.controller.c_folder import ECU_SETTINGS, Settings
-from contract.controller.image_limits import Member, limits_in, wrong_in
 from contract.errors import BundleContainerError
+
+LEAST_FIGURE: Final = 1e-9
+MOST_FIGURE: Final = 1e3
+"""Bounds in Cp, of sound residuals and of the wake without jets, whose squares are divided by."""
+_TYPES: Final = ("int8", "uint8", "int32", "float32", "float64")
+"""Types by their numbers in `sw_image.c`."""
+_POSITIVE: Final = frozenset(
+    {
+        *("design_speed", "design_density", "window_factor", "force_std", "action_limit", "action_factor", "factor"),
+        *("adam_rate", "adam_unbias", "adam_epsilon", "spread"),
+        *("row_inverse_scale", "head_inverse_scale", "state_inverse_scale", "decoder_inverse_scale"),
+    }
+)
+_NOT_NEGATIVE: Final = frozenset({"weights", "default_weights", "slowest", "decoder_largest"})
+_ESTIMATOR_MOST: Final = 2.0**17
+"""The largest number with which every estimate is finite."""
+_GAIN_ONE: Final = 2.0**22
+_ROW_SCALE_ONE: Final = 2.0**23
+"""The same as in `export.to_c.int8_format`."""
+_OF_ELU_MOST: Final = 65535.0
+"""An ELU's integer in those of the decoder's residuals."""
+
+Member = tuple[str, tuple[int, ...], int]
+"""The type of an array, its sides, and its place in the payload."""
+Range = tuple[float, float]
+
+
+class Limits(NamedTuple):
+    """The bounds of numbers in a payload: `groups` of `run` numbers each, `stride` bytes apart from the place of the
+    first."""
+
+    name: str
+    dtype: str
+    place: int
+    run: int
+    groups: int
+    stride: int
+    least: float
+    most: float
+
+    @property
+    def in_c(self) -> str:
+        """Initialises an `sw_limits`."""
+        numbers = (*self[2:6], _TYPES.index(self.dtype))
+        return f"{{{', '.join(f'{number}u' for number in numbers)}, {self.least!r}, {self.most!r}}}"
+
+
+def limits_in(members: Mapping[str, Member], layout: Mapping[str, str]) -> Iterator[Limits]:
+    """The table, by a layout and its members' names of struct and array."""
+    for name, (dtype, sides, place) in members.items():
+        struct, _, member = name.partition(".")
+        each = _ranges(struct, member, dtype, layout)
+        if not each:
+            continue
+        # Constants of outputs stand in eights, others next to each other.
+        run = 1 if sides[-1] == len(each) else sides[-1]
+        count, size = int(np.prod(sides)), np.dtype(dtype).itemsize
+        if len(each) == 1:
+            yield Limits(name, dtype, place, count, 1, 0, *each[0])
+            continue
+        for number, limits in enumerate(each):
+            groups, stride = count // (run * len(each)), len(each) * run * size
+            yield Limits(name, dtype, place + number * run * size, run, groups, stride, *limits)
+
+
+def wrong_in(
+    payload: bytes, members: Mapping[str, Member], arrays: Mapping[str, npt.NDArray[Any]], layout: Mapping[str, str]
+) -> str | None:
+    """The first number that is out of its limits, in words; None without any."""
+    for one in limits_in(members, layout):
+        dtype = np.dtype(one.dtype).newbyteorder("<")
+        for group in range(one.groups):
+            values = np.frombuffer(payload, dtype, one.run, one.place + group * one.stride)
+            wrong = values[~((values >= one.least) & (values <= one.most))]
+            if wrong.size:
+                return f"{one.name} holds {wrong[0]:g}: must be in {one.least:g}..{one.most:g}"
+    return next(_together(arrays, layout), None)
+
+
+def _ranges(struct: str, member: str, dtype: str, layout: Mapping[str, str]) -> tuple[Range, ...]:
+    """One for all numbers of an array, or one for each of the constants that it interleaves; none for any number."""
+    if dtype.startswith("float"):
+        info: Any = np.finfo(dtype)
+        return _of_floats(struct, member, layout, float(info.tiny), float(info.max))
+    if dtype == "int8":
+        # With -128 a sum of products may overflow.
+        return ((-127.0, 127.0),)
+    if member in ("base", "pairs"):
+        return ((0.0, _stated(layout, "SW_SENSORS", 256) - 1.0),)
+    if member == "prior_filter_rows":
+        memory = float(_stated(layout, "SW_PRIOR_MEMORY", 1))
+        return (0.0, memory - 1.0), (1.0, memory)
+    if member.endswith("_adjoint"):
+        return (-_GAIN_ONE, _GAIN_ONE), (0.0, _ROW_SCALE_ONE)
+    return ((0.0, _OF_ELU_MOST),) if member == "residual_of_elu" else ()
+
+
+def _of_floats(struct: str, member: str, layout: Mapping[str, str], positive: float, most: float) -> tuple[Range, ...]:
+    if member == "resting":
+        return (positive, most), (-MOST_FIGURE, -LEAST_FIGURE), (LEAST_FIGURE, MOST_FIGURE)
+    if member in ("slowest", "fastest") and _stated(layout, "SW_PAST", 0):
+        return ((0.1, 1.0) if member == "slowest" else (1.0, 10.0),)
+    if member.endswith("_layer"):
+        return (positive, most), (0.0, most)
+    if member == "cell_inverse_scale":
+        return ((positive, _widest_integer(layout)),)
+    if struct == "estimator" and member != "factor":
+        most = _ESTIMATOR_MOST
+    if member.endswith("_deviation"):
+        return ((LEAST_FIGURE if _stated(layout, "SW_SENSOR_CHECK", 0) else 0.0, MOST_FIGURE),)
+    return ((positive if member in _POSITIVE else 0.0 if member in _NOT_NEGATIVE else -most, most),)
+
+
+def _widest_integer(layout: Mapping[str, str]) -> float:
+    """C's `SW_QMAX` of the LSTM's hidden state, which is rounded and not saturated."""
+    lanes, most = _stated(layout, "SW_LANES", 8), _stated(layout, "SW_INT16_QMAX", 32767)
+    padded = -(-_stated(layout, "SW_LSTM", 1) // lanes) * lanes
+    is_full = padded <= _stated(layout, "SW_FULL_RANGE_WIDTH", padded)
+    return float(most if is_full else _stated(layout, "SW_SUM_QMAX", padded) // padded)
+
+
+def _stated(layout: Mapping[str, str], name: str, otherwise: int) -> int:
+    """A definition; an image without it is of no ECU, and not judged by it."""
+    return int(layout.get(name, otherwise))
+
+
+def _together(arrays: Mapping[str, npt.NDArray[Any]], layout: Mapping[str, str]) -> Iterator[str]:
+    """What numbers within their limits must not be together: as `are_sound_together` in `sw_image.c` has it."""
+    rows = arrays.get("weights.prior_filter_rows")
+    if rows is not None:
+        memory, all_rows = (_stated(layout, f"SW_PRIOR_{name}", 1) for name in ("MEMORY", "FILTER_ROWS"))
+        if (rows.sum(axis=1) > memory).any() or rows[:, 1].sum() != all_rows:
+            yield f"weights.prior_filter_rows: must end within {memory} rows, and have {all_rows} in all"
+    speeds = arrays.get("release.resting", np.zeros((0, 3)))[:, 0]
+    if any(after <= before for before, after in pairwise(speeds)):
+        yield "release.resting: its speeds must rise"
+    past, window = _stated(layout, "SW_PAST", 0), _stated(layout, "SW_WINDOW", 0)
+    for slowest in arrays.get("release.slowest", np.zeros(0)) if past else ():
+        if window / slowest > (past if slowest >= 1.0 else past - 1):
+            yield f"release.slowest is {slowest:g}: a past of {past} rows is too short for {window}"
+
 
 LAYOUT: Final = "sw_layout.h"
 """Generated from the other generated headers."""
@@ -32,7 +178,7 @@ _TITLE: Final = "layout 2 of a stillwake controller image\n"
 """Its number rises when a member's meaning changes and its size does not: in the first, the wake without jets was in
 shares of the design speed's."""
 _STRUCTS: Final = ("SW_RELEASE", "SW_WEIGHTS", "SW_HOT", "SW_ESTIMATOR")
-"""Of a payload, in its order."""
+"""The structs of a payload, in its order."""
 
 
 def layout_of(files: Mapping[str, bytes]) -> str:
@@ -84,7 +230,7 @@ def layout_in(payload: bytes, sha256: bytes) -> dict[str, str]:
 
 def check_numbers(payload: bytes, sha256: bytes) -> None:
     """Raise BundleContainerError for a payload that no ECU of the layout of this name opens: one that is too short, or
-    has a number that is no index or no bound (`contract.controller.image_limits`)."""
+    has a number that is no index or no bound (`contract.controller.image_payload`)."""
     layout = layout_in(payload, sha256)
     if _starts(layout)[""] > payload.rfind(_TITLE.encode()):
         raise BundleContainerError(f"image: a payload of {len(payload)} bytes is too short for its layout")

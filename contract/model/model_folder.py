@@ -145,7 +145,7 @@ class ModelFolder:
 
     @property
     def provenance(self) -> Provenance:
-        """As a release made of the model keeps it."""
+        """The origin as a release made of the model keeps it."""
         return Provenance(
             dataset_sha256=self.description.dataset_sha256,
             weights_sha256=self.weights_sha256,

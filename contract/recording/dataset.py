@@ -1,4 +1,8 @@
-"""The recording format: HDF5, one group an episode, and the sensors' layout (docs/reference/data-set.md)."""
+"""The recording format: HDF5, one group an episode, and the sensors' layout (docs/reference/data-set.md).
+
+Measured series are 16-bit integers: value = integer * quantum, as a 16-bit sensor would give them. The quantum is a
+power of two, so that reading is exact and writing what was read changes nothing.
+"""
 
 import io
 import json
@@ -13,17 +17,41 @@ import numpy.typing as npt
 from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import ConfigError, DatasetError
+from contract.recording.episode import FACTS, PlantFacts, facts_in, first_known, problems_of
 from contract.recording.episode import REQUIRED as REQUIRED
 from contract.recording.episode import ROLES as ROLES
 from contract.recording.episode import UNITS as UNITS
 from contract.recording.episode import Episode as Episode
 from contract.recording.episode import Role as Role
-from contract.recording.episode import problems_of
-from contract.recording.facts import FACTS, PlantFacts, facts_in, first_known
 from contract.recording.hdf5 import opened
-from contract.recording.int16_series import pack, unpack
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
+
+LARGEST_INTEGER: Final = 32767
+"""Largest integer; its negative is the smallest, so that a series and its mirror image are stored alike."""
+
+
+def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.int16], float]:
+    """Integers and their quantum: the finest power of two that holds every value, and not below `finest`. Raises
+    ValueError if a value lies outside +-32767 * coarsest; nothing is clipped and nothing wraps around.
+
+    Args:
+        values: finite, any shape.
+        finest: quantum of a series that stays within +-32767 of them.
+        coarsest: quantum that is never exceeded; `finest` times a power of two.
+    """
+    quantum, peak = finest, float(np.abs(values).max(initial=0.0))
+    while np.rint(peak / quantum) > LARGEST_INTEGER:
+        quantum *= 2.0
+        if quantum > coarsest:
+            raise ValueError(f"holds {peak:g}, more than {LARGEST_INTEGER * coarsest:g} in magnitude")
+    return np.rint(values / quantum).astype(np.int16), quantum
+
+
+def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
+    """The values, each within half a quantum of what was packed."""
+    return integers.astype(np.float64) * quantum
+
 
 SCHEMA: Final = "stillwake-dataset/3"
 SCHEMA_2: Final = "stillwake-dataset/2"

@@ -11,10 +11,9 @@ from contract.config.tree import Config
 from contract.errors import DatasetError
 from contract.recording import needs
 from contract.recording.dataset import Dataset, Episode
-from contract.recording.facts import FACTS, facts_in
+from contract.recording.episode import FACTS, facts_in
 from contract.recording.needs import Need
-from contract.recording.plausible import implausible, longest_run
-from contract.recording.spectrum import dominant_frequency, share_near
+from contract.recording.plausible import dominant_frequency, implausible, longest_run, share_near
 
 STEP_TOLERANCE: Final = 0.05
 """Deviation of a step from the control period: a clock read to a twentieth of a period blurs the jets' ramp less than

@@ -23,8 +23,8 @@ CALIBRATION_WINDOWS: Final = 400
 """Recorded windows from which int8 rounding is calibrated, of every kind of forcing together."""
 
 LEAST_CALIBRATION: Final = 50
-"""With fewer, the ranges of the activations would rest on less than a shedding cycle or two: 50 steps are two of the
-truck's. A value beyond a calibrated range saturates on the vehicle."""
+"""The least number of windows. Fewer let the ranges of the activations rest on less than a shedding cycle or two: 50
+steps are two of the truck's. A value beyond a calibrated range saturates on the vehicle."""
 
 WINDOW_STEP: Final = 8
 """The sensor check of the ECU in C takes windows of whole multiples of so many steps."""

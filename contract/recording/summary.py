@@ -9,8 +9,7 @@ import numpy as np
 from contract.recording.dataset import Dataset, Episode
 from contract.recording.findings import QUIET
 from contract.recording.needs import WINDOW_STEP, window_for_c
-from contract.recording.plausible import longest_run
-from contract.recording.spectrum import dominant_frequency
+from contract.recording.plausible import dominant_frequency, longest_run
 
 HORIZON_CYCLES: Final = 1.0
 """The MPC looks one shedding cycle ahead (paper, section 2.4)."""

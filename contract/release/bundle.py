@@ -98,7 +98,7 @@ def renew(
     security_version: int | None = None,
     hardware: str | None = None,
     speeds: SpeedRange | None = None,
-    estimator: Callable[[Manifest], MadeEstimator] | None = None,
+    estimator: MadeEstimator | None = None,
     judge: Callable[[Bundle], object] | None = None,
 ) -> Bundle:
     """Write a bundle of another version's DBC again, with this version's, under another name, and sign it.
@@ -118,7 +118,7 @@ def renew(
         weights: of the cost, in place of the old bundle's, by name.
         security_version, hardware: in place of the old bundle's.
         speeds: part of the old bundle's range, outside of which the ECU is to shut the jets.
-        estimator: called with the old manifest, makes a sensor estimator; without it, one that is there is kept.
+        estimator: a sensor estimator; without it, one that is there is kept.
         judge: called with the new bundle before it is written, as in `sign`.
     """
     old = read_checked(path, read_files(path), trusted, any_dbc=True)
@@ -134,7 +134,7 @@ def renew(
     changed: dict[str, Any] = {"security_version": security_version, "hardware": hardware, "speeds": served}
     manifest = replace(manifest, **{name: value for name, value in changed.items() if value is not None})
     if estimator is not None:
-        manifest = with_estimator(manifest, contents, estimator(old.manifest))
+        manifest = with_estimator(manifest, contents, estimator)
     if judge is not None:
         judge(replace(old, manifest=manifest, files=contents))
     write(target, manifest, contents, key)

@@ -75,7 +75,7 @@ class Check:
 
 
 def sha256(data: bytes) -> str:
-    """In hex, as manifests hold it."""
+    """The hash in hex, as manifests hold it."""
     return hashlib.sha256(data).hexdigest()
 
 

@@ -88,7 +88,7 @@ class ControllerImage:
 
     @property
     def digest(self) -> str:
-        """Of the release, in hex."""
+        """The digest of the release, in hex."""
         return self.facts.digest.hex()
 
     @property

@@ -1,15 +1,88 @@
-"""What differs between two bundles, signer, manifest and files, or between two controller images."""
+"""Two bundles or two controller images compared, and what an image holds, for people.
+
+Bundles differ in signer, manifest and files; images in the header's facts, the layout, and the numbers by name.
+"""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
+from contract.controller.image_payload import arrays_in, check_numbers, layout_in
+from contract.errors import BundleContainerError, BundleSignerError
 from contract.printable import shown
 from contract.release import bundle as bundles
-from contract.release import image_contents
 from contract.release.checks import sha256
 from contract.release.container import read_files
+from contract.release.controller_image import SUFFIX, ControllerImage, read
 from contract.release.manifest import MANIFEST, open_manifest
+from contract.release.signing import PublicKey
+
+MAX_BYTES: Final = 64 * 2**20
+_FEW: Final = 8
+"""So many numbers are shown as they are; of more, the type, the sides and the hash."""
+
+
+def is_image(path: Path) -> bool:
+    """Whether the file's name is that of an image."""
+    return path.suffix.lower() == SUFFIX
+
+
+def opened(path: Path, trusted: PublicKey | None = None) -> ControllerImage:
+    """The image in a file.
+
+    Raises:
+        BundleContainerError: it cannot be read, is damaged, no image, or one that no ECU opens.
+        BundleSignatureError: the signature is not that of the key in it.
+        BundleSignerError: it is not signed by the key that is to be trusted.
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise BundleContainerError(f"{path}: has more than {MAX_BYTES} bytes")
+        image = read(path.read_bytes())
+    except OSError as error:
+        raise BundleContainerError(f"{path}: {error.strerror or error}") from error
+    if trusted is not None and image.signer != trusted:
+        signer = "unsigned" if image.signer is None else f"signed by key {image.signer.fingerprint}"
+        raise BundleSignerError(f"{path}: {signer}, must be signed by key {trusted.fingerprint}")
+    check_numbers(image.payload, image.facts.layout)
+    return image
+
+
+def described(image: ControllerImage) -> dict[str, str]:
+    """The facts by name, in the order in which they are shown."""
+    facts, layout = image.facts, layout_in(image.payload, image.facts.layout)
+    width, speed, density = facts.operating_point
+    return {
+        "name": facts.name,
+        "signer": "unsigned" if image.signer is None else image.signer.fingerprint,
+        "digest": image.digest,
+        "security version": str(facts.security_version),
+        "hardware": facts.hardware or "any",
+        "precision": layout.get("SW_PRECISION", "").strip('"'),
+        "sensors": layout.get("SW_SENSOR_NAMES", "").strip('"').replace(" ", ", "),
+        "limit": f"|a| <= {facts.action_limit:g} U_inf W",
+        "operating point": f"W {width:g} m, U_inf {speed:g} m/s, rho {density:g} kg/m3",
+        "control period": f"{facts.period_ns / 1e6:g} ms",
+        "layout": facts.layout.hex(),
+        "DBC SHA-256": facts.dbc.hex(),
+        "payload": f"{len(image.payload)} bytes",
+    }
+
+
+def _of_image(image: ControllerImage) -> dict[str, str]:
+    """The facts, every setting of the layout, and every array, by names: what two images may differ in."""
+    layout = layout_in(image.payload, image.facts.layout)
+    arrays = {
+        f"array {name}": " ".join(map(str, values.ravel().tolist()))
+        if values.size <= _FEW
+        else f"{values.dtype} {'x'.join(map(str, values.shape))}, {sha256(np.ascontiguousarray(values).tobytes())[:16]}"
+        for name, values in arrays_in(image.payload, layout).items()
+    }
+    settings = {name: value for name, value in layout.items() if not name.endswith("_LAYOUT")}
+    return {**described(image), **settings, **arrays}
+
 
 MISSING: Final = "-"
 """Stands for what one of the two lacks."""
@@ -35,18 +108,18 @@ def differences(a: Path, b: Path) -> list[Difference]:
 
 def _facts(path: Path) -> dict[str, Any]:
     """All that is compared, in the order in which it is shown."""
-    if image_contents.is_image(path):
-        return {**image_contents.compared(image_contents.opened(path))}
+    if is_image(path):
+        return {**_of_image(opened(path))}
     bundle = bundles.load(path, any_dbc=True)
-    opened = open_manifest(path, read_files(path)[MANIFEST])
-    body = dict(opened.body)
+    manifest = open_manifest(path, read_files(path)[MANIFEST])
+    body = dict(manifest.body)
     return {
         "name": body.pop("name"),
         "created": body.pop("created"),
         "digest": bundle.digest,
-        "schema": opened.schema,
+        "schema": manifest.schema,
         "signer": "unsigned" if bundle.signer is None else bundle.signer.fingerprint,
-        "dbc_sha256": opened.dbc,
+        "dbc_sha256": manifest.dbc,
         **{name: body[name] for name in sorted(body) if name != "provenance"},
         **{f"file {name}": f"{len(data)} bytes, {sha256(data)}" for name, data in sorted(bundle.files.items())},
         "provenance": body["provenance"],

@@ -14,7 +14,7 @@ import numpy as np
 from contract.arrays import Index
 from contract.config.controller import MpcConfig
 from contract.config.operating_point import OperatingPoint
-from contract.controller.image_limits import LEAST_FIGURE, MOST_FIGURE
+from contract.controller.image_payload import LEAST_FIGURE, MOST_FIGURE
 from contract.controller.interface import Sizes
 from contract.errors import BundleManifestError, ConfigError
 from contract.printable import MAX_NAME, is_name, quoted, shown
@@ -131,7 +131,7 @@ class Manifest:
         compute_time_ms: what of it the release's settings allot to the control step.
         dataset_sha256: of the recording that the model was fitted to.
         weights_sha256: of the trained model's tensors.
-        program_sha256: of the controller program that `controller.onnx` computes (`export.program.program_hash`); a C
+        program_sha256: of the program that `controller.onnx` computes (`export.program.controller_program`); a C
             library of the same program has it in its header.
         provenance: settings, metrics and versions of the training, and what the export's gates measured.
         sensor_positions: (x, y) of every sensor in the body's reference length W; None where no one stated them.

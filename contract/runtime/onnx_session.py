@@ -12,8 +12,8 @@ from contract.release.checks import CONTROLLER, Bundle
 from contract.runtime.bounded_session import BoundedGraph
 
 WARM_UP_LIMIT_S: Final = 10.0
-"""For all steps of a warm-up: the paper's controller takes some milliseconds a step, and its deadline is 20. A graph
-that needs a thousand times as long never ends, or is no controller."""
+"""The time for all steps of a warm-up: the paper's controller takes some milliseconds a step, and its deadline is 20. A
+graph that needs a thousand times as long never ends, or is no controller."""
 
 
 class OnnxController:

@@ -22,7 +22,7 @@ import numpy as np
 from rich import print
 
 from contract.config.plant import FlowConfig
-from wake.truck.regrid import moved
+from wake.truck.develop import moved
 from wake.truck.state import developed_state
 from wake.truck.tape import Tape, no_weights
 from wake.truck.truck_wake import TruckWake
@@ -53,7 +53,7 @@ sensitivity = tape.bar.faces_u.copy()
 
 
 def mean_drag(actions: np.ndarray) -> float:
-    """Of a run from the same start."""
+    """The sum of a run from the same start."""
     plant.reset(start)
     return float(np.mean([plant.advance(float(action)).Cd for action in actions]))
 

@@ -24,7 +24,7 @@ from rich import print
 from contract.config.loading import load_config
 from contract.release import bundle
 from contract.shipped import BUNDLE
-from wake.truck.regrid import moved
+from wake.truck.develop import moved
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 

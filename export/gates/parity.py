@@ -21,7 +21,8 @@ from export.program.windows import random_window
 from export.reference.mpc import control_step
 
 SPEEDS: Final = (1.0, 0.6, 1.4)
-"""Of the vehicle, as ratios to the design speed, at which cases are judged in turn where the program depends on it."""
+"""Speeds of the vehicle, as ratios to the design speed, at which cases are judged in turn where the program depends on
+it."""
 LIMITS: Final = (1.0, 0.8, 0.3, 1.2, 0.55)
 """The same of the bound on |a|, in shares of the program's."""
 BEYOND: Final = 100.0
@@ -67,7 +68,7 @@ class ControlCase:
 
     @property
     def arguments(self) -> tuple[Array, Array, Array, Array | None, float, float | None]:
-        """In the order of `Controller.control_step`."""
+        """The arguments in the order of `Controller.control_step`."""
         return self.window, self.plan, self.free, self.weights, self.speed, self.limit
 
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from contract.arrays import Array
 from export.int8.layer_inputs import LayerInputs, layer_inputs
-from export.int8.nearest import QMAX, Int8Matrix, quantise_matrix
-from export.int8.rounded_program import RoundedProgram
+from export.int8.rounded_program import QMAX, Int8Matrix, RoundedProgram, quantise_matrix
 from export.program.controller_program import ControllerProgram
 
 DAMPING: Final = 0.01

@@ -2,6 +2,9 @@
 
 The encoder runs over the windows. Dynamics and decoder run over roll-outs from every window's latent state under a few
 plans: zero, full amplitude either way, random ones, and random ones that wander as an optimised plan does.
+
+How large the activations get is what the integer steps of an int8 lowering stand for: ranges are largest magnitudes
+over these inputs. A lowering adds a margin and saturates beyond it.
 """
 
 from collections.abc import Sequence
@@ -14,8 +17,7 @@ from contract.arrays import Array
 from contract.errors import ExportError
 from export.program.controller_program import ControllerProgram
 from export.program.weights import PriorWeights
-from export.reference.layers import linear
-from export.reference.model import decoder_layers, dynamics_layers, encoder_layers
+from export.reference.model import decoder_layers, dynamics_layers, encoder_layers, linear
 from export.reference.mpc import rollout
 from export.reference.prior import filtered_sums, past_of
 
@@ -106,3 +108,44 @@ def _plans(program: ControllerProgram, rng: np.random.Generator) -> Array:
 
 def _rows(values: Array) -> Array:
     return values.reshape(-1, values.shape[-1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActivationRanges:
+    """Largest magnitudes.
+
+    Attributes:
+        row: a scaled row of the window.
+        head: input of the encoder's first linear layer, after the norm.
+        latent: input of its second one, after the ELU.
+        state: the dynamics' input, [z, a / action_std], and the decoder's.
+        hidden1, hidden2: outputs of the dynamics' ELUs.
+        blocks: inputs of the decoder's blocks.
+        elus: outputs of their ELUs.
+        forces: input of the decoder's output layer.
+    """
+
+    row: float
+    head: float
+    latent: float
+    state: float
+    hidden1: float
+    hidden2: float
+    blocks: tuple[float, ...]
+    elus: tuple[float, ...]
+    forces: float
+
+
+def activation_ranges(program: ControllerProgram, windows: Sequence[Array]) -> ActivationRanges:
+    """Measure the ranges on windows (L, S+1); raises ExportError if there are none."""
+    seen = layer_inputs(program, windows)
+    return ActivationRanges(
+        **{name: _largest(getattr(seen, name)) for name in ("row", "head", "latent", "hidden1", "hidden2", "forces")},
+        state=max(_largest(seen.state), _largest(seen.z)),
+        blocks=tuple(map(_largest, seen.blocks)),
+        elus=tuple(map(_largest, seen.elus)),
+    )
+
+
+def _largest(values: Array) -> float:
+    return float(np.abs(values).max())

@@ -2,19 +2,54 @@
 
 ONNX and C take the integers and the scales from here, the reference takes the program that they stand for, and the
 hash in manifest and C header is that program's.
+
+Weights are symmetric int8 with one scale per output row; biases, norms and arithmetic stay float. W[r, c] ~ scale[r]
+q[r, c] with q in -127 .. 127 and scale[r] = max_c |W[r, c]| / 127, so that the error of a weight is at most scale / 2
+(half a step). This quarters the file; on x86 it does not shorten the step. The sensor estimator's matrices are rounded
+to nearest in the same way.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from contract.arrays import Array
+from contract.controller.estimator import EstimatorNetwork
 from contract.release.manifest import Precision
-from export.int8.nearest import Int8Matrix, quantise_matrix, row_scales
-from export.program.controller_program import ControllerProgram
+from export.program.controller_program import ControllerProgram, map_matrices
 from export.program.float32 import as_float32
-from export.program.matrices import map_matrices
+
+QMAX: Final = 127
+"""Largest magnitude of a quantised weight: -128 is left out, so that negating a row is exact."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Int8Matrix:
+    """values (outputs, inputs) int8 and one positive scale per output, float32."""
+
+    values: npt.NDArray[np.int8]
+    scales: npt.NDArray[np.float32]
+
+    def dequantised(self) -> npt.NDArray[np.float32]:
+        """scale[r] q[r, c], rounded to float32 as ONNX's DequantizeLinear does."""
+        return self.values.astype(np.float32) * self.scales[:, None]
+
+
+def quantise_matrix(weight: Array) -> Int8Matrix:
+    """The nearest Int8Matrix of a matrix (outputs, inputs)."""
+    scales = row_scales(weight)
+    steps = np.rint(weight / scales[:, None].astype(np.float64))
+    return Int8Matrix(values=np.clip(steps, -QMAX, QMAX).astype(np.int8), scales=scales)
+
+
+def row_scales(weight: Array) -> npt.NDArray[np.float32]:
+    """The scale of every row: its largest magnitude over 127; a row of zeros takes 1."""
+    largest = np.abs(weight).max(axis=1)
+    # The floor keeps the scale a normal float32: below it, a row's products vanish in float32 anyway.
+    return np.where(largest > 0, np.maximum(largest / QMAX, np.finfo(np.float32).tiny), 1.0).astype(np.float32)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,7 +59,7 @@ class RoundedProgram:
     Attributes:
         source: the program before rounding.
         program: the one that the integers stand for; what the reference computes in its place.
-        matrices: integers and scales of every matrix, by the names of `export.program.matrices`.
+        matrices: integers and scales of every matrix, by the names of `export.program.controller_program`.
     """
 
     source: ControllerProgram
@@ -66,3 +101,25 @@ def precision_of(program: Program) -> Precision:
 def rounded_to_nearest(program: ControllerProgram) -> RoundedProgram:
     """Every weight by itself."""
     return RoundedProgram.of(program, lambda _, weight: quantise_matrix(weight))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RoundedEstimator:
+    """What a bundle holds.
+
+    Attributes:
+        network: with the weights that the integers stand for.
+        matrices: the integers of each layer.
+    """
+
+    network: EstimatorNetwork
+    matrices: Sequence[Int8Matrix]
+
+
+def rounded_estimator(network: EstimatorNetwork) -> RoundedEstimator:
+    """A network's; of one that is rounded already the integers stay."""
+    matrices = [quantise_matrix(weight) for weight, _ in network.layers]
+    layers = [
+        (matrix.dequantised().astype(float), bias) for matrix, (_, bias) in zip(matrices, network.layers, strict=True)
+    ]
+    return RoundedEstimator(network=replace(network, layers=layers), matrices=matrices)

@@ -1,15 +1,26 @@
-"""The controller as data: everything that a lowering needs to know, and nothing else."""
+"""The controller as data: everything that a lowering needs to know, and nothing else.
 
-from dataclasses import dataclass
+Its weight matrices have names: what rounding replaces, and what a lowering stores. They are those of the tensors:
+`lstm.weight_input`, `dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. Of the prior, which is small, these are
+the matrices on filtered rows: `prior.first` (5 n, F (p + 1)), a row for each schedule of each unit, and `prior.sums`
+(n, F p). One hash names a program in every lowering.
+"""
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.controller.interface import FORCES, Sizes
 from contract.errors import ExportError
 from contract.model.model_folder import SLIM, ModelFolder
 from contract.release.manifest import Scaling
-from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, PriorWeights, State
+from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, Linear, PriorWeights, State
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,3 +164,70 @@ def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
         encoder_rows=about.config.model.window,
         prior=model.prior,
     )
+
+
+def matrices(program: ControllerProgram) -> dict[str, Array]:
+    """Every matrix, (outputs, inputs), by its name."""
+    found: dict[str, Array] = {}
+
+    def keep(name: str, weight: Array) -> Array:
+        found[name] = weight
+        return weight
+
+    map_matrices(program, keep)
+    return found
+
+
+def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Array]) -> ControllerProgram:
+    """The program with every matrix replaced by what `change` makes of its name and itself; all else stays."""
+
+    def linear(name: str, layer: Linear) -> Linear:
+        return replace(layer, weight=change(f"{name}.weight", layer.weight))
+
+    def layers(network: str, *names: str) -> dict[str, Any]:
+        return {name: linear(f"{network}.{name}", getattr(getattr(program, network), name)) for name in names}
+
+    lstm, blocks = program.encoder.lstm, program.decoder.blocks
+    gates: dict[str, Any] = {
+        name: change(f"lstm.{name}", getattr(lstm, name)) for name in ("weight_input", "weight_recurrent")
+    }
+    prior = program.prior
+    if prior is not None:
+        first, sums = prior.first, prior.sums
+        prior = replace(
+            prior,
+            first=change("prior.first", first.reshape(-1, first[0, 0].size)).reshape(first.shape),
+            sums=change("prior.sums", sums.reshape(len(sums), -1)).reshape(sums.shape),
+        )
+    return replace(
+        program,
+        prior=prior,
+        encoder=replace(program.encoder, lstm=replace(lstm, **gates), **layers("encoder", "hidden", "output")),
+        dynamics=replace(program.dynamics, **layers("dynamics", "input", "hidden", "output")),
+        decoder=replace(
+            program.decoder,
+            **layers("decoder", "input"),
+            blocks=tuple(
+                replace(block, linear=linear(f"decoder.blocks.{i}.linear", block.linear))
+                for i, block in enumerate(blocks)
+            ),
+            **layers("decoder", "output"),
+        ),
+    )
+
+
+def program_sha256(program: ControllerProgram) -> str:
+    """SHA-256, in hex, over every weight as a little-endian float64 with its name, and every setting."""
+    digest = hashlib.sha256()
+    parts = ("scaling", "mpc", "encoder", "dynamics", "decoder")
+    settings: dict[str, Any] = {name: asdict(getattr(program, name)) for name in parts}
+    settings |= {name: getattr(program, name) for name in ("encoder_rows", "action_limit", "sensors", "window")}
+    if program.prior is not None:
+        settings["prior"] = asdict(program.prior)
+    digest.update(json.dumps(settings, sort_keys=True, default=_fingerprint).encode())
+    return digest.hexdigest()
+
+
+def _fingerprint(value: object) -> str:
+    array = np.asarray(value, dtype="<f8")
+    return f"{array.shape} {hashlib.sha256(array.tobytes()).hexdigest()}"

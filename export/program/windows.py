@@ -21,8 +21,7 @@ def recorded_windows(
     needed = program.window + count - 1
     if count < 1 or len(episode) < needed:
         raise ExportError(f"episode {episode.name}: {len(episode)} steps, {count} windows need {needed}")
-    pressure = episode.series["Cp"][:, layout.indices(program.sensors)]
-    rows = np.column_stack([pressure, episode.previous_action])[-needed:]
+    rows = episode.rows(layout.indices(program.sensors))[-needed:]
     return [rows[i : i + program.window] for i in range(count)]
 
 

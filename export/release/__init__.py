@@ -1,1 +1,1 @@
-"""From a model folder to a release: lower, gate, write."""
+"""The way from a model folder to a release: lower, gate, write."""

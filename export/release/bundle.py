@@ -1,6 +1,5 @@
 """Write gated lowerings as a release bundle, with the manifest of what they assume and where they come from."""
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
@@ -61,7 +60,7 @@ def write_release(
     positions: tuple[tuple[float, float], ...] | None = None,
     resting: RestingWake | None = None,
     key: Ed25519PrivateKey | None = None,
-    estimator: Callable[[Manifest], MadeEstimator] | None = None,
+    estimator: MadeEstimator | None = None,
 ) -> None:
     """Write a release bundle, whole or not at all. Raises StillwakeError if the path cannot be written, or holds
     something else.
@@ -71,7 +70,7 @@ def write_release(
         positions: (x, y) of every sensor in the body's reference length, if they are known.
         resting: the wake without jets by speed, if it is known.
         key: to sign the release with; unsigned if None.
-        estimator: makes a sensor estimator for the manifest; the ECU does not check its sensors without one.
+        estimator: of the same sensors and window; the ECU does not check its sensors without one.
     """
     lowered = gated.lowered
     program = lowered.effective
@@ -99,5 +98,5 @@ def write_release(
     )
     contents = {CONTROLLER: lowered.graph}
     if estimator is not None:
-        manifest = with_estimator(manifest, contents, estimator(manifest))
+        manifest = with_estimator(manifest, contents, estimator)
     bundle.write(path, manifest, contents, key)

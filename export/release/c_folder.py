@@ -9,7 +9,7 @@ from contract.arrays import Array
 from contract.controller.c_folder import BILL, EXPECTED, RECORDED, rows_text, write_folder
 from contract.controller.image_payload import with_layout
 from export.release.gated import Gated
-from export.to_c.folder_files import documents
+from export.to_c.library import documents
 
 
 def write_c_release(

@@ -17,7 +17,7 @@ from export.gates.quantisation import (
 from export.int8.rounded_program import RoundedProgram
 from export.reference.mpc import control_step
 from export.release.lowering import Lowered
-from export.to_c.folder_files import replay
+from export.to_c.library import replay
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 
 from contract.arrays import Array
 from contract.release.manifest import Precision
-from export.int8.activation_ranges import activation_ranges
 from export.int8.calibrate import rounded_on
+from export.int8.layer_inputs import activation_ranges
 from export.int8.rounded_program import Program, RoundedProgram, effective, precision_of
-from export.program.controller_program import ControllerProgram
-from export.program.program_hash import program_sha256
+from export.program.controller_program import ControllerProgram, program_sha256
 from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
 
@@ -34,7 +33,7 @@ class Lowered:
 
     @property
     def program_sha256(self) -> str:
-        """As the bundle's manifest and the library's header have it."""
+        """The hash as the bundle's manifest and the library's header have it."""
         return program_sha256(self.effective)
 
 

@@ -1,4 +1,4 @@
-"""From a model folder to a release bundle and, on request, a C library: read, round, lower, gate, write.
+"""The way from a model folder to a release bundle and, if asked for, a C library: read, round, lower, gate, write.
 
 Every lowering has passed its gates before the first file is written.
 """
@@ -27,7 +27,7 @@ from contract.recording.needs import LEAST_CALIBRATION, windows_in
 from contract.release import bundle
 from contract.release.bundle import MadeEstimator
 from contract.release.checks import Bundle
-from contract.release.manifest import PRECISIONS, Manifest
+from contract.release.manifest import PRECISIONS
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from export.int8.calibrate import rounded_on
@@ -122,7 +122,7 @@ def export_all(
     library: CLibrary | None = None,
     key: Ed25519PrivateKey | None = None,
     named: bool = True,
-    estimator: Callable[[Manifest], MadeEstimator] | None = None,
+    estimator: MadeEstimator | None = None,
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
@@ -135,7 +135,7 @@ def export_all(
         precision: "int8" or "float32", of both.
         key: to sign the bundle with; unsigned if None.
         named: whether someone asked for that recording; if not, it must be the one that the model was fitted to.
-        estimator: as `export.release.bundle.write_release` has it; made when all gates are passed.
+        estimator: a sensor estimator for the bundle; it has none without.
         notice: called with a line if the recording is not the model's.
         phase: called with each of `PHASES` when it begins.
 

@@ -13,7 +13,7 @@ from contract.controller import image_payload
 from contract.controller.c_numbers import Numbers, numbers_source
 from contract.controller.estimator import ESTIMATOR, REACH
 from contract.errors import ExportError
-from export.int8.rounded_estimator import RoundedEstimator
+from export.int8.rounded_program import RoundedEstimator
 from export.to_c.float32_arrays import Values
 from export.to_c.int8_format import FULL_RANGE_WIDTH, INT16_QMAX, LANES, packed
 from export.to_c.library import ALIGNMENTS, numbers

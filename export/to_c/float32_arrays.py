@@ -13,7 +13,7 @@ import numpy.typing as npt
 from contract.arrays import Array
 from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT, NARROWEST, SCHEDULED, SPEED_SCALE
 from contract.errors import ExportError
-from export.int8.nearest import Int8Matrix
+from export.int8.rounded_program import Int8Matrix
 from export.program.controller_program import ControllerProgram
 from export.program.float32 import float32_within
 from export.program.weights import PriorWeights
@@ -21,13 +21,13 @@ from export.reference.mpc import ADAM_BETAS
 
 Integers = npt.NDArray[np.int32]
 Values = Array | npt.NDArray[np.int8] | Integers | npt.NDArray[np.uint32]
-"""Of an array in C: numbers in float64 become float."""
+"""Numbers of an array in C, where float64 becomes float."""
 
 LANES = 16
 """float32 numbers in the widest vector register that compilers are to fill; narrower ones take two or more."""
 
 PRIOR_UNITS_AT_A_TIME = 8
-"""As `sw_prior.c` computes them."""
+"""Weights of the prior as `sw_prior.c` computes with them."""
 
 
 def float_arrays(program: ControllerProgram) -> dict[str, Values]:

@@ -10,9 +10,8 @@ import numpy.typing as npt
 
 from contract.arrays import Array
 from contract.errors import ExportError
-from export.int8.activation_ranges import ActivationRanges
-from export.int8.nearest import Int8Matrix
-from export.int8.rounded_program import RoundedProgram
+from export.int8.layer_inputs import ActivationRanges
+from export.int8.rounded_program import Int8Matrix, RoundedProgram
 from export.program.weights import LAYER_NORM_EPSILON, DecoderWeights, Norm
 from export.to_c import int8_format as form
 from export.to_c.float32_arrays import Integers, Values, optimiser_arrays, prior_arrays, scaling_arrays

@@ -54,7 +54,7 @@ ELU_ARGUMENT_MAX: Final = 4000.0
 """Largest argument of an ELU that, in 1 / `ELU_ARGUMENT_ONE`, is still an int32 with a bit to spare."""
 
 SLOPE_SHIFT: Final = 4
-"""From `ELU_ONE` to the 256 of the tape's slopes of ELU, which are bytes."""
+"""The shift from `ELU_ONE` to the 256 of the tape's slopes of ELU, which are bytes."""
 
 GAIN_ONE: Final = 1 << 22
 """The largest gain of a layer in its adjoint: times a slope of 256 a quarter of an int32's range."""
@@ -111,7 +111,8 @@ def padded_size(size: int) -> int:
 
 
 def packed(values: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
-    """For `sw_dots`: tiles of 4 x 4, those of the same rows one behind the other; within a tile's row 0, 2, 1, 3."""
+    """Pack a matrix for `sw_dots`: tiles of 4 x 4, those of the same rows one behind the other; within a tile's row 0,
+    2, 1, 3."""
     whole = np.pad(values, [(0, -size % LANES) for size in values.shape])
     outputs, inputs = whole.shape
     tiles = whole.reshape(outputs // WORD, WORD, inputs // WORD, WORD)[..., [0, 2, 1, 3]]

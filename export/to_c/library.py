@@ -1,26 +1,28 @@
 """The C99 library of one control step: hand-written sources, generated settings and weights.
 
 The generated text is numbers only: `sw_settings.h` and `sw_weights.c` (`contract.controller.c_folder`).
+
+The other files of a folder are documents, and the answers that its example must give.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any, Final, overload
 
 import numpy as np
 import numpy.typing as npt
 
+from contract.arrays import Array
 from contract.controller import image_payload
-from contract.controller.c_folder import SETTINGS, WEIGHTS, c_files, settings_header
+from contract.controller.c_folder import DOCUMENTS, SETTINGS, WEIGHTS, Settings, c_files, settings_header
 from contract.controller.c_numbers import Numbers, numbers_source, table
-from contract.controller.interface import TERMS
+from contract.controller.interface import FORCES, TERMS, Controller
 from contract.release.checks import dbc_sha256
 from contract.release.manifest import Precision
-from export.int8.activation_ranges import ActivationRanges
+from export.int8.layer_inputs import ActivationRanges
 from export.int8.rounded_program import Program, RoundedProgram, effective, precision_of
-from export.program.controller_program import ControllerProgram
+from export.program.controller_program import ControllerProgram, program_sha256
 from export.program.float32 import as_float32
-from export.program.program_hash import program_sha256
 from export.program.weights import LAYER_NORM_EPSILON
 from export.reference.mpc import ADAM_BETAS
 from export.to_c.float32_arrays import LANES, Values, float_arrays, prior_settings
@@ -33,7 +35,7 @@ _TABLES: Final = ("sw_elu_points", "sw_logistic_points")
 """The same for every program, and so compiled in."""
 _HOT: Final = ("sw_dyn1_rows", "sw_dyn1_adjoint_rows", "sw_dyn2_rows", "sw_dyn2_adjoint_rows", "sw_dyn3_rows",
                "sw_dyn3_adjoint_rows")  # fmt: skip
-"""Of `sw_hot`."""
+"""Members of `sw_hot`."""
 
 
 @overload
@@ -135,4 +137,47 @@ def settings(program: ControllerProgram, precision: Precision) -> dict[str, int 
         "SW_PRIOR_MEMORY": 1 if program.prior is None else program.prior.memory,
         **({} if program.prior is None else prior_settings(program.prior)),
         **({"SW_LANES": LANES} if precision == "float32" else c_constants()),
+    }
+
+
+_FLOAT_BYTES = 4
+
+
+def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
+    """README, rules for CMake and licence, with the sizes of this library filled in."""
+    root = files("export.to_c").joinpath("folder")
+    found = {name: root.joinpath(name).read_bytes() for name in DOCUMENTS}
+    text = found["README.md"].decode("utf-8")
+    for name, value in _facts(Settings.of(library)).items():
+        text = text.replace(f"@{name}@", str(value))
+    return {**found, "README.md": text.encode("utf-8")}
+
+
+def replay(controller: Controller, windows: Sequence[Array], horizon: int) -> Array:
+    """What the example program expects, (n, 4): the planned action, the predicted mean Cd and Cl, and the cost.
+
+    Every answer starts from a plan of zeros. Were a plan to go into the next step, a difference in rounding could grow
+    from answer to answer, and more with one plant than with another.
+
+    Args:
+        windows: n windows (L, S+1), each a control step after the other.
+    """
+    plan, free = np.zeros(horizon), np.ones(horizon)
+    steps = [controller.control_step(window, plan, free) for window in windows]
+    return np.array([[step.plan[0], *step.forces.mean(axis=0), step.cost] for step in steps])
+
+
+def _facts(settings: Settings) -> dict[str, str | int]:
+    window, sensors, horizon = (settings.number(f"SW_{name}") for name in ("WINDOW", "SENSORS", "HORIZON"))
+    return {
+        "PRECISION": settings.text("SW_PRECISION"),
+        "WINDOW": window,
+        "SENSORS": sensors,
+        "SENSOR_NAMES": settings.text("SW_SENSOR_NAMES"),
+        "HORIZON": horizon,
+        "ITERATIONS": settings.number("SW_ITERATIONS"),
+        "PROGRAM": settings.text("SW_PROGRAM_SHA256"),
+        "INPUT_BYTES": _FLOAT_BYTES * (window * (sensors + 1) + 2 * horizon + len(TERMS) + 2),
+        "OUTPUT_BYTES": _FLOAT_BYTES * (horizon * (1 + FORCES) + len(TERMS) + 1),
+        "PRODUCTS": f"{settings.multiply_accumulates():,}",
     }

@@ -56,7 +56,7 @@ class Cost:
         return graph.op("ReduceSum", graph.op("Mul", self._weights, terms), keepdims=0)
 
     def gradient(self, graph: Graph, signed_forces: str, plan: str) -> CostGradientNames:
-        """As `reference.cost.cost_gradient`, at (Cd, -Cd, Cl) (H, 3) and a plan (1, H).
+        """The gradient of `reference.cost.cost_gradient`, at (Cd, -Cd, Cl) (H, 3) and a plan (1, H).
 
         With both Cd and -Cd, the largest value of a column is both ends of the drag's fluctuation,
         max Cd - min Cd = max Cd + max(-Cd), and all columns take the same nodes.

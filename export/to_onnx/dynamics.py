@@ -25,8 +25,7 @@ import numpy as np
 
 from export.program.controller_program import ControllerProgram
 from export.program.weights import Linear
-from export.to_onnx.graph_builder import Graph
-from export.to_onnx.weights import NormNames, Store, centred, centred_bias, transposed
+from export.to_onnx.graph_builder import Graph, NormNames, Store, centred, centred_bias, transposed
 
 
 @dataclass(frozen=True, kw_only=True)

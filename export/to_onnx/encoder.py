@@ -4,8 +4,7 @@ import numpy as np
 
 from contract.arrays import Array, Index
 from export.program.controller_program import ControllerProgram
-from export.to_onnx.graph_builder import Graph
-from export.to_onnx.weights import NormNames, Store
+from export.to_onnx.graph_builder import Graph, NormNames, Store
 
 
 def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: Store) -> str:

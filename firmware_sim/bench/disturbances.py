@@ -193,7 +193,7 @@ class OtherBody(Span, section="body"):
 class Gust(Span, section="gust"):
     """The wind against the vehicle varies: U(t) = U_inf (1 + amplitude sin(2 pi t / period)); own solver alone.
 
-    `wake.plant.gust` defines that frame of reference. Forces and pressures stay in units of the mean U_inf, as
+    `wake.plant.drive` defines that frame of reference. Forces and pressures stay in units of the mean U_inf, as
     the jets do. It ends with the last whole period in the span.
     """
 

@@ -25,7 +25,7 @@ from firmware_sim.bench.run_faults import NONE_BEFORE, NodeFault, NodeFaults
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import VirtualLoop
 from firmware_sim.runs.metadata import InjectedFault
-from wake.plant.gust import Gust, Wind
+from wake.plant.drive import Gust, Wind
 from wake.plant.protocol import Disturbable, Plant
 
 S = TypeVar("S", bound=Span)

@@ -21,8 +21,7 @@ from contract.sensor_layout import SensorLayout
 from contract.typed import typed
 from firmware_sim.runs.run_log import RunLog
 from wake.pictures.fields import View
-from wake.pictures.level_picture import LevelPicture
-from wake.pictures.levels import Levels
+from wake.pictures.level_picture import LevelPicture, Levels
 
 SCHEMA: Final = "stillwake-wake/1"
 MOST_STILLS: Final = 640

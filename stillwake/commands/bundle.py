@@ -2,7 +2,6 @@
 
 import secrets
 from datetime import date
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -19,8 +18,7 @@ from contract.release import bundle as bundles
 from contract.release import key_list, signing
 from contract.release.checks import Bundle, Check, dbc_sha256, sha256
 from contract.release.container import read_files
-from contract.release.difference import differences
-from contract.release.image_contents import described, is_image, opened
+from contract.release.difference import described, differences, is_image, opened
 from contract.release.key_list import KeyList
 from contract.release.manifest import SpeedRange
 from contract.release.signing import PublicKey
@@ -126,6 +124,10 @@ def renew(
     private = signing.read_private_key(key)
     loaded = settings("bundle renew", given, uses=["operating_point", "mpc.weights"])
     with progress("batches") as report:
+        made = None
+        if dataset is not None:
+            old = bundles.load(path, trusted, any_dbc=True).manifest
+            made = fitted_estimator(dataset, old.sensors, old.window, report)
         renewed = bundles.renew(
             path,
             output,
@@ -138,7 +140,7 @@ def renew(
             security_version=security_version,
             hardware=hardware,
             speeds=None if speeds is None else _speeds(speeds),
-            estimator=None if dataset is None else partial(fitted_estimator, dataset, report),
+            estimator=made,
             judge=judge,
         )
     console.print(*describe(renewed), sep="\n")

@@ -208,6 +208,8 @@ def _export_model(
 
     used = recording() if dataset is None else dataset
     with files.library() as folder, phases("export", PHASES) as (report, phase):
+        sensors = tuple(model_folder.read_description(model)["sensors"]) if estimator else ()
+        made = fitted_estimator(used, sensors, config.model.window, report) if estimator else None
         done = export_all(
             model,
             output,
@@ -219,7 +221,7 @@ def _export_model(
             library=_library(folder, output, config) if files.in_c else None,
             key=files.key,
             named=dataset is not None,
-            estimator=partial(fitted_estimator, used, report) if estimator else None,
+            estimator=made,
             notice=console.print,
             phase=phase,
         )

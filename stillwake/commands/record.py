@@ -24,7 +24,7 @@ from stillwake.console.terminal import console
 from stillwake.parts.releases import describe, open_release
 
 if TYPE_CHECKING:
-    from wake.recording.feedback import PolicyFactory
+    from wake.recording.episode_job import PolicyFactory
 
 
 STEPS: Final = {"training": 6000, "chirp": 1500, "uncontrolled": 500}
@@ -185,10 +185,9 @@ def _record_round(
     how: Mapping[str, Any],
 ) -> None:
     """Episodes under a controller, from the steady wake, or both."""
-    from wake.recording.calm_plan import CalmRound
-    from wake.recording.controlled_plan import ControlledRound
-    from wake.recording.controlled_recording import record_round
-    from wake.recording.feedback import NoFeedback
+    from wake.recording.episode_job import NoFeedback
+    from wake.recording.recorder import record_round
+    from wake.recording.round_plan import CalmRound, ControlledRound
 
     policy: PolicyFactory = NoFeedback
     if bundle is not None:

@@ -1,11 +1,11 @@
 """A sensor estimator for a bundle, fitted to a data set while people watch."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 from contract.release.bundle import MadeEstimator
 from contract.release.checks import sha256
-from contract.release.manifest import Manifest
 from stillwake.console.progress import Report
 from stillwake.console.terminal import console
 
@@ -13,31 +13,22 @@ _THREADS: Final = 1
 """Of torch: more are slower, and other sums."""
 
 
-def fitted_estimator(dataset: Path, report: Report, manifest: Manifest) -> MadeEstimator:
-    """A sensor estimator for a controller, fitted to a data set."""
+def fitted_estimator(dataset: Path, sensors: Sequence[str], window: int, report: Report) -> MadeEstimator:
+    """A sensor estimator for a controller of these sensors and this window, fitted to a data set."""
     from contract.recording.dataset import read
-    from export.int8.rounded_estimator import rounded_estimator
-    from export.to_onnx.sensor_estimator import build_estimator
+    from export.release.estimator import lowered_estimator
     from train.sensor_estimator import fit_estimator
 
-    fitted = fit_estimator(
-        read(dataset),
-        manifest.sensors,
-        manifest.window,
-        rounded=lambda network: rounded_estimator(network).network,
+    recording = read(dataset)
+    network = fit_estimator(
+        recording,
+        sensors,
+        window,
         threads=_THREADS,
         progress=lambda done, total: report("sensor estimator", done, total, unit="batches"),
     )
-    r2 = dict(zip(manifest.sensors, fitted.r2, strict=True))
-    explained = ", ".join(f"{name} {value:.3f}" for name, value in r2.items())
-    console.print(f"R2 of each sensor by the others, on {' and '.join(fitted.judged_on)}: {explained}")
-    return MadeEstimator(
-        graph=build_estimator(rounded_estimator(fitted.network)).SerializeToString(),
-        figures=fitted.figures,
-        provenance={
-            "dataset_sha256": sha256(dataset.read_bytes()),
-            "judged_on": fitted.judged_on,
-            "r2": r2,
-            "torch_threads": _THREADS,
-        },
-    )
+    provenance = {"dataset_sha256": sha256(dataset.read_bytes()), "torch_threads": _THREADS}
+    made = lowered_estimator(network, recording, sensors, provenance)
+    explained = ", ".join(f"{name} {value:.3f}" for name, value in made.provenance["r2"].items())
+    console.print(f"R2 of each sensor by the others, on {' and '.join(made.provenance['judged_on'])}: {explained}")
+    return made

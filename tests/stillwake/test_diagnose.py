@@ -33,7 +33,7 @@ def memory(monkeypatch) -> Memory:
 
     @contextmanager
     def open_client(bus):
-        ecu.server = UdsServer(ecu.programming, Bench().key, bytes, faults=made.now)
+        ecu.server = UdsServer(ecu.services, Bench().key, bytes, faults=made.now)
         with Client(Line(ecu)) as client:
             yield client
 

@@ -14,8 +14,7 @@ from train.distillation.evaluate import evaluate, rollout_starts
 from train.fitting.fit import fit_joint
 from train.fitting.streaming import fit_stream
 from train.networks.model import WakeModel
-from train.samples.rows import Rows, prepare
-from train.samples.scaling import fit_scaling
+from train.samples.rows import Rows, fit_scaling, prepare
 
 
 @pytest.fixture

@@ -10,14 +10,13 @@ from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.recording import dataset
 from contract.recording.dataset import Dataset, Episode, Role
-from contract.recording.facts import PlantFacts
+from contract.recording.episode import PlantFacts
 from contract.sensor_layout import SensorLayout
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train import model_store
 from train.pipeline import train_all
-from train.samples.rows import prepare
-from train.samples.scaling import fit_scaling
+from train.samples.rows import fit_scaling, prepare
 
 LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)
 CONFIG = Config(

@@ -14,8 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from contract.config.learning import ModelConfig, TrainConfig
-from train.distillation.lessons import Lessons
-from train.distillation.plan_slope import plan_slope, predict
+from train.distillation.lessons import Lessons, plan_slope, predict
 from train.fitting.fit import Checkpoints, Schedule, optimise, seeded
 from train.fitting.progress import Phase, Progress, silent
 from train.networks.loss import prediction_loss

@@ -3,21 +3,83 @@
 The teacher gives a roll-out for any actions, not only for recorded ones. A quarter of the lessons take the actions
 recorded after their start, a quarter those recorded elsewhere, and half are plans on their way down the teacher's cost:
 they begin as recorded and step against its slope, as the optimiser's do.
+
+How the controller's cost falls off along a plan: what the optimiser reads from dynamics and decoder (ours).
+
+Shapes: B plans of H actions, N_z latent dimensions. Latents, actions and forces are standardised.
 """
 
 from dataclasses import dataclass, fields
+from typing import Protocol
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from contract.config.controller import CostWeights
 from contract.config.tree import Config
 from contract.release.manifest import Scaling
 from train.distillation.evaluate import rollout_starts
-from train.distillation.plan_slope import force_slope, plan_slope, predict
 from train.fitting.progress import Phase, Progress, silent
-from train.networks.model import WakeModel
+from train.networks.model import Decoder, Dynamics, WakeModel
 from train.samples.rows import Rows
+
+
+class Predicts(Protocol):
+    """Dynamics and decoder: `train.networks.model.Predictor` or `WakeModel`."""
+
+    dynamics: Dynamics
+    decoder: Decoder
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prediction:
+    """A roll-out and its forces.
+
+    Attributes:
+        latents: (H + 1, B, N_z) at t .. t+H.
+        forces: (H + 1, B, 2) at t .. t+H.
+    """
+
+    latents: Tensor
+    forces: Tensor
+
+
+def predict(model: Predicts, latent: Tensor, actions: Tensor) -> Prediction:
+    """Roll out from (B, N_z) latents at t under (B, H) actions at t .. t+H-1."""
+    latents = torch.cat([latent[None], model.dynamics.rollout(latent, actions)])
+    return Prediction(latents=latents, forces=model.decoder(latents))
+
+
+def force_slope(forces: Tensor, weights: CostWeights, scaling: Scaling) -> Tensor:
+    """Derivatives of the cost's terms in the forces (paper, equations 12-15), (H, B, 2), by standardised forces.
+    `forces` are (H, B, 2) at t+1 .. t+H, standardised."""
+    mean, deviation = (forces.new_tensor(values) for values in (scaling.force_mean, scaling.force_std))
+    with torch.enable_grad():
+        leaf = forces.detach().requires_grad_(True)
+        drag, lift = (leaf * deviation + mean).unbind(-1)
+        cost = (
+            weights.drag_mean * drag.mean(0)
+            + weights.drag_fluctuation * (drag.amax(0) - drag.amin(0))
+            + weights.lift * lift.abs().mean(0)
+            + weights.lift_mean * lift.mean(0).square()
+        )
+        (slope,) = torch.autograd.grad(cost.sum(), leaf)
+    return slope
+
+
+def plan_slope(prediction: Prediction, actions: Tensor, by_force: Tensor, *, differentiable: bool = False) -> Tensor:
+    """(B, H) slope of a cost along the plan, given its slope by the forces (H, B, 2) at t+1 .. t+H.
+
+    Args:
+        prediction: of the actions, which it was recorded with.
+        differentiable: whether the slope itself is to be differentiated, by the networks' weights.
+    """
+    (slope,) = torch.autograd.grad(
+        prediction.forces[1:], actions, by_force, create_graph=differentiable, retain_graph=True
+    )
+    return slope
+
 
 _TOGETHER = 256
 """Roll-outs of the teacher at a time."""

@@ -11,7 +11,7 @@ class Phase(StrEnum):
     """The phases of a training, in order; a value also names the phase's checkpoint file."""
 
     label: str
-    """For people."""
+    """The name for people."""
 
     FIT = "fit", "joint fit"
     FINISH = "finish", "longer unroll"

@@ -111,7 +111,7 @@ def note(folder: Path, identity: Identity, reached: Reached) -> None:
 
 
 def reached(folder: Path) -> Reached | None:
-    """As it was kept last; None if nothing was."""
+    """The progress that was kept last; None if nothing was."""
     noted = (_label(folder) or {}).get("reached", {})
     try:
         phase = next(phase for phase in Phase if phase == noted["phase"])

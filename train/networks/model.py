@@ -4,7 +4,7 @@
     z_{t+1}   = z_t + f_dyn(z_t, a_t)
     C_t       = f_dec(z_t)              C = (Cd, Cl)
 
-Everything here is standardised (`train.samples.scaling`); shapes name B samples, L the window, F the features of a
+Everything here is standardised (`train.samples.rows`); shapes name B samples, L the window, F the features of a
 row, N_z the latent dimension.
 """
 
@@ -46,7 +46,7 @@ class Encoder(nn.Module):
         return self.read_out(last)
 
     def encode_stream(self, segments: Tensor) -> Tensor:
-        """As `encode_segments`, with the state carried through each stretch instead of reset in every window.
+        """Encode as `encode_segments`, with the state carried through each stretch instead of reset in every window.
 
         One LSTM step a row where windows take L. The latent at row k has read all rows of its stretch up to k.
         """

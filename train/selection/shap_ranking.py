@@ -59,7 +59,7 @@ class ShapRanker:
 
     @classmethod
     def of(cls, settings: TrainConfig) -> "ShapRanker":
-        """With the numbers of draws of those settings."""
+        """The ranker with the numbers of draws of those settings."""
         return cls(
             background=settings.shap_background, explained=settings.shap_explained, samples=settings.shap_samples
         )

@@ -9,10 +9,9 @@ import numpy as np
 from contract.arrays import Array
 from contract.config.plant import FlowConfig
 from contract.geometry import WAKE_PROBE
-from wake.openfoam import dictionary, jets, poly_mesh
-from wake.openfoam.jets import JETS
+from wake.openfoam import foam_files, wall
 from wake.openfoam.mesh import PATCHES, Mesh
-from wake.openfoam.sensing import pressure_points
+from wake.openfoam.wall import JETS, pressure_points
 
 FORCES: Final = {"truck": "forcesTruck", "jetUpper": "forcesJetUpper", "jetLower": "forcesJetLower"}
 """Function object that measures each patch's force."""
@@ -36,7 +35,7 @@ def write_mesh(folder: Path, mesh: Mesh) -> None:
     """Make the case's folders and write its mesh."""
     for name in ("system", "constant/polyMesh"):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    poly_mesh.write(mesh, folder / "constant" / "polyMesh")
+    foam_files.write_poly_mesh(mesh, folder / "constant" / "polyMesh")
 
 
 def write_start(folder: Path, velocity: Array, pressure: Array) -> None:
@@ -47,13 +46,13 @@ def write_start(folder: Path, velocity: Array, pressure: Array) -> None:
         "outlet": {"type": "zeroGradient"},
         "sides": {"type": "slip"},
         "truck": {"type": "noSlip"},
-        **{jet: jets.BOUNDARY for jet in JETS},
-        poly_mesh.PLANES: {"type": "empty"},
+        **{jet: wall.BOUNDARY for jet in JETS},
+        foam_files.PLANES: {"type": "empty"},
     }
     pressures: dict[str, dict[str, Any]] = {name: {"type": "zeroGradient"} for name in PATCHES}
-    pressures |= {"outlet": {"type": "fixedValue", "value": "uniform 0"}, poly_mesh.PLANES: {"type": "empty"}}
-    _write_field(folder, "U", "volVectorField", "[0 1 -1 0 0 0 0]", dictionary.vectors(velocity), speeds)
-    _write_field(folder, "p", "volScalarField", "[0 2 -2 0 0 0 0]", dictionary.scalars(pressure), pressures)
+    pressures |= {"outlet": {"type": "fixedValue", "value": "uniform 0"}, foam_files.PLANES: {"type": "empty"}}
+    _write_field(folder, "U", "volVectorField", "[0 1 -1 0 0 0 0]", foam_files.vectors(velocity), speeds)
+    _write_field(folder, "p", "volScalarField", "[0 2 -2 0 0 0 0]", foam_files.scalars(pressure), pressures)
 
 
 def write_settings(folder: Path, mesh: Mesh, config: FlowConfig, clock: Clock) -> None:
@@ -66,7 +65,7 @@ def write_settings(folder: Path, mesh: Mesh, config: FlowConfig, clock: Clock) -
         "system/controlDict": _control(mesh, clock),
     }
     for name, entries in files.items():
-        (folder / name).write_text(dictionary.dictionary(Path(name).name, entries), encoding="ascii")
+        (folder / name).write_text(foam_files.dictionary(Path(name).name, entries), encoding="ascii")
 
 
 # Second order in space and time. A stabilised bi-conjugate gradient for U: Gauss-Seidel diverges with central
@@ -140,5 +139,5 @@ def _write_field(
 ) -> None:
     item = "vector" if kind == "volVectorField" else "scalar"
     text = f"dimensions {dimensions};\ninternalField nonuniform List<{item}>\n{values}\n;\n"
-    text += dictionary.block("boundaryField", patches)
-    (folder / "0" / name).write_text(dictionary.document(kind, name, text), encoding="ascii")
+    text += foam_files.block("boundaryField", patches)
+    (folder / "0" / name).write_text(foam_files.document(kind, name, text), encoding="ascii")

@@ -13,7 +13,7 @@ from contract.arrays import Array
 from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.config.plant import FlowConfig, OpenFoamConfig
 from contract.errors import PlantError
-from wake.openfoam import case, fields, jets
+from wake.openfoam import case, foam_files, wall
 from wake.openfoam.mesh import Mesh, truck_mesh
 from wake.openfoam.process import LOG, IcoFoam, require_installed
 from wake.openfoam.state import FoamState, load, save, written
@@ -80,9 +80,9 @@ def settle(
     if not (folder / "0" / "p").is_file():
         shutil.rmtree(folder, ignore_errors=True)
         case.write_mesh(folder, mesh)
-        jets.write_rest(folder, mesh)
+        wall.write_rest(folder, mesh)
         case.write_start(folder, *start())
-    latest = fields.latest(folder)
+    latest = foam_files.latest(folder)
     if latest is not None and float(latest.name) > until - 0.5 * config.control_period:
         progress(until, until)
         return

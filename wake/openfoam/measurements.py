@@ -13,13 +13,12 @@ import numpy as np
 from contract import sensors
 from contract.arrays import Array
 from contract.errors import PlantError
-from contract.openfoam_tables import read_foam_table
+from contract.recording.openfoam_tables import read_foam_table
 from wake.openfoam.case import FORCES, PRESSURES, WAKE
-from wake.openfoam.jets import JETS
 from wake.openfoam.mesh import Mesh
-from wake.openfoam.sensing import sensor_weights
+from wake.openfoam.wall import JETS, sensor_weights
 from wake.plant.sample import Sample
-from wake.truck import jets
+from wake.truck.body import MOMENTUM_FACTOR
 
 _FILES: Final = {**dict.fromkeys(FORCES.values(), "force.dat"), PRESSURES: "p", WAKE: "U"}
 
@@ -69,7 +68,7 @@ class Instruments:
             Cl=float(truck[1]),
             Cd_slot_pressure=float(slots[1, 0]),
             Cd_slot_viscous=float(slots[2, 0]),
-            Cd_momentum=-4.0 * jets.MOMENTUM_FACTOR * action**2,
+            Cd_momentum=-4.0 * MOMENTUM_FACTOR * action**2,
             jet_power=float(action * (upper - lower)),
             Uy_probe=float(readings.wake[1]),
             action=action,

@@ -20,11 +20,10 @@ from contract.config.body import TRUCK_BODY
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from contract.runtime.copies import NeverCopied
-from wake.openfoam import case, fields, jets
-from wake.openfoam.coupling import PATIENCE_S, JetPipes
+from wake.openfoam import case, foam_files, wall
 from wake.openfoam.measurements import Follower, Instruments, Readings
 from wake.openfoam.mesh import Mesh, truck_mesh
-from wake.openfoam.process import IcoFoam, require_installed
+from wake.openfoam.process import PATIENCE_S, IcoFoam, JetPipes, require_installed
 from wake.openfoam.state import FoamState, put, read_fields
 from wake.plant.sample import Sample
 from wake.solver.grid import Grid, truck_grid
@@ -137,7 +136,7 @@ class OpenFoamWake(NeverCopied):
         # One step more than is ever taken, so that icoFoam waits for it when the last one has been measured.
         clock = case.Clock(end=(self._steps + 1) * self.dt, dt=self.dt, steps_per_write=every, steps_per_sample=1)
         case.write_settings(self._case, self.mesh, self.config, clock)
-        jets.write_pipes(self._case, self.mesh, dt=self.dt, steps=self._steps + 1, action=state.action)
+        wall.write_pipes(self._case, self.mesh, dt=self.dt, steps=self._steps + 1, action=state.action)
         self._follower = Follower(self._case)
         self._child = IcoFoam(self._case)
         self._pipes = JetPipes(self._case, self.mesh, self._child, self._patience_s)
@@ -206,7 +205,8 @@ class OpenFoamWake(NeverCopied):
 
     @cached_property
     def _to_grid(self) -> CellInterpolation:
-        """To the centres of `grid`'s cells: a run's every still needs it, and the triangles take seconds."""
+        """Interpolation to the centres of `grid`'s cells: a run's every still needs it, and the triangles take
+        seconds."""
         x, y = np.meshgrid(self.grid.xc, self.grid.yc, indexing="ij")
         return CellInterpolation(self.mesh, np.column_stack([x.ravel(), y.ravel()]))
 
@@ -223,7 +223,7 @@ class OpenFoamWake(NeverCopied):
         self._child = self._pipes = None
 
     def _latest(self) -> Path:
-        latest, at = fields.latest(self._case), (self._substep - self._first) * self.dt
+        latest, at = foam_files.latest(self._case), (self._substep - self._first) * self.dt
         if latest is None or abs(float(latest.name) - at) > 0.5 * self.dt:
             raise PlantError("fields of the openfoam plant are only there at the end of a control period")
         return latest

@@ -12,7 +12,7 @@ from contract.arrays import Array
 from contract.atomic import replacing
 from contract.errors import PlantError
 from contract.npz import read_npz
-from wake.openfoam import dictionary, fields
+from wake.openfoam import foam_files
 from wake.openfoam.measurements import Readings, read_all
 
 STATE_SCHEMA: Final = "stillwake-openfoam/1"
@@ -41,13 +41,13 @@ class FoamState:
 
     @property
     def velocity(self) -> Array:
-        """In the mesh's cells, (m, 2)."""
-        return fields.parse_cells(self.files["U"], "U of a state")[:, :2]
+        """The velocity in the mesh's cells, (m, 2)."""
+        return foam_files.parse_cells(self.files["U"], "U of a state")[:, :2]
 
     @property
     def pressure(self) -> Array:
         """Kinematic, in the mesh's cells, (m,)."""
-        return fields.parse_cells(self.files["p"], "p of a state")
+        return foam_files.parse_cells(self.files["p"], "p of a state")
 
 
 def read_fields(folder: Path) -> dict[str, bytes]:
@@ -64,13 +64,13 @@ def put(state: FoamState, case: Path) -> None:
     (start / "uniform").mkdir(parents=True, exist_ok=True)
     for name, content in state.files.items():
         (start / name).write_bytes(content)
-    (start / "uniform" / "time").write_text(dictionary.dictionary("time", {"deltaT0": state.dt}), encoding="ascii")
+    (start / "uniform" / "time").write_text(foam_files.dictionary("time", {"deltaT0": state.dt}), encoding="ascii")
 
 
 def written(folder: Path, dt: float) -> FoamState:
     """The last state of a case without jets; its clock is set back to zero. Raises PlantError if the case holds no
     state of a later time than 0."""
-    latest = fields.latest(folder)
+    latest = foam_files.latest(folder)
     if latest is None:
         raise PlantError(f"{folder}: icoFoam has written no state")
     times, readings = read_all(folder)

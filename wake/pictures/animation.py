@@ -36,7 +36,7 @@ class MovingPicture(Protocol):
         """The present state as (height, width, 3)."""
 
     def palette(self) -> Array:
-        """At most 256 colours for a GIF, (n, 3) from 0 to 1."""
+        """Colours for a GIF, at most 256, (n, 3) from 0 to 1."""
 
 
 def animate(

@@ -1,22 +1,50 @@
-"""The speed of a vehicle in the course of time: a shipped profile, or a file of one's own.
+"""The stream in the course of time: the speed of a vehicle, by a shipped profile or a file of one's own, and gusts.
 
 The plant computes in units of one speed U, the operating point's. At the speed v it is a free stream of v / U: Reynolds
 number and dynamic pressure follow, the viscosity, the size and the control period stay.
+
+A gust is wind against the body that varies in time, the same everywhere far from it. It is the wind of a body whose
+speed through the air varies, in the body's own frame (`wake.solver.navier_stokes`), so that pressures stay relative to
+the free stream. Forces and pressures keep the unit of the mean U_inf.
 """
 
 import csv
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from math import ceil, isfinite
+from math import ceil, inf, isfinite, pi, sin
 from pathlib import Path
 from typing import Final
 
 from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.errors import ConfigError
-from wake.plant.gust import Gust, Wind
+
+Wind = Callable[[float], float]
+"""Time in t_c to how much the wind exceeds U_inf, in U_inf."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gust:
+    """A sine about U_inf.
+
+    Attributes:
+        amplitude: in U_inf.
+        period, start: in t_c.
+        cycles: how many periods it lasts; a whole number, so that it ends at U_inf as it begins.
+    """
+
+    amplitude: float
+    period: float
+    start: float = 0.0
+    cycles: float = inf
+
+    def __call__(self, t: float) -> float:
+        """See `Wind`."""
+        phase = (t - self.start) / self.period
+        return self.amplitude * sin(2.0 * pi * phase) if 0.0 <= phase <= self.cycles else 0.0
+
 
 HEADER: Final = ("t_s", "speed_m_per_s")
 MOST_RATIO: Final = 2.0
@@ -52,7 +80,7 @@ class Drive:
 
     @property
     def duration_s(self) -> float:
-        """From the first instant to the last."""
+        """The time from the first instant to the last."""
         return self.times[-1] - self.times[0]
 
     def speed(self, t_s: float) -> float:
@@ -68,7 +96,7 @@ class Drive:
         return replace(self, times=tuple(t + seconds for t in self.times))
 
     def wind(self, point: OperatingPoint, begin: float = 0.0) -> Wind:
-        """By how much the stream exceeds U, for a plant whose clock shows `begin` in t_c at the drive's time 0."""
+        """The excess of the stream over U, for a plant whose clock shows `begin` in t_c at the drive's time 0."""
         # No closure, so that a plant with it can be pickled.
         return partial(self._exceeds, point, begin)
 
@@ -80,8 +108,13 @@ class Drive:
     def substeps(self, flow: FlowConfig, point: OperatingPoint) -> FlowConfig:
         """The flow's settings with as many more time steps as its fastest stream needs."""
         fastest = max(self.speeds) / point.speed + (0.0 if self.gust is None else self.gust.amplitude)
-        # 42 and not 43 for 30 times 1.4.
-        return replace(flow, substeps=ceil(flow.substeps * max(1.0, fastest) - 1e-9))
+        return at_speed(flow, fastest)
+
+
+def at_speed(flow: FlowConfig, fastest: float) -> FlowConfig:
+    """The flow's settings with as many more time steps as a stream of so many times U needs."""
+    # 42 and not 43 for 30 times 1.4.
+    return replace(flow, substeps=ceil(flow.substeps * max(1.0, fastest) - 1e-9))
 
 
 _PROFILES: Final[Mapping[str, Sequence[tuple[float, float]]]] = {

@@ -6,7 +6,7 @@ from contract.arrays import Array
 from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.sensor_layout import SensorLayout
-from wake.plant.gust import Wind
+from wake.plant.drive import Wind
 from wake.plant.sample import Sample
 from wake.solver.grid import Grid
 
@@ -54,7 +54,7 @@ class Drawable(Protocol):
         """Measure now."""
 
     def vorticity(self) -> Array:
-        """In the grid's inner corners, (nx - 1, ny - 1); units U_inf / W."""
+        """The vorticity in the grid's inner corners, (nx - 1, ny - 1); units U_inf / W."""
 
     def pressure(self) -> Array | None:
         """Cp in the grid's cells, (nx, ny); None if the plant gives it on the walls only."""

@@ -1,11 +1,11 @@
-"""One episode of a recording: all that a process needs to record it, block by block."""
+"""One episode of a recording: all that a process needs to record it, block by block, a controller among it."""
 
 import hashlib
 import platform
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -16,13 +16,45 @@ from contract.recording.dataset import UNITS, Episode
 from contract.results import versions
 from contract.shipped import developed
 from wake.plant.sample import Sample
-from wake.recording.blocks import EpisodeBlocks, Series
-from wake.recording.feedback import NoFeedback, Policy, PolicyFactory
-from wake.recording.parts_folder import PartsFolder, differing
-from wake.recording.plan import Plan
+from wake.recording.episode_plan import Plan
+from wake.recording.parts_folder import EpisodeBlocks, PartsFolder, Series, differing
 from wake.solver.grid import box_grid
 from wake.truck.state import State, check_body, check_grid, check_reynolds, developed_state, load_state
 from wake.truck.truck_wake import TruckWake
+
+
+class Policy(Protocol):
+    """A feedback controller without hidden state: its memory is an array that others store.
+
+    So a recording can be stopped at any step and continued in another process.
+    """
+
+    def start(self) -> Array:
+        """The memory before the first sample."""
+
+    def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
+        """The command at t_k and the memory after it, a new array. Raises StillwakeError if there is no answer.
+
+        Args:
+            memory: as the step before left it.
+            Cp: wall pressures at t_k, (90,).
+            action: in force at t_k, a_{k-1} as it acted, in U_inf W.
+        """
+
+
+PolicyFactory = Callable[[], Policy]
+"""Makes a policy in the process that records; must be picklable."""
+
+
+class NoFeedback:
+    """Commands nothing."""
+
+    def start(self) -> Array:
+        return np.empty(0)
+
+    def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
+        return 0.0, memory
+
 
 Progress = Callable[[str, int, int], None]
 """Called with (episode, steps done, steps in all)."""

@@ -1,7 +1,7 @@
-"""Which episodes a recording consists of."""
+"""Plans of episodes: what every one holds, and which ones a forced recording consists of."""
 
-from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from dataclasses import Field, dataclass
+from typing import Any, ClassVar, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +9,39 @@ import numpy.typing as npt
 from contract.config.tree import Config
 from contract.recording.dataset import Role
 from wake.recording.forcing import SIGNALS, ForcingName
+
+
+class Plan(Protocol):
+    """One episode to record; a dataclass whose fields no other one of the recording shares."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+    packages: ClassVar[tuple[str, ...]]
+    """Packages that decide the samples as well as those of the flow solver."""
+
+    @property
+    def name(self) -> str:
+        """Name of the episode in the data set."""
+
+    @property
+    def role(self) -> Role:
+        """What the episode is used for."""
+
+    @property
+    def steps(self) -> int:
+        """Control steps."""
+
+    @property
+    def lead(self) -> int:
+        """Control steps without forcing from the developed start to the first sample."""
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """What the data set keeps of the plan, as plain JSON."""
+
+    def signal(self, config: Config) -> npt.NDArray[np.float64]:
+        """What is added to the policy's command at every control step, (steps,), in U_inf W."""
+
 
 _ROLES: Final[dict[ForcingName, Role]] = {
     "training": "train",

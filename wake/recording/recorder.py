@@ -1,22 +1,84 @@
-"""Recording a data set: episodes one after the other or side by side, then one HDF5 file."""
+"""Recording a data set: episodes one after the other or side by side, then one HDF5 file.
 
+A round is added to a data set: episodes where a controller lives, or where it shall lead. A recording that is whole
+already is found, and one of another kind in its place refused.
+"""
+
+import json
 import uuid
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
+
+import numpy as np
 
 from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
-from contract.recording.dataset import Dataset, write
-from wake.recording.episode_job import EpisodeJob, Progress, check_start, setting_of
-from wake.recording.episode_plan import EpisodePlan
-from wake.recording.feedback import NoFeedback, PolicyFactory
-from wake.recording.finished import is_finished
+from contract.errors import DatasetError, OutputError
+from contract.recording.appending import append, read_to_append
+from contract.recording.dataset import Dataset, Episode, read, write
+from wake.recording.episode_job import EpisodeJob, NoFeedback, PolicyFactory, Progress, check_start, setting_of
+from wake.recording.episode_plan import EpisodePlan, Plan
 from wake.recording.parts_folder import PartsFolder
-from wake.recording.plan import Plan
 from wake.truck.truck_wake import TruckWake
+
+_NOT_COMPARED: Final = "versions"
+"""Versions of the software are not compared: a recording is the same whichever version made it."""
+
+
+def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
+    """Whether the file holds all episodes of these jobs, made with the same settings; False if there is no file.
+
+    Rounds that were added to it under a controller do not count. Raises OutputError if there is a file, but not of this
+    recording; the message names the first difference.
+    """
+    if not output.exists():
+        return False
+    try:
+        there = read(output).episodes
+    except DatasetError as error:
+        raise OutputError(f"{output}: there is a file that is not read ({error}); {_WAYS}") from error
+    difference = _difference(there, jobs)
+    if difference:
+        raise OutputError(f"{output}: holds another recording ({difference}); {_WAYS}")
+    return True
+
+
+_WAYS: Final = "give --overwrite to replace it, or another name"
+
+
+def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | None:
+    """The first thing in which the episodes differ from what the jobs would record."""
+    by_name = {episode.name: episode for episode in there}
+    for job in jobs:
+        plan, episode = job.plan, by_name.pop(job.plan.name, None)
+        if episode is None:
+            return f"it has no episode {plan.name}, but {', '.join(item.name for item in there)}"
+        if len(episode) != plan.steps:
+            return f"episode {plan.name} has {len(episode)} steps, not {plan.steps}"
+        made, wanted = dict(episode.provenance), json.loads(json.dumps(job.provenance))
+        made.pop(_NOT_COMPARED, None)
+        if made.get("start_sha256") == wanted.get("start_sha256"):
+            # The same state, whatever its file was called.
+            made.pop("start", None)
+        difference = _first("", made, wanted)
+        if difference:
+            return f"episode {plan.name} has {difference}"
+    others = [name for name, episode in by_name.items() if "round" not in episode.provenance]
+    return f"it also has episode {others[0]}" if others else None
+
+
+def _first(name: str, there: Any, here: Any) -> str | None:
+    """The first entry with two values; one that another version did not keep is passed over."""
+    if isinstance(there, Mapping) and isinstance(here, Mapping):
+        common = sorted(there.keys() & here.keys())
+        differences = (_first(f"{name}.{key}".lstrip("."), there[key], here[key]) for key in common)
+        return next((text for text in differences if text), None)
+    return None if there == here else f"{name} = {there}, not {here}"
+
 
 BLOCK_STEPS: Final = 100
 
@@ -107,7 +169,7 @@ def jobs_for(
 
 
 def task_of(jobs: Sequence[EpisodeJob]) -> dict[str, Any]:
-    """By what one recording's parts differ from another's, as plain JSON."""
+    """The settings by which a recording's parts differ from another's, as plain JSON."""
     return {"plans": [asdict(job.plan) for job in jobs], "block_steps": jobs[0].block_steps, **jobs[0].setting}
 
 
@@ -148,3 +210,72 @@ def finished_jobs(
                 folder.rmdir()
     yield jobs
     parts.clear()
+
+
+FACTS = ("flow", "grid")
+"""Provenance that all episodes of a data set must share; start, versions and forcing may differ."""
+
+
+class Round(Protocol):
+    """Episodes that are added together, such as `ControlledRound` and `CalmRound`."""
+
+    def plans(self, number: int) -> Sequence[Plan]:
+        """The episodes of round `number`; their provenance holds it as "round"."""
+
+
+def record_round(
+    output: Path,
+    planned: Round,
+    config: Config,
+    policy: PolicyFactory = NoFeedback,
+    *,
+    workers: int = 1,
+    scheduler: str | None = None,
+    progress: Progress = lambda name, done, total: None,
+    notice: Callable[[str], None] = lambda line: None,
+    block_steps: int = BLOCK_STEPS,
+    start: Path | None = None,
+) -> int:
+    """Record a round and add its episodes to a data set, which is made if there is none.
+
+    The round's number is one more than the highest in the file, so that a second call adds new data and repeats none. A
+    call that was stopped is continued by the next one, at whatever instant that was: stopped between adding its round
+    and clearing its parts away, it only does the latter. Raises DatasetError if the file is no data set, or was
+    recorded with another schema or flow; before anything is recorded; StillwakeError, PlantError as
+    `wake.recording.recorder.record` does, or what the controller raises. Returns the round's number.
+
+    Args:
+        policy: makes the controller in each recording process; without one, the plans' signals are all that acts.
+        workers, scheduler, progress, notice, block_steps, start: as for `wake.recording.recorder.record`.
+    """
+    jobs = partial(jobs_for, output, config=config, block_steps=block_steps, policy=policy, start=start)
+    facts = {name: value for name, value in setting_of(config).items() if name in FACTS}
+    layout = layout_of(config.body)
+    there = read_to_append(output, facts, layout)
+    number = max((int(episode.provenance.get("round", 0)) for episode in there), default=0) + 1
+    before = jobs(planned.plans(number - 1))
+    if _added(before, there):
+        before[0].parts.clear()
+        return number - 1
+    with finished_jobs(
+        jobs(planned.plans(number)),
+        workers=workers,
+        scheduler=scheduler,
+        progress=progress,
+        notice=notice,
+    ) as finished:
+        append(output, tuple(job.episode() for job in finished), facts, layout)
+    return number
+
+
+def _added(jobs: Sequence[EpisodeJob], there: Sequence[Episode]) -> bool:
+    """Whether parts of these jobs are left over although their episodes are in the data set."""
+    if jobs[0].parts.task() != task_of(jobs) or any(job.blocks.finished < job.plan.steps for job in jobs):
+        return False
+    by_name = {episode.name: episode for episode in there}
+    # Actions are stored in full, and no two recordings have the same.
+    return all(
+        job.plan.name in by_name
+        and np.array_equal(by_name[job.plan.name].series["action"], job.blocks.series()["action"])
+        for job in jobs
+    )

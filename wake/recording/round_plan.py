@@ -1,13 +1,27 @@
-"""One episode of a round: under a controller with exploration, or from the steady wake under small random actions."""
+"""Rounds of episodes that are added to a data set: under a controller, or from the steady wake.
 
+A data set grows by what the controller of the round before runs into (DAgger: Ross, Gordon and Bagnell 2011).
+
+Forced or controlled episodes of the developed wake never come near the steady symmetric one: what a model learns from
+them does not hold for how small disturbances grow there. Calm episodes begin there, are disturbed by small random
+actions, each by another amplitude, and show the wake on its way up to shedding.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from math import isfinite
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from contract.config.tree import Config
+from contract.errors import ConfigError
+from wake.recording.episode_plan import SHEDDING_PERIOD
 from wake.recording.forcing import exploration
+
+ControlledRole = Literal["train", "controlled"]
+CalmRole = Literal["train", "calm"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,3 +76,79 @@ class RoundPlan:
         rng = np.random.default_rng([self.seed, self.round, int(self.role != "train"), self.episode])
         rms = self.level / config.flow.action_limit if self.kind == "calm" else self.level
         return exploration(self.steps, config.forcing, config.flow, rng, rms=rms)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlledRound:
+    """A call's `episodes` episodes of `steps` steps under a controller; the rest as in `RoundPlan`. Raises ConfigError
+    for a number out of its range or a role that does not fit."""
+
+    episodes: int = 2
+    steps: int = 1100
+    exploration: float = 0.15
+    role: ControlledRole = "train"
+    seed: int = 1
+    bundle: str
+    bundle_digest: str
+
+    def __post_init__(self) -> None:
+        _check(self, get_args(ControlledRole), {"episodes": 1, "steps": 1, "seed": 0, "exploration": 0.0})
+
+    def plans(self, number: int) -> tuple[RoundPlan, ...]:
+        """The episodes of round `number`. They begin in different phases of the shedding cycle, drawn by seed, round
+        and role; only the phases of more episodes than it has control steps repeat."""
+        rng = np.random.default_rng([self.seed, number, get_args(ControlledRole).index(self.role)])
+        leads = rng.permutation(SHEDDING_PERIOD)
+        places = ((self.exploration, int(leads[i % SHEDDING_PERIOD])) for i in range(self.episodes))
+        return tuple(_plan(self, "controlled", number, i, *place) for i, place in enumerate(places))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalmRound:
+    """A call's `episodes` episodes of `steps` steps, whose amplitudes are spread evenly by their logarithm from
+    `smallest` to `largest`; a single episode has the smallest. The rest as in `RoundPlan`. Raises ConfigError for a
+    number out of its range or a role that does not fit."""
+
+    episodes: int = 8
+    steps: int = 350
+    smallest: float = 0.0005
+    largest: float = 0.02
+    role: CalmRole = "train"
+    seed: int = 1
+    bundle: str | None = None
+    bundle_digest: str | None = None
+
+    def __post_init__(self) -> None:
+        _check(self, get_args(CalmRole), {"episodes": 1, "steps": 1, "seed": 0})
+        for name, value in (("smallest", self.smallest), ("largest", self.largest)):
+            # Exactly nothing would leave the wake as it is: only rounding would disturb it.
+            if not (isfinite(value) and value > 0.0):
+                raise ConfigError(f"{name} amplitude = {value}: must be finite and positive")
+        if self.smallest > self.largest:
+            raise ConfigError(f"smallest amplitude = {self.smallest}: must not exceed the largest, {self.largest}")
+
+    def plans(self, number: int) -> tuple[RoundPlan, ...]:
+        """The episodes of round `number`."""
+        amplitudes = np.geomspace(self.smallest, self.largest, self.episodes)
+        return tuple(_plan(self, "calm", number, i, float(level), 0) for i, level in enumerate(amplitudes))
+
+
+def _plan(
+    wanted: ControlledRound | CalmRound,
+    kind: Literal["controlled", "calm"],
+    number: int,
+    episode: int,
+    level: float,
+    lead: int,
+) -> RoundPlan:
+    own = {name: getattr(wanted, name) for name in ("steps", "role", "seed", "bundle", "bundle_digest")}
+    return RoundPlan(kind=kind, round=number, episode=episode, level=level, lead=lead, **own)
+
+
+def _check(wanted: ControlledRound | CalmRound, roles: tuple[Any, ...], least: Mapping[str, float]) -> None:
+    for name, bound in least.items():
+        value = getattr(wanted, name)
+        if not (isfinite(value) and value >= bound):
+            raise ConfigError(f"{name} = {value}: must be finite and at least {bound}")
+    if wanted.role not in roles:
+        raise ConfigError(f"role = {wanted.role!r}: must be one of {', '.join(roles)}")

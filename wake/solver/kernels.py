@@ -19,7 +19,8 @@ from wake.solver.boundary import GhostMap
 
 
 class Spacing(NamedTuple):
-    """As in `wake.solver.grid.Grid`, but with mirrored cells before the inlet and behind the outlet: dx (nx + 1,)."""
+    """Spacings as in `wake.solver.grid.Grid`, but with mirrored cells before the inlet and behind the outlet: dx (nx +
+    1,)."""
 
     dx: Array
     dxc: Array

@@ -187,7 +187,7 @@ def _aligned(values: Array, shape: tuple[int, int]) -> Array:
 
 
 def _inverse(matrix: Array) -> Array:
-    """Of a positive definite one, which needs no pivoting, after Gauss and Jordan; in place."""
+    """The inverse of a positive definite matrix, which needs no pivoting, after Gauss and Jordan; in place."""
     for k in range(len(matrix)):
         row, column = matrix[k] / matrix[k, k], matrix[:, k].copy()
         matrix -= np.outer(column, row)

@@ -20,13 +20,14 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 TOLERANCE: Final = 1e-6
-"""In the last stage rates fall by a factor e in about 23 t_c: forces are then final to some 1e-5."""
+"""The rate below which a wake is steady. In the last stage rates fall by a factor e in about 23 t_c: forces are then
+final to some 1e-5."""
 
 
 _UNEVEN: Final = 1e-9
-"""In U_inf: a state that was settled is symmetric to the bit."""
+"""A difference in U_inf: a state that was settled is symmetric to the bit."""
 _RATE: Final = 1e-2
-"""In U_inf / t_c: a state that was settled is far below, the developed wake has about 1."""
+"""A rate in U_inf / t_c: a state that was settled is far below, the developed wake has about 1."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,7 +52,7 @@ class SteadyWake:
     time: float
 
     def figures(self) -> dict[str, float]:
-        """For a results file."""
+        """The figures for a results file."""
         sample = self.sample
         return {
             "Cd": sample.Cd,

@@ -15,9 +15,8 @@ from contract.runtime.copies import CopiedWhole
 from wake.plant.sample import Sample
 from wake.solver.adjoint import FlowAdjoint
 from wake.solver.flow import Flow
-from wake.truck import jets
-from wake.truck.slot_faces import SlotLoad
-from wake.truck.surface import Measured
+from wake.truck.body import MOMENTUM_FACTOR
+from wake.truck.surface import Measured, SlotLoad
 from wake.truck.truck_wake import TruckWake
 
 _MEGABYTE = 1e6
@@ -135,7 +134,7 @@ class Tape(CopiedWhole):
             flow,
             Measured(Cp=weights.Cp, Cd=weights.Cd, Cl=weights.Cl, slots=slots, Uy_probe=weights.Uy_probe),
         )
-        self.bar_action += weights.action - 8.0 * jets.MOMENTUM_FACTOR * action * weights.Cd_momentum
+        self.bar_action += weights.action - 8.0 * MOMENTUM_FACTOR * action * weights.Cd_momentum
         if weights.jet_power:
             measured = surface.measure(flow).slots
             self.bar_action += weights.jet_power * (measured.Cp_upper - measured.Cp_lower)

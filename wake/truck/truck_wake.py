@@ -16,14 +16,13 @@ from contract.config.body_sensors import layout_of
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from contract.runtime.copies import CopiedWhole
-from wake.plant.gust import Wind
+from wake.plant.drive import Wind
 from wake.plant.sample import Sample
 from wake.solver import boundary, stability
 from wake.solver.flow import Flow
 from wake.solver.grid import box_grid
 from wake.solver.navier_stokes import FlowSolver
-from wake.truck import jets
-from wake.truck.body import signed_distance
+from wake.truck.body import MOMENTUM_FACTOR, signed_distance, slot_profile
 from wake.truck.state import Origin, State, check_body, check_grid, check_reynolds
 from wake.truck.surface import Surface
 
@@ -51,7 +50,7 @@ class TruckWake(CopiedWhole):
         self.body, self.layout = body, layout_of(body)
         self.grid = box_grid(body.length, self.config.refinement)
         self.boundary = boundary.build(self.grid, partial(signed_distance, body=body))
-        self._profile = jets.slot_profile(self.grid)
+        self._profile = slot_profile(self.grid)
         self._check_step(self.config)
         self.solver = FlowSolver(
             self.grid, self.boundary, 1.0 / self.config.reynolds, slot_profile=self._profile, precision=precision
@@ -177,7 +176,7 @@ class TruckWake(CopiedWhole):
             Cl=measured.Cl,
             Cd_slot_pressure=slots.Cd_pressure,
             Cd_slot_viscous=slots.Cd_viscous,
-            Cd_momentum=-4.0 * jets.MOMENTUM_FACTOR * a * a,
+            Cd_momentum=-4.0 * MOMENTUM_FACTOR * a * a,
             jet_power=a * (slots.Cp_upper - slots.Cp_lower),
             Uy_probe=measured.Uy_probe,
             action=a,
@@ -208,7 +207,7 @@ class TruckWake(CopiedWhole):
         return Surface(self.grid, self.boundary, viscosity, self._profile, self.body, self.layout)
 
     def wind_from(self, t: float) -> Wind | None:
-        """By how much the wind exceeds U_inf, by the time since t; None if it is steady."""
+        """The excess of the wind over U_inf, by the time since t; None if it is steady."""
         wind = self.wind
         return None if wind is None else lambda after: wind(t + after)
 

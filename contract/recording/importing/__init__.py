@@ -1,1 +1,1 @@
-"""From files of one's own, tables, arrays or cases of OpenFOAM, to a data set."""
+"""The way to a data set from a user's files: tables, arrays or cases of OpenFOAM."""

@@ -11,15 +11,12 @@ import numpy as np
 from contract.arrays import Array
 from contract.errors import DatasetError
 from contract.recording.dataset import CP_QUANTUM, Dataset, Episode, Role
-from contract.recording.episode import REQUIRED, UNITS
-from contract.recording.facts import PlantFacts
+from contract.recording.episode import REQUIRED, UNITS, PlantFacts
 from contract.recording.findings import LIMIT_TOLERANCE, STEP_TOLERANCE, clock_problem
 from contract.recording.importing.forces import FORCES
 from contract.recording.importing.openfoam import case_of, read_case
-from contract.recording.importing.source_file import Contents, read_source
-from contract.recording.importing.stored import GAP
-from contract.recording.importing.stored_files import INITIAL_ACTION
-from contract.recording.importing.units import Reference
+from contract.recording.importing.source_file import Contents, Reference, read_source
+from contract.recording.importing.stored import GAP, INITIAL_ACTION
 from contract.sensor_layout import SensorLayout
 
 _SERIES: Final = tuple(name for name in UNITS if name != "Cp")

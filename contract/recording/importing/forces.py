@@ -10,11 +10,10 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.errors import DatasetError
-from contract.recording.facts import ForcesClock
+from contract.recording.episode import ForcesClock
 from contract.recording.importing.csv_table import read_csv
-from contract.recording.importing.source_file import SUFFIXES
-from contract.recording.importing.stored_files import BINARY, stored_arrays
-from contract.recording.importing.units import Reference, factor, seconds_in, split_unit
+from contract.recording.importing.source_file import SUFFIXES, Reference, factor, seconds_in, split_unit
+from contract.recording.importing.stored import BINARY, stored_arrays
 
 FORCES: Final = ("Cd", "Cl")
 
@@ -54,8 +53,8 @@ class TimeSeries:
             )
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> Array:
-        """On straight lines between the rows. Raises DatasetError for times outside the rows, or in a gap; the message
-        names both.
+        """The values on straight lines between the rows. Raises DatasetError for times outside the rows, or in a gap;
+        the message names both.
 
         Args:
             times: of the rows wanted, rising, (m,), in the unit of `t`.

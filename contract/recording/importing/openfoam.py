@@ -10,11 +10,10 @@ import numpy as np
 
 from contract.arrays import Array, Index
 from contract.errors import DatasetError
-from contract.openfoam_tables import FoamTable, read_foam_table
 from contract.recording.importing.csv_table import read_csv
-from contract.recording.importing.source_file import SUFFIXES, Contents, reference_of
-from contract.recording.importing.stored_files import INITIAL_ACTION
-from contract.recording.importing.units import Reference, factor
+from contract.recording.importing.source_file import SUFFIXES, Contents, Reference, factor, reference_of
+from contract.recording.importing.stored import INITIAL_ACTION
+from contract.recording.openfoam_tables import FoamTable, read_foam_table
 from contract.sensor_layout import SensorLayout
 
 ACTIONS: Final = "actions.csv"

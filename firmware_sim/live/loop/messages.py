@@ -19,7 +19,7 @@ A number that is none is null.
 import struct
 from typing import Any, Final, NamedTuple
 
-from wake.pictures.levels import Levels
+from wake.pictures.level_picture import Levels
 
 SCHEMA: Final = "stillwake-live/1"
 _FIELD: Final = struct.Struct("<IfHH")
@@ -41,7 +41,7 @@ Choice = dict[str, Any]
 
 class FieldPicture(NamedTuple):
     """The flow at the start of period k, time t in t_c. `levels` are (height, width),
-    `wake.pictures.levels.field_levels`."""
+    `wake.pictures.level_picture.field_levels`."""
 
     k: int
     t: float

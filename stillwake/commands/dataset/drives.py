@@ -15,7 +15,7 @@ import numpy as np
 
 from contract.config.loading import Loaded
 from contract.errors import ConfigError, DatasetError
-from contract.recording.facts import PlantFacts
+from contract.recording.episode import PlantFacts
 from contract.sensor_layout import SensorLayout
 from stillwake.console.numbers import listed
 
@@ -26,11 +26,10 @@ if TYPE_CHECKING:
     from can_bridge.drives.log_periods import Scales
     from can_bridge.drives.log_to_series import LogReport, LogSeries
     from can_bridge.logs.log_reader import CanLog
-    from contract.recording.episode import Role
-    from contract.recording.facts import ForcesClock
+    from contract.recording.episode import ForcesClock, Role
     from contract.recording.importing.assemble import Source
     from contract.recording.importing.forces import TimeSeries
-    from contract.recording.importing.units import Reference
+    from contract.recording.importing.source_file import Reference
 
 USES: Final = ("operating_point", "bus.frames", "bus.key", "ecu.speed.oldest_ms", "ecu.speed.most_acceleration")
 """Settings by which a log is read."""

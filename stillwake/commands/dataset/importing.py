@@ -9,7 +9,7 @@ import typer
 
 from contract.config.loading import Loaded
 from contract.errors import ConfigError, DatasetError, OutputError
-from contract.recording.facts import ForcesClock
+from contract.recording.episode import ForcesClock
 from stillwake.commands.dataset.drives import (
     FORCES_NAMES,
     USES,
@@ -31,8 +31,8 @@ from stillwake.console.terminal import console
 
 if TYPE_CHECKING:
     from contract.recording.dataset import Dataset, Role
-    from contract.recording.facts import PlantFacts
-    from contract.recording.importing.units import Reference
+    from contract.recording.episode import PlantFacts
+    from contract.recording.importing.source_file import Reference
     from contract.sensor_layout import SensorLayout
 
 ROLES: Final = ("train", "test", "extended", "controlled")
@@ -103,8 +103,8 @@ def import_(
     have examples.
     """
     from contract.recording.dataset import write
-    from contract.recording.importing.sensor_table import read_sensors
-    from contract.recording.importing.units import references_of
+    from contract.recording.importing.csv_table import read_sensors
+    from contract.recording.importing.source_file import references_of
 
     roles = roles_of(files or [])
     _check_places(output, [*(path for path, _ in roles), layout], overwrite=overwrite)
@@ -157,7 +157,7 @@ def _check_places(output: Path, read: list[Path], *, overwrite: bool) -> None:
 
 def _facts(loaded: Loaded) -> "PlantFacts":
     """What the user gave of the plant."""
-    from contract.recording.facts import PlantFacts
+    from contract.recording.episode import PlantFacts
 
     flow = loaded.config.flow
     for name, example in (("flow.control_period", "0.2"), ("flow.action_limit", "0.075")):

@@ -64,7 +64,7 @@ class StoreEcu:
     def power_on(self) -> Boot:
         self.is_reset = False
         self.store, self.boot = booted(self._backing())
-        services = _Noted(
+        self.services = _Noted(
             self.store,
             self.values,
             calibration=None,
@@ -74,8 +74,8 @@ class StoreEcu:
             log=lambda *_, **fields: None,
             resets_when_left=False,
         )
-        services.routines = self.routines
-        self.server = UdsServer(services, KEY, self._random_bytes)
+        self.services.routines = self.routines
+        self.server = UdsServer(self.services, KEY, self._random_bytes)
         return self.boot
 
     def self_test(self) -> Long[None]:

@@ -1,3 +1,5 @@
+""""""
+
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,14 +10,16 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
 
 from contract import sensors
 from contract.errors import DatasetError
 from contract.recording import dataset
-from contract.recording.dataset import REQUIRED, UNITS, Dataset
-from contract.recording.facts import PlantFacts
+from contract.recording.appending import append, read_to_append
+from contract.recording.dataset import REQUIRED, UNITS, Dataset, pack, unpack
+from contract.recording.episode import PlantFacts
 from contract.sensor_layout import SensorLayout
-from tests.contract.recording.random_episodes import episode
+from tests.contract.recording.random_episodes import FACTS, episode
 from tests.examples import examples
 
 
@@ -222,3 +226,77 @@ def test_truncated_file_is_refused(tmp_path, written, share):
     cut.write_bytes(whole[: int(share * len(whole))])
     with pytest.raises(DatasetError, match=r"cut\.h5: damaged"):
         dataset.read(cut)
+
+
+FINEST, COARSEST = 2.0**-15, 2.0**-8
+LIMIT = 32767 * COARSEST
+
+
+@given(
+    values=arrays(np.float64, array_shapes(max_dims=2, max_side=20), elements=st.floats(-LIMIT, LIMIT)),
+    shrink=st.floats(1e-6, 1.0),
+)
+@example(values=np.array([32767.5 * FINEST, -32767.5 * FINEST]), shrink=1.0)
+@example(values=np.array([32767.49 * FINEST]), shrink=1.0)
+@example(values=np.zeros((0, 3)), shrink=1.0)
+def test_every_value_comes_back_within_half_a_quantum(values, shrink):
+    values = values * shrink
+    integers, quantum = pack(values, FINEST, COARSEST)
+    assert integers.dtype == np.int16 and integers.shape == values.shape
+    assert (np.abs(unpack(integers, quantum) - values) <= quantum / 2).all()
+    # The quantum is the finest that holds the series.
+    peak = np.abs(values).max(initial=0.0)
+    assert quantum == FINEST or peak > 32767 * quantum / 2
+    again, same = pack(unpack(integers, quantum), FINEST, COARSEST)
+    assert same == quantum and (again == integers).all()
+
+
+@given(
+    values=arrays(np.float64, st.integers(1, 10), elements=st.floats(-1e9, 1e9)),
+    place=st.integers(0, 9),
+    beyond=st.floats(LIMIT + COARSEST, 1e12),
+    sign=st.sampled_from((1, -1)),
+)
+def test_what_does_not_fit_is_refused_rather_than_wrapped(values, place, beyond, sign):
+    values[place % len(values)] = sign * beyond
+    with pytest.raises(ValueError, match=r"more than 127\.996 in magnitude"):
+        pack(values, FINEST, COARSEST)
+
+
+def test_episodes_come_last_and_the_old_ones_keep_every_bit(written):
+    with h5py.File(written) as file:
+        before = {(n, f): node[f][:] for n, node in file["episodes"].items() for f in UNITS}
+    append(written, [episode("z", role="controlled"), episode("c")], FACTS)
+    with h5py.File(written) as file:
+        assert all(np.array_equal(file["episodes"][n][f][:], values) for (n, f), values in before.items())
+    found = dataset.read(written).episodes
+    assert [item.name for item in found] == ["b", "a", "z", "c"]
+    assert [item.role for item in found] == ["train", "test", "controlled", "train"]
+
+
+def test_a_data_set_is_made_or_added_to(written, tmp_path):
+    with h5py.File(written, "r+") as file:
+        file.attrs["schema"] = dataset.SCHEMA_2
+        file.attrs["sensors"] = json.dumps(sensors.NAMES)
+        del file["layout"]
+    append(written, [episode("c")], FACTS)
+    assert dataset.schema_of(written) == dataset.SCHEMA
+    assert [item.name for item in dataset.read(written).episodes] == ["b", "a", "c"]
+    # A data set that is not there is made.
+    assert read_to_append(tmp_path / "new.h5", FACTS) == ()
+    append(tmp_path / "new.h5", [episode("c")], FACTS)
+    assert [item.name for item in dataset.read(tmp_path / "new.h5").episodes] == ["c"]
+
+
+def test_another_flow_or_other_sensors_are_refused_by_what_differs(written):
+    for facts, named in (
+        ({**FACTS, "flow": {"reynolds": 400.0, "substeps": 30}}, r"flow\.reynolds = 500\.0, .* has 400\.0"),
+        ({**FACTS, "grid": [310, 114]}, r"grid = \[443, 164\], .* has \[310, 114\]"),
+    ):
+        before = written.read_bytes()
+        with pytest.raises(DatasetError, match=rf"data\.h5: episode b was recorded with {named}"):
+            append(written, [episode("c")], facts)
+        assert written.read_bytes() == before
+    renamed = SensorLayout.of(("a", "b"), np.eye(2), symmetric=False)
+    with pytest.raises(DatasetError, match=r"in names: upper_00, .*\(90 in all\), and a, b$"):
+        read_to_append(written, FACTS, renamed)

@@ -15,7 +15,7 @@ from contract.config.tree import Config
 from contract.errors import DatasetError
 from contract.recording import dataset, needs
 from contract.recording.dataset import Dataset, Episode, Role
-from contract.recording.facts import PlantFacts
+from contract.recording.episode import PlantFacts
 from contract.recording.findings import agreeing, findings, left_out, refuse_unfit, trainable
 from contract.sensor_layout import SensorLayout
 from contract.shipped import RECORDING

@@ -1,4 +1,7 @@
-"""What no wall, balance or logger gives is named with its cause; what real ones give is passed over."""
+"""What no wall, balance or logger gives is named with its cause; what real ones give is passed over.
+
+The peak of a spectrum against waves whose frequency is known.
+"""
 
 import re
 from collections.abc import Callable
@@ -9,8 +12,8 @@ import numpy as np
 import pytest
 
 from contract.recording.dataset import Dataset, Episode
-from contract.recording.facts import PlantFacts
-from contract.recording.plausible import implausible
+from contract.recording.episode import PlantFacts
+from contract.recording.plausible import dominant_frequency, implausible, share_near
 from contract.sensor_layout import SensorLayout
 from tests.oscillating_wake import FILES, LIMIT, NAMES, PERIOD, POSITIONS, Array, series
 
@@ -161,3 +164,21 @@ def test_rows_of_another_file_are_found_and_a_wake_that_repeats_itself_is_none()
             flow["Cp"] = -0.4 + 0.3 * np.sin(w[:, None] + np.arange(4))
             cycles.append(replace(one, series=flow))
         assert list(implausible(replace(sound, episodes=tuple(cycles)))) == []
+
+
+PERIOD = 0.25
+
+
+def test_a_frequency_between_the_lines_of_the_spectrum_is_found():
+    for cycle in (7.3, 25.0, 60.0):
+        values = 3.0 + np.sin(2 * np.pi * np.arange(500) / cycle + 1.0)
+        # An eighth of 1 / duration.
+        assert dominant_frequency(values, PERIOD) == pytest.approx(1 / (cycle * PERIOD), abs=1 / (8 * 500 * PERIOD))
+    # No frequency without a wave.
+    assert dominant_frequency(np.ones(100), PERIOD) is None
+    assert dominant_frequency(np.arange(5.0), PERIOD) is None
+    # Two waves share the power by their squares.
+    t = 0.2 * np.arange(2000)
+    waves = 3.0 * np.sin(2.0 * np.pi * 0.2 * t) + 1.0 * np.cos(2.0 * np.pi * 0.4 * t)
+    assert share_near(waves, 0.2, 0.2, 0.1) == pytest.approx(0.9, abs=1e-3)
+    assert share_near(waves, 0.2, 0.4, 0.1) == pytest.approx(0.1, abs=1e-3)

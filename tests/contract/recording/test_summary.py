@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from contract.recording.dataset import Dataset, Episode
-from contract.recording.facts import PlantFacts
+from contract.recording.episode import PlantFacts
 from contract.recording.summary import fitting_settings, summarise, uncontrolled
 from contract.sensor_layout import SensorLayout
 

@@ -1,4 +1,7 @@
-"""Folders of more than a bundle may hold: what is read is bounded, and what is no plain file is not read."""
+"""Folders of more than a bundle may hold: what is read is bounded, and what is no plain file is not read.
+
+What is refused in a graph's bytes before ONNX Runtime sees them, against graphs that the `onnx` package makes.
+"""
 
 import os
 import subprocess
@@ -8,11 +11,18 @@ import tracemalloc
 import zipfile
 from pathlib import Path
 
+import numpy as np
+import onnx
 import pytest
+from onnx import helper
 
 from contract.errors import BundleContainerError
 from contract.release import container
+from contract.release.checks import CONTROLLER
 from contract.release.container import MAX_FILES, is_plain_name, read_files
+from contract.release.onnx_graph import MAX_BYTES, check_graph
+from contract.shipped import BUNDLE
+from tests.contract.controller.graphs import constant, graph_of, outside
 
 SECONDS = 1.0
 MEMORY = 100 * 2**20
@@ -75,3 +85,24 @@ def test_a_name_that_a_terminal_would_obey_is_refused_and_escaped(tmp_path):
         (folder / name).touch()
         assert not is_plain_name(name)
         assert refused(folder).isprintable(), name
+
+
+def in_an_attribute() -> onnx.NodeProto:
+    """A tensor in another file, one level deeper than the graph's own constants."""
+    return helper.make_node("Constant", [], ["x"], value=outside())
+
+
+def test_what_reads_files_or_is_not_onnxs_own_is_refused_wherever_it_stands():
+    body = graph_of([in_an_attribute()]).graph
+    for content, named in (
+        (graph_of((), [outside()]), "kept in another file"),
+        (graph_of([in_an_attribute()]), "kept in another file"),
+        (graph_of([helper.make_node("If", ["plan"], ["x"], then_branch=body, else_branch=body)]), "another file"),
+        (graph_of([helper.make_node("Gelu", ["plan"], ["x"], domain="com.microsoft")]), "own domain"),
+        (graph_of([helper.make_node("Scaler", ["plan"], ["x"], domain="ai.onnx.ml")]), "another domain"),
+        (graph_of((), [constant("c", np.zeros(MAX_BYTES // 4))]), f"at most {MAX_BYTES}"),
+    ):
+        with pytest.raises(ValueError, match=named):
+            check_graph(content.SerializeToString())
+    check_graph(graph_of().SerializeToString())
+    check_graph((BUNDLE / CONTROLLER).read_bytes())

@@ -19,7 +19,7 @@ from ecu.in_c.c_settings import HEADER, ecu_settings
 from examples.random_programs import random_program
 from export.program.windows import random_windows
 from export.release.lowering import int8_library
-from export.to_c.folder_files import documents
+from export.to_c.library import documents
 
 MODEL = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
 """Of the random release."""

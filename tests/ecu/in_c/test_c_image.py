@@ -12,8 +12,15 @@ import pytest
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
 from contract.controller.c_folder import ECU_SETTINGS, Settings, library_sources
-from contract.controller.image_limits import Limits, limits_in
-from contract.controller.image_payload import arrays_in, check_numbers, layout_in, members_in, with_layout
+from contract.controller.image_payload import (
+    Limits,
+    arrays_in,
+    check_numbers,
+    layout_in,
+    limits_in,
+    members_in,
+    with_layout,
+)
 from contract.errors import BundleContainerError, LibraryError
 from contract.release.bundle import load
 from contract.release.controller_image import HEADER, read
@@ -26,7 +33,7 @@ from ecu.in_c.compiler import compile_c, host_compiler
 from examples.c_samples import MODEL, MPC
 from examples.random_programs import random_program
 from export.int8.calibrate import rounded_on
-from export.int8.rounded_estimator import rounded_estimator
+from export.int8.rounded_program import rounded_estimator
 from export.program.windows import random_windows
 from export.release.lowering import library_of
 from export.to_c.estimator import estimator_files

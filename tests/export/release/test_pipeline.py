@@ -20,7 +20,7 @@ from contract.config.tree import Config
 from contract.errors import BundleError, ExportError, StillwakeError
 from contract.recording import dataset
 from contract.recording.dataset import Dataset, Episode, Role
-from contract.recording.facts import PlantFacts
+from contract.recording.episode import PlantFacts
 from contract.release import bundle
 from contract.runtime.onnx_session import OnnxController
 from contract.sensor_layout import SensorLayout
@@ -35,7 +35,7 @@ from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train import model_store
 from train.networks.model import Encoder, WakeModel
-from train.samples.scaling import fit_scaling
+from train.samples.rows import fit_scaling
 from train.selection.ranking import GIVEN, SensorChoice
 
 pytestmark = pytest.mark.slow  # every lowering is built and gated

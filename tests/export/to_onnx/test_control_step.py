@@ -14,8 +14,7 @@ from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from examples.random_programs import random_program
 from export.int8.rounded_program import rounded_to_nearest
-from export.program.controller_program import ControllerProgram
-from export.program.matrices import matrices
+from export.program.controller_program import ControllerProgram, matrices
 from export.to_onnx.control_step import build_controller
 
 SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)

@@ -13,8 +13,7 @@ from contract.controller.image_payload import RELEASE, WEIGHTS, layout_of, paylo
 from contract.errors import BundleContainerError
 from contract.release import signing
 from contract.release.controller_image import ImageFacts, seal
-from contract.release.difference import differences
-from contract.release.image_contents import opened
+from contract.release.difference import differences, opened
 from stillwake.console.terminal import console
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))

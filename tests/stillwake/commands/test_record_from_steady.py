@@ -7,7 +7,7 @@ import pytest
 
 from contract.config.tree import Config
 from contract.recording import dataset
-from wake.recording.calm_plan import CalmRound
+from wake.recording.round_plan import CalmRound
 from wake.truck import steady
 from wake.truck.develop import start_from_rest
 from wake.truck.truck_wake import TruckWake

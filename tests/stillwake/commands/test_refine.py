@@ -18,7 +18,7 @@ from export.reference.mpc import starting_plan
 from train import model_store
 from train.distillation.evaluate import EncoderMetrics, ForceError, ModelMetrics, RolloutError
 from train.networks.model import Encoder, WakeModel
-from train.samples.scaling import fit_scaling
+from train.samples.rows import fit_scaling
 from train.selection.ranking import GIVEN, SensorChoice
 
 pytestmark = pytest.mark.slow  # numba compiles the adjoint

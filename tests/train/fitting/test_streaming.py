@@ -12,8 +12,7 @@ from train.fitting.fit import fit_joint, seeded
 from train.fitting.progress import Phase
 from train.fitting.streaming import encode_stream, fit_stream
 from train.networks.model import Encoder, WakeModel
-from train.samples.rows import prepare
-from train.samples.scaling import fit_scaling
+from train.samples.rows import fit_scaling, prepare
 
 
 def test_a_stream_is_one_cell_step_a_sample(small_recording, small_config):

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from train.refinement.flow import FlowState, Seen
+from contract.differentiable import FlowState, Seen
 
 GROWTH, TURN = 1.01, 0.6
 """A period's: the oscillator grows by the first and turns by the second, rad."""

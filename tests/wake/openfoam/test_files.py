@@ -1,14 +1,24 @@
-"""What icoFoam writes, written here by hand: fields, measurements, states."""
+"""What icoFoam writes, written here by hand: fields, measurements, states.
 
+Sensors, slots and the text of the jets against what a linear pressure and an exact parabola give.
+
+Cell values at other points, against scipy's linear interpolation.
+"""
+
+import re
 import struct
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.interpolate import LinearNDInterpolator
 
+from contract import sensors
 from contract.errors import PlantError
-from wake.openfoam import fields, state
+from wake.openfoam import foam_files, state, wall
 from wake.openfoam.measurements import Follower, Instruments, Readings, read_all
-from wake.openfoam.sensing import pressure_points
+from wake.openfoam.plant import CellInterpolation
+from wake.openfoam.wall import pressure_points, sensor_weights
 
 HEADER = b'FoamFile\n{\n    format      binary;\n    arch        "LSB;label=32;scalar=64";\n}\n'
 
@@ -21,20 +31,20 @@ def _field(values: list[float], kind: str, count: int) -> bytes:
 
 
 def test_fields_are_read_as_written(tmp_path):
-    assert fields.parse_cells(_field([1.5, -2.0, 1e-300], "scalar", 3), "p").tolist() == [1.5, -2.0, 1e-300]
-    assert fields.parse_cells(_field([1.0, 2, 3, 4, 5, 6], "vector", 2), "U").tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert foam_files.parse_cells(_field([1.5, -2.0, 1e-300], "scalar", 3), "p").tolist() == [1.5, -2.0, 1e-300]
+    assert foam_files.parse_cells(_field([1.0, 2, 3, 4, 5, 6], "vector", 2), "U").tolist() == [[1, 2, 3], [4, 5, 6]]
     for content, what in (
         (_field([1.0, 2.0], "scalar", 3)[:-24], "p: holds 1[0-9] of 24 bytes"),
         (b"format ascii;\ninternalField   nonuniform List<scalar>\n1\n(1\n)", "must hold a binary list"),
     ):
         with pytest.raises(PlantError, match=what):
-            fields.parse_cells(content, "p")
-    assert fields.latest(tmp_path) is None
+            foam_files.parse_cells(content, "p")
+    assert foam_files.latest(tmp_path) is None
     for name in ("0", "5", "10", "9.5", "system", "20"):
         (tmp_path / name).mkdir()
     for name in ("0", "5", "10", "9.5"):
         (tmp_path / name / "p").touch()
-    assert fields.latest(tmp_path) == tmp_path / "10"
+    assert foam_files.latest(tmp_path) == tmp_path / "10"
 
 
 def _write_measurements(folder, start: str, times, *, probes: int, value=lambda t: t) -> None:
@@ -124,3 +134,67 @@ def test_a_state_survives_its_file_and_others_are_refused(tmp_path, monkeypatch)
     monkeypatch.undo()
     with pytest.raises(PlantError, match=r"stillwake-openfoam/0.*reads 'stillwake-openfoam/1'"):
         state.load(path)
+
+
+@pytest.fixture(scope="module")
+def probes(coarse_mesh):
+    return pressure_points(coarse_mesh), sensor_weights(coarse_mesh)
+
+
+def test_a_linear_pressure_is_read_exactly_on_its_side(probes):
+    at, weights = probes
+    # Along a wall only the coordinate on it may vary: a wall face has its cell's pressure.
+    side, base = slice(0, 80), slice(80, 90)
+    x, y = sensors.positions().T
+    assert (weights @ (0.3 + 0.1 * at[:, 0]))[side] == pytest.approx(2 * (0.3 + 0.1 * x[side]), abs=1e-12)
+    assert (weights @ (0.3 - 0.7 * at[:, 1]))[base] == pytest.approx(2 * (0.3 - 0.7 * y[base]), abs=1e-12)
+    # Sides and slots are not mixed up.
+    cp = weights @ np.sign(at[:, 1])
+    assert cp[:40] == pytest.approx(2.0)
+    assert cp[40:80] == pytest.approx(-2.0)
+    # Symmetric weights: the mean of a linear pressure on a slot is that at its middle.
+    assert (weights @ (1.0 + at[:, 1]))[90:] == pytest.approx((2 * 1.475, 2 * 0.525), abs=1e-12)
+
+
+def test_jet_files_name_every_step_and_lead_to_one_pipe(coarse_mesh, tmp_path):
+    wall.write_pipes(tmp_path, coarse_mesh, dt=0.01, steps=40, action=0.0)
+    for jet in wall.JETS:
+        data = tmp_path / "constant" / "boundaryData" / jet
+        instants = sorted(float(item.name) for item in data.iterdir() if item.name not in ("0", "points"))
+        steps = 0.01 * np.arange(1, 41)
+        assert instants == pytest.approx(steps, abs=1e-7)
+        # Never before the step's end, or the file would be read a step early.
+        assert (np.array(instants) > steps).all()
+        assert {(data / item.name).resolve() for item in data.iterdir() if item.is_symlink()} == {
+            wall.pipe(tmp_path, jet).parent
+        }
+        assert wall.pipe(tmp_path, jet).is_fifo()
+        assert re.match(r"2\n\(\n\(0 0 0\)\n\(0 0 0\)\n\)\n", (data / "0" / "U").read_text().replace("-0", "0"))
+
+
+def test_jets_are_parabolas_averaged_over_each_face(coarse_mesh):
+    action = 0.06
+    for jet, sign, bottom in (("jetUpper", 1.0, 0.45), ("jetLower", -1.0, -0.5)):
+        speed = wall.slot_velocity(coarse_mesh, jet, action)
+        edges = coarse_mesh.points[coarse_mesh.patches[jet]][:, :, 1]
+        assert speed[:, 1] == pytest.approx(0.0, abs=0)
+        for (a, b), u in zip(edges, speed[:, 0], strict=True):
+            low, high = sorted((a, b))
+            scale = sign * 6.0 * action / 0.05**3
+            flow = scale * quad(lambda y, bottom=bottom: (y - bottom) * (bottom + 0.05 - y), low, high)[0]
+            assert u * (high - low) == pytest.approx(flow, rel=1e-12), jet
+
+
+def test_it_is_what_scipy_interpolates_and_beyond_the_cells_the_nearest_one(coarse_mesh):
+    rng = np.random.default_rng(2)
+    points = np.column_stack([rng.uniform(-2.0, 12.0, 300), rng.uniform(-3.0, 3.0, 300)])
+    values = np.sin(coarse_mesh.centres[:, 0]) * np.cos(coarse_mesh.centres[:, 1])
+    assert CellInterpolation(coarse_mesh, points)(values) == pytest.approx(
+        LinearNDInterpolator(coarse_mesh.centres, values)(points), abs=1e-12
+    )
+    # Beyond the cells the nearest one holds.
+    centres = coarse_mesh.centres
+    values = np.column_stack([2.0 + 3.0 * centres[:, 0] - centres[:, 1], centres[:, 1]])
+    far = np.array([[1000.0, 0.01], [-1000.0, 0.01]])
+    nearest = np.argmin(((centres[None] - far[:, None]) ** 2).sum(axis=2), axis=1)
+    assert CellInterpolation(coarse_mesh, far)(values) == pytest.approx(values[nearest])

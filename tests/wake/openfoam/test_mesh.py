@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from contract.config.plant import FlowConfig
 from contract.errors import ConfigError
 from contract.geometry import LENGTH
-from wake.openfoam import case, poly_mesh
+from wake.openfoam import case, foam_files
 from wake.openfoam.mesh import Mesh, truck_mesh
 
 RADIUS = 0.118
@@ -93,7 +93,7 @@ def _read_list(path: Path) -> list[str]:
 @pytest.fixture(scope="module")
 def written(coarse_mesh, tmp_path_factory):
     folder = tmp_path_factory.mktemp("mesh")
-    poly_mesh.write(coarse_mesh, folder)
+    foam_files.write_poly_mesh(coarse_mesh, folder)
     points = np.array([line.strip("()").split() for line in _read_list(folder / "points")], dtype=float)
     faces = np.array([line[2:-1].split() for line in _read_list(folder / "faces")], dtype=int)
     owner, neighbour = (np.array(_read_list(folder / name), dtype=int) for name in ("owner", "neighbour"))

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from wake.pictures.level_picture import LevelPicture
-from wake.pictures.levels import field_levels
+from wake.pictures.level_picture import LevelPicture, field_levels
 
 pytestmark = pytest.mark.slow  # seconds of flow
 

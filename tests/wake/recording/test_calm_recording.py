@@ -9,9 +9,8 @@ import pytest
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.recording.dataset import Dataset, read
-from wake.recording.calm_plan import CalmRound
-from wake.recording.controlled_plan import ControlledRound
-from wake.recording.controlled_recording import record_round
+from wake.recording.recorder import record_round
+from wake.recording.round_plan import CalmRound, ControlledRound
 from wake.solver.grid import box_grid
 from wake.truck.state import Origin, State, save_state
 

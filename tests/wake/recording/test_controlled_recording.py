@@ -17,12 +17,11 @@ from contract.shipped import BUNDLE
 from ecu.bundle_policy import BundlePolicy
 from tests.wake.recording.killing import Killed, equal
 from wake.recording import recorder
-from wake.recording.calm_plan import CalmRound
-from wake.recording.controlled_plan import ControlledRound
-from wake.recording.controlled_recording import record_round
+from wake.recording.episode_job import Policy
 from wake.recording.episode_plan import EpisodePlan
-from wake.recording.feedback import Policy
 from wake.recording.forcing import exploration
+from wake.recording.recorder import record_round
+from wake.recording.round_plan import CalmRound, ControlledRound
 
 pytestmark = pytest.mark.slow  # records episodes under a controller
 

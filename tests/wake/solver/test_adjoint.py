@@ -11,8 +11,7 @@ from wake.solver import adjoint_kernels, boundary, kernels
 from wake.solver.flow import Flow
 from wake.solver.grid import box_grid
 from wake.solver.navier_stokes import FlowSolver
-from wake.truck.body import signed_distance
-from wake.truck.jets import slot_profile
+from wake.truck.body import signed_distance, slot_profile
 
 DT = 1e-3
 Change = Callable[[Flow], None]

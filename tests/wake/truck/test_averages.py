@@ -1,10 +1,17 @@
-"""Averages over whole cycles, against signals whose averages are known."""
+"""Averages over whole cycles, against signals whose averages are known.
+
+The recirculation length of flows whose axis velocity is known.
+"""
 
 import numpy as np
 import pytest
 
 from contract.errors import PlantError
+from contract.geometry import LENGTH
+from wake.solver.flow import Flow
+from wake.solver.grid import Grid, truck_grid
 from wake.truck.averages import over_cycles, over_last_cycles
+from wake.truck.recirculation import recirculation_length
 
 DT = 0.2
 
@@ -62,3 +69,17 @@ def test_a_sine_and_its_drag():
             columns = np.column_stack([1.05 * lift, drag])
             deviations = [1.05 / np.sqrt(2.0), 0.03 / np.sqrt(2.0)]
             assert average.std(columns) == pytest.approx(deviations, rel=5e-3), (count, phase)
+
+
+@pytest.fixture(scope="module")
+def grid() -> Grid:
+    return truck_grid(0.7)
+
+
+def test_it_ends_where_the_axis_turns_downstream(grid):
+    """At the base at the least, at the outlet at the most. Backward flow ahead of the truck does not count."""
+    for turn, length in [(0.37, 0.37), (2.0, 2.0), (3.3, 3.3), (-1.0, 0.0), (100.0, 23.0 - LENGTH)]:
+        flow = Flow.zeros(grid.shape)
+        ahead = grid.xf[:, None] < LENGTH
+        flow.faces_u[:] = grid.xf[:, None] - LENGTH - turn - 100.0 * np.abs(grid.yc) * ahead
+        assert recirculation_length(grid, flow) == pytest.approx(length, abs=1e-9)

@@ -8,7 +8,7 @@ from contract.errors import ConfigError
 from wake.solver.flow import Flow
 from wake.solver.grid import truck_grid
 from wake.truck.averages import over_cycles
-from wake.truck.regrid import interpolated, moved
+from wake.truck.develop import interpolated, moved
 from wake.truck.state import State, developed_state
 from wake.truck.truck_wake import TruckWake
 

@@ -11,10 +11,10 @@ from scipy.io import netcdf_file, savemat
 from contract.errors import ConfigError, DatasetError
 from contract.recording import dataset
 from contract.recording.dataset import CP_QUANTUM, QUANTUM, REQUIRED, Dataset
-from contract.recording.facts import PlantFacts
+from contract.recording.episode import PlantFacts
 from contract.recording.importing.assemble import Source, assemble
-from contract.recording.importing.sensor_table import read_sensors
-from contract.recording.importing.units import references_of
+from contract.recording.importing.csv_table import read_sensors
+from contract.recording.importing.source_file import references_of
 from contract.sensor_layout import SensorLayout
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS, WRITERS

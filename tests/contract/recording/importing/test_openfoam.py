@@ -8,9 +8,9 @@ import pytest
 
 from contract.errors import DatasetError
 from contract.recording.dataset import Episode
-from contract.recording.facts import PlantFacts
+from contract.recording.episode import PlantFacts
 from contract.recording.importing.assemble import Source, assemble
-from contract.recording.importing.units import references_of
+from contract.recording.importing.source_file import references_of
 from contract.sensor_layout import SensorLayout
 from tests.oscillating_wake import LIMIT, NAMES, PERIOD, POSITIONS, Array, series
 

@@ -1,4 +1,4 @@
-"""The truck's wake as the refinement takes it: its slopes are those of differences of whole runs."""
+"""The truck's wake as a training through it takes it: its slopes are those of differences of whole runs."""
 
 from dataclasses import replace
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from contract.config.plant import FlowConfig
-from stillwake.parts.differentiable_wake import DifferentiableWake
-from train.refinement.flow import FlowState, Seen
+from contract.differentiable import FlowState, Seen
+from wake.truck.differentiable import DifferentiableWake
 from wake.truck.truck_wake import TruckWake
 
 SENSORS = ("upper_39", "lower_39", "base_0", "base_9")

@@ -1,0 +1,77 @@
+"""A sensor estimator for a bundle: the fitted network rounded, measured and lowered to ONNX."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.controller.estimator import REACH, EstimatorNetwork, Hypotheses, views
+from contract.recording.dataset import Dataset
+from contract.release.bundle import MadeEstimator
+from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimator
+from export.int8.rounded_program import rounded_estimator
+from export.to_onnx.sensor_estimator import build_estimator
+
+
+def lowered_estimator(
+    fitted: EstimatorNetwork, recording: Dataset, sensors: Sequence[str], provenance: Mapping[str, Any]
+) -> MadeEstimator:
+    """The estimator of these sensors for a bundle, with root mean squares of its residuals, averaged over time as the
+    check does it, on the episodes that it never saw, or on those that it learned from where there are no others.
+
+    `r2` of each sensor by its others, and the roles of the episodes that it is `judged_on`, go into the provenance.
+    """
+    rounded = rounded_estimator(fitted)
+    network, window, columns = rounded.network, fitted.window, recording.layout.indices(sensors)
+    unseen = [item for item in recording.episodes if item.role != "train" and len(item) > window + SLOW_PERIODS]
+    used = unseen or [item for item in recording.with_role("train") if len(item) > window]
+    judged = [item.rows(columns) for item in used]
+    residuals = [_residuals(network, rows) for rows in judged]
+    alone = np.concatenate([np.einsum("nii->ni", item) for item in residuals])
+    spread = np.concatenate([rows[window - 1 :, :-1] for rows in judged]).var(axis=0)
+    r2 = 1.0 - np.square(alone).mean(axis=0) / spread
+    return MadeEstimator(
+        graph=build_estimator(rounded).SerializeToString(),
+        figures=SensorEstimator(fast=_deviation(residuals, FAST_PERIODS), slow=_deviation(residuals, SLOW_PERIODS)),
+        provenance={
+            **provenance,
+            "judged_on": tuple(sorted({item.role for item in used})),
+            "r2": dict(zip(sensors, r2.tolist(), strict=True)),
+        },
+    )
+
+
+def _residuals(network: EstimatorNetwork, rows: Array) -> Array:
+    """(n - L + 1, S, S): entry [., j, i] of sensor i with j left out as well."""
+    sensors, length = network.sensors, network.window
+    windows = np.lib.stride_tricks.sliding_window_view(rows, length, axis=0).transpose(0, 2, 1)
+    hypotheses = Hypotheses.of(sensors)
+    weight, bias = network.layers[0]
+    deviations = np.empty((len(windows), sensors, sensors))
+    scaled = np.clip((windows - network.mean) / network.std, -REACH, REACH)
+    for row, view in enumerate(views(sensors)):
+        if view.exchanged:
+            break
+        seen = np.ones(sensors + 1)
+        seen[list(view.left_out)] = 0.0
+        values = (scaled * seen).reshape(len(windows), -1) @ weight[:, : length * (sensors + 1)].T
+        values += weight[:, length * (sensors + 1) :] @ (1.0 - seen[:-1]) + bias
+        for matrix, offset in network.layers[1:]:
+            values = np.maximum(values, 0.0) @ matrix.T + offset
+        estimates = values * network.std[:-1] + network.mean[:-1]
+        for j, i in np.argwhere(hypotheses.view[:sensors] == row):
+            deviations[:, j, i] = windows[:, -1, i] - estimates[:, i]
+    return deviations
+
+
+def _deviation(residuals: Sequence[Array], periods: int) -> tuple[tuple[float, ...], ...]:
+    """(S, S) root mean squares of the residuals' running means over so many periods."""
+    squares = []
+    for item in residuals:
+        mean = np.zeros(item.shape[1:])
+        for number, value in enumerate(item):
+            mean = mean + (value - mean) / periods
+            if number >= periods or len(item) <= periods:
+                squares.append(np.square(mean))
+    return tuple(tuple(row) for row in np.sqrt(np.mean(squares, axis=0)).tolist())

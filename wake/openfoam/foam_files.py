@@ -1,0 +1,124 @@
+"""OpenFOAM's files: dictionaries, lists, a plane mesh as `polyMesh`, and fields as icoFoam writes them."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.errors import PlantError
+from wake.openfoam.mesh import PATCHES, Mesh
+
+
+def document(kind: str, name: str, body: str) -> str:
+    """A file of OpenFOAM class `kind`."""
+    header = block("FoamFile", {"version": "2.0", "format": "ascii", "class": kind, "object": name})
+    return f"{header}\n{body}\n"
+
+
+def dictionary(name: str, entries: Mapping[str, Any]) -> str:
+    """A dictionary file."""
+    return document("dictionary", name, _entries(entries, ""))
+
+
+def block(name: str, entries: Mapping[str, Any], indent: str = "") -> str:
+    """A named sub-dictionary."""
+    return f"{indent}{name}\n{indent}{{\n{_entries(entries, indent + '    ')}{indent}}}\n"
+
+
+def vectors(xy: Array) -> str:
+    """A list of vectors in the plane z = 0, from (n, 2)."""
+    return numbers([f"({x:.17g} {y:.17g} 0)" for x, y in xy])
+
+
+def scalars(values: Array) -> str:
+    """A list of numbers, from (n,)."""
+    return numbers([f"{value:.17g}" for value in values])
+
+
+def numbers(items: Sequence[str]) -> str:
+    """A list with its length in front."""
+    return "\n".join([str(len(items)), "(", *items, ")"])
+
+
+def _entries(entries: Mapping[str, Any], indent: str) -> str:
+    lines = []
+    for key, value in entries.items():
+        if isinstance(value, Mapping):
+            lines.append(block(key, value, indent))
+        else:
+            lines.append(f"{indent}{key} {_value(value)};\n")
+    return "".join(lines)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return repr(value)
+    if isinstance(value, tuple | list):
+        return f"({' '.join(_value(item) for item in value)})"
+    return str(value)
+
+
+PLANES: Final = "planes"
+_PATCH_KINDS: Final = {"truck": "wall"}
+
+
+def write_poly_mesh(mesh: Mesh, folder: Path) -> None:
+    """Write points, faces, owner, neighbour and boundary into `folder`, which must exist."""
+    n, m = len(mesh.points), len(mesh.cells)
+    points = [f"({x:.17g} {y:.17g} {z})" for z in (0, 1) for x, y in mesh.points]
+    sizes = [len(mesh.patches[name]) for name in PATCHES]
+    upright = np.vstack([mesh.edges, *(mesh.patches[name] for name in PATCHES)])
+    # An edge with its cell on the left becomes a face that looks away from that cell.
+    faces = np.vstack(
+        [np.column_stack([upright, upright[:, ::-1] + n]), mesh.cells[:, ::-1], mesh.cells + n],
+    )
+    owner = np.concatenate([mesh.owner, *(mesh.patch_cells[name] for name in PATCHES), np.arange(m), np.arange(m)])
+    starts = len(mesh.edges) + np.cumsum([0, *sizes])
+    entries = [
+        block(name, {"type": _PATCH_KINDS.get(name, "patch"), "nFaces": size, "startFace": start})
+        for name, size, start in zip(PATCHES, sizes, starts[:-1], strict=True)
+    ]
+    entries.append(block(PLANES, {"type": "empty", "nFaces": 2 * m, "startFace": starts[-1]}))
+    files = {
+        "points": ("vectorField", numbers(points)),
+        "faces": ("faceList", numbers([f"4({a} {b} {c} {d})" for a, b, c, d in faces.tolist()])),
+        "owner": ("labelList", numbers([str(cell) for cell in owner.tolist()])),
+        "neighbour": ("labelList", numbers([str(cell) for cell in mesh.neighbour.tolist()])),
+        "boundary": ("polyBoundaryMesh", "\n".join([str(len(entries)), "(", *entries, ")"])),
+    }
+    for name, (kind, body) in files.items():
+        (folder / name).write_text(document(kind, name, body), encoding="ascii")
+
+
+_WIDTH: Final = {b"scalar": 1, b"vector": 3}
+_LIST: Final = re.compile(rb"internalField\s+nonuniform\s+List<(scalar|vector)>\s*(\d+)\s*\(")
+_TIME: Final = re.compile(r"\d+(\.\d+)?(e[+-]\d+)?")
+
+
+def parse_cells(content: bytes, name: str) -> Array:
+    """A field's values in the cells, (m,) or (m, 3), from a file written in binary with 64-bit numbers. Raises
+    PlantError if it is of another kind or cut short; the message has `name`."""
+    listing = _LIST.search(content)
+    if listing is None or b"scalar=64" not in content[: listing.start()]:
+        raise PlantError(f"{name}: must hold a binary list of 64-bit numbers, one a cell")
+    width, count = _WIDTH[listing[1]], int(listing[2])
+    size = 8 * width * count
+    values = content[listing.end() : listing.end() + size]
+    if len(values) < size:
+        raise PlantError(f"{name}: holds {len(values)} of {size} bytes of its field")
+    flat = np.frombuffer(values, dtype="<f8").astype(np.float64)
+    return flat if width == 1 else flat.reshape(count, width)
+
+
+def latest(folder: Path) -> Path | None:
+    """The folder of the latest time after 0 whose fields are there, or None."""
+    times = [
+        (float(item.name), item) for item in folder.iterdir() if _TIME.fullmatch(item.name) and (item / "p").is_file()
+    ]
+    later = [item for item in times if item[0] > 0]
+    return max(later)[1] if later else None

@@ -1,0 +1,140 @@
+"""The wall as icoFoam has it: the slots' boundary condition, the probes of the pressure, the sensors as sums of these.
+
+The jets are a parabola in each slot, in opposition, between values at listed instants. `timeVaryingMappedFixedValue`
+ramps linearly between instants and reads the velocity at each from a file. A case without control lists the beginning
+and a time it will never reach, with jets at rest; a coupled one lists every time step's end, and its files are named
+pipes.
+
+The pressure on a wall face is that of its cell (zero normal gradient there), so a sensor is interpolated linearly along
+the wall between the two nearest faces. The mean over a slot weighs its faces with the jet's velocity.
+"""
+
+import os
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from contract import sensors
+from contract.arrays import Array
+from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
+from wake.openfoam import foam_files
+from wake.openfoam.mesh import Mesh
+
+JETS: Final = ("jetUpper", "jetLower")
+
+BOUNDARY: Final[dict[str, Any]] = {
+    "type": "timeVaryingMappedFixedValue",
+    "offset": (0, 0, 0),
+    "setAverage": False,
+    "perturb": 0,
+    "mapMethod": "nearest",
+    "value": "uniform (0 0 0)",
+}
+
+_NEVER: Final = "1000000"
+# An instant is named this much of a time step after the step's end, so that rounding cannot put it before.
+_LATE: Final = 1e-6
+
+
+def slot_velocity(mesh: Mesh, jet: str, action: float) -> Array:
+    """Velocity on a slot's faces in the mesh's order, (k, 2), for a jet flow rate, averaged exactly over each face; the
+    lower slot blows when the upper one sucks (paper, section 2.1)."""
+    y = mesh.patch_centres(jet)[:, 1]
+    shares = slot_shares(len(y))[np.argsort(np.argsort(y))]
+    sign = 1.0 if jet == "jetUpper" else -1.0
+    speed = sign * action * shares * len(y) / JET_WIDTH
+    return np.column_stack([speed, np.zeros(len(y))])
+
+
+def velocities(mesh: Mesh, jet: str, action: float) -> str:
+    """The same as the text of an instant's file."""
+    return foam_files.vectors(slot_velocity(mesh, jet, action)) + "\n"
+
+
+def pipe(folder: Path, jet: str) -> Path:
+    """The named pipe of a jet in a coupled case."""
+    return folder / "pipes" / jet / "U"
+
+
+def write_rest(folder: Path, mesh: Mesh) -> None:
+    """Instants of a case whose jets never blow."""
+    for jet in JETS:
+        data = _begin(folder, mesh, jet, 0.0)
+        (data / _NEVER).mkdir(exist_ok=True)
+        (data / _NEVER / "U").write_text(velocities(mesh, jet, 0.0), encoding="ascii")
+
+
+def write_pipes(folder: Path, mesh: Mesh, *, dt: float, steps: int, action: float) -> None:
+    """Instants of a coupled case: jets that start from `action`, and the end of every time step.
+
+    The instants are links to one folder a jet, which holds its pipe.
+    """
+    for jet in JETS:
+        data, end = _begin(folder, mesh, jet, action), pipe(folder, jet)
+        end.parent.mkdir(parents=True)
+        os.mkfifo(end)
+        target = Path(os.path.relpath(end.parent, data))
+        for step in range(1, steps + 1):
+            (data / f"{(step + _LATE) * dt:.12g}").symlink_to(target)
+
+
+def _begin(folder: Path, mesh: Mesh, jet: str, action: float) -> Path:
+    data = folder / "constant" / "boundaryData" / jet
+    (data / "0").mkdir(parents=True, exist_ok=True)
+    (data / "0" / "U").write_text(velocities(mesh, jet, action), encoding="ascii")
+    centres = [f"({x:.17g} {y:.17g} 0.5)" for x, y in mesh.patch_centres(jet)]
+    (data / "points").write_text(foam_files.numbers(centres) + "\n", encoding="ascii")
+    return data
+
+
+_PROBED: Final = ("truck", "jetUpper", "jetLower")
+
+
+def pressure_points(mesh: Mesh) -> Array:
+    """Centres of the cells on the straight walls and the slots, (n, 2)."""
+    return np.vstack([mesh.centres[mesh.patch_cells[name]][_straight(mesh, name)] for name in _PROBED])
+
+
+def sensor_weights(mesh: Mesh) -> Array:
+    """Weights that turn kinematic pressures at `pressure_points` into Cp at the sensors and the profile-weighted mean
+    Cp over the upper and the lower slot, (92, n)."""
+    at = np.vstack([mesh.patch_centres(name)[_straight(mesh, name)] for name in _PROBED])
+    on_base = np.abs(at[:, 0] - LENGTH) < 1e-9
+    rows = []
+    for x, y in sensors.positions():
+        base = abs(x - LENGTH) < 1e-9
+        along, place = (at[:, 1], y) if base else (at[:, 0], x)
+        wall = on_base if base else ~on_base & (at[:, 1] * y > 0)
+        rows.append(_between(along, wall, float(place)))
+    for sign in (1.0, -1.0):
+        slot = on_base & (sign * at[:, 1] > HALF_WIDTH - JET_WIDTH)
+        weight = np.zeros(len(at))
+        weight[slot] = slot_shares(int(slot.sum()))[np.argsort(np.argsort(at[slot, 1]))]
+        rows.append(weight)
+    return 2.0 * np.array(rows)
+
+
+def slot_shares(cells: int) -> Array:
+    """Share of a slot's flow through each of its equal faces, (cells,): the exact integral of the parabola."""
+    s = np.linspace(0.0, 1.0, cells + 1)
+    return np.diff(s**2 * (3.0 - 2.0 * s))
+
+
+def _straight(mesh: Mesh, name: str) -> npt.NDArray[np.bool_]:
+    x, y = mesh.patch_centres(name).T
+    side, base = np.abs(np.abs(y) - HALF_WIDTH) < 1e-9, np.abs(x - LENGTH) < 1e-9
+    return np.asarray((x > LEADING_EDGE_RADIUS) & (side | base))
+
+
+def _between(along: Array, wall: npt.NDArray[np.bool_], place: float) -> Array:
+    """Linear interpolation between the faces of `wall` either side of `place`."""
+    index = np.flatnonzero(wall)
+    index = index[np.argsort(along[index])]
+    i = int(np.clip(np.searchsorted(along[index], place) - 1, 0, len(index) - 2))
+    low, high = index[i], index[i + 1]
+    share = (place - along[low]) / (along[high] - along[low])
+    weight = np.zeros(len(along))
+    weight[low], weight[high] = 1.0 - share, share
+    return weight
