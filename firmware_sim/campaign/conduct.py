@@ -11,12 +11,12 @@ from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
+from contract.side_by_side import spread
 from firmware_sim.bench.spans import Spans
-from firmware_sim.campaign.execution import execute
 from firmware_sim.campaign.folder import SCHEMA, CampaignFolder
 from firmware_sim.campaign.judgement import Phase, Row, judged
 from firmware_sim.campaign.outcome import Outcome
-from firmware_sim.campaign.running import check_run, flow_disturbances
+from firmware_sim.campaign.running import check_run, flow_disturbances, run_task
 from firmware_sim.campaign.scenario import UNCONTROLLED, Scenario
 from firmware_sim.campaign.starts import digest_of, keep_states, starting_states
 from firmware_sim.campaign.task import Task, plant_of, seed_of, settings_of
@@ -100,7 +100,7 @@ def conduct(
 
     Args:
         campaign: checked (`Campaign.check`), and the folder with its label too (`CampaignFolder.check`).
-        workers, scheduler: as `firmware_sim.campaign.execution.execute` has them.
+        workers, scheduler: as `contract.side_by_side.spread` has them.
         progress: called with (runs done, runs in all, name of the one that just finished); before there are any, with
             zeros and what is prepared.
     """
@@ -150,8 +150,14 @@ class _Runs:
                 self.kept += 1
         self._total = len(tasks)
         self._progress(len(self._outcomes), self._total, "")
-        execute(
-            missing, self._campaign.bundle, self._starts, workers=workers, scheduler=scheduler, finished=self._finished
+        spread(
+            missing,
+            lambda task: (run_task, task, self._campaign.bundle, self._starts[task.plant][task.phase]),
+            workers=workers,
+            scheduler=scheduler,
+            names=lambda task: (f"run {task.name}", "finished runs are kept"),
+            finished=self._finished,
+            slots=lambda threads: sum(threads.values()),
         )
 
     def rows(self) -> tuple[Row, ...]:

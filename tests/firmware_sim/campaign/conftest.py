@@ -81,7 +81,7 @@ class Worker:
         self.started: dict[str, State] = {}
         self.drag, self.stop_after, self.failing, self.unsafe = drag, 10**6, "", ""
         start = developed_state()
-        monkeypatch.setattr(conducting, "execute", self)
+        monkeypatch.setattr(conducting, "spread", self)
         # Of another body's wake, as far as a hash can tell.
         other = replace(start, flat=2.0 * start.flat)
         monkeypatch.setattr(
@@ -90,9 +90,9 @@ class Worker:
             lambda folder, config, phases, scenario, progress: (other if scenario else start,) * phases,
         )
 
-    def __call__(self, tasks, bundle, starts, *, workers, scheduler, finished) -> None:
+    def __call__(self, tasks, call, *, finished, **_) -> None:
         for task in tasks:
-            self.started[task.name] = starts[task.plant][task.phase]
+            *_, self.started[task.name] = call(task)
             if len(self.ran) == self.stop_after:
                 raise KeyboardInterrupt
             self.ran.append(task.name)
