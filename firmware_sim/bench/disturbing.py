@@ -18,10 +18,10 @@ from can_bridge.wire.frame import Frame
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from contract.sensor_faults import Bias, Dead, Drift, Noise, Quantised, SensorFault, Stuck, Swapped
 from firmware_sim.bench import disturbances as kinds
-from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, Disturbances, SensorDisturbance
+from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.run_faults import NONE_BEFORE, NodeFault, NodeFaults
+from firmware_sim.bench.sensor_faults import SensorDisturbance, SensorFault
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import VirtualLoop
 from firmware_sim.runs.metadata import InjectedFault
@@ -129,26 +129,9 @@ class Disturbing:
         return cp
 
     def _sensor_fault(self, place: int, one: SensorDisturbance, sensors: Sequence[str]) -> SensorFault:
-        unit = np.full(len(sensors), GLOBAL_DEVIATION)
+        drawn = np.random.SeedSequence([self._seed, self._before.get("all", 0) + place])
         at = [list(sensors).index(name) for name in one.named]
-        match one:
-            case kinds.Noise():
-                drawn = np.random.SeedSequence([self._seed, self._before.get("all", 0) + place])
-                return Noise(one.level, unit, seed=int(drawn.generate_state(1)[0]))
-            case kinds.Bias():
-                return Bias(one.level, unit, at[0])
-            case kinds.Drift():
-                steps = round(one.over_s * NS / self._config.period_ns)
-                return Drift(one.level, unit, at[0], steps=steps + 1)
-            case kinds.Stuck():
-                return Stuck(at[0])
-            case kinds.Dead():
-                return Dead(at[0])
-            case kinds.Swap():
-                return Swapped(*at)
-            case kinds.Quantise():
-                return Quantised(one.step / self._config.operating_point.dynamic_pressure)
-        raise TypeError(f"{one}: not a disturbance of a sensor")
+        return one.begun(at, self._config, int(drawn.generate_state(1)[0]))
 
     # In the ECU.
 

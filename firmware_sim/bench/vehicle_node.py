@@ -27,7 +27,7 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
-from ecu.delay_line import DelayLine
+from ecu.controller_memory import DelayLine
 from firmware_sim.bench.command_losses import CommandLosses
 from firmware_sim.bench.echo import EchoTracker
 

@@ -17,7 +17,8 @@ from contract.config.loading import load_config, to_tree
 from contract.config.tree import Config
 from docs import can_messages, command_line, diagnosis, settings, states
 from ecu.fail_safe import TRANSITIONS, OperatingMode
-from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, KINDS, Disturbances
+from firmware_sim.bench.disturbances import KINDS, Disturbances
+from firmware_sim.bench.sensor_faults import GLOBAL_DEVIATION
 
 ROOT = Path(__file__).resolve().parents[2]
 

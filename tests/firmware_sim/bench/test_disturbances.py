@@ -13,20 +13,22 @@ from contract.errors import ConfigError
 from contract.recording import dataset
 from contract.shipped import RECORDING
 from firmware_sim.bench import disturbances as kinds
-from firmware_sim.bench.disturbances import GLOBAL_DEVIATION, Disturbance, Disturbances, parse_disturbance
+from firmware_sim.bench import sensor_faults as sensed
+from firmware_sim.bench.disturbances import Disturbance, Disturbances, parse_disturbance
 from firmware_sim.bench.run_faults import NodeFault, parse_node_fault
+from firmware_sim.bench.sensor_faults import GLOBAL_DEVIATION
 from tests.examples import examples
 
 SENSORS = ("lower_36", "base_7", "upper_39", "base_0")
 
 EXAMPLES: dict[str, Disturbance] = {
-    "noise:level=0.5": kinds.Noise(level=0.5),
-    "bias:sensor=base_7,level=-0.5@1..2": kinds.Bias(sensor="base_7", level=-0.5, start_s=1.0, end_s=2.0),
-    "drift:sensor=base_7,level=1,over_s=2@1..": kinds.Drift(sensor="base_7", level=1.0, over_s=2.0, start_s=1.0),
-    "stuck:sensor=upper_39": kinds.Stuck(sensor="upper_39"),
-    "dead:sensor=base_7": kinds.Dead(sensor="base_7"),
-    "swap:sensors=base_0+base_7": kinds.Swap(sensors=("base_0", "base_7")),
-    "quantise:step=5": kinds.Quantise(step=5.0),
+    "noise:level=0.5": sensed.Noise(level=0.5),
+    "bias:sensor=base_7,level=-0.5@1..2": sensed.Bias(sensor="base_7", level=-0.5, start_s=1.0, end_s=2.0),
+    "drift:sensor=base_7,level=1,over_s=2@1..": sensed.Drift(sensor="base_7", level=1.0, over_s=2.0, start_s=1.0),
+    "stuck:sensor=upper_39": sensed.Stuck(sensor="upper_39"),
+    "dead:sensor=base_7": sensed.Dead(sensor="base_7"),
+    "swap:sensors=base_0+base_7": sensed.Swap(sensors=("base_0", "base_7")),
+    "quantise:step=5": sensed.Quantise(step=5.0),
     "wire_errors:bit_error_rate=0.001,node=ecu,at=receive": kinds.WireNoise(
         bit_error_rate=0.001, node="ecu", at="receive"
     ),
