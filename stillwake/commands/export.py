@@ -208,7 +208,7 @@ def _export_model(
 
     used = recording() if dataset is None else dataset
     with files.library() as folder, phases("export", PHASES) as (report, phase):
-        done = export_all(
+        done, release = export_all(
             model,
             output,
             name=name,
@@ -216,14 +216,13 @@ def _export_model(
             config=config,
             created=date.today(),
             precision=precision,
-            library=_library(folder, output, config) if files.in_c else None,
+            library=_library(folder, config) if files.in_c else None,
             key=files.key,
             named=dataset is not None,
             estimator=partial(fitted_estimator, used, report) if estimator else None,
             notice=console.print,
             phase=phase,
         )
-        release = bundles.load(output)
         bill = write_bom(output, release_bom(release, read_files(output)))
         files.write(folder, release, config)
     print_table("check", "measured", rows=_measured(gate_figures(done)))
@@ -238,17 +237,15 @@ def _export_model(
     files.write_for_testers(release, config)
 
 
-def _library(folder: Path, output: Path, config: Config) -> "CLibrary":
-    """The C library to write into a folder, with the ECU of the bundle at `output`."""
+def _library(folder: Path, config: Config) -> "CLibrary":
+    """The C library to write into a folder, with the ECU of its release."""
     from ecu.in_c.host_library import CController
     from export.release.pipeline import CLibrary
     from export.release.sbom import folder_bom
     from stillwake.parts.c_release import ecu_files
 
-    ecu = partial(ecu_files, output, config=config, notice=console.print)
-    return CLibrary(
-        folder=folder, compiled=CController, ecu=ecu, bill=lambda files: folder_bom(files, bundles.load(output))
-    )
+    ecu = partial(ecu_files, config=config, notice=console.print)
+    return CLibrary(folder=folder, compiled=CController, ecu=ecu, bill=folder_bom)
 
 
 def _print_remarks(done: "Gated", config: Config) -> None:
@@ -283,13 +280,11 @@ def _export_shipped(files: _Files, given: list[str]) -> None:
     _check_c_settings(config)
 
     from export.release.pipeline import PHASES, gate_figures
-    from export.release.sbom import folder_bom
     from stillwake.parts.c_release import write_shipped_library
 
     release = open_release(None)
     with files.library() as folder, phases("export", PHASES) as (_, phase):
-        bill = partial(folder_bom, bundle=release)
-        done = write_shipped_library(folder, release, config, bill=bill, notice=console.print, phase=phase)
+        done = write_shipped_library(folder, release, config, billed=True, notice=console.print, phase=phase)
         files.write(folder, release, config)
     print_table("check", "measured", rows=_measured(gate_figures(done)))
     if files.c is not None:
