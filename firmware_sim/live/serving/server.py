@@ -14,10 +14,17 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application
 
 from contract.errors import StillwakeError
-from firmware_sim.live.serving.access import Access
-from firmware_sim.live.serving.control import LONGEST_REQUEST
-from firmware_sim.live.serving.handlers import STALLED_S, Control, Files, Guarded, Served, Stream
-from firmware_sim.live.serving.stepping import MakeSession
+from firmware_sim.live.serving.handlers import (
+    LONGEST_REQUEST,
+    STALLED_S,
+    Access,
+    Control,
+    Files,
+    Guarded,
+    Served,
+    Stream,
+)
+from firmware_sim.live.serving.process import MakeSession
 from firmware_sim.live.serving.supervisor import Supervisor
 
 PAGE: Final = Path(str(files("firmware_sim.live").joinpath("page")))

@@ -2,8 +2,7 @@
 
 import json
 
-from firmware_sim.live.serving.access import Access
-from firmware_sim.live.serving.control import as_json, check
+from firmware_sim.live.serving.handlers import Access, as_json, check
 
 HERE = Access(token=None)
 FAR = Access(token="right")

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_sim.live.loop.messages import Message
-from firmware_sim.live.serving.hub import MOST_ROWS, STREAMS, Hub, Viewer
+from firmware_sim.live.serving.supervisor import MOST_ROWS, STREAMS, Hub, Viewer
 from tests.examples import examples
 from tests.firmware_sim.live.serving.fake_session import hello, periods
 

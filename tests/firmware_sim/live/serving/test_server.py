@@ -18,9 +18,7 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from contract.errors import StillwakeError
 from firmware_sim.live.serving import handlers, server
-from firmware_sim.live.serving.access import Access
-from firmware_sim.live.serving.control import LONGEST_REQUEST
-from firmware_sim.live.serving.handlers import MOST_UNANSWERED, SEND_BUFFER, TRY_AGAIN_LATER
+from firmware_sim.live.serving.handlers import LONGEST_REQUEST, MOST_UNANSWERED, SEND_BUFFER, TRY_AGAIN_LATER, Access
 from firmware_sim.live.serving.server import BoundedServer, application, serve
 from firmware_sim.live.serving.supervisor import Supervisor
 from tests.firmware_sim.live.serving.fake_session import PICTURE_BYTES, MakeFake
