@@ -10,14 +10,44 @@ sent and under way stays in units of the design speed, in which the jets' limits
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from contract.arrays import Array
 from contract.controller.interface import FORCES, Controller, ControllerError, ControlStep
 from contract.controller.resampling import followed, places
-from ecu.delay_line import DelayLine
+
+
+@dataclass(frozen=True)
+class DelayLine:
+    """The latest `delay + 1` values, oldest first; the line is always full. `values` is (delay + 1,)."""
+
+    values: tuple[float, ...]
+
+    @classmethod
+    def filled(cls, delay: int, value: float = 0.0) -> Self:
+        """A line on which `value` stands everywhere; `delay` in control periods."""
+        return cls((value,) * (delay + 1))
+
+    @property
+    def in_force(self) -> float:
+        """What takes effect now: given `delay` periods ago."""
+        return self.values[0]
+
+    @property
+    def newest(self) -> float:
+        """What was given last."""
+        return self.values[-1]
+
+    @property
+    def pending(self) -> tuple[float, ...]:
+        """What takes effect in the next `delay` periods, (delay,)."""
+        return self.values[1:]
+
+    def pushed(self, value: float) -> Self:
+        """The line one period later, with `value` given now."""
+        return type(self)((*self.values[1:], value))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -9,8 +9,8 @@ from threading import Event, Thread
 from typing import Final, Self
 
 from can_bridge.wire.frame import Frame
-from ecu.flashable.diagnostic_link import MOST_FRAMES
 from ecu.flashable.flashable_ecu import FlashableEcu
+from ecu.flashable.links import MOST_FRAMES
 from ecu.real_time.inbox import Inbox
 from ecu.real_time.privileges import step_back
 

@@ -18,12 +18,12 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus, Reason
 from contract.config.tree import Config
 from ecu.ecu_state import EcuState, Trace
-from ecu.flashable.diagnostic_link import MOST_FRAMES
 from ecu.flashable.equipment import Equipment
 from ecu.flashable.event_log import Access, log_access
+from ecu.flashable.links import MOST_FRAMES
 from ecu.flashable.power_cycle import PowerCycle
-from ecu.flashable.shut_ecu import ShutEcu
-from ecu.flashable.vehicle_request import VehicleRequest
+from ecu.flashable.watched_control import VehicleRequest
+from ecu.shut_ecu import ShutEcu
 from ecu.stepped import CalibratedEcu
 
 

@@ -16,17 +16,13 @@ from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Nrc
 from contract.config.tree import Config
 from contract.release.checks import Bundle
-from ecu.flashable.calibration_link import CalibrationLink
-from ecu.flashable.diagnostic_link import DiagnosticLink
 from ecu.flashable.ecu_services import EcuServices
-from ecu.flashable.equipment import Equipment
+from ecu.flashable.equipment import Equipment, identification
 from ecu.flashable.event_log import Access, log_boot, log_routine
-from ecu.flashable.fault_watch import FaultWatch
-from ecu.flashable.identification import identification
-from ecu.flashable.self_test import self_test
-from ecu.flashable.shut_ecu import ShutEcu
-from ecu.flashable.vehicle_fit import VehicleFit
-from ecu.flashable.vehicle_request import VehicleRequest
+from ecu.flashable.links import CalibrationLink, DiagnosticLink
+from ecu.flashable.vehicle_fit import VehicleFit, self_test
+from ecu.flashable.watched_control import FaultWatch, VehicleRequest
+from ecu.shut_ecu import ShutEcu
 from ecu.stepped import CalibratedEcu
 
 

@@ -1,4 +1,4 @@
-/* Whether the release that runs computes on this very chip. The twin of ecu/flashable/self_test.py.
+/* Whether the release that runs computes on this very chip. The twin of ecu/flashable/vehicle_fit.py.
  *
  * It uses the ECU's own memory for the control step: nothing of it is read in a later period.
  */

@@ -1,5 +1,5 @@
 /* An ECU without a release: it keeps the jets shut and reports why, and can be flashed all the same. The twin of
- * ecu/flashable/shut_ecu.py.
+ * ecu/shut_ecu.py.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"

@@ -16,7 +16,7 @@ from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release import controller_image, signing
-from ecu.flashable.diagnostic_link import isotp_settings
+from ecu.flashable.links import isotp_settings
 from ecu.in_c.c_ecu import ecu_sources
 from ecu.in_c.c_image import controller_image as image_of
 from ecu.in_c.c_image import read_packed
