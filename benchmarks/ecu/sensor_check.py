@@ -268,7 +268,9 @@ def _faults(lab: Lab, release: Bundle, moments: Sequence[Moment]) -> list[dict[s
         **{f"bias {level:+d}": Bias(sensor="", level=float(level)) for level in (1, -1, 2, -2)},
         f"drift 2 in {DRIFT_PERIODS}": Drift(sensor="", level=2.0, over_s=over_s),
     }
-    cases = [(name, (j,), partial(_on_each, one, (j,))) for name, one in single.items() for j in range(len(names))]
+    cases: list[tuple[str, tuple[int, ...], Callable[[], list[SensorFault]]]] = [
+        (name, (j,), partial(_on_each, one, (j,))) for name, one in single.items() for j in range(len(names))
+    ]
     both, swap = pairs(len(names)), Swap(sensors=("one", "other"))
     cases += [("swapped", pair, partial(_on_each, swap, (pair,))) for pair in both]
     cases += [("both dead", pair, partial(_on_each, single["dead"], pair)) for pair in both]

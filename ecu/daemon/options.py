@@ -11,7 +11,7 @@ from can_bridge.secoc.key import read_key
 from can_bridge.secoc.node import Authentication
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from ecu.daemon.events import Event, plain
+from ecu.daemon.reporter import Event, plain
 from ecu.real_time.privileges import Wanted
 
 FRESHNESS: Final = "freshness.json"

@@ -22,8 +22,7 @@ from ecu.daemon.reporter import Reporter
 from ecu.daemon.systemd import Notifier
 from ecu.real_time import clock
 from ecu.real_time.privileges import in_words, taken
-from ecu.real_time.stage_times import LONGEST, EcuStage, StageTimes
-from ecu.real_time.timed_controller import PlanTimes
+from ecu.real_time.stage_times import LONGEST, EcuStage, PlanTimes, StageTimes
 from ecu.stepped import SteppedEcu
 
 Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]

@@ -1,12 +1,15 @@
-"""The thread that reports to the outside: log lines, the file of counters, the freshness file.
+"""The thread that reports to the outside: log lines for people or as JSON, the file of counters, the freshness file.
 
 The control loop never waits. Writing may block on a slow disk or a full pipe, and may fail on a full one; neither
 reaches the control steps.
 """
 
+import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
@@ -15,8 +18,34 @@ from typing import Final, Self
 from contract.atomic import replacing
 from contract.errors import StillwakeError
 from ecu.daemon.counters import Counters, text
-from ecu.daemon.events import Event
 from ecu.real_time.privileges import step_back
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """One of them; `date_ns` counts from the epoch."""
+
+    date_ns: int
+    name: str
+    text: str
+    fields: Mapping[str, str | int | float] = field(default_factory=dict)
+
+
+def plain(event: Event) -> str:
+    """A line for people: `12:34:56.789 ecu: bus lost: ...`, UTC."""
+    text = " ".join(event.text.split())
+    return f"{_moment(event):%H:%M:%S}.{event.date_ns // 1_000_000 % 1000:03d} ecu: {text}"
+
+
+def as_json(event: Event) -> str:
+    """A line of JSON: `time` (RFC 3339, UTC), `event`, `text`, and the event's fields."""
+    stamp = f"{_moment(event):%Y-%m-%dT%H:%M:%S}.{event.date_ns // 1000 % 1_000_000:06d}Z"
+    return json.dumps({"time": stamp, "event": event.name, "text": event.text, **event.fields})
+
+
+def _moment(event: Event) -> datetime:
+    return datetime.fromtimestamp(event.date_ns // 1_000_000_000, UTC)
+
 
 INTERVAL_S: Final = 1.0
 """Between two versions of the file of counters."""

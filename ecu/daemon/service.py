@@ -13,7 +13,7 @@ from ecu.daemon.process import Served, check, run
 from ecu.ecu import Ecu
 from ecu.fit import check_vehicle
 from ecu.real_time import clock
-from ecu.real_time.timed_controller import TimedController
+from ecu.real_time.stage_times import TimedController
 
 __all__ = ["WARM_UP_STEPS", "Options", "freshness_file", "serve"]
 

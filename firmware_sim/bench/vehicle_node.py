@@ -28,8 +28,7 @@ from contract.config.tree import Config
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from ecu.controller_memory import DelayLine
-from firmware_sim.bench.command_losses import CommandLosses
-from firmware_sim.bench.echo import EchoTracker
+from firmware_sim.bench.heard_commands import CommandLosses, EchoTracker
 
 _DRIVING: Final = (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
 

@@ -20,10 +20,9 @@ from ecu.fit import check_sensors
 from ecu.stepped import LoopEcu
 from firmware_sim.bench.virtual_loop import check_bit_rates
 from firmware_sim.live import present
-from firmware_sim.live.event_log import EventLog
 from firmware_sim.live.loop.live_run import LiveRun, Period
 from firmware_sim.live.loop.messages import Answer, Choice, Message, pack_field
-from firmware_sim.live.loop.noticing import START, noticed
+from firmware_sim.live.loop.noticing import START, EventLog, noticed
 from firmware_sim.live.settings import CONTROLLERS, Asked, LiveSettings, asked, changes
 from wake.plant.protocol import LoopPlant
 

@@ -16,9 +16,8 @@ from stillwake.console import options as shared
 from stillwake.console.settings import DIAGNOSIS, REAL_BUS, WEIGHTS, settings, with_bus
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import console, visible
-from stillwake.parts.asked_calibration import asked_calibration
 from stillwake.parts.firmware import run_firmware
-from stillwake.parts.releases import open_release, signature
+from stillwake.parts.releases import asked_calibration, open_release, signature
 
 if TYPE_CHECKING:
     from ecu.daemon.service import Options
@@ -107,7 +106,7 @@ def run(
 
     stillwake ecu --mcu flash.bin --library ecu_c --root root/release.pub --access access.key --bus socketcan:can0
     """
-    from ecu.daemon.events import as_json, plain
+    from ecu.daemon.reporter import as_json, plain
     from ecu.daemon.service import Options
     from ecu.real_time.privileges import Wanted
 

@@ -1,6 +1,7 @@
 """A run as plain values for the script of its page: what stays, the series, the events, the recorded wake."""
 
 import base64
+import re
 from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
@@ -13,10 +14,49 @@ from firmware_sim.runs.control import SKIPPED, set_aside
 from firmware_sim.runs.pictures import mode_spans
 from firmware_sim.runs.reasons import BECAUSE, DOES
 from firmware_sim.runs.run_log import WALL, RunLog
-from firmware_sim.runs.run_page.disturbed import disturbed
 from firmware_sim.runs.statistics import NoAverages, averages, latency, planned_steps, rounded, sample_to_jets_ms
 from firmware_sim.runs.wake_stills import WakeStills
 from wake.pictures.drawing import outline
+
+_SENSOR: Final = re.compile(r"^(\w+):(?:.*,)?sensor=([^,]+)")
+
+
+class Disturbed(NamedTuple):
+    """A disturbance over a stretch of a run.
+
+    Attributes:
+        what: its text without its time.
+        first, after: first period that it may act in, and the one after the last.
+    """
+
+    what: str
+    first: int
+    after: int
+
+    @property
+    def sensor(self) -> tuple[str, str] | None:
+        """(name, kind) of the one sensor that it is of; None for every other disturbance."""
+        match = _SENSOR.match(self.what)
+        return None if match is None else (match[2], match[1])
+
+
+def disturbed(log: RunLog) -> Iterator[Disturbed]:
+    """In the order in which they were given. One without a time lasts from the begin to the end."""
+    count = len(log.series["t"])
+    for fault in log.metadata.faults:
+        what, _, span = fault.text.partition("@")
+        begin, _, end = span.partition("..")
+        first, after = _period(log, begin), _period(log, end)
+        yield Disturbed(what, 0 if first is None else min(first, count - 1), count if after is None else after)
+
+
+def _period(log: RunLog, seconds: str) -> int | None:
+    """The first one at or after a time of the run; None where the text has none."""
+    try:
+        return max(0, int(-(-float(seconds) * 1e9 // log.metadata.config.period_ns)))
+    except (ValueError, OverflowError):
+        return None
+
 
 MOST: Final = 400
 """Events of a page: a bus that loses frames changes the mode again and again."""

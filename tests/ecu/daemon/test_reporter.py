@@ -9,8 +9,7 @@ import pytest
 
 from contract.errors import BusError
 from ecu.daemon.counters import Counters
-from ecu.daemon.events import Event, as_json, plain
-from ecu.daemon.reporter import Reporter
+from ecu.daemon.reporter import Event, Reporter, as_json, plain
 from ecu.ecu_state import EcuState
 from tests.ecu.daemon.conftest import wait_for
 

@@ -23,7 +23,7 @@ from contract.release import bundle as bundles
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from ecu.daemon.counters import Counters
-from ecu.daemon.events import as_json
+from ecu.daemon.reporter import as_json
 from ecu.daemon.service import Options, freshness_file, serve
 from ecu.real_time.privileges import Wanted
 from ecu.real_time.stage_times import EcuStage, load

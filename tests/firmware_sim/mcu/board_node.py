@@ -21,8 +21,8 @@ from ecu.in_c.c_ecu import ecu_sources
 from ecu.in_c.c_image import controller_image as image_of
 from ecu.in_c.c_image import read_packed
 from firmware_sim.mcu.board.board_ecu import BoardEcu
-from firmware_sim.mcu.board.equipment import equipment_header
 from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
+from firmware_sim.mcu.board.on_a_bus import equipment_header
 from firmware_sim.mcu.build import EQUIPMENT
 from firmware_sim.mcu.elf import Firmware
 from tests.can_bridge.flashing.releases import RELEASE, ROOT

@@ -16,7 +16,7 @@ from ecu.ecu_state import EcuState
 from ecu.fail_safe import FailSafe, OperatingMode
 from ecu.pressure_reception import PressureReception
 from ecu.timing import Timing
-from firmware_sim.bench.echo import EchoTracker
+from firmware_sim.bench.heard_commands import EchoTracker
 from firmware_sim.bench.vehicle_node import VehicleNode
 from tests.proofs.ecu import hostile
 from tests.proofs.ecu.hostile_world import Events, RandomEvents, World
