@@ -10,11 +10,11 @@ sent and under way stays in units of the design speed, in which the jets' limits
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
-from contract.arrays import Array
+from contract.arrays import Array, ArrayValue
 from contract.controller.interface import FORCES, Controller, ControllerError, ControlStep
 from contract.controller.resampling import followed, places
 
@@ -51,7 +51,7 @@ class DelayLine:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Past:
+class Past(ArrayValue):
     """The rows of the latest control periods at the speeds they had; a value with read-only arrays.
 
     Attributes:
@@ -63,21 +63,6 @@ class Past:
     rows: Array
     speeds: Array
     count: int
-
-    def __post_init__(self) -> None:
-        _read_only(self.rows)
-        _read_only(self.speeds)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # Unpickled and deeply copied arrays are writeable.
-        self.__dict__.update(state)
-        self.__post_init__()
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Past):
-            return NotImplemented
-        same = np.array_equal(self.rows, other.rows) and np.array_equal(self.speeds, other.speeds)
-        return same and self.count == other.count
 
     @staticmethod
     def empty(periods: int, sensors: int) -> "Past":
@@ -109,7 +94,7 @@ class Past:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ControllerMemory:
+class ControllerMemory(ArrayValue):
     """A value: every method returns a new memory and leaves this one as it is. The arrays are read-only.
 
     Attributes:
@@ -128,13 +113,6 @@ class ControllerMemory:
     plan: Array
     under_way: DelayLine
     past: Past | None = None
-
-    def __post_init__(self) -> None:
-        # A writeable array may belong to the caller, who may change it later.
-        if self.window.flags.writeable:
-            object.__setattr__(self, "window", _read_only(self.window.copy()))
-        if self.plan.flags.writeable:
-            object.__setattr__(self, "plan", _read_only(self.plan.copy()))
 
     @staticmethod
     def empty(*, length: int, sensors: int, horizon: int, delay: int, past: int = 0) -> "ControllerMemory":
@@ -155,21 +133,6 @@ class ControllerMemory:
             under_way=DelayLine.filled(delay),
             past=Past.empty(past, sensors) if past else None,
         )
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, ControllerMemory):
-            return NotImplemented
-        return (
-            (self.rows, self.gap, self.under_way, self.past) == (other.rows, other.gap, other.under_way, other.past)
-            and np.array_equal(self.window, other.window)
-            and np.array_equal(self.plan, other.plan)
-        )
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # Unpickled and deeply copied arrays are writeable.
-        self.__dict__.update(state)
-        for array in (self.window, self.plan):
-            _read_only(array)
 
     @property
     def is_full(self) -> bool:
@@ -216,7 +179,7 @@ class ControllerMemory:
         window = self.window.copy()
         first = len(window) - self.rows
         window[first:, sensor] = values[first:]
-        return replace(self, window=_read_only(window))
+        return replace(self, window=window)
 
     def commanded(self, action: float) -> "ControllerMemory":
         """With an action sent in this period, in U_inf W."""
@@ -244,7 +207,7 @@ class ControllerMemory:
         memory = self if self.past is None else self.emptied()
         return replace(
             memory,
-            window=_read_only(window) if self.past is None else memory.window,
+            window=window if self.past is None else memory.window,
             plan=self.plan[planned_at.clip(0, len(self.plan) - 1)],
             under_way=DelayLine(tuple(under_way.tolist())),
         )
@@ -288,9 +251,9 @@ class ControllerMemory:
                 row[:-1] = followed(self.past.rows[-1, :-1], cp, speed)
             past = self.past.with_row(row, speed)
             window, rows = past.read(len(self.window))
-            return replace(self, window=_read_only(window), rows=rows, gap=gap, past=past)
+            return replace(self, window=window, rows=rows, gap=gap, past=past)
         window = np.vstack([self.window[1:], row])
-        return replace(self, window=_read_only(window), rows=min(self.rows + 1, len(window)), gap=gap)
+        return replace(self, window=window, rows=min(self.rows + 1, len(window)), gap=gap)
 
 
 def _checked(name: str, values: object, shape: tuple[int, ...]) -> Array:
@@ -299,9 +262,4 @@ def _checked(name: str, values: object, shape: tuple[int, ...]) -> Array:
         raise ControllerError(f"the controller's {name} is no array of numbers of shape {shape}")
     if not np.isfinite(values).all():
         raise ControllerError(f"the controller's {name} is not finite")
-    return _read_only(values.astype(np.float64))
-
-
-def _read_only(array: Array) -> Array:
-    array.flags.writeable = False
-    return array
+    return values.astype(np.float64)

@@ -25,7 +25,7 @@ from typing import Any, Final, NamedTuple, Protocol
 import numpy as np
 
 from can_bridge.wire.messages import Reason
-from contract.arrays import Array
+from contract.arrays import Array, ArrayValue
 from contract.config.tree import Config
 from contract.config.vehicle import SensorCheckConfig
 from contract.controller.estimator import Hypotheses, pairs
@@ -67,7 +67,7 @@ class Estimator(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SensorCheckState:
+class SensorCheckState(ArrayValue):
     """After a control period. The arrays have a row a hypothesis, S + P of them (`Hypotheses`), and are read-only.
 
     Attributes:
@@ -111,24 +111,6 @@ class SensorCheckState:
             flat=np.zeros(sensors),
             estimates=np.zeros((window, sensors)),
         )
-
-    def __post_init__(self) -> None:
-        for array in self._arrays():
-            array.flags.writeable = False
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # Unpickled and deeply copied arrays are writeable.
-        self.__dict__.update(state)
-        self.__post_init__()
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, SensorCheckState):
-            return NotImplemented
-        both = zip(vars(self).values(), vars(other).values(), strict=True)
-        return all(np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray) else a == b for a, b in both)
-
-    def _arrays(self) -> list[Array]:
-        return [item for item in vars(self).values() if isinstance(item, np.ndarray)]
 
     @property
     def mask(self) -> int:
