@@ -70,7 +70,7 @@ class Past(ArrayValue):
         return Past(rows=np.zeros((periods, sensors + 1)), speeds=np.zeros(periods), count=0)
 
     def with_row(self, row: Array, speed: float) -> "Past":
-        """With this period's row, (S + 1,)."""
+        """Add this period's row, (S + 1,)."""
         return Past(
             rows=np.vstack([self.rows[1:], row]),
             speeds=np.append(self.speeds[1:], speed),
@@ -78,7 +78,7 @@ class Past(ArrayValue):
         )
 
     def with_column(self, sensor: int, values: Array) -> "Past":
-        """With other pressures of one sensor, (N,), in the rows that have come."""
+        """Put other pressures of one sensor, (N,), into the rows that have come."""
         rows, first = self.rows.copy(), len(self.rows) - self.count
         rows[first:, sensor] = values[first:]
         return replace(self, rows=rows)
@@ -146,15 +146,15 @@ class ControllerMemory(ArrayValue):
 
     @property
     def speed(self) -> float:
-        """Of the newest row, in design speeds."""
+        """The speed of the newest row, in design speeds."""
         return 1.0 if self.past is None or not self.past.count else float(self.past.speeds[-1])
 
     def observed(self, cp: Array, speed: float = 1.0) -> "ControllerMemory":
-        """With a row for this period; cp is (S,), at that speed."""
+        """Add a row for this period; cp is (S,), at that speed."""
         return self._extended(cp, speed, gap=0)
 
     def bridged(self, longest_gap: int) -> "ControllerMemory":
-        """With a stand-in for a period without pressures: the last ones again. Before the first row there is none.
+        """Add a stand-in for a period without pressures: the last ones again. Before the first row there is none.
 
         A gap of more than `longest_gap` periods empties the window, so that the controller never plans from
         pressures long past.
@@ -172,7 +172,7 @@ class ControllerMemory(ArrayValue):
         return replace(self, window=np.zeros_like(self.window), rows=0, past=past)
 
     def with_column(self, sensor: int, values: Array) -> "ControllerMemory":
-        """With other pressures of one sensor in the rows that have come: (L,), or (N,) of a past."""
+        """Put other pressures of one sensor into the rows that have come: (L,), or (N,) of a past."""
         if self.past is not None:
             past = self.past.with_column(sensor, values)
             return replace(self, past=past, window=past.read(len(self.window))[0])
@@ -182,11 +182,11 @@ class ControllerMemory(ArrayValue):
         return replace(self, window=window)
 
     def commanded(self, action: float) -> "ControllerMemory":
-        """With an action sent in this period, in U_inf W."""
+        """Add an action sent in this period, in U_inf W."""
         return replace(self, under_way=self.under_way.pushed(action))
 
     def with_delay(self, delay: int) -> "ControllerMemory":
-        """With another delay of the actuator, between two control periods; `delay` is less than the horizon.
+        """Change to another delay of the actuator, between two control periods; `delay` is less than the horizon.
 
         What was sent stays as it was sent. What moves is when it is taken to act: under way are the latest `delay`
         actions, and a row of the window has the action that was in force by the new delay. An action from before the
@@ -213,7 +213,7 @@ class ControllerMemory(ArrayValue):
         )
 
     def without_plan(self) -> "ControllerMemory":
-        """With a plan of zeros: the next optimisation starts from none."""
+        """Put zeros in place of the plan: the next optimisation starts from none."""
         return replace(self, plan=np.zeros_like(self.plan)) if self.plan.any() else self
 
     def planned(

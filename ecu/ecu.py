@@ -121,7 +121,7 @@ class Ecu:
 
     @property
     def state(self) -> EcuState:
-        """After the latest step."""
+        """The state after the latest step."""
         return self._state
 
     def restore(self, state: EcuState) -> None:

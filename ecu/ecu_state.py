@@ -42,7 +42,7 @@ class Around(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True)
 class EcuState:
-    """After a control period; times in the clock of the frames' timestamps.
+    """The state after a control period; times in the clock of the frames' timestamps.
 
     Attributes:
         memory: window, plan and actions under way.
@@ -97,7 +97,7 @@ class EcuState:
         )
 
     def authenticated(self, authentication: Authentication | None, messages: MessageSet) -> Self:
-        """With what the node needs of `bus.key`, at power-on; the same without a key."""
+        """Add what the node needs of `bus.key`, at power-on; the same without a key."""
         if authentication is None:
             return self
         speed = replace(self.speed, verifier=authentication.verifier(messages.speed.spec))

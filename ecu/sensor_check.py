@@ -68,7 +68,8 @@ class Estimator(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorCheckState(ArrayValue):
-    """After a control period. The arrays have a row a hypothesis, S + P of them (`Hypotheses`), and are read-only.
+    """The state after a control period. The arrays have a row a hypothesis, S + P of them (`Hypotheses`), and are
+    read-only.
 
     Attributes:
         residual: of the latest judged period, in Cp; NaN before the first.
@@ -155,7 +156,7 @@ class SensorCheck:
 
     @classmethod
     def of(cls, figures: SensorEstimator, estimator: Estimator, config: SensorCheckConfig) -> "SensorCheck":
-        """With a manifest's figures."""
+        """The check with a manifest's figures."""
         fast, slow = (_with_swaps(np.array(table)) for table in (figures.fast, figures.slow))
         return cls(estimator=estimator, fast=fast, slow=slow, config=config)
 

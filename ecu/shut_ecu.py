@@ -38,7 +38,7 @@ class ShutEcu:
 
     @property
     def state(self) -> EcuState:
-        """After the latest step."""
+        """The state after the latest step."""
         return self._state
 
     @property

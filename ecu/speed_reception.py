@@ -26,7 +26,7 @@ SHORTEST_S: Final = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedState:
-    """After a control period.
+    """The speed as it is known after a control period.
 
     Attributes:
         believed: the vehicle's speed in design speeds; None where it is not known.
@@ -64,7 +64,7 @@ class SpeedReception:
     def of(
         cls, manifest: Manifest, config: Config, message: Message[VehicleSpeed], key: Key | None
     ) -> "SpeedReception | None":
-        """For a release; None for one that does not need the speed."""
+        """The reception of a release; None for one that does not need the speed."""
         if manifest.speeds is None:
             return None
         return cls(
@@ -77,7 +77,7 @@ class SpeedReception:
         )
 
     def next(self, state: SpeedState, frames: Sequence[Frame], now_ns: int) -> SpeedState:
-        """After the frames of a period, oldest first."""
+        """Take the frames of a period, oldest first."""
         spec = self.message.spec
         verifier, frames, _ = verified(state.verifier, frames, spec=spec, key=self.key)
         receiver, reception = receive(state.receiver, frames, spec=spec, config=self.e2e)
@@ -98,7 +98,8 @@ class SpeedReception:
         return None if state.believed is None else 0.5 * state.density * through_air * through_air
 
     def present(self, state: SpeedState) -> float:
-        """Of the vehicle, in design speeds: within the release's range, and 1 where it is not known or too far out."""
+        """The vehicle's speed in design speeds: within the release's range, and 1 where it is not known or too far
+        out."""
         if state.believed is None or state.is_off:
             return 1.0
         return min(max(state.believed, self.speeds.slowest), self.speeds.fastest)
@@ -108,7 +109,7 @@ class SpeedReception:
         return round(self.config.oldest_ms * 1e6)
 
     def _believed(self, state: SpeedState, stated: VehicleSpeed, measured_ns: int, now_ns: int) -> SpeedState:
-        """With a new speed, unless it is old, or no vehicle gets from the last one to it so fast."""
+        """Believe a new speed, unless it is old, or no vehicle gets from the last one to it so fast."""
         if stated.speed_m_per_s is None or not 0 <= now_ns - measured_ns <= self._oldest_ns:
             return state
         if state.believed is not None:

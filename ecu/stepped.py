@@ -16,7 +16,7 @@ class SteppedEcu(Protocol):
 
     @property
     def state(self) -> EcuState:
-        """After the latest step."""
+        """The state after the latest step."""
 
     @property
     def trace(self) -> Trace:

@@ -19,7 +19,7 @@ C as here."""
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """After a control step.
+    """The timing after a control step.
 
     Attributes:
         step_ns: its time; None before the first. -1 stands for any before 0, and `LATEST_NS` for any after that.
@@ -36,7 +36,7 @@ class Timing:
     fault: Reason | None = None
 
     def next(self, now_ns: int, period_ns: int, config: EcuConfig) -> "Timing":
-        """After the step at `now_ns`."""
+        """Count the step at `now_ns`."""
         if not 0 <= now_ns <= LATEST_NS or (self.step_ns is not None and now_ns <= self.step_ns):
             held_ns = min(max(now_ns, -1), LATEST_NS)
             return replace(self, step_ns=held_ns, lag_ns=0, skipped=0, fault=Reason.CLOCK)

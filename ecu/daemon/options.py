@@ -51,7 +51,7 @@ def freshness_file(options: Options) -> Path:
 
 
 def authentication_of(config: Config, options: Options) -> tuple[FreshnessStore | None, Authentication | None]:
-    """By the settings: none without a key; raises KeyFileError for one that cannot be read."""
+    """Open what the settings name: none without a key; raises KeyFileError for one that cannot be read."""
     if not config.bus.key:
         return None, None
     key = read_key(Path(config.bus.key))

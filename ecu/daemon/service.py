@@ -1,4 +1,4 @@
-"""From a release and settings to an ECU that runs: everything is opened and tried before the first frame goes out."""
+"""Make an ECU that runs of a release and settings: everything is opened and tried before the first frame goes out."""
 
 from collections.abc import Callable
 from typing import Final

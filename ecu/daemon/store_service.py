@@ -106,7 +106,7 @@ class Log:
         self.release = NO_RELEASE
 
     def tell(self, event: str, line: str, **fields: Fields) -> None:
-        """As `Equipment.log`."""
+        """Log as `Equipment.log` does."""
         if event == "no_release":
             self.release = NO_RELEASE
         elif "digest" in fields:

@@ -70,7 +70,7 @@ class FlashableEcu:
 
     @property
     def state(self) -> EcuState:
-        """After the latest step."""
+        """The state after the latest step."""
         return self._ecu.state
 
     @property
@@ -90,7 +90,7 @@ class FlashableEcu:
 
     @property
     def store(self) -> Store:
-        """As of the latest boot."""
+        """The store as of the latest boot."""
         return self._serviced.store
 
     @property

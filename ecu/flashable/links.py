@@ -40,7 +40,7 @@ def isotp_settings(config: BusConfig, *, is_tester: bool = False) -> IsoTpSettin
 
 
 class DiagnosticLink:
-    """After power-on.
+    """The link after power-on.
 
     Args:
         config: of the bus: CAN FD or classic frames, identifiers.
@@ -126,7 +126,7 @@ class CalibrationLink:
             equipment.log("calibration_dropped", f"stored calibration not used: {error}")
 
     def hand_over(self) -> None:
-        """At the beginning of a control period: give the ECU other values, if others are in force now."""
+        """Give the ECU other values at the beginning of a control period, if others are in force now."""
         if (calibration := self._segment.take()) is not None:
             self._ecu.calibrate(calibration)
 

@@ -27,8 +27,8 @@ from ecu.stepped import CalibratedEcu
 
 
 class PowerCycle:
-    """From one boot to the next reset. Raises ConfigError for `bus.key` without `authentication`, or the other way
-    round.
+    """The time from one boot to the next reset. Raises ConfigError for `bus.key` without `authentication`, or the
+    other way round.
 
     Args:
         request: of the vehicle, as last seen.

@@ -19,7 +19,7 @@ REMEMBERED_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleRequest:
-    """As seen in the control steps.
+    """The request as seen in the control steps.
 
     Attributes:
         asked_ns: of the latest step with usable pressures that asked for control; None before the first.
@@ -30,7 +30,7 @@ class VehicleRequest:
     drives_jets: bool = False
 
     def seen(self, before: EcuState, after: EcuState, now_ns: int) -> Self:
-        """After one more control step."""
+        """Look at one more control step."""
         usable = after.missed == before.missed
         asks = usable and after.fail_safe.enable_request
         return replace(self, asked_ns=now_ns if asks else self.asked_ns, drives_jets=after.fail_safe.mode.drives_jets)
@@ -53,7 +53,7 @@ class FaultWatch:
         self._power_on_ns: int | None = None
 
     def seen(self, before: EcuState, after: EcuState, now_ns: int) -> None:
-        """After one more control period."""
+        """Look at one more control period."""
         is_first, now_ns = self._power_on_ns is None, max(0, now_ns)
         self._power_on_ns = now_ns if self._power_on_ns is None else self._power_on_ns
         was, now = before.fail_safe.mode, after.fail_safe.mode

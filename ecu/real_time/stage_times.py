@@ -95,7 +95,7 @@ class StageTimes:
         return np.roll(self._table, -(self._begun % len(self._table)), axis=0)
 
     def save(self, path: Path) -> None:
-        """As .npz, whole or not at all: `columns`, the names, and `rows`. Raises StillwakeError if it cannot be
+        """Write as .npz, whole or not at all: `columns`, the names, and `rows`. Raises StillwakeError if it cannot be
         written."""
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez(file, columns=np.array([stage.name.lower() for stage in self._stages]), rows=self.rows())

@@ -76,12 +76,12 @@ class Disturbing:
 
     @property
     def corrupts(self) -> Corrupts | None:
-        """For a `SimulatedBus`: what is wrong for all nodes."""
+        """The errors of a `SimulatedBus` that are wrong for all nodes."""
         return self._wire("send")
 
     @property
     def mishears(self) -> Corrupts | None:
-        """For a `SimulatedBus`: what one receiver hears wrong."""
+        """The errors of a `SimulatedBus` that one receiver hears wrong."""
         return self._wire("receive")
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:

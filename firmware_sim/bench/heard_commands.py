@@ -32,18 +32,18 @@ class EchoTracker:
     echoed: int | None = None
 
     def sent(self, counter: int, now_ns: int) -> "EchoTracker":
-        """After a frame with this counter was sent."""
+        """Count a frame with this counter that was sent."""
         newest = counter
         if self.newest is not None:
             newest = self.newest + (counter - self.newest) % self.counter_period
         return replace(self, newest=newest, kept=(*self.kept, now_ns)[-self.counter_period :])
 
     def interrupted(self) -> "EchoTracker":
-        """After commands stayed away, or came without an echo."""
+        """Forget the echo after commands stayed away, or came without an echo."""
         return replace(self, echoed=None)
 
     def received(self, counter: int) -> "EchoTracker":
-        """After a command with this echo; without one to follow if it is of no frame that was sent."""
+        """Follow a command with this echo; without one to follow if it is of no frame that was sent."""
         if self.newest is None:
             return self
         oldest = self.newest - len(self.kept) + 1 if self.echoed is None else self.echoed
@@ -86,11 +86,11 @@ class CommandLosses:
         return cls(window=config.loss_window, limit=config.loss_limit)
 
     def heard(self, mode: Mode) -> "CommandLosses":
-        """After a period with a command of this mode."""
+        """Count a period with a command of this mode."""
         return replace(self, missed=() if mode in _NO_CONTROL else (*self.missed, False)[-self.window :])
 
     def lost(self) -> "CommandLosses":
-        """After a period without a command that can be used."""
+        """Count a period without a command that can be used."""
         if not self.missed:
             return self
         missed = (*self.missed, True)[-self.window :]

@@ -240,7 +240,7 @@ class Invariants:
 
     @classmethod
     def of(cls, config: Config, disturbances: Disturbances) -> Self:
-        """For a run with these disturbances.
+        """The invariants of a run with these disturbances.
 
         A gateway that stamps frames again, and a clock that stamps them wrong, hide their age from the ECU: by so much
         may a command rest on older pressures. So does a buffer that is sent again unfilled, where a copy reaches the

@@ -199,7 +199,7 @@ class VehicleNode:
         return float(np.clip(self._in_reach_of(self._action, wanted), -limit, limit))
 
     def _in_reach_of(self, action: float, wanted: float) -> float:
-        """As far towards what is wanted as the driver goes in a period."""
+        """Go as far towards what is wanted as the driver goes in a period."""
         step = self._config.vehicle.action_step
         return float(np.clip(wanted, action - step, action + step))
 

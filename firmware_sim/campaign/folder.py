@@ -91,5 +91,5 @@ class CampaignFolder:
 
 
 def _plain(label: Mapping[str, Any]) -> Any:
-    """As it comes back from JSON."""
+    """The label as it comes back from JSON."""
     return json.loads(json.dumps(label))

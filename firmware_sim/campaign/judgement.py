@@ -154,7 +154,7 @@ class Row:
         }
 
     def _spread(self, name: str, *, free: bool = False) -> Spread:
-        """Of one of the `Figures`, under control or of the free flow."""
+        """The spread of one of the `Figures`, under control or of the free flow."""
         found = [(phase.free if free else phase.under).figures for phase in self.phases]
         return Spread.of([nan if one is None else float(getattr(one, name)) for one in found])
 

@@ -49,7 +49,7 @@ class Figures:
 
     @classmethod
     def over(cls, course: Course, from_t: float) -> "Figures":
-        """From an instant, in the course's time, to the end.
+        """Average from an instant, in the course's time, to the end.
 
         The same instants are averaged with control and without, beginning in the same phase of shedding, so that what
         is cut of a cycle is the same in both.

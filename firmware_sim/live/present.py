@@ -86,7 +86,7 @@ def periods(run: int, new: Iterable[Period], base: Index) -> Message:
 
 
 def now(run: LiveRun, latest: Period, seen: Seen, *, fps: float, paused: bool, losses: int) -> Message:
-    """As of the latest period; `losses` are the latest periods judged together."""
+    """Show the latest period; `losses` are the latest periods judged together."""
     fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
     planned = forces is not None and latest.planned_ns is not None
     # The first entry acts in the latest period: it is seen in the sample at its end.

@@ -226,7 +226,7 @@ class LiveSession(NeverCopied):
     # Beginning.
 
     def _start(self, settings: LiveSettings) -> None:
-        """From the plant's start, with these settings; if that cannot be, an error, and all is as it was."""
+        """Begin at the plant's start, with these settings; if that cannot be, an error, and all is as it was."""
         is_off = settings.controller == OFF
         wake = self._wake(settings.plant)
         # What can be refused is, before the ECU that runs may be the one that is powered on.
@@ -255,7 +255,7 @@ class LiveSession(NeverCopied):
         self._now_due = False
 
     def _ecu(self, controller: str, settings: LiveSettings, *, powered_on: bool = False) -> LoopEcu:
-        """With the weights of these settings; it may be the one that runs."""
+        """The ECU with the weights of these settings; it may be the one that runs."""
         if controller not in self._made:
             made = self._make_ecu(controller)
             self._made[controller] = made, made.ecu.state

@@ -64,7 +64,7 @@ class Control:
 
 
 def mode_names(log: RunLog) -> list[str]:
-    """Of every period; SKIPPED is one of them."""
+    """The mode of every period; SKIPPED is one of them."""
     skipped = np.isnan(log.series["step_ms"])
     modes = zip(log.series["mode"].astype(int), skipped, strict=True)
     return [SKIPPED if left_out else Mode(mode).name for mode, left_out in modes]

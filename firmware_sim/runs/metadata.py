@@ -69,7 +69,7 @@ class RunEcu:
 
     @classmethod
     def of(cls, kind: str, clock_mhz: float | None, planned_ns: Sequence[int]) -> "RunEcu":
-        """With the compute time of every step that planned."""
+        """Take the compute time of every step that planned."""
         if clock_mhz is None or not planned_ns:
             return cls(kind=kind, clock_mhz=clock_mhz)
         milliseconds = [item / 1e6 for item in planned_ns]

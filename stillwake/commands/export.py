@@ -188,7 +188,7 @@ class _Files:
 
     @property
     def signed(self) -> str:
-        """By whom, in words."""
+        """Say by whom it is signed."""
         return "unsigned" if self.key is None else f"signed by key {public_key(self.key).fingerprint}"
 
 

@@ -89,7 +89,7 @@ class DifferentiableWake(CopiedWhole):
 
     @property
     def _speed(self) -> float:
-        """At the sample that the tape ends with."""
+        """The speed at the sample that the tape ends with."""
         return float(self._speeds[len(self._tape)])
 
     def _seen(self) -> Seen:

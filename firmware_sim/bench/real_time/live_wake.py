@@ -53,7 +53,7 @@ class Speed:
 
     @classmethod
     def of(cls, times_ms: Sequence[float]) -> "Speed":
-        """From single times."""
+        """Take the median and the longest of single times."""
         return cls(typical_ms=median(times_ms), worst_ms=max(times_ms))
 
     def check(self, period_ms: float, *, refinement: float, substeps: int) -> str | None:

@@ -84,7 +84,7 @@ class Figures:
         self.largest = max(self.largest, abs(action))
 
     def as_dict(self) -> dict[str, Any]:
-        """For a results file; None where nothing was measured."""
+        """The figures for a results file; None where nothing was measured."""
         counted = ("periods", "left_out", "unsampled", "commands", "misses", "unsent")
         measured = {
             **{name: getattr(self, name) for name in counted},

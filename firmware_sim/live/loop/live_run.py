@@ -141,7 +141,7 @@ class DragMeans:
 
     @property
     def reduction_percent(self) -> float | None:
-        """By which the present mean is below the uncontrolled one; None where one of them is missing."""
+        """The share by which the present mean is below the uncontrolled one; None where one of them is missing."""
         if self.uncontrolled is None or self.now is None:
             return None
         return 100.0 * (1.0 - self.now / self.uncontrolled)
@@ -165,8 +165,8 @@ class Period:
 
 
 class LiveRun:
-    """From the plant's start on. Raises StillwakeError if the plant lacks a sensor of the bundle, or the bus cannot
-    carry virtual time.
+    """A run from the plant's start on. Raises StillwakeError if the plant lacks a sensor of the bundle, or the bus
+    cannot carry virtual time.
 
     Args:
         wake: at the start of a control period.
@@ -266,7 +266,7 @@ class LiveRun:
         self.is_off = True
 
     def seen(self) -> Seen:
-        """As of the latest period."""
+        """The state as of the latest period."""
         state, mode = self.state, self.state.fail_safe.mode.name
         aside = state.sensors.set_aside
         # An ECU that did not step has a trace of the step before.

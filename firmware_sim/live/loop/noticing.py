@@ -33,7 +33,7 @@ _GATE: Final[Mapping[Intervention, str]] = {
 
 
 class Seen(NamedTuple):
-    """After a period.
+    """The state after a period.
 
     Attributes:
         state: name of an `OperatingMode`, or `UNPOWERED` or `BOOT`.

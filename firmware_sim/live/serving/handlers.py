@@ -30,13 +30,14 @@ TOKEN_BYTES: Final = 24
 
 @dataclass(frozen=True, kw_only=True)
 class Access:
-    """To one server. Every request must show the token; there is none for a server that only this machine can reach."""
+    """The access to one server. Every request must show the token; there is none for a server that only this machine
+    can reach."""
 
     token: str | None
 
     @classmethod
     def to(cls, address: str) -> Self:
-        """For a server at this address: with a token of its own unless it is this machine's loopback."""
+        """The access to a server at this address: with a token of its own unless it is this machine's loopback."""
         return cls(token=None if is_loopback(address) else token_urlsafe(TOKEN_BYTES))
 
     def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
@@ -232,7 +233,7 @@ class Socket(Guarded, WebSocketHandler):
 
 
 class Stream(Socket):
-    """From the loop to one viewer: one message under way, and whatever is newest when it has been taken."""
+    """The stream from the loop to one viewer: one message under way, and whatever is newest when it has been taken."""
 
     _sending: "asyncio.Task[None] | None" = None
 

@@ -117,7 +117,7 @@ class Ring:
         self._items = deque(maxlen=kept)
 
     def after(self, count: int, most: int) -> tuple[list[Any], int]:
-        """At most so many items with numbers above `count`, the oldest first, and the number of the last of them.
+        """Take at most so many items with numbers above `count`, the oldest first, and the number of the last of them.
 
         Items that the ring no longer has are passed over.
         """
@@ -234,7 +234,7 @@ class Supervisor:
             self._watching.discard(event)
 
     def _heard(self, messages: Sequence[Message | bytes]) -> None:
-        """In the thread that listens."""
+        """Keep new messages, in the thread that listens."""
         self.hub.put(messages)
         for message in messages:
             if isinstance(message, bytes):

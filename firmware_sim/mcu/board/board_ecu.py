@@ -121,7 +121,7 @@ class BoardEcu(CEcuState):
         return left + self.board.can.taken(self.board.counter.now_ns)
 
     def _bring(self, frames: Sequence[Frame]) -> None:
-        """As many as its FIFO takes; on a real bus the core, which sleeps, is quicker than frames come."""
+        """Bring as many as its FIFO takes; on a real bus the core, which sleeps, is quicker than frames come."""
         waiting = list(frames)
         while True:
             board = self.board

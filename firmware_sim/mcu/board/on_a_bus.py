@@ -50,8 +50,8 @@ def serve(
     wait: Callable[[], None],
     is_stopped: Callable[[], bool],
 ) -> None:
-    """Until it is stopped; the flash is written to the file whenever it has changed. Raises BusError if the bus failed;
-    McuError if the core stopped.
+    """Run the board until it is stopped; the flash is written to the file whenever it has changed. Raises BusError if
+    the bus failed; McuError if the core stopped.
 
     Args:
         wait: for a moment, between two looks at the bus.

@@ -41,7 +41,7 @@ class Disturbed(NamedTuple):
 
 
 def disturbed(log: RunLog) -> Iterator[Disturbed]:
-    """In the order in which they were given. One without a time lasts from the begin to the end."""
+    """List them in the order in which they were given. One without a time lasts from the begin to the end."""
     count = len(log.series["t"])
     for fault in log.metadata.faults:
         what, _, span = fault.text.partition("@")
@@ -65,7 +65,7 @@ _DOES: Final = {**DOES, SKIPPED: "the ECU was still computing, and left the peri
 
 
 class Event(NamedTuple):
-    """At the start of a control period.
+    """An event at the start of a control period.
 
     Attributes:
         period: its index in the run's series.
@@ -78,7 +78,7 @@ class Event(NamedTuple):
 
 
 def events(log: RunLog) -> list[Event]:
-    """In order; the first `MOST`."""
+    """List the events in order; the first `MOST`."""
     happened = sorted([*_set(log), *_states(log)], key=lambda event: event.period)
     if len(happened) <= MOST:
         return happened
@@ -115,7 +115,7 @@ _BINS: Final = 60
 
 
 def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
-    """For `firmware_sim/runs/run_page/page`: JSON without NaN. `wake` are its stills; None where they were not
+    """The data for `firmware_sim/runs/run_page/page`: JSON without NaN. `wake` are its stills; None where they were not
     recorded."""
     config, means = log.metadata.config, averages(log)
     return {

@@ -113,7 +113,7 @@ def _from_folder(slots: Path) -> "tuple[dict[str, str | int], Report]":
 
 
 def _rows(report: "Report") -> list[tuple[str, str]]:
-    """Of a store, for people."""
+    """The rows of a store, for people."""
     from can_bridge.flashing.backing import Slot
 
     rows = []
