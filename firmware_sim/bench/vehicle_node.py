@@ -4,7 +4,7 @@ With every period's pressures it also sends its speed, and the air's density whe
 
 It drives them only while it wants control itself, and only by a command that is enabled, in a mode in which jets may
 run, and that rests on pressures it sent not long ago. No single signal of a command decides. Where too many commands
-are missing it gives up control by itself, and announces it on the bus: it no longer requests it (`command_losses`).
+are missing it gives up control by itself, and announces it on the bus: it no longer requests it (`heard_commands`).
 """
 
 from collections.abc import Callable, Sequence
