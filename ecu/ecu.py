@@ -29,14 +29,14 @@ from contract.release.checks import Bundle
 from ecu.benefit_check import BenefitCheck, BenefitCheckState
 from ecu.calibrating import limits_of, release_calibration, with_calibration
 from ecu.controller_memory import ControllerMemory
-from ecu.ecu_state import Around, EcuState, Trace, answers
+from ecu.ecu_state import EcuState, Surroundings, Trace, answers
 from ecu.fail_safe import FailSafe, OperatingMode, PeriodInputs
 from ecu.fit import check_vehicle
 from ecu.other_ecu import heard_of_another_ecu
 from ecu.pressure_reception import PressureReception, Received
 from ecu.sensor_check import SensorCheckState, sensor_check_of
 from ecu.speed_reception import SpeedReception
-from ecu.timing import Timing
+from ecu.timing import StepTiming
 
 
 class StepOutcome(NamedTuple):
@@ -156,7 +156,7 @@ class Ecu:
         self._state = replace(self._state, memory=memory)
 
     def step(
-        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Around]
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
     ) -> list[Frame]:
         """One control period. Returns a JetCommand and an EcuStatus.
 
@@ -164,7 +164,7 @@ class Ecu:
             now_ns: time of the step, in the clock of the frames' timestamps.
             frames: everything received since the last step, oldest first.
             health: of the CAN controller, for the status.
-            around: see `Around`.
+            around: see `Surroundings`.
         """
         outcome = self.next(self._state, now_ns, frames, health, **around)
         self._state, self.trace = outcome.state, outcome.trace
@@ -176,7 +176,7 @@ class Ecu:
         now_ns: int,
         frames: Sequence[Frame],
         health: BusHealth = HEALTHY,
-        **around: Unpack[Around],
+        **around: Unpack[Surroundings],
     ) -> StepOutcome:
         """The same from any state, without keeping it: a function of its arguments if the controller is one."""
         received, inputs = self._receive(state, now_ns, frames, health, around)
@@ -217,7 +217,7 @@ class Ecu:
         return self._state.verifier.refused + self._state.pressures.frames_rejected
 
     def _receive(
-        self, state: EcuState, now_ns: int, frames: Sequence[Frame], health: BusHealth, around: Around
+        self, state: EcuState, now_ns: int, frames: Sequence[Frame], health: BusHealth, around: Surroundings
     ) -> tuple[EcuState, PeriodInputs]:
         """The state with the period's pressures, and what the fail-safe learns of them."""
         timing = state.timing.next(now_ns, self._period_ns, self._config.ecu)
@@ -270,7 +270,7 @@ class Ecu:
             updating=around.get("updating", False),
         )
 
-    def _act(self, state: EcuState, before: Timing, now_ns: int) -> tuple[EcuState, GatedCommand, Array | None]:
+    def _act(self, state: EcuState, before: StepTiming, now_ns: int) -> tuple[EcuState, GatedCommand, Array | None]:
         """The state with this period's action, what the gate lets pass of it, and the forces that were predicted."""
         latest = state.memory.under_way.newest
         decision = self._decide(state.fail_safe.mode, state.memory)
@@ -288,7 +288,7 @@ class Ecu:
         after = replace(state, memory=memory, fail_safe=_told_by_the_gate(fail_safe, passed))
         return after, passed, decision.forces
 
-    def _after_silence(self, memory: ControllerMemory, timing: Timing) -> ControllerMemory:
+    def _after_silence(self, memory: ControllerMemory, timing: StepTiming) -> ControllerMemory:
         """The memory with one row for each skipped period; the last command stayed in force meanwhile.
 
         Rows whose distance in time is not known are worth nothing: a wrong clock empties the window.

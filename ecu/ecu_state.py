@@ -25,10 +25,10 @@ from ecu.fail_safe import FailSafe
 from ecu.other_ecu import OtherEcu
 from ecu.sensor_check import SensorCheckState
 from ecu.speed_reception import SpeedState
-from ecu.timing import Timing
+from ecu.timing import StepTiming
 
 
-class Around(TypedDict, total=False):
+class Surroundings(TypedDict, total=False):
     """What is around an ECU in a control period.
 
     Attributes:
@@ -66,7 +66,7 @@ class EcuState:
     pressures: ReceiverState
     commands: SenderState
     statuses: SenderState
-    timing: Timing
+    timing: StepTiming
     pressure_ns: int | None
     pressure_counter: int | None
     overruns: int
@@ -88,7 +88,7 @@ class EcuState:
             pressures=ReceiverState(),
             commands=SenderState(),
             statuses=SenderState(),
-            timing=Timing(),
+            timing=StepTiming(),
             pressure_ns=None,
             pressure_counter=None,
             overruns=0,

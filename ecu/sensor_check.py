@@ -119,7 +119,7 @@ class SensorCheckState(ArrayValue):
         return 0 if self.set_aside is None else 1 << self.set_aside
 
 
-class Levels(NamedTuple):
+class ResidualLevels(NamedTuple):
     """Residuals of one period, as ratios to what sound sensors show.
 
     Attributes:
@@ -208,7 +208,7 @@ class SensorCheck:
             state = replace(state, **verdict)
         return state, Reason.IMPLAUSIBLE if state.implausible else None
 
-    def levels(self, state: SensorCheckState) -> Levels:
+    def levels(self, state: SensorCheckState) -> ResidualLevels:
         """The verdict of the running means of a state."""
         sensors = len(state.readings)
         slow = np.square(state.slow) / (np.square(self.slow) + state.noise / (2 * SLOW_PERIODS - 1))
@@ -218,7 +218,7 @@ class SensorCheck:
         aside = state.set_aside
         doubt = alone.mean() if aside is None else fast_each.others[aside] / ASIDE_ALLOWED
         drift = slow_each.others.min() if aside is None else slow_each.others[aside]
-        return Levels(
+        return ResidualLevels(
             liar=alone / (1.0 + fast_each.others),
             bias=slow_each.own / (1.0 + slow_each.others),
             swap=alone.mean() / (1.0 + swapped),

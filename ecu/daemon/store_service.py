@@ -20,8 +20,8 @@ from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from ecu.daemon.connection import Connection
 from ecu.daemon.counters import Counters
-from ecu.daemon.options import Options, authentication_of
-from ecu.daemon.process import Served, check, run
+from ecu.daemon.options import ProcessOptions, authentication_of
+from ecu.daemon.process import ServedEcu, check, run
 from ecu.daemon.reporter import Reporter
 from ecu.daemon.service import WARM_UP_STEPS
 from ecu.flashable.ecu_folder import EcuFolder, held
@@ -128,7 +128,7 @@ def serve_store(
     folder: EcuFolder,
     access: AccessKey,
     config: Config,
-    options: Options,
+    options: ProcessOptions,
     *,
     software: str,
     is_stopped: Callable[[], bool],
@@ -189,7 +189,7 @@ def serve_store(
             with diagnosis:
                 yield
 
-        served = Served(
+        served = ServedEcu(
             ecu=ecu,
             times=times,
             name=log.release,

@@ -19,7 +19,7 @@ from can_bridge.wire.messages import EcuStatus, Reason
 from contract.config.tree import Config
 from ecu.ecu_state import EcuState, Trace
 from ecu.flashable.equipment import Equipment
-from ecu.flashable.event_log import Access, log_access
+from ecu.flashable.event_log import TesterAccess, log_access
 from ecu.flashable.links import MOST_FRAMES
 from ecu.flashable.power_cycle import PowerCycle
 from ecu.flashable.watched_control import VehicleRequest
@@ -94,7 +94,7 @@ class FlashableEcu:
         return self._serviced.store
 
     @property
-    def access(self) -> Access:
+    def access(self) -> TesterAccess:
         """Where the tester stands."""
         return self._serviced.access
 

@@ -18,7 +18,7 @@ from contract.config.tree import Config
 from contract.release.checks import Bundle
 from ecu.flashable.ecu_services import EcuServices
 from ecu.flashable.equipment import Equipment, identification
-from ecu.flashable.event_log import Access, log_boot, log_routine
+from ecu.flashable.event_log import TesterAccess, log_boot, log_routine
 from ecu.flashable.links import CalibrationLink, DiagnosticLink
 from ecu.flashable.vehicle_fit import VehicleFit, self_test
 from ecu.flashable.watched_control import FaultWatch, VehicleRequest
@@ -110,7 +110,7 @@ class PowerCycle:
             self._log("faults_not_kept", f"the fault memory was not stored: {error}")
 
     @property
-    def access(self) -> Access:
+    def access(self) -> TesterAccess:
         """Where the tester stands."""
         attempts = {level: self.store.state.failed_attempts[level] for level in Level}
-        return Access(self._server.session, self._server.unlocked, attempts)
+        return TesterAccess(self._server.session, self._server.unlocked, attempts)

@@ -21,7 +21,7 @@ from contract.controller.image_payload import with_layout
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
 from contract.runtime.copies import NeverCopied
-from ecu.ecu_state import Around, EcuState, Trace
+from ecu.ecu_state import EcuState, Surroundings, Trace
 from ecu.in_c import c_settings
 from ecu.in_c.c_structs import Structs, c_time
 from ecu.in_c.compiler import compile_c, compiler_version, host_compiler
@@ -161,7 +161,7 @@ class CEcu(CEcuState):
         self.restore(self.saved())
 
     def step(
-        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Around]
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
     ) -> list[Frame]:
         """One control period; as `Ecu.step`."""
         self.structs.surround(self._ecu.surroundings, health, **around)

@@ -30,7 +30,7 @@ from ecu.in_c.compiler import preprocessed
 from ecu.other_ecu import OtherEcu
 from ecu.sensor_check import SensorCheckState
 from ecu.speed_reception import SpeedState
-from ecu.timing import Timing
+from ecu.timing import StepTiming
 
 HEADER: Final = "sw_ecu.h"
 LARGEST: Final = {"int64": 2**63 - 1, "uint64": 2**64 - 1, "uint32": 2**32 - 1}
@@ -143,7 +143,7 @@ class Structs:
             speed=_speed(state.speed) if self._serves_speeds else SpeedState(),
             commands=SenderState(counter=state.command_counter),
             statuses=SenderState(counter=state.status_counter),
-            timing=Timing(
+            timing=StepTiming(
                 step_ns=timing.step_ns if timing.has_step else None,
                 lag_ns=timing.lag_ns,
                 off_time=timing.off_time,

@@ -58,7 +58,7 @@ class Reset(Instant, section="reset"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Clock(Span, section="clock"):
+class WrongClock(Span, section="clock"):
     """The ECU's clock runs at another rate than the vehicle's, whose periods are the run's, or is set.
 
     It stamps the frames that the ECU receives and gives it the time; right again at the end of the span, with a jump.
@@ -105,7 +105,7 @@ class OtherBody(Span, section="body"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gust(Span, section="gust"):
+class GustyWind(Span, section="gust"):
     """The wind against the vehicle varies: U(t) = U_inf (1 + amplitude sin(2 pi t / period)); own solver alone.
 
     `wake.plant.gust` defines that frame of reference. Forces and pressures stay in units of the mean U_inf, as
@@ -186,8 +186,8 @@ KINDS: Final[dict[str, type[Span]]] = {
     kind.section: kind
     for kind in (
         *(Noise, Bias, Drift, Stuck, Dead, Swap, Quantise),
-        *(WireNoise, Reset, Clock, NoRequest),
-        *(Reynolds, OtherBody, Gust, VehiclePoint, ActionLimit, StuckJets),
+        *(WireNoise, Reset, WrongClock, NoRequest),
+        *(Reynolds, OtherBody, GustyWind, VehiclePoint, ActionLimit, StuckJets),
         *(SpeedScale, SpeedLate, SpeedFrozen, NoSpeed, Density),
     )
 }
@@ -250,11 +250,11 @@ class Disturbances:
                     raise ConfigError(
                         f"disturbance {text!r}: {name} is not in use; the sensors are {', '.join(sensors)}"
                     )
-            if isinstance(one, Gust):
+            if isinstance(one, GustyWind):
                 whole_cycles(one, config.operating_point.convective_time)
 
 
-def whole_cycles(gust: Gust, convective_time: float) -> float:
+def whole_cycles(gust: GustyWind, convective_time: float) -> float:
     """Periods of the gust in its span; raises ConfigError if there is none."""
     if gust.end_s == inf:
         return inf

@@ -65,7 +65,7 @@ class Disturbing:
         self._clocks = {
             place: ClockDrift(start_s=one.start_s, end_s=one.end_s, ppm=one.ppm, offset_s=one.offset_s)
             for place, one in enumerate(self._items)
-            if isinstance(one, kinds.Clock)
+            if isinstance(one, kinds.WrongClock)
         }
         self._speeds: list[float] = []  # of every period so far, m/s
         self._frozen: dict[int, float] = {}
@@ -199,20 +199,20 @@ class Disturbing:
         plant, reynolds = self._flow
         for _, viscous in self._acting(kinds.Reynolds, now_ns):
             reynolds = viscous.reynolds
-        list(self._acting(kinds.Gust, now_ns))
+        list(self._acting(kinds.GustyWind, now_ns))
         if plant.config.reynolds != reynolds:
             plant.set_reynolds(reynolds)
 
     @contextmanager
     def in_flow(self, plant: Plant) -> Iterator[None]:
         """Let the wind blow on a plant that stands at the run's beginning; it is left as it was."""
-        if not any(isinstance(one, kinds.Reynolds | kinds.Gust) for one in self._items):
+        if not any(isinstance(one, kinds.Reynolds | kinds.GustyWind) for one in self._items):
             yield
             return
         if not isinstance(plant, Disturbable):
             raise ConfigError("the flow of this plant cannot be disturbed: reynolds and gust need the own solver")
         t_c, gusts = self._config.operating_point.convective_time, []
-        for _, one in self._each(kinds.Gust):
+        for _, one in self._each(kinds.GustyWind):
             cycles = kinds.whole_cycles(one, t_c)
             start = plant.t + one.start_s / t_c
             gusts.append(Gust(amplitude=one.amplitude, period=one.period, start=start, cycles=cycles))

@@ -45,7 +45,7 @@ from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import JetCommand, Mode
 from contract.config.tree import Config
 from firmware_sim.bench.disturbances import Disturbances, StuckJets
-from firmware_sim.bench.observer import Seen
+from firmware_sim.bench.observer import SeenFrame
 from firmware_sim.bench.run_faults import NodeFault
 from wake.plant.sample import Sample
 
@@ -77,7 +77,7 @@ class Violation:
     detail: str
 
 
-class Heard(NamedTuple):
+class HeardCommand(NamedTuple):
     """A sound command that the vehicle heard.
 
     Attributes:
@@ -159,7 +159,7 @@ class Jets:
         self._sound = 0  # periods in a row in which just the next command came
         self._action = 0.0
 
-    def heard(self, commands: Sequence[Heard | None], *, requested: bool) -> None:
+    def heard(self, commands: Sequence[HeardCommand | None], *, requested: bool) -> None:
         """The commands of a period, None for one that is not sound, and whether the vehicle wanted control."""
         last = None
         for command in commands:
@@ -264,7 +264,7 @@ class Invariants:
 
     # See `Observer`.
 
-    def frame(self, seen: Seen) -> None:
+    def frame(self, seen: SeenFrame) -> None:
         """See `Observer.frame`."""
         if seen.node == "vehicle" and seen.sent and self._pressure.spec.names(seen.frame):
             counter = profile_of(self._pressure.spec).counter_of(seen.frame.data)
@@ -299,13 +299,13 @@ class Invariants:
         for invariant, detail in self._jets.broken(action):
             self.violations.append(Violation(period=self._period - 1, invariant=invariant, detail=detail))
 
-    def _read(self, frame: Frame) -> Heard | None:
+    def _read(self, frame: Frame) -> HeardCommand | None:
         """A command at the vehicle; whether it is in time is judged by when its pressures were sampled."""
         command = parsed(self._command, frame)
         if command is None:
             return None
         sampled = self._sampled.get(-1 if command.pressure_counter is None else command.pressure_counter)
-        return Heard(
+        return HeardCommand(
             counter=profile_of(self._command.spec).counter_of(frame.data),
             wanted=command.mode in WANTED,
             drives=command.enable and command.mode in DRIVING,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from contract.atomic import replacing
-from firmware_sim.campaign.judgement import Row, Spread
+from firmware_sim.campaign.judgement import ScenarioRow, Spread
 from firmware_sim.campaign.scenario import UNDISTURBED, Criteria, Scenario
 
 
@@ -42,7 +42,7 @@ HEADS: Final = ("scenario", "safe", "use", "less drag, %", "mean |Cl|", "in cont
 """Heads of `cells`."""
 
 
-def cells(row: Row) -> tuple[str, ...]:
+def cells(row: ScenarioRow) -> tuple[str, ...]:
     """A row of the matrix in words, by `HEADS`."""
     return (
         row.scenario.name,
@@ -66,7 +66,7 @@ def number(value: float, style: str) -> str:
     return f"{value:{style}}" if isfinite(value) else "-"
 
 
-def headline(rows: Sequence[Row]) -> str:
+def headline(rows: Sequence[ScenarioRow]) -> str:
     """The campaign in a sentence."""
     safe = sum(row.safe for row in rows)
     disturbed = [row for row in rows if row.scenario.name != UNDISTURBED]
@@ -78,7 +78,7 @@ def headline(rows: Sequence[Row]) -> str:
     return f"{safe} of {len(rows)} scenarios safe; {use}{ending}.{look}"
 
 
-def write_csv(path: Path, rows: Sequence[Row]) -> None:
+def write_csv(path: Path, rows: Sequence[ScenarioRow]) -> None:
     """Write every figure of every row, whole or not at all; a figure that does not exist is empty."""
     figures = [row.figures() for row in rows]
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:

@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from firmware_sim.campaign.judgement import Row, Spread, Use
+from firmware_sim.campaign.judgement import ScenarioRow, Spread, Use
 from firmware_sim.campaign.scenario import UNDISTURBED
 
 PAPERS_UNCONTROLLED_CD: Final = 1.051
@@ -46,10 +46,10 @@ class Curve:
     """Scenarios that differ in one number: (number, row) by it."""
 
     label: str
-    points: tuple[tuple[float, Row], ...]
+    points: tuple[tuple[float, ScenarioRow], ...]
 
 
-def curve(rows: Sequence[Row], label: str, pattern: str) -> Curve:
+def curve(rows: Sequence[ScenarioRow], label: str, pattern: str) -> Curve:
     """The scenarios whose whole name fits the pattern, whose first group is the number; the undisturbed one is at 0."""
     found = []
     for row in rows:
@@ -61,7 +61,7 @@ def curve(rows: Sequence[Row], label: str, pattern: str) -> Curve:
     return Curve(label=label, points=tuple(sorted(found, key=lambda point: point[0])))
 
 
-def figures_of(rows: Sequence[Row]) -> dict[str, Figure]:
+def figures_of(rows: Sequence[ScenarioRow]) -> dict[str, Figure]:
     """Every figure by its file's name: curves that have two points at least, and a glance at each group."""
     noise = curve(rows, "this loop", r"noise_(\d+\.?\d*)")
     delays = curve(rows, "compensated", r"delay_(\d+)"), curve(rows, "not compensated", r"delay_(\d+)_uncompensated")
@@ -104,7 +104,7 @@ def curves_figure(
     return figure
 
 
-def overview_figure(rows: Sequence[Row]) -> Figure:
+def overview_figure(rows: Sequence[ScenarioRow]) -> Figure:
     """Every scenario's drag reduction and mean |Cl|, with the spread over the phases."""
     height = 0.9 + 0.24 * len(rows)
     figure = Figure(figsize=(_WIDTH, height), dpi=_DPI)

@@ -20,7 +20,7 @@ from stillwake.parts.firmware import run_firmware
 from stillwake.parts.releases import asked_calibration, open_release, signature
 
 if TYPE_CHECKING:
-    from ecu.daemon.service import Options
+    from ecu.daemon.service import ProcessOptions
 
 _USES: Final = (
     "operating_point",
@@ -107,10 +107,10 @@ def run(
     stillwake ecu --mcu flash.bin --library ecu_c --root root/release.pub --access access.key --bus socketcan:can0
     """
     from ecu.daemon.reporter import as_json, plain
-    from ecu.daemon.service import Options
+    from ecu.daemon.service import ProcessOptions
     from ecu.real_time.privileges import Wanted
 
-    options = Options(
+    options = ProcessOptions(
         wanted=Wanted(priority=priority, processor=processor),
         spin_ns=round(spin * 1e3),
         periods=periods,
@@ -173,7 +173,7 @@ def provision(
 
 
 def _run_release(
-    given: list[str], bundle: Path | None, trust: str | None, library: Path | None, options: "Options"
+    given: list[str], bundle: Path | None, trust: str | None, library: Path | None, options: "ProcessOptions"
 ) -> None:
     """The ECU with one release, in this process."""
     from contract.controller.interface import RunnableController
@@ -202,7 +202,7 @@ def _run_release(
 
 
 def _run_store(
-    given: list[str], slots: Path, root: Path | None, hardware: str | None, options: "Options", *, access: Path
+    given: list[str], slots: Path, root: Path | None, hardware: str | None, options: "ProcessOptions", *, access: Path
 ) -> None:
     """The ECU with the releases in a folder."""
     from can_bridge.uds.access_key import AccessKey
@@ -228,7 +228,7 @@ def _run_store(
         raise KeyboardInterrupt
 
 
-def _check_freshness(config: Config, options: "Options") -> None:
+def _check_freshness(config: Config, options: "ProcessOptions") -> None:
     if options.freshness is not None and not config.bus.key:
         raise ConfigError("--freshness: goes with bus.key, which names no key")
 

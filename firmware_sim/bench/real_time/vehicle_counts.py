@@ -37,7 +37,7 @@ class Durations:
 
 
 @dataclass(kw_only=True, eq=False)
-class Figures:
+class VehicleFigures:
     """Counts of one run.
 
     Attributes:

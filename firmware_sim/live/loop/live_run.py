@@ -20,7 +20,7 @@ from firmware_sim.bench.spans import SHEDDING_TIME
 from firmware_sim.bench.wiring import wire
 from firmware_sim.live.loop.bus_table import BusTable
 from firmware_sim.live.loop.messages import FieldPicture
-from firmware_sim.live.loop.noticing import BOOT, UNPOWERED, Seen
+from firmware_sim.live.loop.noticing import BOOT, UNPOWERED, SeenState
 from firmware_sim.live.loop.switching import LINGER_S, SwitchedDisturbances
 from firmware_sim.runs.run_log import Row
 from wake.pictures.level_picture import LevelPicture
@@ -155,7 +155,7 @@ _AVERAGES_EVERY: Final = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Period:
+class LivePeriod:
     """One control period. `planned_ns` is what a step that planned took in virtual time; None without one."""
 
     k: int
@@ -206,7 +206,7 @@ class LiveRun:
         self.view: Sequence[float] = () if self._levels is None else self._levels.view
         self.raster: Sequence[int] = () if self._levels is None else self._levels.size
         self.picture: FieldPicture | None = None
-        self.latest: Period | None = None
+        self.latest: LivePeriod | None = None
         self.is_off = False
         self.wired = wire(wake, sensors, config, ecu, self.disturbances, observe=self.bus_table)
         self._loop, self._bus, self.node = self.wired.loop, self.wired.bus, self.wired.node
@@ -217,7 +217,7 @@ class LiveRun:
         """When period k begins, in s of the run."""
         return k * self.period_ns / 1e9
 
-    def step(self) -> Period:
+    def step(self) -> LivePeriod:
         """One control period. Raises StillwakeError if the flow diverges."""
         k, loop = self.k, self._loop
         requested = self.request.requests(
@@ -229,7 +229,7 @@ class LiveRun:
         self.state = self.ecu.ecu.state
         planned = loop.planned_ns[-1] if loop.planned_ns else None
         loop.planned_ns.clear()
-        self.latest = Period(k=k, row=row, requested=requested, planned_ns=planned)
+        self.latest = LivePeriod(k=k, row=row, requested=requested, planned_ns=planned)
         self.k = k + 1
         self.disturbances.period_over(k)
         self.bus_table.period_over(self._bus.activity())
@@ -265,13 +265,13 @@ class LiveRun:
         self._reset(_FOR_GOOD_NS)
         self.is_off = True
 
-    def seen(self) -> Seen:
+    def seen(self) -> SeenState:
         """The state as of the latest period."""
         state, mode = self.state, self.state.fail_safe.mode.name
         aside = state.sensors.set_aside
         # An ECU that did not step has a trace of the step before.
         gate = Intervention(0) if self.is_off or not self._loop.ecu_is_up else self.ecu.ecu.trace.interventions
-        return Seen(
+        return SeenState(
             state=UNPOWERED if self.is_off else mode if self._loop.ecu_is_up else BOOT,
             reason=Reason(state.fail_safe.reason),
             set_aside=() if aside is None else (self._sensors[aside],),

@@ -7,7 +7,7 @@ from can_bridge.bus.interface import BusState
 from can_bridge.command_gate import Intervention
 from can_bridge.wire.messages import Reason
 from ecu.fail_safe import OperatingMode
-from firmware_sim.live.loop.messages import Message
+from firmware_sim.live.loop.messages import LiveMessage
 from firmware_sim.runs.reasons import BECAUSE, DOES
 
 UNPOWERED: Final = "UNPOWERED"
@@ -32,7 +32,7 @@ _GATE: Final[Mapping[Intervention, str]] = {
 }
 
 
-class Seen(NamedTuple):
+class SeenState(NamedTuple):
     """The state after a period.
 
     Attributes:
@@ -50,10 +50,10 @@ class Seen(NamedTuple):
     nodes: Mapping[str, BusState]
 
 
-START: Final = Seen(OperatingMode.INIT.name, Reason.NONE, (), False, Intervention(0), {})
+START: Final = SeenState(OperatingMode.INIT.name, Reason.NONE, (), False, Intervention(0), {})
 
 
-def noticed(before: Seen, now: Seen) -> Iterator[tuple[str, str]]:
+def noticed(before: SeenState, now: SeenState) -> Iterator[tuple[str, str]]:
     """(kind, text) of each change."""
     if now.state != before.state:
         yield "state", _transition(before, now)
@@ -87,7 +87,7 @@ _NODE: Final[Mapping[BusState, str]] = {
 }
 
 
-def _transition(before: Seen, now: Seen) -> str:
+def _transition(before: SeenState, now: SeenState) -> str:
     because = BECAUSE[now.reason]
     return f"{before.state} to {now.state}: {because + '; ' if because else ''}{_DOES[now.state]}"
 
@@ -110,7 +110,7 @@ class EventLog:
     """Events of a session; their numbers go on from one run of the loop to the next."""
 
     def __init__(self) -> None:
-        self._new: list[Message] = []
+        self._new: list[LiveMessage] = []
         self._repeated: dict[str, _Repeated] = {}
         self._count = 0
 
@@ -138,7 +138,7 @@ class EventLog:
         """Time begins again at 0."""
         self._repeated = {}
 
-    def new(self) -> list[Message]:
+    def new(self) -> list[LiveMessage]:
         """Those since this was asked last, the latest `KEPT` of them."""
         items, self._new = self._new, []
         return items

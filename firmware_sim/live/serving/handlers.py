@@ -22,14 +22,14 @@ from urllib.parse import urlsplit
 from tornado.web import HTTPError, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from firmware_sim.live.loop.messages import Answer, Message
+from firmware_sim.live.loop.messages import LiveAnswer, LiveMessage
 from firmware_sim.live.serving.supervisor import STREAMS, Supervisor, Viewer
 
 TOKEN_BYTES: Final = 24
 
 
 @dataclass(frozen=True, kw_only=True)
-class Access:
+class PageAccess:
     """The access to one server. Every request must show the token; there is none for a server that only this machine
     can reach."""
 
@@ -72,7 +72,7 @@ LONGEST_REQUEST: Final = 16 * 1024
 """Bytes; a longer message ends its connection."""
 
 
-def check(text: str | bytes) -> Answer | None:
+def check(text: str | bytes) -> LiveAnswer | None:
     """None for a request that the loop can be asked; otherwise the answer with its error."""
     if isinstance(text, bytes):
         return {"error": "a request is text, and not bytes"}
@@ -85,7 +85,7 @@ def check(text: str | bytes) -> Answer | None:
     return None if type(value.get("id", 0)) is int else {"error": "id: must be a whole number"}
 
 
-def as_json(message: Message | Answer) -> str:
+def as_json(message: LiveMessage | LiveAnswer) -> str:
     """A message as it is sent; what JSON has no number for is null."""
     try:
         return json.dumps(message, allow_nan=False, separators=(",", ":"))
@@ -129,13 +129,13 @@ _log = logging.getLogger("tornado.application")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Served:
+class ServedPage:
     """What the handlers share."""
 
     supervisor: Supervisor
-    access: Access
+    access: PageAccess
     stalled_s: float
-    viewers: set["Stream"] = field(default_factory=set)
+    viewers: set["StreamSocket"] = field(default_factory=set)
 
     @property
     def cookie(self) -> str:
@@ -144,9 +144,9 @@ class Served:
 
 
 class Guarded(RequestHandler):
-    """Refuses whom `Access` refuses, before anything else."""
+    """Refuses whom `PageAccess` refuses, before anything else."""
 
-    def initialize(self, served: Served, **_others: Any) -> None:
+    def initialize(self, served: ServedPage, **_others: Any) -> None:
         self.served = served
 
     def set_default_headers(self) -> None:
@@ -178,10 +178,10 @@ class Guarded(RequestHandler):
             _log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))
 
 
-class Files(Guarded, StaticFileHandler):
+class PageFiles(Guarded, StaticFileHandler):
     """The page's files."""
 
-    def initialize(self, served: Served, path: str, default_filename: str | None = None) -> None:  # type: ignore[override]
+    def initialize(self, served: ServedPage, path: str, default_filename: str | None = None) -> None:  # type: ignore[override]
         Guarded.initialize(self, served)
         StaticFileHandler.initialize(self, path, default_filename)
 
@@ -232,7 +232,7 @@ class Socket(Guarded, WebSocketHandler):
         await sent
 
 
-class Stream(Socket):
+class StreamSocket(Socket):
     """The stream from the loop to one viewer: one message under way, and whatever is newest when it has been taken."""
 
     _sending: "asyncio.Task[None] | None" = None
@@ -273,7 +273,7 @@ class Stream(Socket):
         return is_any
 
 
-class Control(Socket):
+class ControlSocket(Socket):
     """Requests of one viewer, and an answer to each. One that does not read its answers is read no further."""
 
     def open(self, *_arguments: str) -> None:
@@ -296,6 +296,6 @@ class Control(Socket):
     async def _ask(self, text: str, number: int | None) -> None:
         await self._answer(await self.served.supervisor.ask(text), number)
 
-    async def _answer(self, answer: Answer, number: int | None) -> None:
+    async def _answer(self, answer: LiveAnswer, number: int | None) -> None:
         with suppress(WebSocketClosedError):
             await self.send(as_json(answer if number is None else {**answer, "id": number}))

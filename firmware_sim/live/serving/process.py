@@ -20,7 +20,7 @@ from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any, Final
 
 from contract.errors import StillwakeError
-from firmware_sim.live.loop.messages import Answer, Message, Request
+from firmware_sim.live.loop.messages import LiveAnswer, LiveMessage, Request
 
 if TYPE_CHECKING:
     from firmware_sim.live.session import LiveSession
@@ -107,7 +107,7 @@ class Requests:
         failed = {"error": " ".join(str(error).split())}
         self._answer(number, self._session.handle(request) if error is None else failed)
 
-    def _answer(self, number: int, answer: Answer) -> None:
+    def _answer(self, number: int, answer: LiveAnswer) -> None:
         self._outbox.send("answer", (number, answer))
         if self._waiting is None:
             self._outbox.report("running")
@@ -130,7 +130,7 @@ class Outbox:
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe, self._lock = pipe, Lock()
-        self._state: Message = {}
+        self._state: LiveMessage = {}
 
     def send(self, kind: str, content: object) -> None:
         """One of the pairs of `run`."""
@@ -174,8 +174,8 @@ class LoopProcess:
         make: MakeSession,
         *,
         fast: bool,
-        hear: Callable[[Sequence[Message | bytes]], None],
-        answered: Callable[[int, Answer], None],
+        hear: Callable[[Sequence[LiveMessage | bytes]], None],
+        answered: Callable[[int, LiveAnswer], None],
         ended: Callable[[Exception], None],
     ) -> None:
         self._hear, self._answered, self._ended = hear, answered, ended

@@ -15,7 +15,7 @@ from threading import Lock
 from typing import Any, Final
 
 from contract.errors import StillwakeError
-from firmware_sim.live.loop.messages import PERIOD_COLUMNS, Answer, Message
+from firmware_sim.live.loop.messages import PERIOD_COLUMNS, LiveAnswer, LiveMessage
 from firmware_sim.live.serving.process import LoopProcess, MakeSession
 
 PICTURE: Final = "picture"
@@ -34,18 +34,18 @@ class Hub:
 
     def __init__(self) -> None:
         self._lock = Lock()
-        self._latest = dict[str, tuple[int, Message | bytes]]()
+        self._latest = dict[str, tuple[int, LiveMessage | bytes]]()
         self._periods, self._events = Ring(KEPT_PERIODS), Ring(KEPT_EVENTS)
         self._run = 0
         self._count = 0
 
-    def put(self, messages: Iterable[Message | bytes]) -> None:
+    def put(self, messages: Iterable[LiveMessage | bytes]) -> None:
         """Keep what came, in its order."""
         with self._lock:
             for message in messages:
                 self._keep(message)
 
-    def after(self, stream: str, count: int) -> tuple[Message | bytes | None, int]:
+    def after(self, stream: str, count: int) -> tuple[LiveMessage | bytes | None, int]:
         """What is new in a stream since its count was this, or None; and its count now."""
         with self._lock:
             if stream == "periods":
@@ -57,7 +57,7 @@ class Hub:
             newest, value = self._latest.get(stream, (0, None))
             return (value if newest > count else None), max(newest, count)
 
-    def _keep(self, message: Message | bytes) -> None:
+    def _keep(self, message: LiveMessage | bytes) -> None:
         self._count += 1
         if isinstance(message, bytes):
             self._latest[PICTURE] = (self._count, message)
@@ -71,7 +71,7 @@ class Hub:
                 self._begin(message)
             self._latest[message["type"]] = (self._count, message)
 
-    def _begin(self, hello: Message) -> None:
+    def _begin(self, hello: LiveMessage) -> None:
         """Forget what is of the run before."""
         self._run = hello["run"]
         self._periods.restart(hello["kept"])
@@ -87,7 +87,7 @@ class Viewer:
         self._hub = hub
         self._counts = dict.fromkeys(STREAMS, 0)
 
-    def take(self, stream: str) -> Message | bytes | None:
+    def take(self, stream: str) -> LiveMessage | bytes | None:
         """What this viewer has not had of one of `STREAMS`; None if nothing.
 
         Of latest values the newest. Of the others the oldest `MOST_ROWS` that the hub still has.
@@ -127,7 +127,7 @@ class Ring:
         return [self._items[i - first] for i in range(begin, end)], max(end, count)
 
 
-def _periods(run: int, rows: list[tuple[float | None, ...]]) -> Message:
+def _periods(run: int, rows: list[tuple[float | None, ...]]) -> LiveMessage:
     columns = [list(column) for column in zip(*rows, strict=True)]
     return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
 
@@ -158,7 +158,7 @@ class Supervisor:
         self.hub = Hub()
         self._make, self._fast, self._report, self._short_life_s = make, fast, report, short_life_s
         self._watching = set[asyncio.Event]()
-        self._waiting = dict[int, asyncio.Future[Answer]]()
+        self._waiting = dict[int, asyncio.Future[LiveAnswer]]()
         self._numbers = count(1)
         self._process: LoopProcess | None = None
         self._is_waking = False
@@ -205,7 +205,7 @@ class Supervisor:
             # Not awaited where this is cancelled: the process is to be gone when this returns.
             process.end()
 
-    async def ask(self, request: str) -> Answer:
+    async def ask(self, request: str) -> LiveAnswer:
         """What the loop answers to a request as JSON; it takes as long as the loop needs for it."""
         process = self._process
         if process is None:
@@ -213,7 +213,7 @@ class Supervisor:
         if len(self._waiting) >= MOST_WAITING:
             return {"error": f"{MOST_WAITING} requests wait for the loop already: ask again when it has answered"}
         number = next(self._numbers)
-        answer: asyncio.Future[Answer] = self._events.create_future()
+        answer: asyncio.Future[LiveAnswer] = self._events.create_future()
         self._waiting[number] = answer
         try:
             await self._events.run_in_executor(self._sender, process.ask, number, request)
@@ -233,7 +233,7 @@ class Supervisor:
         finally:
             self._watching.discard(event)
 
-    def _heard(self, messages: Sequence[Message | bytes]) -> None:
+    def _heard(self, messages: Sequence[LiveMessage | bytes]) -> None:
         """Keep new messages, in the thread that listens."""
         self.hub.put(messages)
         for message in messages:
@@ -262,7 +262,7 @@ class Supervisor:
         for event in self._watching:
             event.set()
 
-    def _settle(self, number: int, answer: Answer) -> None:
+    def _settle(self, number: int, answer: LiveAnswer) -> None:
         future = self._waiting.get(number)
         if future is not None:
             _resolve(future, answer)

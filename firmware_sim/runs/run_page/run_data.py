@@ -64,7 +64,7 @@ MOST: Final = 400
 _DOES: Final = {**DOES, SKIPPED: "the ECU was still computing, and left the period out"}
 
 
-class Event(NamedTuple):
+class RunEvent(NamedTuple):
     """An event at the start of a control period.
 
     Attributes:
@@ -77,34 +77,36 @@ class Event(NamedTuple):
     text: str
 
 
-def events(log: RunLog) -> list[Event]:
+def events(log: RunLog) -> list[RunEvent]:
     """List the events in order; the first `MOST`."""
     happened = sorted([*_set(log), *_states(log)], key=lambda event: event.period)
     if len(happened) <= MOST:
         return happened
     rest = f"and {len(happened) - MOST + 1} events more"
-    return [*happened[: MOST - 1], Event(happened[MOST - 1].period, "state", rest)]
+    return [*happened[: MOST - 1], RunEvent(happened[MOST - 1].period, "state", rest)]
 
 
-def _set(log: RunLog) -> Iterator[Event]:
+def _set(log: RunLog) -> Iterator[RunEvent]:
     last = len(log.series["t"]) - 1
     if log.enabled_at <= last:
-        yield Event(log.enabled_at, "set", "control is requested")
+        yield RunEvent(log.enabled_at, "set", "control is requested")
     for what, first, after in disturbed(log):
-        yield Event(first, "set", f"disturbed by {what}")
+        yield RunEvent(first, "set", f"disturbed by {what}")
         if after <= last:
-            yield Event(after, "set", f"no longer disturbed by {what}")
+            yield RunEvent(after, "set", f"no longer disturbed by {what}")
 
 
-def _states(log: RunLog) -> Iterator[Event]:
+def _states(log: RunLog) -> Iterator[RunEvent]:
     reasons = log.series["reason"].astype(int)
     for name, period in set_aside(log):
-        yield Event(period, "state", f"{name} is set aside: it contradicts the others, which stand in for it")
+        yield RunEvent(period, "state", f"{name} is set aside: it contradicts the others, which stand in for it")
     before = None
     for mode, first, _ in mode_spans(log):
         because = BECAUSE[Reason(int(reasons[first]))]
         change = mode if before is None else f"{before} to {mode}"
-        yield Event(first, "state", f"{change}: {f'{because}; ' if because and mode != SKIPPED else ''}{_DOES[mode]}")
+        yield RunEvent(
+            first, "state", f"{change}: {f'{because}; ' if because and mode != SKIPPED else ''}{_DOES[mode]}"
+        )
         before = mode
 
 

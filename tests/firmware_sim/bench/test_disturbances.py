@@ -34,13 +34,13 @@ EXAMPLES: dict[str, Disturbance] = {
     ),
     "reset@4": kinds.Reset(start_s=4.0),
     "reset:boot_s=0.5@4": kinds.Reset(boot_s=0.5, start_s=4.0),
-    "clock:ppm=-200": kinds.Clock(ppm=-200.0),
-    "clock:offset_s=0.1@1..2": kinds.Clock(offset_s=0.1, start_s=1.0, end_s=2.0),
+    "clock:ppm=-200": kinds.WrongClock(ppm=-200.0),
+    "clock:offset_s=0.1@1..2": kinds.WrongClock(offset_s=0.1, start_s=1.0, end_s=2.0),
     "no_request@2..2.1": kinds.NoRequest(start_s=2.0, end_s=2.1),
     "reynolds=700": kinds.Reynolds(reynolds=700.0),
     "body:length=1": kinds.OtherBody(length=1.0),
     "body:length=3,leading_edge_radius=0.25": kinds.OtherBody(length=3.0, leading_edge_radius=0.25),
-    "gust:amplitude=0.1,period=20": kinds.Gust(amplitude=0.1, period=20.0),
+    "gust:amplitude=0.1,period=20": kinds.GustyWind(amplitude=0.1, period=20.0),
     "operating_point:speed=30": kinds.VehiclePoint(speed=30.0),
     "operating_point:speed=30,density=1.3@1..": kinds.VehiclePoint(speed=30.0, density=1.3, start_s=1.0),
     "action_limit=0.5": kinds.ActionLimit(action_limit=0.5),
@@ -61,7 +61,7 @@ SECONDS = st.floats(0, 1e6).filter(lambda s: s == 0 or s > 1e-45)
 @examples(50)
 @given(st.lists(st.sampled_from(list(EXAMPLES.values()))), SECONDS, st.floats(0, 1e3), st.floats(1e-5, 1e9))
 def test_many_are_read_back_from_their_texts_and_from_a_pickle(items, start_s, lasts_s, ppm):
-    odd = kinds.Clock(ppm=ppm, start_s=start_s, end_s=start_s + lasts_s)
+    odd = kinds.WrongClock(ppm=ppm, start_s=start_s, end_s=start_s + lasts_s)
     several = Disturbances(items=(*items, odd))
     assert Disturbances.parse(several.texts) == several
     assert pickle.loads(pickle.dumps(several)) == several
